@@ -1,0 +1,84 @@
+# The front door. Each target sets up what it needs: Debian packages, a local environment with locked dependencies.
+SHELL := bash
+.DEFAULT_GOAL := help
+VENV := .venv
+BIN := $(VENV)/bin
+SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
+DEBIAN := gir1.2-aravis-0.8 libaravis-0.8-0 libgirepository1.0-dev libcairo2-dev gcc pkg-config python3-dev python3-venv \
+          libvulkan1 mesa-vulkan-drivers ca-certificates
+PYTHON ?= python3
+UV_VERSION := 0.13.8
+
+OBJECT ?= carton
+SEED ?= 1
+DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
+
+.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture soak-capture bench-striker protos lock clean
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
+
+# A package counts as installed only when dpkg says so; nothing is asked of apt when all are.
+$(VENV)/.debian: Makefile
+	@missing=$$(for p in $(DEBIAN); do dpkg-query -W -f='$${Status}\n' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
+	if [ -n "$$missing" ]; then echo "installing Debian packages:" $$missing; \
+	  $(SUDO) apt-get update -q >/dev/null && DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -q --no-install-recommends $$missing >/dev/null; fi
+	@mkdir -p $(VENV) && touch $@
+
+$(VENV)/.ready: $(VENV)/.debian requirements.lock pyproject.toml
+	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install -q --disable-pip-version-check uv==$(UV_VERSION)
+	@echo "installing the locked environment into $(VENV)"
+	@$(BIN)/uv pip sync -q --python $(BIN)/python --require-hashes requirements.lock
+	@$(BIN)/uv pip install -q --python $(BIN)/python --no-deps --no-build-isolation -e .
+	@touch $@
+
+setup: $(VENV)/.ready  ## Debian packages and the local environment
+
+demo: setup  ## a whole session on the virtual rig, and its answer beside the truth (OBJECT=carton|spray|juice|salt SEED=1)
+	@$(BIN)/acquire demo --object $(OBJECT) --seed $(SEED) -o $(DEMO_FILE) --force || [ $$? = 3 ]  # 3: frames were lost; it said so
+	@$(BIN)/analyze estimate $(DEMO_FILE)
+	@$(BIN)/analyze score $(DEMO_FILE)
+	@$(BIN)/analyze report $(DEMO_FILE) -o $(DEMO_FILE:.mcap=.html)
+	@$(BIN)/analyze replay $(DEMO_FILE) --save $(DEMO_FILE:.mcap=.rrd)
+
+test: setup  ## every test that needs no hardware
+	@$(BIN)/python -m pytest
+
+test-slow: setup  ## the tests that take longer: faults, whole sessions
+	@$(BIN)/python -m pytest -m 'slow and not hardware'
+
+lint: setup  ## format, lint, types
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/basedpyright
+
+format: setup  ## let ruff rewrite the files
+	@$(BIN)/ruff format .
+	@$(BIN)/ruff check --fix .
+
+bench-sessions: setup  ## seeds 1-5 of each virtual object: whole sessions, scored (half an hour)
+	@$(BIN)/python tests/benchmarks/sessions.py
+
+bench-capture: setup  ## what writing a recording costs, beside other writers and plain write() (half a minute)
+	@$(BIN)/python tests/benchmarks/capture.py
+
+SOAK_SECONDS ?= 600
+soak-capture: setup  ## a virtual camera at gigabit line rate into a ring of 2 GB files, every frame checked (SOAK_SECONDS=600)
+	@PYTHONPATH=. $(BIN)/python tests/benchmarks/soak.py --seconds $(SOAK_SECONDS)
+
+bench-faults: setup  ## every fault there is a test for; writes the table in docs/faults.md (five minutes)
+	@$(BIN)/python -m tests.benchmarks.faults
+
+bench-striker: setup  ## swings on two virtual objects at three speeds against the truth: contact time, speed, impulse (two minutes)
+	@$(BIN)/python tests/benchmarks/striker.py
+
+protos: setup  ## regenerate schemas/proto/percuss_pb2.py(.pyi)
+	@$(BIN)/python -m grpc_tools.protoc -I schemas/proto --python_out=schemas/proto --pyi_out=schemas/proto schemas/proto/percuss.proto
+
+lock: setup  ## resolve requirements.lock anew
+	@$(BIN)/uv pip compile -q --group dev --extra rig --extra virtual --generate-hashes --python-version 3.11 \
+	  --no-emit-index-url --no-emit-find-links --no-header pyproject.toml -o requirements.lock
+
+clean:  ## remove the local environment
+	@rm -rf $(VENV)
