@@ -1,0 +1,93 @@
+"""One Topic per channel of a recording: name, message type, what it carries. The contract in words is README.md."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+
+from schemas.proto import percuss_pb2 as pb
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from google.protobuf.message import Message
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A channel. `image` topics are written in chunks of their own, so that small topics are read without touching them."""
+
+    name: str
+    message: type[Message]
+    image: bool = False
+
+    @property
+    def schema_name(self) -> str:
+        """Full protobuf name, for example foxglove.RawImage."""
+        return self.message.DESCRIPTOR.full_name
+
+    def schema_data(self) -> bytes:
+        """Serialised FileDescriptorSet of the message type and all it imports, dependencies first."""
+        return _descriptor_set(self.message)
+
+
+@cache
+def _descriptor_set(message: type[Message]) -> bytes:
+    files: dict[str, Any] = {}
+
+    def collect(file: Any) -> None:
+        for dependency in file.dependencies:
+            collect(dependency)
+        files.setdefault(file.name, file)
+
+    collect(message.DESCRIPTOR.file)
+    result = FileDescriptorSet()
+    for file in files.values():
+        file.CopyToProto(result.file.add())
+    return result.SerializeToString(deterministic=True)
+
+
+def raw_image(camera: str) -> Topic:
+    """Uncompressed images, foxglove.RawImage, encoding mono8."""
+    return Topic(f"/camera/{camera}/image", RawImage, image=True)
+
+
+def compressed_image(camera: str) -> Topic:
+    """Lossless images, foxglove.CompressedImage, format png; same name as the raw ones: a recording holds one kind."""
+    return Topic(f"/camera/{camera}/image", CompressedImage, image=True)
+
+
+def compressed_video(camera: str) -> Topic:
+    """Imported video, foxglove.CompressedVideo."""
+    return Topic(f"/camera/{camera}/image", CompressedVideo, image=True)
+
+
+def frame_meta(camera: str) -> Topic:
+    """One FrameMeta per frame that arrived."""
+    return Topic(f"/camera/{camera}/meta", pb.FrameMeta)
+
+
+def camera_calibration(camera: str) -> Topic:
+    """Once, at the start."""
+    return Topic(f"/camera/{camera}/calibration", CameraCalibration)
+
+
+STRIKER_SAMPLE = Topic("/striker/sample", pb.StrikerSample)
+STRIKER_EVENT = Topic("/striker/event", pb.StrikerEvent)
+CLOCK_SAMPLE = Topic("/clock/sample", pb.ClockSample)
+SESSION_STATE = Topic("/session/state", pb.SessionState)
+SESSION_STRIKE = Topic("/session/strike", pb.StrikeRecord)
+LOG = Topic("/log", Log)
+TRUTH_POSE = Topic("/truth/pose", pb.TruthPose)
+TRUTH_CONTACT = Topic("/truth/contact", pb.TruthContact)
+TRUTH_BODY = Topic("/truth/body", pb.TruthBody)
+
+TRUTH_PREFIX = "/truth/"
