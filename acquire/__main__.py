@@ -1,0 +1,5 @@
+"""`python -m acquire`."""
+
+from acquire.cli import main
+
+main()

@@ -1,0 +1,390 @@
+"""GigE Vision cameras through Aravis 0.8: the only import of gi."""
+
+from __future__ import annotations
+
+import gc
+import threading
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from acquire.camera.base import Camera, CameraInfo, ClockReading, Frame
+from acquire.camera.discovery import ask, is_controlled
+from acquire.camera.frame_loss import FrameLoss
+from acquire.camera.receive_buffer import enlarge_receive_buffer
+from acquire.camera.settings import settings_of
+from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from acquire.clock import Clock
+    from acquire.config import CameraConfig
+
+_LATCH, _LATCH_HIGH, _LATCH_LOW, _TICKS_HIGH, _TICKS_LOW = 0x944, 0x948, 0x94C, 0x93C, 0x940
+_LATCH_NOW = 2
+_POP_US = 100_000
+_DRAIN_US = 10_000
+_CLOSE_JOIN_S = 1.0
+_HEARTBEAT_TIMEOUT_S = 3.2
+_CLOCK_JUMP_S = 5.0
+"""between two frames, device time against host time: no delay explains it, the device's clock was set or it restarted"""
+
+
+@cache
+def _gi() -> tuple[Any, Any]:
+    """Aravis and GLib.
+
+    Raises:
+        CameraError: the bindings are not installed.
+    """
+    try:
+        import gi
+
+        gi.require_version("Aravis", "0.8")
+        from gi.repository import Aravis, GLib  # pyright: ignore[reportAttributeAccessIssue] - made by introspection
+    except (ImportError, ValueError) as error:
+        raise CameraError(f"Aravis cannot be loaded ({error}): install Debian's gir1.2-aravis-0.8 and the extra percuss[rig]") from None
+    return Aravis, GLib
+
+
+def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
+    """All cameras that answer a broadcast, and the virtual one at `loopback`. Takes about a second.
+
+    Raises:
+        CameraError: Aravis is not installed.
+    """
+    Aravis, _ = _gi()
+    Aravis.update_device_list()
+    found = [
+        CameraInfo(
+            vendor=Aravis.get_device_vendor(index) or "",
+            model=Aravis.get_device_model(index) or "",
+            serial=Aravis.get_device_serial_nbr(index) or "",
+            address=Aravis.get_device_address(index) or Aravis.get_device_id(index),
+        )
+        for index in range(Aravis.get_n_devices())
+        if Aravis.get_device_protocol(index) == "GigEVision"
+    ]
+    virtual = ask(loopback)
+    if virtual is not None and all(info.address != virtual.address for info in found):
+        found.append(virtual)
+    return found
+
+
+@dataclass
+class _Connection:
+    """All that must die together, in order: the stream writes into `memory`, so `memory` outlives it."""
+
+    camera: Any
+    device: Any
+    stream: Any
+    lost_handler: int
+    buffers: list[Any]
+    memory: NDArray[np.uint8]
+    """(buffers, height * width)"""
+
+
+class AravisCamera(Camera):
+    """A GigE Vision camera.
+
+    Frames are popped on the caller's thread: Python in a stream callback blocks reception (Aravis #171) or crashes (#453).
+    Buffers are rows of one numpy array, so an image is a view. Never reopen one that was lost: make a new one.
+    """
+
+    def __init__(self, config: CameraConfig, clock: Clock) -> None:
+        self._config, self._clock = config, clock
+        self._connection: _Connection | None = None
+        self._lost = threading.Event()
+        self._closer: threading.Thread | None = None
+        self._slots: dict[int, int] = {}
+        self._exposure_us, self._frame_rate_hz = config.exposure_us, config.frame_rate_hz
+        self._ticks_hz = 0
+        self._latched_once = False
+        self._loss = FrameLoss(config.frame_rate_hz)
+        self._sequence = 0
+        self._last_frame_ns = 0
+        self._last_device_ns: int | None = None
+        self._exposed_after_ns = -1
+        self.receive_buffer_bytes = 0
+        """effective size of the stream's socket buffer; 0 before open"""
+        self.incomplete_frames = 0
+        """frames that arrived with packets missing; they are counted as lost too"""
+        self.warnings: list[str] = []
+        """what works less well than it could, one line each"""
+
+    def open(self) -> CameraInfo:
+        """Connect, write every setting, read it back and compare.
+
+        Raises:
+            CameraNotFound: nothing answers at the address.
+            CameraSettingError: a setting reads back differently, or is out of the camera's range.
+            CameraError: another program controls the camera.
+        """
+        Aravis, GLib = _gi()
+        address = self._config.address
+        self._wait_for_control()
+        try:
+            camera = Aravis.Camera.new(address)
+        except GLib.Error as error:
+            raise CameraNotFound(
+                f"no camera answers at {address} ({_reason(error)}): check power, cable and address; `acquire discover` lists what answers"
+            ) from None
+        device = camera.get_device()
+        handler = device.connect("control-lost", lambda _device: self._lost.set())  # runs on Aravis's heartbeat thread
+        try:
+            if not device.is_controller():
+                raise CameraError(
+                    f"camera {address} did not give control: another program took it first; close that program, then try again"
+                )
+            self._write_settings(camera)
+            self._ticks_hz = self._read_ticks_hz(device)
+            info = CameraInfo(
+                vendor=camera.get_vendor_name(), model=camera.get_model_name(), serial=camera.get_device_serial_number(), address=address
+            )
+            self._connection = self._connect_stream(camera, device, handler)
+        except GLib.Error as error:
+            self._close_in_background(_Connection(camera, device, None, handler, [], np.empty((0, 0), np.uint8)))
+            raise CameraError(f"camera {address} stopped answering while it was set up ({_reason(error)}): try again") from None
+        except CameraError:
+            self._close_in_background(_Connection(camera, device, None, handler, [], np.empty((0, 0), np.uint8)))
+            raise
+        return info
+
+    def start(self) -> None:
+        """Start streaming.
+
+        Raises:
+            CameraLost: the camera no longer answers.
+        """
+        _, GLib = _gi()
+        connection = self._opened()
+        _drain(connection.stream, len(connection.buffers))
+        # The last run's last frame may still be on its way; it was exposed before now.
+        reading = self.latch_clock()
+        self._exposed_after_ns = -1 if reading is None else reading.device_time_ns
+        self._loss = FrameLoss(self._frame_rate_hz)
+        self._sequence = self.incomplete_frames = 0
+        try:
+            connection.camera.start_acquisition()
+        except GLib.Error as error:
+            raise self._lost_error(_reason(error)) from None
+        self._last_frame_ns, self._last_device_ns = self._clock.monotonic_ns(), None
+
+    def read(self, timeout_s: float) -> Frame | None:
+        """Next complete frame, or None when none came in time.
+
+        Raises:
+            CameraLost: the camera no longer answers, or sent no complete frame for the configured `stall_s`.
+        """
+        connection = self._opened()
+        now_ns = self._clock.monotonic_ns()
+        deadline_ns = now_ns + round(timeout_s * 1e9)
+        while True:
+            buffer = connection.stream.timeout_pop_buffer(max(0, min(_POP_US, (deadline_ns - now_ns) // 1000)))
+            now_ns = self._clock.monotonic_ns()
+            if buffer is None:
+                self._check_alive(now_ns)
+                if now_ns >= deadline_ns:
+                    return None
+                continue
+            frame = self._frame(connection, buffer, now_ns)
+            if frame is not None:
+                return frame
+            connection.stream.push_buffer(buffer)
+
+    def release(self, frame: Frame) -> None:
+        """Give the frame's buffer back; its image must not be used any more."""
+        if self._connection is not None:
+            self._connection.stream.push_buffer(self._connection.buffers[frame.token])
+
+    def latch_clock(self) -> ClockReading | None:
+        """Read the device clock now through the bootstrap registers, or None where the camera cannot latch."""
+        connection = self._connection
+        device = None if connection is None else connection.device  # another thread may be closing it
+        if device is None or self._ticks_hz == 0 or self._lost.is_set():
+            return None
+        _, GLib = _gi()
+        write, read = device.write_register, device.read_register
+        try:
+            before_ns = self._clock.monotonic_ns()
+            write(_LATCH, _LATCH_NOW)
+            after_ns = self._clock.monotonic_ns()
+            ticks = (read(_LATCH_HIGH) << 32) | read(_LATCH_LOW)
+        except GLib.Error:
+            return self._no_latch()
+        if ticks == 0:
+            return self._no_latch()
+        self._latched_once = True
+        return ClockReading(ticks * 1_000_000_000 // self._ticks_hz, before_ns, after_ns)
+
+    def _no_latch(self) -> None:
+        if not self._latched_once:
+            self._ticks_hz = 0
+            self.warnings.append(f"camera {self._config.address} cannot latch its clock: frame times come from their arrival")
+
+    def stop(self) -> None:
+        """Stop streaming; frames that were not read are dropped."""
+        _, GLib = _gi()
+        connection = self._opened()
+        if self._lost.is_set():
+            return
+        try:
+            connection.camera.stop_acquisition()
+        except GLib.Error:
+            self._lost.set()
+        _drain(connection.stream, len(connection.buffers))
+
+    def close(self) -> None:
+        """Release the device. Never raises. A camera that answers is closed on return; a dead one is buried in the background."""
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            self._close_in_background(connection)
+
+    def _opened(self) -> _Connection:
+        if self._connection is None:
+            raise CameraError(f"camera {self._config.address} is not open")
+        return self._connection
+
+    def _lost_error(self, reason: str) -> CameraLost:
+        self._lost.set()
+        return CameraLost(f"camera {self._config.address} was lost: {reason}: check power and cable, then connect again")
+
+    def _check_alive(self, now_ns: int) -> None:
+        # control-lost comes about 6 s after the camera's death: the watchdog below is what notices first.
+        if self._lost.is_set():
+            raise self._lost_error("it no longer answers on its control channel")
+        stalled_s = (now_ns - self._last_frame_ns) * 1e-9
+        if stalled_s > self._config.stall_s:
+            incomplete = f" ({self.incomplete_frames} frames arrived incomplete: raise the receive buffer or lower packet_size)"
+            raise self._lost_error(f"no frame for {stalled_s:.1f} s{incomplete if self.incomplete_frames else ''}")
+
+    def _frame(self, connection: _Connection, buffer: Any, now_ns: int) -> Frame | None:
+        Aravis, _ = _gi()
+        # hash() of a wrapper is its C pointer: the same buffer comes back as the same slot.
+        token = self._slots[hash(buffer)]
+        if buffer.get_status() != Aravis.BufferStatus.SUCCESS:
+            self.incomplete_frames += 1
+            return None
+        width, height = buffer.get_image_width(), buffer.get_image_height()
+        frame_id, device_time_ns = buffer.get_frame_id(), buffer.get_timestamp()
+        if device_time_ns < self._exposed_after_ns:
+            return None
+        if self._last_device_ns is not None:
+            jump_s = (device_time_ns - self._last_device_ns - (now_ns - self._last_frame_ns)) * 1e-9
+            if abs(jump_s) > _CLOCK_JUMP_S:
+                raise self._lost_error(f"its clock jumped by {jump_s:.3g} s")
+        self._last_frame_ns, self._last_device_ns = now_ns, device_time_ns
+        frame = Frame(
+            image=connection.memory[token, : width * height].reshape(height, width),
+            sequence=self._sequence,
+            frame_id=frame_id,
+            device_time_ns=device_time_ns,
+            # Not get_system_timestamp(): that is CLOCK_REALTIME at the first packet (Aravis #1088).
+            host_time_ns=now_ns,
+            exposure_us=self._exposure_us,
+            lost_before=self._loss.before(frame_id, device_time_ns),
+            token=token,
+        )
+        self._sequence += 1
+        return frame
+
+    def _wait_for_control(self) -> None:
+        """A killed client's control privilege lasts for its heartbeat time-out, 3 s.
+
+        Asked only twice: Aravis's fake takes anybody's question for the controller's heartbeat.
+        """
+        address = self._config.address
+        if is_controlled(address):
+            self._clock.sleep(_HEARTBEAT_TIMEOUT_S)
+            if is_controlled(address):
+                raise CameraError(f"camera {address} is controlled by another program: close that program, then try again")
+
+    def _write_settings(self, camera: Any) -> None:
+        Aravis, GLib = _gi()
+        config = self._config
+        # Off by default, and then Width = 5000 is accepted (Aravis #562).
+        camera.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
+        camera.set_acquisition_mode(Aravis.AcquisitionMode.CONTINUOUS)
+        if camera.is_exposure_auto_available():
+            camera.set_exposure_time_auto(Aravis.Auto.OFF)
+        if camera.is_gain_auto_available():
+            camera.set_gain_auto(Aravis.Auto.OFF)
+        for setting in settings_of(camera, config):
+            asked = f"camera {config.address}: {setting.name} = {setting.wanted:g} {setting.unit}"
+            try:
+                setting.write(setting.wanted)
+                got = setting.read()
+            except GLib.Error as error:
+                raise CameraSettingError(f"{asked} was refused ({_reason(error)}): correct the rig file") from None
+            if abs(got - setting.wanted) > setting.tolerance:
+                raise CameraSettingError(f"{asked} was asked, {got:g} read back: correct the rig file")
+        self._exposure_us, self._frame_rate_hz = camera.get_exposure_time(), camera.get_frame_rate()
+
+    def _read_ticks_hz(self, device: Any) -> int:
+        """Device clock's frequency [Hz]; 0: not known. Aravis then silently gives system time as the device's (Aravis #153)."""
+        ticks_hz = (device.read_register(_TICKS_HIGH) << 32) | device.read_register(_TICKS_LOW)
+        if ticks_hz == 0:
+            self.warnings.append(f"camera {self._config.address} does not say its clock's frequency: frame times come from their arrival")
+        return ticks_hz
+
+    def _connect_stream(self, camera: Any, device: Any, handler: int) -> _Connection:
+        Aravis, _ = _gi()
+        # As root Aravis takes the packet socket (Aravis #503), whose 5 ms block time-out quantises arrival times.
+        camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
+        payload = camera.get_payload()
+        stream = camera.create_stream(None, None)
+        if stream is None:
+            raise CameraError(f"camera {self._config.address}: no stream could be made: check that UDP is not blocked by a firewall")
+        stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
+        stream.set_property("socket-buffer-size", 0)  # hands off: else it is set again with every frame (Aravis #994)
+        self.receive_buffer_bytes = enlarge_receive_buffer(stream.get_port(), self._config.receive_buffer_bytes)
+        if self.receive_buffer_bytes < self._config.receive_buffer_bytes:
+            self.warnings.append(
+                f"the socket's receive buffer is {self.receive_buffer_bytes} B instead of {self._config.receive_buffer_bytes} B: "
+                f"frames may be lost; try sysctl -w net.core.rmem_max={self._config.receive_buffer_bytes}"
+            )
+        memory = np.zeros((self._config.buffers, payload), np.uint8)
+        buffers = [Aravis.Buffer.new(payload, row.ctypes.data) for row in memory]
+        self._slots = {hash(buffer): index for index, buffer in enumerate(buffers)}
+        for buffer in buffers:
+            stream.push_buffer(buffer)
+        return _Connection(camera, device, stream, handler, buffers, memory)
+
+    def _close_in_background(self, connection: _Connection) -> None:
+        """Closing a dead camera blocks 7.5 s, three GVCP time-outs: never on the caller's thread."""
+        self._closer = threading.Thread(target=_bury, args=(connection, self._lost.is_set()), name="aravis-close", daemon=True)
+        del connection
+        self._closer.start()
+        self._closer.join(_CLOSE_JOIN_S)
+
+
+def _drain(stream: Any, buffers: int) -> None:
+    """Give back what was not read; at most all buffers, because a camera that did not hear its stop goes on sending."""
+    for _ in range(buffers):
+        buffer = stream.timeout_pop_buffer(_DRAIN_US)
+        if buffer is None:
+            return
+        stream.push_buffer(buffer)
+
+
+def _bury(connection: _Connection, lost: bool) -> None:
+    _, GLib = _gi()
+    connection.device.disconnect(connection.lost_handler)
+    if not lost and connection.stream is not None:
+        try:
+            connection.camera.stop_acquisition()
+        except GLib.Error:
+            lost = True
+    # The stream's thread writes into the buffers: it must have ended before their memory goes.
+    connection.stream = None
+    gc.collect()
+    connection.camera = connection.device = None
+    gc.collect()
+    connection.buffers = []
+
+
+def _reason(error: Any) -> str:
+    return str(error.message).strip().replace("\n", " ") or "no reason given"

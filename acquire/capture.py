@@ -1,0 +1,340 @@
+"""The capture process: reads the camera and writes the recording, nothing else. `python -m acquire.capture --fd N`.
+
+The daemon tells it what to do over a socket pair (capture_link.py is the other end). It finishes the recording by itself when it
+is terminated and when the daemon dies. Ctrl-C in a terminal reaches every process there; this one leaves it to the daemon.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import os
+import select
+import signal
+import socket
+import sys
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from pydantic import ValidationError
+
+from acquire import wire
+from acquire.camera.base import Camera, CameraInfo, ClockReading
+from acquire.camera.stream import CameraStream, TimedFrame
+from acquire.clock import Clock, SystemClock
+from acquire.config import CameraConfig, RigConfig
+from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
+from acquire.recorder.disk_space import DiskSpace
+from acquire.recorder.file_series import FileSeries, Rotation
+from acquire.recorder.frame_recorder import Arrival, FrameRecorder
+from acquire.recorder.writer import McapWriter
+from schemas import topics
+from schemas.documents import MANIFEST_NAME, SessionManifest, canonical_json
+from schemas.proto import percuss_pb2 as pb
+
+MakeCamera = Callable[[CameraConfig, Clock], Camera]
+
+
+Attachments = list[tuple[str, str, bytes]]
+"""name, media type, content"""
+
+
+class _Recording:
+    """An open recording."""
+
+    def __init__(self, path: Path, manifest: SessionManifest, attachments: Attachments, log_time_ns: int, rig: RigConfig) -> None:
+        config = rig.recorder
+        self.rig = rig
+        self.anchor = manifest.wall_anchor_ns
+        self.camera = rig.camera.name
+        self._disk = DiskSpace(path.parent, config.disk_reserve_bytes)
+
+        def write_head(writer: McapWriter, part: int) -> None:
+            own = manifest if part == 1 else manifest.model_copy(update={"part": part})
+            writer.metadata(MANIFEST_NAME, {"json": canonical_json(own)})
+            for name, media_type, content in attachments:
+                writer.attachment(name, media_type, content, log_time_ns)
+
+        rotation = Rotation(config.rotate_bytes, config.keep_files) if config.mode == "continuous" else Rotation()
+        self.files = FileSeries(path, write_head, rotation, self._disk)
+        self.frames: FrameRecorder | None = None
+        self._small = wire.small_topics(self.camera)
+        self._sequences: Counter[str] = Counter()
+
+    @property
+    def path(self) -> Path:
+        return self.files.path
+
+    def require_space(self) -> None:
+        """Refuse a window that the disk has no room for."""
+        config, camera = self.rig.recorder, self.rig.camera
+        frames = math.ceil((config.max_window_s + config.pre_trigger_s) * camera.frame_rate_hz)
+        self._disk.require(frames * camera.width * camera.height, "a window")
+
+    def begin(self) -> None:
+        """The head of the file is written: take frames."""
+        for topic in self._small.values():
+            self.files.add_topic(topic)
+        camera = self.rig.camera
+        self.frames = FrameRecorder(
+            self.files, self.camera, camera.width, camera.height, camera.frame_rate_hz, self.rig.recorder, self.anchor
+        )
+
+    def write(self, name: str, log_time_ns: int, data: bytes) -> None:
+        topic = self._small.get(name)
+        if topic is None:
+            raise RecorderError(f"{self.path}: topic {name!r} is not one of a recording's small topics")
+        sequence = self._sequences[name]
+        self._sequences[name] = sequence + 1
+        self.files.write(self.files.add_topic(topic), log_time_ns, data, sequence=sequence)
+
+    def finish(self) -> dict[str, Any]:
+        frames = self.frames
+        if frames is not None:
+            frames.close()
+        seal = self.files.finish()
+        return {
+            "path": str(seal.path),
+            "frames": frames.frames if frames else 0,
+            "lost": frames.lost + frames.dropped if frames else 0,
+            "content_id": seal.content_id,
+        }
+
+    def abandon(self) -> None:
+        """The head could not be written: leave nothing behind."""
+        if self.frames is not None:
+            self.frames.close()
+        self.files.abandon()
+
+
+class Capture:
+    """Serves commands from `connection` until it closes, `stop` comes, or the wake-up descriptor says that a signal did."""
+
+    def __init__(self, connection: socket.socket, make_camera: MakeCamera, clock: Clock, wake_fd: int) -> None:
+        self._connection = connection
+        self._make_camera = make_camera
+        self._clock = clock
+        self._wake_fd = wake_fd
+        self._rig: RigConfig | None = None
+        self._stream: CameraStream | None = None
+        self._info: CameraInfo | None = None
+        self._recording: _Recording | None = None
+        self._error = ""
+        self._commands: dict[str, Callable[[dict[str, Any], bytes], dict[str, Any] | None]] = {
+            "start": self._start,
+            "open_recording": self._open_recording,
+            "require_space": self._require_space,
+            "open_window": self._open_window,
+            "close_window": self._close_window,
+            "messages": self._messages,
+            "status": self._status,
+            "close_recording": self._close_recording,
+            "stop": lambda *_: {},
+        }
+
+    def run(self) -> None:
+        """Serve, and whatever ends that: finish the recording and release the camera."""
+        try:
+            while self._serve_one():
+                pass
+        except wire.WireClosed:
+            pass  # the daemon is gone
+        finally:
+            try:
+                if self._recording is not None:
+                    self._close_recording({}, b"")
+            finally:
+                if self._stream is not None:
+                    self._stream.stop()
+
+    def _serve_one(self) -> bool:
+        ready, _, _ = select.select([self._connection, self._wake_fd], [], [])
+        if self._wake_fd in ready:
+            return False
+        header, payload = wire.receive(self._connection)
+        command = header.get("op", "")
+        try:
+            reply = self._commands[command](header, payload)
+        except AcquireError as error:
+            reply = {"raised": type(error).__name__, "message": str(error)}
+        except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+            reply = {"raised": "AcquireError", "message": f"capture: {command}: {error!r}"}
+        if command == "messages":
+            if reply is not None:
+                self._error = reply["message"]
+        else:
+            wire.send(self._connection, {"id": header.get("id"), **(reply or {})})
+        return command != "stop"
+
+    # --- commands -------------------------------------------------------------------------------------------------
+
+    def _start(self, header: dict[str, Any], _: bytes) -> dict[str, Any]:
+        try:
+            self._rig = rig = RigConfig.model_validate_json(header["rig"])
+        except ValidationError as error:
+            raise ConfigError(f"rig: {error.errors()[0]['msg']}") from None
+        if self._stream is not None:
+            self._stream.stop()
+        self._stream = CameraStream(
+            lambda: self._make_camera(rig.camera, self._clock), rig.camera, self._clock, self._on_frame, self._on_clock, self._on_text
+        )
+        self._info = self._stream.start()
+        return asdict(self._info)
+
+    def _open_recording(self, header: dict[str, Any], payload: bytes) -> dict[str, Any]:
+        if self._recording is not None:
+            raise RecorderError(f"{self._recording.path} is being recorded: close it first")
+        rig, stream = self._started()
+        manifest = SessionManifest.model_validate_json(header["manifest"])
+        attachments: Attachments = []
+        at = 0
+        for name, media_type, size in header["attachments"]:
+            attachments.append((name, media_type, payload[at : at + size]))
+            at += size
+        log_time_ns = manifest.wall_anchor_ns + self._clock.monotonic_ns()
+        recording = _Recording(Path(header["path"]), manifest, attachments, log_time_ns, rig)
+        try:
+            recording.begin()
+        except BaseException:
+            recording.abandon()
+            raise
+        self._error = ""
+        self._recording = recording
+        stream.latch()
+        return {}
+
+    def _require_space(self, *_: object) -> dict[str, Any]:
+        self._open().require_space()
+        return {}
+
+    def _open_window(self, *_: object) -> dict[str, Any]:
+        recording = self._open()
+        recording.require_space()
+        return {"start_ns": self._frames(recording).open_window(self._clock.monotonic_ns())}
+
+    def _close_window(self, *_: object) -> dict[str, Any]:
+        return asdict(self._frames(self._open()).close_window(self._clock.monotonic_ns()))
+
+    def _messages(self, header: dict[str, Any], payload: bytes) -> None:
+        recording = self._recording
+        if recording is not None:
+            names = header["topics"]
+            for topic, log_time_ns, data in wire.unpack_messages(payload):
+                recording.write(names[topic], log_time_ns, data)
+
+    def _status(self, *_: object) -> dict[str, Any]:
+        stream = self._started()[1]
+        status, recording = stream.status(), self._recording
+        frames = recording.frames if recording is not None else None
+        error = str(frames.error) if frames is not None and frames.error is not None else self._error
+        now = self._clock.monotonic_ns()
+        return {
+            "frames": status.frames,
+            "lost": status.lost,
+            "dropped": frames.dropped if frames is not None else 0,
+            "fps": status.fps,
+            "recording": str(recording.path) if recording is not None else None,
+            "bytes_written": recording.files.size if recording is not None else 0,
+            "receive_buffer_bytes": status.receive_buffer_bytes,
+            "camera": asdict(self._info) if self._info is not None else None,
+            "connected": status.connected,
+            "clock_latched": status.latched,
+            "last_frame_age_s": (now - status.last_frame_ns) * 1e-9 if status.last_frame_ns is not None else None,
+            "error": error,
+        }
+
+    def _close_recording(self, *_: object) -> dict[str, Any]:
+        recording = self._open()
+        self._recording = None
+        return recording.finish()
+
+    def _started(self) -> tuple[RigConfig, CameraStream]:
+        if self._rig is None or self._stream is None:
+            raise CameraError("the camera was not started")
+        return self._rig, self._stream
+
+    def _open(self) -> _Recording:
+        if self._recording is None:
+            raise RecorderError("no recording is open")
+        return self._recording
+
+    def _frames(self, recording: _Recording) -> FrameRecorder:
+        if recording.frames is None:
+            raise RecorderError(f"{recording.path}: takes no frames yet")
+        return recording.frames
+
+    # --- from the camera's threads --------------------------------------------------------------------------------
+
+    def _on_frame(self, timed: TimedFrame) -> None:
+        recording = self._recording
+        if recording is not None and recording.frames is not None:
+            frame = timed.frame
+            recording.frames.add(
+                Arrival(
+                    image=frame.image,
+                    sequence=timed.sequence,
+                    frame_id=frame.frame_id,
+                    device_time_ns=frame.device_time_ns,
+                    host_time_ns=frame.host_time_ns,
+                    mid_exposure_ns=timed.mid_exposure_ns,
+                    mapping_sd_ns=timed.mapping_sd_ns,
+                    exposure_us=frame.exposure_us,
+                    lost_before=timed.lost_before,
+                )
+            )
+
+    def _on_clock(self, reading: ClockReading) -> None:
+        if (recording := self._recording) is not None:
+            sample = pb.ClockSample(
+                clock=f"camera/{recording.camera}",
+                device_time_ns=reading.device_time_ns,
+                host_before_ns=reading.host_before_ns,
+                host_after_ns=reading.host_after_ns,
+            )
+            middle = (reading.host_before_ns + reading.host_after_ns) // 2
+            self._write_quietly(recording, topics.CLOCK_SAMPLE, middle, sample.SerializeToString())
+
+    def _on_text(self, text: str) -> None:
+        self._error = text if "lost" in text else ""
+        if (recording := self._recording) is not None:
+            now = self._clock.monotonic_ns()
+            message = Log(level=Log.Level.WARNING, message=text, name="capture")
+            message.timestamp.FromNanoseconds(recording.anchor + now)
+            self._write_quietly(recording, topics.LOG, now, message.SerializeToString())
+
+    def _write_quietly(self, recording: _Recording, topic: topics.Topic, host_ns: int, data: bytes) -> None:
+        # The recording may be closed in this very moment, or its disk be full: neither may end the camera's thread.
+        with contextlib.suppress(RecorderError):
+            recording.write(topic.name, recording.anchor + host_ns, data)
+
+
+def serve(fd: int, make_camera: MakeCamera) -> None:
+    """Run the capture process on socket `fd`, in the main thread."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    wake_read, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: None)  # the wake-up descriptor carries it to the select in _serve_one
+    signal.set_wakeup_fd(wake_write, warn_on_full_buffer=False)
+    # The camera's thread must get the interpreter soon after a frame came, whatever else runs; the default is 5 ms.
+    sys.setswitchinterval(0.0005)
+    with socket.socket(fileno=fd) as connection:
+        Capture(connection, make_camera, SystemClock(), wake_read).run()
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description="Capture process of the daemon; not meant to be started by hand.")
+    parser.add_argument("--fd", type=int, required=True, help="inherited socket to take commands from")
+    arguments = parser.parse_args()
+    from acquire.camera.aravis import AravisCamera
+
+    serve(arguments.fd, AravisCamera)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,212 @@
+"""The `acquire` command: verbs only; each hands over to the module that does the work.
+
+Exit codes: 0 done, 1 a named problem (one line on standard error), 2 wrong usage, 3 ended early or with loss, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import click
+
+from acquire.errors import AcquireError
+from schemas.documents import DocumentError
+
+
+def _one_line_errors(function: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(function)
+    def wrapped(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except (AcquireError, DocumentError) as error:
+            click.echo(f"acquire: {error}", err=True)
+            sys.exit(1)
+        except BrokenPipeError:
+            sys.exit(1)
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            click.echo(f"acquire: {where}{error.strerror or error}: check disk and permissions", err=True)
+            sys.exit(1)
+        except KeyboardInterrupt:
+            click.echo("acquire: interrupted", err=True)
+            sys.exit(130)
+
+    return wrapped
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="percuss")
+def main() -> None:
+    """Drive the rig: strike, film, record."""
+
+
+@main.command()
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@_one_line_errors
+def discover(as_json: bool) -> None:
+    """List the GigE Vision cameras that answer."""
+    from acquire.camera.aravis import discover as discover_cameras
+
+    cameras = discover_cameras()
+    if as_json:
+        click.echo(json.dumps([vars(camera) for camera in cameras]))
+    elif not cameras:
+        click.echo("no camera answers: check power, cable, and that host and camera are in one subnet")
+    for camera in [] if as_json else cameras:
+        click.echo(f"{camera.address:16} {camera.vendor} {camera.model} ({camera.serial})")
+
+
+@main.command()
+@click.argument("rig", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@_one_line_errors
+def check(rig: Path, as_json: bool) -> None:
+    """Check all that can be wrong before a session with RIG. Exits with 1 when anything fails."""
+    from acquire.preflight.check import Outcome
+    from acquire.preflight.session import check_rig, real_probes
+
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)  # as Ctrl-C: what was started ends, what was written goes
+    checks = []
+    for line in check_rig(rig, real_probes()):
+        checks.append(line)
+        if not as_json:
+            click.echo(line.text())
+    good = all(line.outcome is not Outcome.FAIL for line in checks)
+    if as_json:
+        click.echo(json.dumps({"passed": good, "checks": [line.as_dict() for line in checks]}))
+    if not good:
+        sys.exit(1)
+
+
+@main.command()
+@click.argument("rig", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print the status as one JSON line when ready.")
+@click.option("--parent", type=int, hidden=True, help="End when the process with this id, which started this one, has ended.")
+@_one_line_errors
+def run(rig: Path, as_json: bool, parent: int | None) -> None:
+    """Run the daemon for RIG (a rig file, TOML) until stopped."""
+    from acquire.config import read_rig
+    from acquire.daemon import Daemon
+
+    config = read_rig(rig)
+
+    def ready(status: dict[str, Any]) -> None:
+        model, address = status["camera"]["model"], config.camera.address
+        click.echo(json.dumps(status) if as_json else f"ready: {model} at {address}, socket {status['socket']}")
+        sys.stdout.flush()
+
+    goes_on = (lambda: True) if parent is None else (lambda: os.getppid() == parent)
+    Daemon(config, rig.read_text(encoding="utf-8")).run(ready, goes_on)
+
+
+@main.command()
+@click.argument("object_file", metavar="OBJECT", type=click.Path(path_type=Path))
+@click.argument("plan", type=click.Path(path_type=Path))
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write (.mcap).")
+@click.option("--rig", type=click.Path(path_type=Path), help="Rig file that names the daemon's socket; default socket without it.")
+@click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
+@_one_line_errors
+def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_json: bool) -> None:
+    """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon; asks you to place it."""
+    from acquire.api import DaemonClient
+    from acquire.console import ConsoleOperator, SessionProgress
+    from acquire.session_runner import SessionInput, SessionRunner
+
+    given = SessionInput(object_file, plan)
+    socket = _socket(rig)
+    with DaemonClient(socket) as client, SessionProgress() as progress, ConsoleOperator(socket, progress):
+        report = SessionRunner(client, given, output, progress).run()
+    _print_session(report, as_json)
+
+
+@main.command()
+@click.option("--object", "object_name", default="carton", type=click.Choice(["carton", "spray", "juice", "salt"]), help="What to strike.")
+@click.option("--seed", default=1, type=click.IntRange(0), help="Seed of everything random in the virtual rig.")
+@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write (.mcap).")
+@click.option("--address", default="127.0.0.1", help="Loopback address of the virtual camera; one per rig.")
+@click.option("--strikes", default=9, type=click.IntRange(3), help="Strikes to plan.")
+@click.option("--force", is_flag=True, help="Replace the output if it exists.")
+@click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
+@_one_line_errors
+def demo(object_name: str, seed: int, output: Path, address: str, strikes: int, force: bool, as_json: bool) -> None:
+    """Run a whole session on the virtual rig: real GigE Vision, real Dynamixel protocol, no hardware."""
+    from acquire.console import SessionProgress
+    from acquire.demo import fresh_output, replaced_output, run_demo
+
+    place = replaced_output(output) if force else fresh_output(output)
+    with SessionProgress() as progress:
+        report = run_demo(object_name, seed, place, address=address, strikes=strikes, progress=progress)
+    _print_session(report, as_json)
+
+
+@main.command()
+@click.option("--rig", type=click.Path(path_type=Path), help="Rig file that names the daemon's socket.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@_one_line_errors
+def status(rig: Path | None, as_json: bool) -> None:
+    """Show what the daemon is doing."""
+    from acquire.api import DaemonClient
+
+    with DaemonClient(_socket(rig)) as client:
+        answer = client.call("status")
+    if as_json:
+        click.echo(json.dumps(answer))
+        return
+    for key, value in answer.items():
+        click.echo(f"{key:22} {value}")
+
+
+@main.command()
+@click.option("--rig", type=click.Path(path_type=Path), help="Rig file that names the daemon's socket.")
+@click.option("--daemon", "whole", is_flag=True, help="End the daemon too, not only the motion.")
+@_one_line_errors
+def stop(rig: Path | None, whole: bool) -> None:
+    """Stop the striker now."""
+    from acquire.api import DaemonClient
+
+    with DaemonClient(_socket(rig)) as client:
+        client.call("striker.stop")
+        if whole:
+            client.call("shutdown")
+    click.echo("daemon stopped" if whole else "striker stopped")
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Where to write; default FILE with -recovered before .mcap.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@_one_line_errors
+def recover(file: Path, output: Path | None, as_json: bool) -> None:
+    """Rebuild a recording that was cut short. Exits with 3 when anything was lost."""
+    from acquire.recorder.recover import recover as recover_file
+
+    stem = file.name.removesuffix(".part").removesuffix(".mcap")
+    report = recover_file(file, output or file.with_name(f"{stem}-recovered.mcap"))
+    click.echo(json.dumps(report.as_dict()) if as_json else report.text())
+    if report.anything_lost:
+        sys.exit(3)
+
+
+def _socket(rig: Path | None) -> Path:
+    from acquire.config import DaemonConfig, read_rig
+
+    return read_rig(rig).daemon.socket_path() if rig is not None else DaemonConfig().socket_path()
+
+
+def _print_session(report: Any, as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps({"path": str(report.path), "strikes": report.strikes, "frames": report.frames, "lost": report.lost}))
+    else:
+        click.echo(f"{report.path}: {report.strikes} strikes, {report.frames} frames, {report.lost} lost")
+    if report.aborted:
+        click.echo(f"acquire: the session ended early: {report.text}", err=True)
+    if report.aborted or report.lost:
+        sys.exit(3)

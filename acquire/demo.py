@@ -1,0 +1,280 @@
+"""Composition root of the virtual rig: world, camera and operator around the same daemon and session that drive real hardware.
+
+Only this module knows both sides. The daemon is started as `acquire run RIG.toml`; it sees a camera address and a serial port.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from acquire.api import DaemonClient, wait_for_socket
+from acquire.config import read_rig
+from acquire.errors import AcquireError, ConfigError, RecorderError, SessionError
+from acquire.session_runner import Progress, SessionInput, SessionReport, SessionRunner
+from acquire.virtual.objects import VirtualObject, load_object
+from acquire.virtual.operator import VirtualOperator
+from acquire.virtual.operator_link import OperatorLink
+from acquire.virtual.station import calibration_sheet
+from acquire.virtual.truth import merge_truth
+
+START_TIMEOUT_S = 30.0
+
+
+@dataclass(frozen=True)
+class DemoOutput:
+    """Where the recording goes."""
+
+    path: Path
+    replaced: tuple[Path, ...] = ()
+    """older files that make room for it, once the rig is up"""
+
+
+def fresh_output(path: Path) -> DemoOutput:
+    """A recording where there is none.
+
+    Raises:
+        RecorderError: there is one.
+    """
+    for taken in (path, Path(f"{path}.part")):
+        if taken.exists():
+            raise RecorderError(f"{taken}: exists already: choose another name, or give --force to replace it")
+    return DemoOutput(path)
+
+
+def replaced_output(path: Path) -> DemoOutput:
+    """A recording in the place of what may be there.
+
+    Raises:
+        RecorderError: what is there is no file.
+    """
+    older = tuple(taken for taken in (path, Path(f"{path}.part")) if taken.exists())
+    if path.is_dir():
+        raise RecorderError(f"{path}: is a folder: name a file in it")
+    return DemoOutput(path, older)
+
+
+def run_demo(object_name: str, seed: int, output: DemoOutput, *, address: str, strikes: int, progress: Progress) -> SessionReport:
+    """Plan and run a session on the virtual rig and add the truth to its recording.
+
+    Args:
+        object_name: carton, spray, juice or salt.
+        seed: of everything random in the virtual rig.
+        output: the recording to write.
+        address: loopback address of the virtual camera.
+        strikes: how many strikes to plan.
+        progress: hears what goes on.
+
+    Raises:
+        AcquireError: what the session raised; the rig is taken down in any case.
+    """
+    _refuse_other_address(address)
+    try:
+        output.path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecorderError(f"{output.path.parent}: the folder cannot be made: {error.strerror}: choose another place") from None
+    if not os.access(output.path.parent, os.W_OK | os.X_OK):
+        raise RecorderError(f"{output.path}: its folder is not yours to write in: choose another place")
+    folder = Path(tempfile.mkdtemp(prefix="percuss-"))
+    try:
+        with _ended_by_signals(), contextlib.ExitStack() as cleanup:
+            report, truth = _session(object_name, seed, output, address, strikes, progress, folder, cleanup)
+        progress("adding the truth: to the recording", 1, 1)
+        merge_truth(report.path, truth)
+        return report
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _session(
+    object_name: str,
+    seed: int,
+    output: DemoOutput,
+    address: str,
+    strikes: int,
+    progress: Progress,
+    folder: Path,
+    cleanup: contextlib.ExitStack,
+) -> tuple[SessionReport, Path]:
+    thing = load_object(object_name, seed)
+    object_path, plan_path, rig_path = folder / "object.toml", folder / "plan.json", folder / "rig.toml"
+    _write_object(thing, object_path)
+
+    progress("starting: world", 0, 1)
+    common = ["--object", object_name, "--seed", str(seed), "--dir", str(folder), "--parent", str(os.getpid())]
+    world_ready = cleanup.enter_context(_started("world", folder, "acquire.virtual.world_process", *common))
+    rig_path.write_text(rig_toml(calibration_sheet(seed), address, world_ready["port"], folder / "run" / "daemon.sock"), encoding="utf-8")
+    progress("starting: camera", 0, 1)
+    cleanup.enter_context(_started("camera", folder, "acquire.virtual.camera_process", *common, "--address", address))
+    progress("starting: plan", 0, 1)
+    _plan(object_path, plan_path, rig_path, strikes)
+    progress("starting: daemon", 0, 1)
+    socket = read_rig(rig_path).daemon.socket_path()
+    cleanup.enter_context(_started("daemon", folder, "acquire", "run", str(rig_path), "--json", "--parent", str(os.getpid())))
+    wait_for_socket(socket, lambda: True, START_TIMEOUT_S)
+
+    world = cleanup.enter_context(contextlib.closing(OperatorLink(folder / "world.sock")))
+    client = cleanup.enter_context(contextlib.closing(DaemonClient(socket)))
+    cleanup.enter_context(contextlib.closing(VirtualOperator(socket, world, seed)))
+    for older in output.replaced:
+        older.unlink(missing_ok=True)
+    report = SessionRunner(client, SessionInput(object_path, plan_path), output.path, progress).run()
+    truth = Path(world.truth())
+    kept = folder / "kept-truth.bin"
+    shutil.copyfile(truth, kept)
+    return report, kept
+
+
+def rig_toml(sheet: dict[str, Any], address: str, port: str, socket: Path) -> str:
+    """The rig file that a person would write for this station; `sheet` is what its calibration says."""
+    camera, striker = sheet["camera"], sheet["striker"]
+    return f"""# The virtual rig, as a person would describe a real one.
+name = "virtual"
+g_m_s2 = {sheet["g_m_s2"]}
+g_sd_m_s2 = 0.001
+gravity_tilt_sd_rad = 0.0005
+table_friction = {sheet["table_friction"]}
+
+[camera]
+name = "main"
+address = "{address}"
+width = {camera["width"]}
+height = {camera["height"]}
+frame_rate_hz = 120.0
+exposure_us = 1500.0
+
+[camera.calibration]
+width = {camera["width"]}
+height = {camera["height"]}
+K = {json.dumps(camera["K"])}
+distortion = {json.dumps(camera["distortion"])}
+T_world_camera = {json.dumps(camera["T_world_camera"])}
+
+[striker]
+kind = "dynamixel"
+port = "{port}"
+arm_length_m = {striker["arm_length_m"]}
+effective_mass_kg = {striker["effective_mass_kg"]:.4g}
+effective_mass_sd_kg = 0.05
+restitution = 0.4
+
+[recorder]
+pre_trigger_s = 0.1
+
+[daemon]
+socket = "{socket}"
+"""
+
+
+def _write_object(thing: VirtualObject, path: Path) -> None:
+    path.write_text(thing.spec_toml, encoding="utf-8")
+    if thing.shape_file is not None:
+        name, data = thing.shape_file
+        (path.parent / name).write_bytes(data)
+
+
+def _plan(object_path: Path, plan_path: Path, rig_path: Path, strikes: int) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "analyze",
+        "plan",
+        str(object_path),
+        "-o",
+        str(plan_path),
+        "--rig",
+        str(rig_path),
+        "--strikes",
+        str(strikes),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise SessionError(f"no plan: {done.stderr.strip() or done.stdout.strip()}")
+
+
+def _refuse_other_address(address: str) -> None:
+    try:
+        fits = ipaddress.IPv4Address(address).is_loopback
+    except ValueError:
+        fits = False
+    if not fits:
+        raise ConfigError(f"{address}: the virtual camera lives on loopback: give an address from 127.0.0.1 to 127.255.255.254")
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """SIGTERM (`timeout`, `kill`) and SIGHUP (a closed terminal) end a demo as Ctrl-C does: with everything taken down."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _started(name: str, folder: Path, module: str, *arguments: str) -> Iterator[dict[str, Any]]:
+    """A process of the virtual rig, from its ready line to its end.
+
+    In a session of its own: a terminal's Ctrl-C is ours to handle, in the right order. It ends by itself when we are gone.
+    """
+    complaints = folder / f"{name}.err"
+    with complaints.open("wb") as errors:
+        process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            text=True,
+            start_new_session=True,
+        )
+    ready = False
+    try:
+        assert process.stdout is not None  # noqa: S101 - opened with PIPE
+        line = process.stdout.readline()
+        if not line:
+            last = [text for text in _text_of(complaints).splitlines() if text.strip()][-1:]
+            reason = last[0].removeprefix("acquire: ") if last else f"it ended with code {process.wait(5.0)}"
+            raise AcquireError(f"the {name} did not start: {reason}")
+        ready = True
+        yield json.loads(line)
+    finally:
+        _end(process)
+        if ready:
+            sys.stderr.write(_text_of(complaints))
+
+
+def _text_of(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+
+
+def _end(process: subprocess.Popen[str], patience_s: float = 10.0) -> None:
+    """Terminate, and read what it still says, so that a last line does not meet a closed pipe."""
+    process.terminate()
+    try:
+        process.communicate(timeout=patience_s)
+    except (subprocess.TimeoutExpired, ValueError, OSError):
+        process.kill()
+        process.wait()

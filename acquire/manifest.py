@@ -1,0 +1,149 @@
+"""The manifest of a recording: what the rig, its camera and its clock were when it began."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import hashlib
+import subprocess
+import uuid
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+
+from acquire.camera.base import CameraInfo
+from acquire.config import RigConfig
+from acquire.errors import SessionError
+from schemas.documents import (
+    OBJECT_ATTACHMENT,
+    PLAN_ATTACHMENT,
+    RIG_ATTACHMENT,
+    SHAPE_ATTACHMENT_PREFIX,
+    CameraCalibrationSpec,
+    DocumentError,
+    ManifestCamera,
+    ObjectSpec,
+    SessionManifest,
+    TimeSource,
+    object_sha256,
+    parse_object_spec,
+    parse_strike_plan,
+    sha256_text,
+)
+
+MAPPING_SD_NS = 30_000
+"""1 sigma of the camera-to-host clock mapping with a latched clock (docs/hardware.md)"""
+ARRIVAL_SD_NS = 500_000
+"""1 sigma of arrival times, for cameras whose clock cannot be latched"""
+
+
+@dataclass(frozen=True)
+class CameraAtHand:
+    """The camera that is open."""
+
+    info: CameraInfo
+    clock_latched: bool
+    """frame times are mapped from the camera's clock; else they are arrival times"""
+
+
+@dataclass(frozen=True)
+class SessionFiles:
+    """What a session is about, and the files that its recording carries."""
+
+    spec: ObjectSpec
+    object_sha256: str
+    """of the object and its shape"""
+    plan_sha256: str
+    """of the plan's text"""
+    attachments: tuple[tuple[str, str, bytes], ...]
+    """(name, media type, content)"""
+
+    @property
+    def hashes(self) -> dict[str, str]:
+        """Of the attachments, by name."""
+        return {name: hashlib.sha256(content).hexdigest() for name, _, content in self.attachments}
+
+
+def session_files(request: dict[str, Any], rig_toml: str) -> SessionFiles:
+    """From the parameters of `recording.open`.
+
+    Raises:
+        SessionError: object or plan cannot be used, or do not belong together.
+    """
+    try:
+        spec = parse_object_spec(request["object_toml"], request.get("object_name", OBJECT_ATTACHMENT))
+        plan = parse_strike_plan(request["plan_json"], request.get("plan_name", PLAN_ATTACHMENT))
+    except DocumentError as error:
+        raise SessionError(str(error)) from None
+    shape = base64.b64decode(request["shape_base64"]) if request.get("shape_base64") else None
+    digest = object_sha256(spec, shape)
+    if plan.object_sha256 != digest:
+        raise SessionError(f"the plan was made for another object than {spec.name!r}: make it anew with `analyze plan`")
+    attachments = [
+        (OBJECT_ATTACHMENT, "application/toml", request["object_toml"].encode()),
+        (PLAN_ATTACHMENT, "application/json", request["plan_json"].encode()),
+        (RIG_ATTACHMENT, "application/toml", rig_toml.encode()),
+    ]
+    if shape is not None:
+        attachments.append((SHAPE_ATTACHMENT_PREFIX + Path(request["shape_name"]).name, "application/octet-stream", shape))
+    return SessionFiles(spec, digest, sha256_text(request["plan_json"]), tuple(attachments))
+
+
+def session_manifest(config: RigConfig, camera: CameraAtHand, files: SessionFiles, anchor_ns: int) -> SessionManifest:
+    """Manifest of a session that begins now; `anchor_ns` is wall clock minus host monotonic."""
+    return SessionManifest(
+        recording_id=str(uuid.uuid4()),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        software=software_version(),
+        wall_anchor_ns=anchor_ns,
+        time_source=TimeSource.DEVICE_MAPPED if camera.clock_latched else TimeSource.HOST_ARRIVAL,
+        time_source_sd_ns=MAPPING_SD_NS if camera.clock_latched else ARRIVAL_SD_NS,
+        g_m_s2=config.g_m_s2,
+        g_sd_m_s2=config.g_sd_m_s2,
+        gravity_tilt_sd_rad=config.gravity_tilt_sd_rad,
+        cameras=[
+            ManifestCamera(
+                name=config.camera.name,
+                vendor=camera.info.vendor,
+                model=camera.info.model,
+                serial=camera.info.serial,
+                frame_rate_hz=config.camera.frame_rate_hz,
+                exposure_us=config.camera.exposure_us,
+                calibration=config.camera.calibration,
+            )
+        ],
+        striker=config.striker.model_dump(mode="json"),
+        rig={"name": config.name},
+        object=files.spec,
+        object_sha256=files.object_sha256,
+        plan_sha256=files.plan_sha256,
+        hashes=files.hashes,
+    )
+
+
+def calibration_message(spec: CameraCalibrationSpec) -> CameraCalibration:
+    """What viewers need to draw over the images."""
+    message = CameraCalibration(frame_id="camera", width=spec.width, height=spec.height)
+    message.distortion_model = "plumb_bob"
+    message.D.extend(spec.distortion)
+    message.K.extend(value for row in spec.K for value in row)
+    message.P.extend(value for row in spec.K for value in (*row, 0.0))
+    message.R.extend([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    return message
+
+
+def software_version() -> str:
+    """Package version, and the git commit where the code runs from a checkout."""
+    root = Path(__file__).resolve().parent.parent
+    commit = ""
+    if (root / ".git").exists():
+        with contextlib.suppress(OSError, subprocess.SubprocessError):
+            done = subprocess.run(
+                ["git", "-C", str(root), "describe", "--always", "--dirty"], capture_output=True, text=True, check=True, timeout=5
+            )
+            commit = f"+{done.stdout.strip()}"
+    return f"percuss {version('percuss')}{commit}"

@@ -1,0 +1,1 @@
+"""Bounded queue to MCAP: writer, pre-trigger ring, recovery."""

@@ -1,0 +1,45 @@
+"""Refuses what the disk has no room for, before it begins. What fills the disk in spite of that is the writer's to survive."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from acquire.errors import RecorderError
+
+
+def free_bytes(folder: Path) -> int:
+    """Bytes that this user may still write on the disk of `folder`.
+
+    Raises:
+        RecorderError: there is no such folder.
+    """
+    try:
+        disk = os.statvfs(folder)
+    except OSError as error:
+        raise RecorderError(f"{folder}: cannot be used: {error.strerror}: create the folder first") from None
+    return disk.f_bavail * disk.f_frsize
+
+
+@dataclass(frozen=True)
+class DiskSpace:
+    """The disk of one folder, of which `reserve_bytes` are never for images."""
+
+    folder: Path
+    reserve_bytes: int
+    probe: Callable[[Path], int] = free_bytes
+
+    def require(self, needed_bytes: int, purpose: str) -> None:
+        """Raise RecorderError unless `needed_bytes` can be written and the reserve stays."""
+        free = self.probe(self.folder)
+        if free - needed_bytes < self.reserve_bytes:
+            raise RecorderError(
+                f"{self.folder}: {purpose} needs {_text(needed_bytes)} and {_text(self.reserve_bytes)} are kept back (disk_reserve_bytes), "
+                f"but only {_text(free)} are free on this disk: free some space"
+            )
+
+
+def _text(size: int) -> str:
+    return f"{size / 1e9:.2f} GB" if size >= 1e7 else f"{size / 1e6:.2f} MB"

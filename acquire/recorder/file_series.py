@@ -1,0 +1,153 @@
+"""A recording in one file, or in a row of numbered files, each a recording by itself, with no message lost between two.
+
+The next file is open, with its head and topics, before the last takes its end: every message goes to the one or to the other, and
+the old file's fsync runs on a thread of its own. An image and the meta written after it stand in the same file.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from acquire.errors import RecorderError
+from acquire.recorder.disk_space import DiskSpace
+from acquire.recorder.writer import Channel, ImageMessage, McapWriter, Seal
+from schemas.container import Buffer
+from schemas.topics import Topic
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """When a file is full, and how many are kept."""
+
+    rotate_bytes: int = 0
+    """0: one file takes everything"""
+    keep_files: int = 0
+    """files there may be, the one being written among them; older ones are deleted. 0: all are kept"""
+
+
+class FileSeries:
+    """Writes to `path`, then to `<stem>-0002.mcap`, `<stem>-0003.mcap`, ... Every method may be called from any thread.
+
+    `write_head(writer, part)` writes manifest and attachments of part 1, 2, ...
+
+    Raises:
+        RecorderError: a path is taken, or the disk refuses or has no room for the next file; the current one can still be finished.
+    """
+
+    def __init__(self, path: Path, write_head: Callable[[McapWriter, int], None], rotation: Rotation, disk: DiskSpace) -> None:
+        self._path = path
+        self._write_head = write_head
+        self._rotation = rotation
+        self._disk = disk
+        self._lock = threading.Lock()
+        self._topics: dict[str, Topic] = {}
+        self._part = 1
+        self._written = 0
+        self._kept: deque[Path] = deque()
+        self._closer: threading.Thread | None = None
+        self._error: RecorderError | None = None
+        self._writer = self._begin(1)
+
+    @property
+    def path(self) -> Path:
+        """Of the file that is being written, once it is whole."""
+        return self._writer.path
+
+    @property
+    def parts(self) -> int:
+        """Files begun so far."""
+        return self._part
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far, to all files."""
+        return self._written + self._writer.size
+
+    def add_topic(self, topic: Topic) -> Channel:
+        """Make a channel; the same topic again gives the same channel, and so does every file."""
+        with self._lock:
+            self._topics.setdefault(topic.name, topic)
+            return self._writer.add_topic(topic)
+
+    def write(self, channel: Channel, log_time_ns: int, data: Buffer, sequence: int = 0) -> None:
+        """Write one small message."""
+        with self._lock:
+            self._writer.write(channel, log_time_ns, data, sequence)
+
+    def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
+        """Write images together, to the next file where this one is full."""
+        with self._lock:
+            if 0 < self._rotation.rotate_bytes <= self._writer.size:
+                self._rotate()
+            self._writer.write_images(channel, messages)
+
+    def flush(self) -> None:
+        """Hand small topics to the file now."""
+        with self._lock:
+            self._writer.flush()
+
+    def finish(self) -> Seal:
+        """Finish the last file.
+
+        Raises:
+            RecorderError: it, or one before it, could not be finished; `acquire recover` reads the `.part` file.
+        """
+        with self._lock:
+            seal = self._writer.finish()
+            self._join()
+            if self._error is not None:
+                raise self._error
+            return seal
+
+    def abandon(self) -> None:
+        """Leave nothing of the current file behind."""
+        with self._lock:
+            self._writer.abort()
+            self._join()
+            self._writer.part_path.unlink(missing_ok=True)
+
+    # --- under the lock ---
+
+    def _begin(self, part: int) -> McapWriter:
+        path = self._path if part == 1 else self._path.with_name(f"{self._path.stem}-{part:04d}{self._path.suffix}")
+        self._disk.require(self._rotation.rotate_bytes, f"recording {path.name}")
+        writer = McapWriter(path)
+        try:
+            self._write_head(writer, part)
+            for topic in self._topics.values():
+                writer.add_topic(topic)
+            writer.flush()
+        except BaseException:
+            writer.abort()
+            writer.part_path.unlink(missing_ok=True)
+            raise
+        return writer
+
+    def _rotate(self) -> None:
+        self._join()  # a disk that is two files behind stops the writing thread here; the ring of images holds 2 s
+        if self._error is not None:
+            raise self._error
+        full, self._writer = self._writer, self._begin(self._part + 1)
+        self._part += 1
+        self._written += full.size
+        self._closer = threading.Thread(target=self._finish, args=(full,), name="recorder-finish")
+        self._closer.start()
+
+    def _join(self) -> None:
+        if self._closer is not None:
+            self._closer.join()
+            self._closer = None
+
+    # --- helper thread ---
+
+    def _finish(self, writer: McapWriter) -> None:
+        try:
+            self._kept.append(writer.finish().path)
+            while 0 < self._rotation.keep_files <= len(self._kept):
+                self._kept.popleft().unlink(missing_ok=True)
+        except (RecorderError, OSError) as error:
+            self._error = error if isinstance(error, RecorderError) else RecorderError(f"{writer.path}: {error.strerror}")

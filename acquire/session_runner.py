@@ -1,0 +1,296 @@
+"""Carries out what the session's state machine asks for, as a client of the daemon."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from acquire import session as s
+from acquire.api import DaemonClient
+from acquire.errors import SessionError, StrikerError, StrikerRefused
+from acquire.striker.base import StrikerState
+from schemas.documents import (
+    DocumentError,
+    ObjectSpec,
+    PlannedStrike,
+    StrikePlan,
+    StrikeVerdict,
+    WatchEvent,
+    object_sha256,
+    read_object_spec,
+    read_strike_plan,
+)
+
+POSE_TIMEOUT_S = 8.0
+"""for the object to come to rest and be seen after it was placed"""
+WATCHER_RESTART_S = 1.5
+"""for the daemon to start a dead `analyze watch` again"""
+POSE_TOLERANCE_RAD = 0.14
+"""8 degrees: far above a careful placement, far below a wrong face"""
+REST_TIMEOUT_S = 5.0
+"""for the object to come to rest after a strike"""
+REST_MINIMUM_S = 0.9
+"""a tip that hangs at the top looks like rest"""
+
+
+@dataclass
+class SessionInput:
+    """The files a session starts from, read and checked against each other."""
+
+    object_path: Path
+    plan_path: Path
+    object_toml: str = field(init=False)
+    plan_json: str = field(init=False)
+    spec: ObjectSpec = field(init=False)
+    plan: StrikePlan = field(init=False)
+    shape: tuple[str, bytes] | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        try:
+            self.spec = read_object_spec(self.object_path)
+            self.plan = read_strike_plan(self.plan_path)
+        except DocumentError as error:
+            raise SessionError(str(error)) from None
+        self.object_toml = self.object_path.read_text(encoding="utf-8")
+        self.plan_json = self.plan_path.read_text(encoding="utf-8")
+        if self.spec.shape.file is not None:
+            shape_path = self.object_path.parent / self.spec.shape.file
+            try:
+                self.shape = (shape_path.name, shape_path.read_bytes())
+            except OSError as error:
+                raise SessionError(f"{shape_path}: the object's shape file cannot be read: {error.strerror}") from None
+        digest = object_sha256(self.spec, self.shape[1] if self.shape else None)
+        if digest != self.plan.object_sha256:
+            raise SessionError(
+                f"{self.plan_path}: made for another object ({self.plan.object_name!r}) than {self.object_path} as it is now: "
+                f"run `analyze plan {self.object_path} -o {self.plan_path}` anew"
+            )
+
+
+@dataclass(frozen=True)
+class SessionReport:
+    """What a session leaves behind."""
+
+    path: Path
+    strikes: int
+    frames: int
+    lost: int
+    aborted: bool
+    text: str
+
+
+Progress = Callable[[str, int, int], None]
+"""text, planned strikes done, planned strikes"""
+
+
+class SessionRunner:
+    """Runs one session to its end.
+
+    Raises:
+        SessionError, StrikerError, CameraError, DaemonError: as the daemon reports them; the recording so far is kept.
+    """
+
+    def __init__(self, client: DaemonClient, given: SessionInput, output: Path, progress: Progress = lambda *_: None) -> None:
+        self._client = client
+        self._input = given
+        self._output = output
+        self._progress = progress
+        self._machine = s.SessionMachine(given.plan)
+        self._anchor_ns = 0
+        self._kept = 0
+        self._frames = 0
+        self._lost = 0
+
+    def run(self) -> SessionReport:
+        """Open the recording, strike by the plan, close the recording."""
+        shape = self._input.shape
+        opened = self._client.call(
+            "recording.open",
+            path=str(self._output.resolve()),
+            object_toml=self._input.object_toml,
+            object_name=str(self._input.object_path),
+            plan_json=self._input.plan_json,
+            plan_name=str(self._input.plan_path),
+            shape_name=shape[0] if shape else None,
+            shape_base64=base64.b64encode(shape[1]).decode() if shape else None,
+        )
+        self._anchor_ns = int(opened["wall_anchor_ns"])
+        event: s.Event = s.Started()
+        try:
+            self._client.call("striker.home")
+            while True:
+                actions = self._machine.handle(event)
+                for action in actions:
+                    if isinstance(action, s.Finish):
+                        return self._finish(action)
+                    answer = self._carry_out(action)
+                    if answer is not None:
+                        event = answer
+        except BaseException:
+            with contextlib.suppress(Exception), self._client.another() as client:
+                client.call("striker.stop")
+                self._keep_or_discard(Path(client.call("recording.close")["path"]))
+            raise
+
+    def _keep_or_discard(self, path: Path) -> None:
+        """After a failure: a recording without a single strike is of no use to anybody."""
+        if self._kept:
+            self._progress(f"kept: {self._kept} strikes in {path}", *self._machine.progress)
+        else:
+            path.unlink(missing_ok=True)
+
+    def _finish(self, action: s.Finish) -> SessionReport:
+        report = self._client.call("recording.close")
+        return SessionReport(Path(report["path"]), self._kept, int(report["frames"]), int(report["lost"]), action.aborted, action.text)
+
+    def _carry_out(self, action: s.Action) -> s.Event | None:
+        match action:
+            case s.Announce():
+                self._announce(action)
+                return None
+            case s.AskToPlace(strike=strike, hint=hint):
+                return self._ask_to_place(strike, hint)
+            case s.CheckPose(strike=strike):
+                return self._check_pose(strike)
+            case s.Arm():
+                return self._arm()
+            case s.ClearFault():
+                self._client.call("striker.home")
+                return None
+            case s.Strike():
+                return self._strike(action)
+            case s.RecordUntilRest():
+                return self._record_until_rest()
+            case s.Judge():
+                return self._judge(action)
+            case s.Keep():
+                self._keep(action)
+                return None
+            case s.Finish():
+                raise SessionError("a finished session was carried on")
+
+    def _announce(self, action: s.Announce) -> None:
+        done, total = self._machine.progress
+        self._client.call("recording.state", state=action.state, strike_id=action.strike_id, attempt=action.attempt, text=action.text)
+        name = s.State.Name(action.state).replace("_", " ").lower()
+        self._progress(f"{action.strike_id} {name} {action.text}".strip(), done, total)
+
+    def _ask_to_place(self, strike: PlannedStrike, hint: str) -> s.Event:
+        rotation, p = strike.R_world_object, strike.p_world_object
+        impact = [sum(rotation[i][j] * strike.impact.point[j] for j in range(3)) + p[i] for i in range(3)]
+        answer = self._client.call(
+            "prompt",
+            kind="place",
+            strike_id=strike.id,
+            text=strike.card,
+            hint=hint,
+            R_world_object=rotation,
+            p_world_object=p,
+            impact_point_world=impact,
+        )
+        return s.Placed() if answer["ok"] else s.StopRequested(answer["text"] or "stopped by the operator")
+
+    def _check_pose(self, strike: PlannedStrike) -> s.Event:
+        since_ns = int(self._client.call("watch.expect", plan_strike_id=strike.id)["now_ns"])
+        end = time.monotonic() + POSE_TIMEOUT_S
+        text = "no marker of the object is in view"
+        alive_until = time.monotonic() + WATCHER_RESTART_S
+        seen_ns = 0
+        while time.monotonic() < end:
+            answer = self._client.call("watch.latest")
+            if answer["alive"]:
+                alive_until = time.monotonic() + WATCHER_RESTART_S
+            elif time.monotonic() > alive_until:
+                return s.PoseChecked(good=True, text="analyze watch is not running: the placement was not checked")
+            event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
+            if event is not None and seen_ns < event.time_ns <= since_ns:
+                seen_ns, end = event.time_ns, time.monotonic() + POSE_TIMEOUT_S  # started anew, it reads the recording from its beginning
+            if event is not None and event.time_ns > since_ns and event.markers:
+                error = event.placement_error_rad
+                if event.at_rest and error is not None and error < POSE_TOLERANCE_RAD:
+                    return s.PoseChecked(good=True)
+                text = event.text or "the object does not come to rest"
+            time.sleep(0.05)
+        trouble = self._client.call("status")["trouble"]
+        return s.PoseChecked(good=False, text=trouble or text)
+
+    def _arm(self) -> s.Event:
+        try:
+            self._client.call("striker.arm")
+            self._client.call("striker.cock")
+        except StrikerError as error:
+            return self._striker_failed(error)
+        return s.Ready()
+
+    def _striker_failed(self, error: StrikerError) -> s.Event:
+        """A fault can be cleared; a refusal without one means that somebody stopped it, and that is an order."""
+        in_fault = self._client.call("status")["striker"] == StrikerState.FAULT.value
+        if isinstance(error, StrikerRefused) and not in_fault:
+            return s.StopRequested(str(error))
+        return s.StrikerFailed(str(error))
+
+    def _strike(self, action: s.Strike) -> s.Event:
+        self._client.call("window.open")
+        try:
+            outcome = self._client.call("striker.strike", strike_id=action.strike_id, tip_speed_m_s=action.tip_speed_m_s)
+        except StrikerError as error:
+            self._client.call("window.close")
+            return self._striker_failed(error)
+        return s.Struck(outcome["contact_time_ns"], outcome["contact_time_sd_ns"], outcome["tip_speed_m_s"], outcome["contacts"])
+
+    def _record_until_rest(self) -> s.Event:
+        start = time.monotonic()
+        struck_ns = time.monotonic_ns() + self._anchor_ns
+        while time.monotonic() - start < REST_TIMEOUT_S:
+            time.sleep(0.05)
+            answer = self._client.call("watch.latest")
+            event = answer["event"]
+            settled_ns = struck_ns + int(REST_MINIMUM_S * 1e9)
+            if not answer["alive"] or (event and event["at_rest"] and event["time_ns"] > settled_ns):
+                break
+        report = self._client.call("window.close")
+        self._frames += int(report["frames"])
+        self._lost += int(report["lost"])
+        return s.Recorded(int(report["start_ns"]), int(report["end_ns"]), int(report["frames"]), int(report["lost"]))
+
+    def _judge(self, action: s.Judge) -> s.Event:
+        contact = action.struck.contact_time_ns
+        answer = self._client.call(
+            "watch.judge",
+            plan_strike_id=action.strike.id,
+            strike_id=action.strike_id,
+            window_start_ns=action.recorded.window_start_ns,
+            window_end_ns=action.recorded.window_end_ns,
+            contact_time_ns=contact + self._anchor_ns if contact else 0,
+        )
+        return s.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
+
+    def _keep(self, action: s.Keep) -> None:
+        contact, verdict = action.struck.contact_time_ns, action.verdict
+        record: dict[str, Any] = {
+            "strike_id": action.strike_id,
+            "plan_strike_id": action.strike.id,
+            "attempt": action.attempt,
+            "window_start_ns": action.recorded.window_start_ns,
+            "window_end_ns": action.recorded.window_end_ns,
+            "contact_time_ns": contact + self._anchor_ns if contact else 0,
+            "contact_time_sd_ns": action.struck.contact_time_sd_ns,
+            "tip_speed_command_m_s": action.tip_speed_command_m_s,
+            "tip_speed_m_s": action.struck.tip_speed_m_s,
+            "R_world_object": [value for row in action.strike.R_world_object for value in row],
+            "p_world_object": action.strike.p_world_object,
+            "impact_height_m": action.strike.impact_height_m,
+        }
+        if verdict is not None:
+            record |= {"verdict_code": verdict.code.value, "verdict_text": verdict.reason, "energy_ratio": verdict.energy_ratio or 0.0}
+        self._client.call("recording.strike", **record)
+        self._kept += 1
+        done, total = self._machine.progress
+        code = verdict.code.value.replace("_", " ") if verdict else "no verdict"
+        energy = f", E = {verdict.energy_ratio:.2f}" if verdict and verdict.energy_ratio else ""
+        self._progress(f"{action.strike_id}: {code}{energy}", done, total)

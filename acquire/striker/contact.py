@@ -1,0 +1,231 @@
+"""When and how hard the arm met the object, from the servo's samples.
+
+The contact is the first touch: what the images can be compared with. A touch lasts a few milliseconds and the object is light, so that the
+arm loses 5-30 % of its speed: in the reads the beginning itself does not show, only the course of the loss as two registers tell it. It is
+fitted with a touch of a shape that the restitution gives and a duration known to half a millisecond; at 1 kHz the first touch comes out to
+0.2-0.3 ms, most of it the read's own time and that duration. An elastic (half-sine) touch would put it 0.4 ms earlier.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from acquire.striker.velocity_register import FINE_S, VELOCITY_SD, Reads, RegisterModel, filtered, learn_register
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from acquire.striker.servo import Sample
+
+CONTACT_SD_M = 0.001
+"""where the tip touches, against angle 0 (the stand is set by hand)"""
+TOUCH_S, TOUCH_SD_S = 0.003, 0.0005
+"""how long a touch of a hard tip with a package lasts"""
+SHAPE_SD_S = 2e-4
+"""what the shape of the touch leaves open, at the same restitution"""
+TOUCH_GRID = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+"""durations tried, in sd"""
+BEFORE_S = 0.04
+"""of even speed before the touch that is fitted"""
+GRID_BEFORE_S = 0.02
+"""from here on a touch is looked for"""
+RECOVERY_PER_S, RECOVERY_SD_PER_S = 120.0, 40.0
+"""how fast the servo makes up for a loss of speed: acceleration = this times the loss (XM430 with 0.0025 kg m2: 149 by its data sheet)"""
+TYPICAL_DROP = 0.2
+"""of the speed"""
+GRID_S = 1e-4
+SIGNIFICANT = 9.0
+"""chi-square by which a touch must beat an even speed"""
+FEWEST_READS = 8
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One contact as the arm felt it."""
+
+    time_ns: int
+    """host monotonic, first touch"""
+    time_sd_ns: float
+    velocity: float
+    """rad/s, arm, just before"""
+    velocity_sd: float
+    drop: float | None
+    """rad/s that the touch took from the arm; None where no drop stands out"""
+    drop_sd: float
+
+
+def fit_contact(samples: Sequence[Sample], turned_ns: int, arm_length: float, restitution: float) -> Contact | None:
+    """Fit an even speed, a touch and the servo's recovery from it to position and velocity.
+
+    x'(t) = b - d lost(u) - d_r d lost / d r, u = t - tc: `lost` is the share of the drop d that is taken and not yet recovered at the
+    rate r, d_r = d times r's error; the velocity register shows x' through what `learn_register` found. tc, the touch's duration and the
+    register's model are scanned, the rest (x(tc), b, d, d_r) is linear and integrated out; tc's prior is where the tip should touch, with
+    the tails of a Cauchy distribution, so that a clear drop elsewhere wins.
+
+    Args:
+        samples: of the swing and of the retraction, in order.
+        turned_ns: when the retraction was commanded (host monotonic): later samples only tell of the register.
+        arm_length: m.
+        restitution: of the touch, 0-1: shapes its force.
+
+    Returns:
+        None when the arm neither came to angle 0 nor lost speed before it.
+    """
+    swing = [s for s in samples if s.time_ns <= turned_ns]
+    if len(swing) < 2:
+        return None
+    arrived = swing[-1].position_rad > -3 * CONTACT_SD_M / arm_length
+    origin_ns = swing[-1].time_ns
+    near = [s for s in swing if origin_ns - s.time_ns < (BEFORE_S + 0.01) * 1e9]
+    if len(near) < FEWEST_READS:
+        return _crossing(swing, arm_length) if arrived else None
+    reads = Reads.of(near, origin_ns)
+    models = learn_register(samples, turned_ns)
+    fits = _touches(reads, models, restitution)
+    line = _even(reads)
+    scale = max(1.0, float(fits.chi2.min()) / max(1, 2 * len(near) - 4))
+    log_weight = fits.log_prior - 0.5 * fits.chi2 / scale + 0.5 * np.linalg.slogdet(fits.covariance)[1]
+    log_weight = log_weight - np.log1p((fits.solution[:, 0] * arm_length / CONTACT_SD_M) ** 2)
+    weight = np.exp(log_weight - log_weight.max())
+    weight /= weight.sum()
+    mean = weight @ fits.solution
+    spread = np.einsum("g,gij->ij", weight, fits.covariance * scale) + (fits.solution - mean).T @ ((fits.solution - mean) * weight[:, None])
+    read_sd = float(np.median(reads.width)) / np.sqrt(12)
+    lag_sd = sum(model.weight * model.lag_sd for model in models)
+    best = int(np.argmax(log_weight))
+    if (line.chi2 - fits.chi2[best]) / scale > SIGNIFICANT and mean[2] > 0:
+        when = float(weight @ fits.time)
+        when_sd = float(np.sqrt(weight @ (fits.time - when) ** 2 + GRID_S**2 / 12 + read_sd**2 + SHAPE_SD_S**2 + lag_sd**2))
+        velocity_sd, drop_sd = np.sqrt(np.diag(spread)[1:3])
+        return Contact(origin_ns + round(when * 1e9), when_sd * 1e9, float(mean[1]), float(velocity_sd), float(mean[2]), float(drop_sd))
+    if line.velocity <= 0 or not arrived:
+        return None
+    when = -line.position / line.velocity
+    when_sd = float(np.hypot(CONTACT_SD_M / arm_length / line.velocity, read_sd))
+    return Contact(origin_ns + round(when * 1e9), when_sd * 1e9, line.velocity, line.velocity_sd, None, 0.0)
+
+
+def _crossing(samples: Sequence[Sample], arm_length: float) -> Contact | None:
+    """From the reads on either side of angle 0: all that is left when the host stood still in a swing."""
+    after = next((k for k, s in enumerate(samples) if k and s.position_rad >= 0), len(samples) - 1)
+    first, last = samples[after - 1], samples[after]
+    recent = [s.velocity_rad_s for s in samples[max(0, after - 8) : after]]
+    velocity = float(np.median(recent))
+    if velocity <= 0:
+        return None
+    gap_ns = last.time_ns - first.time_ns
+    late_ns = min(max(0.0, -first.position_rad / velocity * 1e9), gap_ns)
+    sd_ns = float(np.hypot(CONTACT_SD_M / arm_length / velocity * 1e9, gap_ns / np.sqrt(12)))
+    return Contact(first.time_ns + round(late_ns), sd_ns, velocity, float(np.hypot(np.std(recent), VELOCITY_SD)), None, 0.0)
+
+
+@dataclass(frozen=True)
+class _Line:
+    position: float
+    velocity: float
+    velocity_sd: float
+    chi2: float
+
+
+def _even(reads: Reads) -> _Line:
+    """Constant speed through all of it: position at t = 0, velocity, and how badly it fits."""
+    one, zero = np.ones_like(reads.time), np.zeros_like(reads.time)
+    x_sd, v_sd = reads.position_sd, np.full_like(one, VELOCITY_SD)
+    A = np.concatenate([np.stack([one, reads.time], -1) / x_sd[:, None], np.stack([zero, one], -1) / v_sd[:, None]])
+    y = np.concatenate([reads.position / x_sd, reads.velocity / v_sd])
+    inverse = np.linalg.inv(A.T @ A)
+    position, velocity = inverse @ (A.T @ y)
+    residual = y - A @ np.array([position, velocity])
+    chi2 = float(residual @ residual)
+    return _Line(float(position), float(velocity), float(np.sqrt(inverse[1, 1] * max(1.0, chi2 / (len(y) - 2)))), chi2)
+
+
+@dataclass(frozen=True)
+class _Touches:
+    """Fits, one per time, duration and register model (g,): (x at tc, b, d, d_r) and what speaks for each."""
+
+    time: NDArray[np.float64]
+    """s, of first touch"""
+    solution: NDArray[np.float64]
+    """(g, 4)"""
+    covariance: NDArray[np.float64]
+    """(g, 4, 4)"""
+    chi2: NDArray[np.float64]
+    log_prior: NDArray[np.float64]
+
+
+def _touches(reads: Reads, models: Sequence[RegisterModel], restitution: float) -> _Touches:
+    """Every hypothesis fitted. A touch after the last read cannot be told from none; one too early leaves no speed to compare with."""
+    tc = np.arange(max(-GRID_BEFORE_S, 0.67 * reads.time[0]), 0.0, GRID_S)
+    u = reads.time[None, :] - tc[:, None]
+    one, zero = np.ones_like(u), np.zeros_like(u)
+    x_sd = reads.position_sd
+    recovery_sd = RECOVERY_SD_PER_S * TYPICAL_DROP * max(float(np.median(reads.velocity)), VELOCITY_SD)
+    recovery = np.broadcast_to(np.array([0.0, 0.0, 0.0, 1.0]) / recovery_sd, (len(u), 1, 4))
+    parts: list[_Touches] = []
+    for z in TOUCH_GRID:
+        courses = _courses(restitution, TOUCH_S + float(z) * TOUCH_SD_S, -float(reads.time[0]))
+        way = [_at(np.cumsum(course) * FINE_S, u) for course in courses]
+        from_position = np.stack([one, u, -way[0], -way[1]], -1) / x_sd[None, :, None]
+        for model in models:
+            age, age_sd = reads.age(model.phase_ns)
+            v_sd = reads.velocity_sd(age_sd)
+            seen = u - age - model.lag
+            shown = [_at(filtered(course, model.tau), seen) for course in courses]
+            from_velocity = np.stack([zero, one, -shown[0], -shown[1]], -1) / v_sd[None, :, None]
+            A = np.concatenate([from_position, from_velocity, recovery], axis=1)
+            y = np.concatenate([reads.position / x_sd, reads.velocity / v_sd, [0.0]])
+            covariance: NDArray[np.float64] = np.linalg.inv(np.swapaxes(A, 1, 2) @ A).astype(np.float64)
+            solution = np.einsum("gij,gj->gi", covariance, np.einsum("gni,n->gi", A, y))
+            residual = y[None, :] - np.einsum("gni,gi->gn", A, solution)
+            chi2 = np.einsum("gn,gn->g", residual, residual) + 2 * float(np.log(v_sd / VELOCITY_SD).sum())
+            prior = float(np.log(model.weight)) - 0.5 * float(z) ** 2
+            parts.append(_Touches(tc, solution, covariance, chi2, np.full_like(tc, prior)))
+    return _Touches(*(np.concatenate([getattr(part, name) for part in parts]) for name in _Touches.__dataclass_fields__))
+
+
+def _at(course: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A course that starts at u = 0 in steps of FINE_S, at times u of any shape; 0 before it."""
+    return np.interp(u.ravel(), np.arange(len(course)) * FINE_S, course, left=0.0).reshape(u.shape)
+
+
+def _courses(restitution: float, duration: float, length: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """From first touch in steps of FINE_S for `length` [s]: share of the drop that is lost, and its derivative by the rate of recovery."""
+    force = np.interp(np.arange(0.0, length + FINE_S, FINE_S) / duration, *_force(restitution), right=0.0)
+    taken = (np.cumsum(force) - 0.5 * force) / force.sum()
+    slower, lost, faster = (
+        taken - filtered(taken, 1.0 / rate)
+        for rate in (RECOVERY_PER_S - RECOVERY_SD_PER_S, RECOVERY_PER_S, RECOVERY_PER_S + RECOVERY_SD_PER_S)
+    )
+    return lost, (faster - slower) / (2 * RECOVERY_SD_PER_S)
+
+
+@cache
+def _force(restitution: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Force of a touch over its duration (0-1): a damped linear spring, cut where it would pull (Kelvin and Voigt; Nagurka and Huang 2004).
+
+    x'' = -x - 2 zeta x' from x = 0, x' = 1; zeta is halved in until x' at the end is minus the restitution. A touch of
+    Hunt and Crossley's shape (1975) with the same restitution is put 0.2 ms too early: SHAPE_SD_S.
+    """
+    low, high = 0.0, 1.0
+    for _ in range(30):
+        zeta = 0.5 * (low + high)
+        low, high = (zeta, high) if -_spring(zeta)[2] > restitution else (low, zeta)
+    return _spring(0.5 * (low + high))[:2]
+
+
+def _spring(zeta: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    t = np.linspace(0.0, np.pi / np.sqrt(max(1e-9, 1 - min(zeta, 0.999) ** 2)), 400)
+    omega = np.sqrt(1 - min(zeta, 0.999) ** 2)
+    decay = np.exp(-zeta * t)
+    x = decay * np.sin(omega * t) / omega
+    v = decay * (np.cos(omega * t) - zeta / omega * np.sin(omega * t))
+    force = x + 2 * zeta * v
+    end = next((k for k in range(1, len(t)) if force[k] <= 0), len(t) - 1)
+    return t[: end + 1] / t[end], np.maximum(force[: end + 1], 0.0), float(v[end])

@@ -1,0 +1,61 @@
+"""The servo's registers, read from the tables that ship with dynamixel-sdk: nothing is typed twice."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+MODEL_FILES = {1020: "xm430_w350.model", 1030: "xm430_w210.model"}
+"""Model number -> vendor's table. XL430 is missing on purpose: it has no current register, so neither cap nor mode 5."""
+
+MODEL_NAMES = {1020: "XM430-W350", 1030: "XM430-W210"}
+
+SIGNED = frozenset(
+    {"Homing Offset", "Goal PWM", "Goal Current", "Goal Velocity", "Goal Position", "Present PWM", "Present Current"}
+) | frozenset({"Present Velocity", "Present Position", "Velocity Trajectory", "Position Trajectory"})
+
+EEPROM_END = 64
+"""Registers below are EEPROM: writable only with torque off."""
+
+
+@dataclass(frozen=True)
+class Register:
+    """One entry of the control table."""
+
+    name: str
+    address: int
+    size: int
+    """bytes, little endian"""
+
+    @property
+    def signed(self) -> bool:
+        """Whether its value is two's complement."""
+        return self.name in SIGNED
+
+    def decode(self, data: bytes) -> int:
+        """Value of `size` bytes; the SDK hands out unsigned numbers only."""
+        return int.from_bytes(data[: self.size], "little", signed=self.signed)
+
+    def encode(self, value: int) -> bytes:
+        """Bytes of a value, wrapped to the register's width."""
+        return (value & ((1 << 8 * self.size) - 1)).to_bytes(self.size, "little")
+
+
+@cache
+def control_table(model: int) -> dict[str, Register]:
+    """Registers by the vendor's names, indirect ones left out.
+
+    Args:
+        model: model number, as a ping returns it; a key of MODEL_FILES.
+
+    Raises:
+        ModuleNotFoundError: dynamixel-sdk is not installed.
+    """
+    spec = importlib.util.find_spec("dynamixel_easy_sdk")  # located, not imported: its motor class dies on an ALERT status
+    if spec is None or spec.origin is None:
+        raise ModuleNotFoundError("dynamixel-sdk is not installed: pip install 'percuss[rig]'")
+    lines = (Path(spec.origin).parent / "control_table" / MODEL_FILES[model]).read_text(encoding="utf-8").splitlines()
+    rows = (line.split("\t") for line in lines[lines.index("[control table]") + 2 :] if line.strip())
+    return {name: Register(name, int(address), int(size)) for address, size, name in rows if not name.startswith("Indirect")}

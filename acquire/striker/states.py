@@ -1,0 +1,97 @@
+"""The order of a strike, pure: which state may follow which, and how long each may last."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from acquire.errors import StrikerRefused
+from acquire.striker.base import StrikerState
+
+_S = StrikerState
+
+TRANSITIONS: dict[StrikerState, frozenset[StrikerState]] = {
+    _S.DISARMED: frozenset({_S.HOMED, _S.ARMED}),
+    _S.HOMED: frozenset({_S.HOMED, _S.ARMED, _S.DISARMED}),
+    _S.ARMED: frozenset({_S.COCKING, _S.DISARMED}),
+    _S.COCKING: frozenset({_S.SETTLED, _S.DISARMED}),
+    _S.SETTLED: frozenset({_S.RELEASED, _S.DISARMED}),
+    _S.RELEASED: frozenset({_S.CONTACT, _S.MISS, _S.DISARMED}),
+    _S.CONTACT: frozenset({_S.CATCH, _S.DISARMED}),
+    _S.MISS: frozenset({_S.CATCH, _S.DISARMED}),
+    _S.CATCH: frozenset({_S.VERIFY, _S.DISARMED}),
+    _S.VERIFY: frozenset({_S.DISARMED}),
+    _S.FAULT: frozenset({_S.HOMED}),
+}
+"""FAULT follows any state and is not listed; only homing leaves it."""
+
+GUARD_S: dict[StrikerState, float] = {
+    _S.COCKING: 5.0,
+    _S.RELEASED: 1.5,
+    _S.CONTACT: 0.25,
+    _S.MISS: 0.25,
+    _S.CATCH: 3.0,
+    _S.VERIFY: 2.0,
+}
+"""Longest stay in the states that move; DISARMED, HOMED and FAULT may last, ARMED and SETTLED end with the arming."""
+
+MOVING = frozenset(GUARD_S)
+
+
+@dataclass(frozen=True)
+class StrikerStatus:
+    """Where a striker stands, and since when (host monotonic)."""
+
+    state: StrikerState
+    since_ns: int
+    homed: bool = False
+    """the arm is where it should be, torque on"""
+    armed_ns: int | None = None
+    """when the one shot was allowed; None outside"""
+
+
+def advance(status: StrikerStatus, to: StrikerState, now_ns: int) -> StrikerStatus:
+    """The status after a transition.
+
+    Raises:
+        StrikerRefused: `to` may not follow, or nothing may move before homing.
+    """
+    if to is _S.FAULT:
+        return StrikerStatus(to, now_ns, homed=False)
+    if to not in TRANSITIONS[status.state]:
+        raise StrikerRefused(f"the striker is {status.state.value}: it cannot become {to.value}; {_remedy(status, to)}")
+    if to is _S.ARMED:
+        if not status.homed:
+            raise StrikerRefused("the striker is not homed; home it before arming")
+        return StrikerStatus(to, now_ns, homed=True, armed_ns=now_ns)
+    if to is _S.HOMED:
+        return StrikerStatus(to, now_ns, homed=True)
+    if to is _S.DISARMED:
+        return StrikerStatus(to, now_ns, homed=status.homed)
+    return replace(status, state=to, since_ns=now_ns)
+
+
+def _remedy(status: StrikerStatus, to: StrikerState) -> str:
+    if status.state is _S.FAULT:
+        return "home it to clear the fault"
+    if to is _S.RELEASED:
+        return "arm and cock it first"
+    if to is _S.COCKING:
+        return "arm it first (one shot each time)"
+    return "finish or stop the strike first"
+
+
+def unhomed(now_ns: int) -> StrikerStatus:
+    """DISARMED after a motion was broken off: the arm may be anywhere."""
+    return StrikerStatus(_S.DISARMED, now_ns, homed=False)
+
+
+def arming_expired(status: StrikerStatus, now_ns: int, expires_s: float) -> bool:
+    """Whether an arming that was not used in time is void. It counts until the release."""
+    waiting = status.state in {_S.ARMED, _S.COCKING, _S.SETTLED}
+    return waiting and status.armed_ns is not None and now_ns - status.armed_ns > expires_s * 1e9
+
+
+def overdue(status: StrikerStatus, now_ns: int) -> bool:
+    """Whether a moving state lasts longer than its guard allows."""
+    guard_s = GUARD_S.get(status.state)
+    return guard_s is not None and now_ns - status.since_ns > guard_s * 1e9

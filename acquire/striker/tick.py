@@ -1,0 +1,56 @@
+"""The servo's realtime tick, unwrapped and handed on as clock samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from acquire.striker.servo import TICK_WRAP
+from schemas.proto import percuss_pb2 as pb
+
+if TYPE_CHECKING:
+    from acquire.striker.base import ClockSink
+    from acquire.striker.servo import Sample
+
+PERIOD_NS = 500_000_000
+
+
+class TickClock:
+    """Counts the turns of the tick, which is 1 ms, wraps at 32768 and restarts with the servo.
+
+    Each read bounds the device's clock: somewhere between before and after it showed the tick, that is at least the tick's value and less
+    than 1 ms more. Intersecting these bounds over 5-10 s leaves about 0.4 ms.
+    """
+
+    def __init__(self, sink: ClockSink) -> None:
+        self._sink = sink
+        self._ticks: int | None = None
+        self._host_ns = 0
+        self._sent_ns = 0
+        self._offset = 0
+
+    def restart(self) -> None:
+        """The servo was rebooted: its tick starts again; ours goes on."""
+        if self._ticks is not None:
+            self._offset = -1
+
+    def observe(self, sample: Sample) -> None:
+        """Take a sample in; hand a ClockSample on, twice a second."""
+        if self._ticks is None:
+            self._ticks = sample.tick_ms
+        else:
+            expected = self._ticks + (sample.time_ns - self._host_ns) // 1_000_000
+            if self._offset < 0:
+                self._offset = (expected - sample.tick_ms) % TICK_WRAP
+            ahead = (sample.tick_ms + self._offset - expected + TICK_WRAP // 2) % TICK_WRAP - TICK_WRAP // 2
+            self._ticks = expected + ahead
+        self._host_ns = sample.time_ns
+        if sample.time_ns - self._sent_ns >= PERIOD_NS:
+            self._sent_ns = sample.time_ns
+            self._sink(
+                pb.ClockSample(
+                    clock="striker",
+                    device_time_ns=self._ticks * 1_000_000,
+                    host_before_ns=sample.host_before_ns,
+                    host_after_ns=sample.host_after_ns,
+                )
+            )

@@ -1,0 +1,1 @@
+"""The virtual rig: physics, images and devices behind real wires. Production code never imports it."""

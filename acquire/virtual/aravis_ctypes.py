@@ -1,0 +1,95 @@
+"""The few functions of libaravis that the virtual camera needs, through ctypes.
+
+Not through GObject introspection: `arv_fake_camera_set_fill_pattern` is annotated with scope "call", so PyGObject frees the
+callback and the first frame crashes the process (as stream callbacks did, Aravis #453). ctypes keeps it alive as long as we do.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from acquire.errors import CameraError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+FILL_PATTERN = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
+"""void fill(ArvBuffer *, void *data, guint32 exposure_us, guint32 gain, ArvPixelFormat)"""
+
+
+@dataclass(frozen=True)
+class AravisLibrary:
+    """Typed entry points; `fake` is an ArvFakeCamera*, `gv_fake` an ArvGvFakeCamera*, `buffer` an ArvBuffer*."""
+
+    gv_fake_new_full: Any
+    gv_fake_get_fake: Any
+    gv_fake_is_running: Any
+    fake_set_fill_pattern: Any
+    fake_write_register: Any
+    fake_read_register: Any
+    fake_write_memory: Any
+    buffer_get_data: Any
+    buffer_get_image_region: Any
+    buffer_set_timestamp: Any
+    object_unref: Any
+
+    def write_register(self, fake: int, address: int, value: int) -> None:
+        """Write one 32-bit register of the fake camera."""
+        self.fake_write_register(fake, address, value)
+
+    def read_register(self, fake: int, address: int) -> int:
+        """Read one 32-bit register of the fake camera."""
+        value = ctypes.c_uint32()
+        self.fake_read_register(fake, address, ctypes.byref(value))
+        return value.value
+
+    def fill(self, buffer: int, image: NDArray[np.uint8]) -> None:
+        """Copy an image into a buffer. The size that `arv_buffer_get_data` reports is what a *receiver* got: 0 here."""
+        region = [ctypes.c_int() for _ in range(4)]
+        self.buffer_get_image_region(buffer, *(ctypes.byref(entry) for entry in region))
+        pixels = region[2].value * region[3].value
+        ctypes.memmove(self.buffer_get_data(buffer, ctypes.byref(ctypes.c_size_t())), image.ctypes.data, min(pixels, image.size))
+
+    def write_text(self, fake: int, address: int, size: int, text: str) -> None:
+        """Write a zero-padded string of the bootstrap registers."""
+        data = text.encode()[: size - 1].ljust(size, b"\0")
+        self.fake_write_memory(fake, address, size, ctypes.c_char_p(data))
+
+
+@cache
+def load() -> AravisLibrary:
+    """Load libaravis.
+
+    Raises:
+        CameraError: the library is not installed.
+    """
+    try:
+        aravis, gobject = ctypes.CDLL("libaravis-0.8.so.0"), ctypes.CDLL("libgobject-2.0.so.0")
+    except OSError as error:
+        raise CameraError(f"virtual camera: {error}: install Debian's libaravis-0.8-0") from None
+
+    def function(library: ctypes.CDLL, name: str, result: Any, *arguments: Any) -> Any:
+        entry = getattr(library, name)
+        entry.restype, entry.argtypes = result, arguments
+        return entry
+
+    pointer, u32, u64, text = ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint64, ctypes.c_char_p
+    four_ints = [ctypes.POINTER(ctypes.c_int)] * 4
+    return AravisLibrary(
+        gv_fake_new_full=function(aravis, "arv_gv_fake_camera_new_full", pointer, text, text, text),
+        gv_fake_get_fake=function(aravis, "arv_gv_fake_camera_get_fake_camera", pointer, pointer),
+        gv_fake_is_running=function(aravis, "arv_gv_fake_camera_is_running", ctypes.c_int, pointer),
+        fake_set_fill_pattern=function(aravis, "arv_fake_camera_set_fill_pattern", None, pointer, FILL_PATTERN, pointer),
+        fake_write_register=function(aravis, "arv_fake_camera_write_register", ctypes.c_int, pointer, u32, u32),
+        fake_read_register=function(aravis, "arv_fake_camera_read_register", ctypes.c_int, pointer, u32, ctypes.POINTER(u32)),
+        fake_write_memory=function(aravis, "arv_fake_camera_write_memory", ctypes.c_int, pointer, u32, u32, pointer),
+        buffer_get_data=function(aravis, "arv_buffer_get_data", pointer, pointer, ctypes.POINTER(ctypes.c_size_t)),
+        buffer_get_image_region=function(aravis, "arv_buffer_get_image_region", None, pointer, *four_ints),
+        buffer_set_timestamp=function(aravis, "arv_buffer_set_timestamp", None, pointer, u64),
+        # CDLL calls release the GIL: the unref joins the fake's thread, whose callback may be waiting for it.
+        object_unref=function(gobject, "g_object_unref", None, pointer),
+    )

@@ -1,0 +1,164 @@
+"""Process 2 of the virtual rig: reads the world's poses, renders what a camera would see, serves it as a GigE Vision camera.
+
+    python -m acquire.virtual.camera_process --object carton --seed 1 --dir RUN --address 127.0.0.1
+
+Prints `{"ready": true, ...}` once it can be opened and its statistics when it ends: on SIGTERM, or when its parent is gone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import gc
+import json
+import os
+import signal
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import cv2
+import numpy as np
+
+from acquire.clock import Clock, SystemClock
+from acquire.errors import AcquireError
+from acquire.virtual.gige_camera import ImageSource, StreamSettings, VirtualGigeCamera
+from acquire.virtual.pose_ring import PoseRing, PoseRingError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+WORLD_START_S = 10.0
+STATISTICS_FILE = "camera.json"
+SWITCH_INTERVAL_S = 5e-4
+"""a latch or a frame that is due waits this long at most for the interpreter"""
+
+
+class WorldRenderer(Protocol):
+    """What turns poses into an image (`acquire.virtual.render.Renderer`); arguments as `PosesAt` holds them."""
+
+    def subexposures_needed(self, p_world_object: Floats, q_wxyz: Floats, arm_angle: Floats, arm_axis_world: Floats, /) -> int:
+        """How many poses an exposure needs, judged by those at its start and end."""
+        ...
+
+    def render(
+        self, p_world_object: Floats, q_wxyz: Floats, arm_angle: Floats, arm_axis_world: Floats, exposure_us: float, gain_db: float, /
+    ) -> NDArray[np.uint8]:
+        """Image (492, 656) of an exposure of k poses: p (k, 3), q (k, 4), angle (k,), axis (k, 3)."""
+        ...
+
+
+class WorldSource:
+    """Images of the world's ring of poses."""
+
+    def __init__(self, ring: PoseRing, renderer: WorldRenderer) -> None:
+        self._ring, self._renderer = ring, renderer
+
+    def latest_time_ns(self) -> int:
+        """Time of the newest pose [host monotonic ns]."""
+        return self._ring.latest_time_ns()
+
+    def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
+        """The region (height, width) of the exposure that starts at `start_ns`."""
+        exposure_ns = settings.exposure_us * 1e3
+        poses = self._ring.at([start_ns, start_ns + round(exposure_ns)])
+        count = self._renderer.subexposures_needed(poses.p_world_object, poses.q_world_object_wxyz, poses.arm_angle, poses.arm_axis_world)
+        if count > 1:
+            middles = (np.arange(count) + 0.5) * (exposure_ns / count)
+            poses = self._ring.at(start_ns + np.round(middles).astype(np.int64))
+        p, q, arm_angle, arm_axis = (entry[:count] for entry in poses)
+        image = self._renderer.render(p, q, arm_angle, arm_axis, settings.exposure_us, settings.gain_db)
+        return image[settings.offset_y :, settings.offset_x :][: settings.height, : settings.width]
+
+
+def wait_for_world(path: Path, clock: Clock) -> PoseRing:
+    """The ring, once it holds a pose.
+
+    Raises:
+        PoseRingError: the world did not start in time.
+    """
+    end_ns = clock.monotonic_ns() + round(WORLD_START_S * 1e9)
+    while True:
+        try:
+            ring = PoseRing.open(path)
+            ring.latest_time_ns()
+        except PoseRingError:
+            if clock.monotonic_ns() > end_ns:
+                raise
+            clock.sleep(0.05)
+        else:
+            return ring
+
+
+def serve(source: ImageSource, arguments: argparse.Namespace, clock: Clock) -> None:
+    """Be a camera until SIGTERM, SIGINT or the parent's death."""
+    stopped = False
+
+    def request_stop(*_: object) -> None:
+        nonlocal stopped
+        stopped = True
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, request_stop)
+    parent = arguments.parent or os.getppid()  # who started us may be gone before we have come so far
+    camera = VirtualGigeCamera(
+        arguments.address, f"VIRTUAL-{arguments.seed}", source, clock, packet_loss=arguments.packet_loss, seed=arguments.seed
+    )
+    try:
+        _say({"ready": True, "address": arguments.address, "pid": os.getpid()})
+        while not stopped and os.getppid() == parent:
+            clock.sleep(0.1)
+    finally:
+        camera.close()
+    statistics = {**asdict(camera.statistics), "cpu_s": _cpu_s(), **camera.packet_counts}
+    # The parent may have closed our output already: the file is what remains.
+    with contextlib.suppress(OSError):
+        (arguments.dir / STATISTICS_FILE).write_text(json.dumps(statistics) + "\n", encoding="utf-8")
+    with contextlib.suppress(OSError):
+        _say(statistics)
+
+
+def main() -> int:
+    """Entry point; one line on standard error and exit code 1 where the camera cannot start."""
+    parser = argparse.ArgumentParser(prog="camera_process", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--object", required=True, help="carton, spray, juice or salt")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--dir", type=Path, required=True, help="the run's folder, holds pose.ring")
+    parser.add_argument("--address", default="127.0.0.1", help="loopback address of the camera")
+    parser.add_argument("--packet-loss", type=float, default=0.0, help="share of stream packets to lose")
+    parser.add_argument("--parent", type=int, help="process id whose end is ours; default: who started us")
+    arguments = parser.parse_args()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    cv2.setNumThreads(1)
+    clock = SystemClock()
+    try:
+        from acquire.virtual.objects import load_object
+        from acquire.virtual.render import Renderer
+        from acquire.virtual.station import station
+
+        ring = wait_for_world(arguments.dir / "pose.ring", clock)
+        renderer = Renderer(load_object(arguments.object, arguments.seed), station(arguments.seed), arguments.seed)
+        gc.collect()
+        gc.freeze()
+        serve(WorldSource(ring, renderer), arguments, clock)
+    except AcquireError as error:
+        print(error, file=sys.stderr)  # noqa: T201 - this is a program
+        return 1
+    return 0
+
+
+def _say(document: dict[str, object]) -> None:
+    sys.stdout.write(json.dumps(document) + "\n")
+    sys.stdout.flush()
+
+
+def _cpu_s() -> float:
+    times = os.times()
+    return times.user + times.system
+
+
+if __name__ == "__main__":
+    sys.exit(main())

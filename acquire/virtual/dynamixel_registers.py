@@ -1,0 +1,142 @@
+"""Memory of the virtual XM430-W210: defaults, ranges and access rules of its control table (vendor's e-manual)."""
+
+from __future__ import annotations
+
+from acquire.striker.control_table import EEPROM_END, control_table
+from acquire.virtual.dynamixel_protocol import StatusError
+
+MODEL = 1030
+WATCHDOG_TRIPPED = 0xFF
+
+# name: (default, smallest, largest); registers that are not listed start at 0 and take any value.
+_SPECIFICATION: dict[str, tuple[int, int, int]] = {
+    "Firmware Version": (47, 0, 255),
+    "ID": (1, 0, 252),
+    "Baud Rate": (1, 0, 7),
+    "Return Delay Time": (250, 0, 254),
+    "Operating Mode": (3, 0, 16),
+    "Protocol Type": (2, 1, 2),
+    "Secondary(Shadow) ID": (255, 0, 255),
+    "Moving Threshold": (10, 0, 1023),
+    "Temperature Limit": (80, 0, 100),
+    "Max Voltage Limit": (160, 95, 160),
+    "Min Voltage Limit": (95, 95, 160),
+    "PWM Limit": (885, 0, 885),
+    "Current Limit": (1193, 0, 1193),
+    "Velocity Limit": (330, 0, 1023),
+    "Max Position Limit": (4095, 0, 4095),
+    "Min Position Limit": (0, 0, 4095),
+    "Shutdown": (52, 0, 63),
+    "Torque Enable": (0, 0, 1),
+    "LED": (0, 0, 1),
+    "Status Return Level": (2, 0, 2),
+    "Velocity I Gain": (1920, 0, 16383),
+    "Velocity P Gain": (100, 0, 16383),
+    "Position D Gain": (0, 0, 16383),
+    "Position I Gain": (0, 0, 16383),
+    "Position P Gain": (800, 0, 16383),
+    "Bus Watchdog": (0, 0, 127),
+    "Profile Velocity": (0, 0, 32767),
+    "Profile Acceleration": (0, 0, 32767),
+    "Goal PWM": (885, -885, 885),
+    "Goal Current": (1193, -1193, 1193),
+    "Goal Velocity": (330, -1023, 1023),
+    "Goal Position": (2048, -1048575, 1048575),
+    "Present Input Voltage": (120, 0, 0),
+    "Present Temperature": (31, 0, 0),
+}
+_LIMITED_BY = {
+    "Goal PWM": "PWM Limit",
+    "Goal Current": "Current Limit",
+    "Goal Velocity": "Velocity Limit",
+    "Profile Velocity": "Velocity Limit",
+}
+_READ_ONLY = {
+    "Model Number", "Model Information", "Firmware Version", "Registered Instruction", "Hardware Error Status", "Realtime Tick", "Moving",
+    "Moving Status", "Velocity Trajectory", "Position Trajectory",
+}  # fmt: skip
+_GOALS = {"Goal PWM", "Goal Current", "Goal Velocity", "Goal Position"}
+_OPERATING_MODES = {0, 1, 3, 4, 5, 16}
+
+
+class Registers:
+    """The control table, by name for the servo and by address for the wire."""
+
+    def __init__(self, servo_id: int, baud_index: int) -> None:
+        self._table = {name: register for name, register in control_table(MODEL).items() if register.address < 168}
+        self._at = {register.address: register for register in self._table.values()}
+        self._defined = {register.address + k for register in self._table.values() for k in range(register.size)}
+        self._memory = bytearray(168)
+        self._values: dict[str, int] = {}
+        self.factory_reset(servo_id, baud_index)
+
+    def __getitem__(self, name: str) -> int:
+        return self._values[name]
+
+    def __setitem__(self, name: str, value: int) -> None:
+        register = self._table[name]
+        encoded = register.encode(value)
+        self._memory[register.address : register.address + register.size] = encoded
+        self._values[name] = register.decode(encoded)
+
+    def factory_reset(self, servo_id: int, baud_index: int) -> None:
+        """All registers to their defaults, but for the two given."""
+        for name in self._table:
+            self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
+        self["Model Number"], self["ID"], self["Baud Rate"] = MODEL, servo_id, baud_index
+
+    def reboot(self) -> None:
+        """RAM to its defaults, goals to the limits; EEPROM stays."""
+        for name, register in self._table.items():
+            if register.address >= EEPROM_END:
+                self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
+        for name in ("Goal PWM", "Goal Current", "Goal Velocity"):
+            self[name] = self[_LIMITED_BY[name]]
+
+    def read(self, address: int, size: int) -> tuple[StatusError, bytes]:
+        """Bytes from the wire's side."""
+        if size == 0 or address not in self._defined or address + size - 1 not in self._defined:
+            return StatusError.ACCESS, b""
+        return StatusError.NONE, bytes(self._memory[address : address + size])
+
+    def write(self, address: int, data: bytes) -> tuple[StatusError, list[str]]:
+        """Bytes from the wire's side, all or nothing: the error, and the names of what was written."""
+        written: list[tuple[str, int]] = []
+        offset = 0
+        while offset < len(data):
+            register = self._at.get(address + offset)
+            if register is None:
+                if offset and address + offset not in self._defined:
+                    offset += 1  # a hole between two registers
+                    continue
+                return StatusError.ACCESS, []
+            if len(data) - offset < register.size:
+                return StatusError.LENGTH, []
+            value = register.decode(data[offset : offset + register.size])
+            error = self._check(register.name, register.address, value)
+            if error is not StatusError.NONE:
+                return error, []
+            written.append((register.name, value))
+            offset += register.size
+        for name, value in written:
+            self[name] = value
+        return StatusError.NONE, [name for name, _ in written]
+
+    def _check(self, name: str, address: int, value: int) -> StatusError:
+        if name in _READ_ONLY or name.startswith("Present"):
+            return StatusError.ACCESS
+        if address < EEPROM_END and self["Torque Enable"]:
+            return StatusError.ACCESS
+        low, high = _SPECIFICATION[name][1:] if name in _SPECIFICATION else (-(1 << 31), 1 << 31)
+        if not low <= value <= high or (name == "Operating Mode" and value not in _OPERATING_MODES):
+            return StatusError.RANGE
+        if name in _LIMITED_BY and abs(value) > self[_LIMITED_BY[name]]:
+            return StatusError.LIMIT
+        single_turn = self["Operating Mode"] == 3  # in mode 5 the position limits do not bind: the client has to
+        if name == "Goal Position" and single_turn and not self["Min Position Limit"] <= value <= self["Max Position Limit"]:
+            return StatusError.LIMIT
+        if name in _GOALS and self["Bus Watchdog"] == WATCHDOG_TRIPPED:
+            return StatusError.RANGE
+        if name == "Torque Enable" and value and self["Hardware Error Status"] & self["Shutdown"]:
+            return StatusError.RESULT
+        return StatusError.NONE

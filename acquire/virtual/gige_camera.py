@@ -1,0 +1,296 @@
+"""A GigE Vision camera without a camera: Aravis's own fake (real GVCP and GVSP on loopback) that sends our images.
+
+Timing. Exposure slot n starts at t0 + n / fps in the camera's own clock. A render thread asks the source for each slot's image
+as soon as the source covers it; the fake's fill callback takes the oldest image that was not sent yet and waits where there is
+none. So the slots set the rate, every slot is sent exactly once, and a slow machine sends late, never less. A source that stalls
+stalls the control channel too, as a camera that hangs would.
+"""
+
+from __future__ import annotations
+
+import random
+import socket
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from acquire.errors import CameraError
+from acquire.virtual import aravis_ctypes
+from acquire.virtual.gige_interposer import (
+    GVCP_PORT,
+    LOOPBACK,
+    ControlRelay,
+    StreamRelay,
+    adopt_fake_sockets,
+    claim_control_port,
+    descriptors,
+    udp_socket,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from acquire.clock import Clock
+
+SENSOR_WIDTH, SENSOR_HEIGHT = 656, 492
+DRIFT = 37e-6
+CLOCK_OFFSET_NS = 5_000_000_000
+QUEUE_SLOTS = 32
+"""slots that wait to be sent; the render thread pauses above it, and catches up later"""
+_SENSOR_WIDTH, _SENSOR_HEIGHT, _WIDTH, _HEIGHT = 0x11C, 0x118, 0x100, 0x104
+_EXPOSURE_US, _FRAME_PERIOD, _GAIN = 0x120, 0x138, 0x110
+_OFFSET_X, _OFFSET_Y, _ACQUISITION = 0x130, 0x134, 0x124
+_VENDOR, _MODEL, _OWN_ADDRESS, _CAPABILITY, _RESEND_BIT = 0x48, 0x68, 0x24, 0x934, 4
+# Not "Prosilica": Aravis takes vendor-specific paths for that name.
+VENDOR, MODEL = "Allied Vision Technologies", "GUPPY-SIM GE656"
+
+
+@dataclass(frozen=True)
+class StreamSettings:
+    """What the client asked for: region of the sensor [px], exposure, gain, rate."""
+
+    width: int
+    height: int
+    offset_x: int
+    offset_y: int
+    exposure_us: float
+    gain_db: float
+    frame_rate_hz: float
+
+
+class ImageSource(Protocol):
+    """Where the pixels come from. Called from the render thread only."""
+
+    def latest_time_ns(self) -> int:
+        """Host monotonic time up to which the world is known."""
+        ...
+
+    def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
+        """(height, width) image of the exposure that starts at `start_ns`, host monotonic."""
+        ...
+
+
+@dataclass(frozen=True)
+class CameraStatistics:
+    """What the camera did since it was made."""
+
+    frames: int
+    """sent"""
+    render_ms_mean: float
+    late: int
+    """slots whose image was ready more than two frame periods after the exposure's end"""
+    latest_ms: float
+    """greatest delay of an image after its exposure's end"""
+
+
+@dataclass(frozen=True)
+class _Slot:
+    device_time_ns: int
+    image: NDArray[np.uint8]
+
+
+class DeviceClock:
+    """The camera's own crystal: an offset and a constant rate error against the host's. Does not model temperature."""
+
+    def __init__(self, clock: Clock, drift: float = DRIFT, offset_ns: int = CLOCK_OFFSET_NS) -> None:
+        self._clock, self._drift, self._offset_ns = clock, drift, offset_ns
+        self._host0_ns = clock.monotonic_ns()
+
+    def now_ns(self) -> int:
+        """Device time [ns]."""
+        return self.to_device(self._clock.monotonic_ns())
+
+    def to_device(self, host_ns: int) -> int:
+        """Device time of a host monotonic time [ns]."""
+        elapsed = host_ns - self._host0_ns
+        return self._offset_ns + elapsed + round(elapsed * self._drift)
+
+    def to_host(self, device_ns: int) -> int:
+        """Host monotonic time of a device time [ns]."""
+        elapsed = device_ns - self._offset_ns
+        return self._host0_ns + elapsed - round(elapsed * self._drift / (1.0 + self._drift))
+
+
+class VirtualGigeCamera:
+    """A camera at a loopback address. Does not model: optics (the source's part), chunk data, PTP, hardware triggers, jumbo-frame limits.
+
+    Raises:
+        CameraError: the control port is taken, or libaravis is missing.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        serial: str,
+        source: ImageSource,
+        clock: Clock,
+        drift: float = DRIFT,
+        packet_loss: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        self.device_clock = DeviceClock(clock, drift)
+        self._address, self._source, self._clock = address, source, clock
+        self._condition = threading.Condition()
+        self._slots: deque[_Slot] = deque()
+        self._streaming = self._closed = False
+        self._run = 0
+        self._frames = self._rendered = self._late = self._latest_ns = 0
+        self._render_s = 0.0
+        self._library = aravis_ctypes.load()
+        control = claim_control_port(address, clock)
+        try:
+            self._gv_fake, inner = self._make_fake(serial)
+        except BaseException:
+            control.close()
+            raise
+        self._fake: int = self._library.gv_fake_get_fake(self._gv_fake)
+        self._write_registers(packet_loss)
+        self._relay = ControlRelay(control, inner, self.device_clock.now_ns, 8333, self._on_acquisition)
+        self._stream = StreamRelay(packet_loss, random.Random(seed)) if packet_loss > 0 else None  # noqa: S311 - packet loss is no secret
+        self._fill_pattern = aravis_ctypes.FILL_PATTERN(self._fill)
+        self._library.fake_set_fill_pattern(self._fake, self._fill_pattern, None)
+        self._renderer = threading.Thread(target=self._render, name="gige-render")
+        self._renderer.start()
+        self._relay.start(self._stream)
+
+    @property
+    def packet_counts(self) -> dict[str, int]:
+        """Stream packets sent, dropped, resent; empty without packet loss."""
+        return {} if self._stream is None else dict(self._stream.counts)
+
+    @property
+    def statistics(self) -> CameraStatistics:
+        """Counts since the camera was made."""
+        return CameraStatistics(self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6)
+
+    def close(self) -> None:
+        """Vanish from the network; every thread and socket ends. A client sees the camera die."""
+        with self._condition:
+            if self._closed:
+                return
+            self._closed, self._streaming = True, False
+            self._condition.notify_all()
+        self._renderer.join()
+        self._library.object_unref(self._gv_fake)
+        self._relay.close()
+        if self._stream is not None:
+            self._stream.close()
+
+    def _make_fake(self, serial: str) -> tuple[int, socket.socket]:
+        # The fake is always made on 127.0.0.1 and its sockets are swapped afterwards. While the port there is kept busy it does
+        # not even try it, so that a camera at another address never disturbs the one at 127.0.0.1.
+        try:
+            guard = udp_socket(LOOPBACK, GVCP_PORT)
+        except OSError:
+            guard = None
+        try:
+            before = descriptors()
+            gv_fake = self._library.gv_fake_new_full(LOOPBACK.encode(), serial.encode(), None)
+            try:
+                return gv_fake, adopt_fake_sockets(before, self._address)
+            except CameraError:
+                self._library.object_unref(gv_fake)
+                raise
+        finally:
+            if guard is not None:
+                guard.close()
+
+    def _write_registers(self, packet_loss: float) -> None:
+        write = self._library.write_register
+        for register, value in (
+            (_SENSOR_WIDTH, SENSOR_WIDTH),
+            (_SENSOR_HEIGHT, SENSOR_HEIGHT),
+            (_WIDTH, SENSOR_WIDTH),
+            (_HEIGHT, SENSOR_HEIGHT),
+            # With a period of 1 us the fake polls once between frames (woken by `poke`) and then waits in our callback: a longer
+            # one makes it spin for the last millisecond of each wait.
+            (_FRAME_PERIOD, 1),
+            (_OWN_ADDRESS, int.from_bytes(socket.inet_aton(self._address))),
+        ):
+            write(self._fake, register, value)
+        if packet_loss > 0:
+            write(self._fake, _CAPABILITY, self._library.read_register(self._fake, _CAPABILITY) | _RESEND_BIT)
+        self._library.write_text(self._fake, _VENDOR, 32, VENDOR)
+        self._library.write_text(self._fake, _MODEL, 32, MODEL)
+
+    def _on_acquisition(self, streaming: bool) -> None:
+        with self._condition:
+            self._streaming = streaming
+            self._run += 1
+            self._slots.clear()
+            self._condition.notify_all()
+
+    def _settings(self) -> StreamSettings:
+        width, height, offset_x, offset_y, exposure, gain = (
+            self._library.read_register(self._fake, register) for register in (_WIDTH, _HEIGHT, _OFFSET_X, _OFFSET_Y, _EXPOSURE_US, _GAIN)
+        )
+        return StreamSettings(width, height, offset_x, offset_y, float(exposure), float(gain), 1e6 / self._relay.period_us)
+
+    def _render(self) -> None:
+        while True:
+            with self._condition:
+                self._condition.wait_for(lambda: self._streaming or self._closed)
+                if self._closed:
+                    return
+                run = self._run
+            settings = self._settings()
+            period_ns = self._relay.period_us * 1000
+            exposure_ns = round(settings.exposure_us * 1e3)
+            device_time_ns = self.device_clock.now_ns()
+            while self._is_wanted(run):
+                start_ns = self.device_clock.to_host(device_time_ns)
+                if not self._wait_until_covered(start_ns + exposure_ns, run):
+                    break
+                began = time.perf_counter()
+                image = self._source.image(start_ns, settings)
+                self._render_s += time.perf_counter() - began
+                self._rendered += 1
+                self._count_delay(self._clock.monotonic_ns() - start_ns - exposure_ns, period_ns)
+                self._queue(_Slot(device_time_ns, np.ascontiguousarray(image)), run)
+                device_time_ns += period_ns
+
+    def _queue(self, slot: _Slot, run: int) -> None:
+        with self._condition:
+            self._condition.wait_for(lambda: len(self._slots) < QUEUE_SLOTS or not self._is_wanted(run))
+            if self._is_wanted(run):
+                self._slots.append(slot)
+                self._condition.notify_all()
+
+    def _count_delay(self, delay_ns: int, period_ns: int) -> None:
+        self._latest_ns = max(self._latest_ns, delay_ns)
+        if delay_ns > 2 * period_ns:
+            self._late += 1
+
+    def _is_wanted(self, run: int) -> bool:
+        """A client that was killed never stops its run: the next client's start ends it."""
+        return self._streaming and run == self._run
+
+    def _wait_until_covered(self, end_ns: int, run: int) -> bool:
+        while self._is_wanted(run):
+            wait_ns = end_ns - self._clock.monotonic_ns()
+            if wait_ns <= 0:
+                if self._source.latest_time_ns() >= end_ns:
+                    return True
+                wait_ns = 500_000
+            self._clock.sleep(min(wait_ns, 50_000_000) / 1e9)
+        return False
+
+    def _fill(self, buffer: int, _data: object, _exposure_us: int, _gain: int, _pixel_format: int) -> None:
+        """Called by the fake's thread, which sends the buffer once we return. Must not raise."""
+        with self._condition:
+            self._condition.wait_for(lambda: self._slots or not self._streaming)
+            slot = self._slots.popleft() if self._slots else None
+            self._condition.notify_all()
+        if slot is not None:
+            self._library.fill(buffer, slot.image)
+            self._library.buffer_set_timestamp(buffer, slot.device_time_ns)
+            self._frames += 1
+        else:
+            # The fake sends what it has begun even when it is stopped, with the wall clock's time: as no exposure, it is told from a frame.
+            self._library.buffer_set_timestamp(buffer, 0)
+        if not self._closed:
+            self._relay.poke()

@@ -1,0 +1,327 @@
+"""Stands between a GigE Vision client and Aravis's fake camera, in the same process, and adds what the fake lacks.
+
+The interposer owns UDP port 3956 of the camera's address and relays control packets (GVCP) to the fake over loopback, one
+relay socket per client so that the fake still tells its controller from others. On the way it
+
+- answers the timestamp latch (registers 0x944, 0x948, 0x94c) itself, at once;
+- keeps a shadow of the frame period (0x138): the client reads back what it wrote, the fake gets a period of its own;
+- tells when acquisition starts and stops (0x124).
+
+With packet loss asked for it relays the stream (GVSP) too, drops packets by a seeded generator, and serves PACKET_RESEND.
+
+Packet layout: GigE Vision 2.0, chapters 16 (GVCP) and 25 (GVSP).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import socket
+import struct
+import threading
+from collections import Counter, OrderedDict
+from typing import TYPE_CHECKING
+
+from acquire.errors import CameraError
+
+if TYPE_CHECKING:
+    import random
+    from collections.abc import Callable
+
+    from acquire.clock import Clock
+
+GVCP_PORT = 3956
+LOOPBACK = "127.0.0.1"
+
+_READREG, _READREG_ACK, _WRITEREG, _WRITEREG_ACK = 0x80, 0x81, 0x82, 0x83
+_READMEM, _READMEM_ACK, _WRITEMEM, _WRITEMEM_ACK = 0x84, 0x85, 0x86, 0x87
+_PACKET_RESEND = 0x40
+_ACQUISITION, _FRAME_PERIOD = 0x124, 0x138
+_LATCH, _LATCH_HIGH, _LATCH_LOW = 0x944, 0x948, 0x94C
+_STREAM_PORT, _STREAM_ADDRESS = 0xD00, 0xD18
+_SO_RCVBUFFORCE = 33
+_RELAYS = 64
+_RESEND_FRAMES = 8
+
+HEARTBEAT_READ = bytes.fromhex("4201008000040001") + struct.pack(">I", 0x938)
+"""READREG of the heartbeat time-out: changes nothing, wakes the fake's poll"""
+
+Address = tuple[str, int]
+
+
+def udp_socket(address: str, port: int = 0) -> socket.socket:
+    """A bound, non-blocking UDP socket."""
+    result = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        result.bind((address, port))
+    except OSError:
+        result.close()
+        raise
+    result.setblocking(False)
+    return result
+
+
+def claim_control_port(address: str, clock: Clock) -> socket.socket:
+    """Bind the camera's control port.
+
+    Aravis's fake reports that it runs even when the port was busy, and then answers nobody: so we bind it ourselves.
+
+    Raises:
+        CameraError: another camera holds the port, or the address is not this host's.
+    """
+    for attempt in range(10):
+        try:
+            return udp_socket(address, GVCP_PORT)
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise CameraError(f"virtual camera: cannot bind {address}:{GVCP_PORT}: {error.strerror}: use a 127.x.x.x address") from None
+            if attempt < 9:
+                clock.sleep(0.05)
+    raise CameraError(
+        f"virtual camera: UDP port {GVCP_PORT} of {address} is in use: another virtual camera runs; stop it or give another address"
+    )
+
+
+def adopt_fake_sockets(descriptors_before: set[int], address: str) -> socket.socket:
+    """Replace the fake's own control sockets by one private loopback socket and return our handle of it.
+
+    The fake has no interface to say where it listens, except by a network interface's address; 127.0.0.21 is none.
+    `dup2` swaps the file under the descriptor that its thread polls.
+    """
+    inner = udp_socket(LOOPBACK)
+    adopted = False
+    for descriptor in descriptors() - descriptors_before:
+        if not _is_control_socket(descriptor):
+            continue
+        if adopted:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+                silent.setblocking(False)
+                os.dup2(silent.fileno(), descriptor)
+        else:
+            os.dup2(inner.fileno(), descriptor)
+            adopted = True
+    if not adopted:
+        inner.close()
+        raise CameraError(
+            f"virtual camera at {address}: Aravis's fake camera opened no control socket; check that the loopback interface is up"
+        )
+    return inner
+
+
+def descriptors() -> set[int]:
+    """Open file descriptors of this process."""
+    return {int(name) for name in os.listdir("/proc/self/fd")}  # noqa: PTH208 - descriptors vanish while iterdir would look at them
+
+
+def _is_control_socket(descriptor: int) -> bool:
+    with contextlib.suppress(OSError):
+        if os.readlink(f"/proc/self/fd/{descriptor}").startswith("socket:"):  # noqa: PTH115 - not a path
+            with socket.socket(fileno=os.dup(descriptor)) as probe:
+                return probe.family == socket.AF_INET and probe.type == socket.SOCK_DGRAM and probe.getsockname()[1] == GVCP_PORT
+    return False
+
+
+class ControlRelay:
+    """Relays GVCP between clients and the fake on a thread of its own. Does not model: write protection of the latch."""
+
+    def __init__(
+        self,
+        control: socket.socket,
+        inner: socket.socket,
+        device_now_ns: Callable[[], int],
+        period_us: int,
+        on_acquisition: Callable[[bool], None],
+    ) -> None:
+        self._control, self._inner = control, inner
+        self._inner_address: Address = inner.getsockname()
+        self._device_now_ns, self._on_acquisition = device_now_ns, on_acquisition
+        self._period_us = period_us
+        self._latched_ns = 0
+        self._stream_address, self._stream_port = "", 0
+        self._pending: OrderedDict[tuple[Address, int], tuple[int, int]] = OrderedDict()
+        self._relays: OrderedDict[Address, socket.socket] = OrderedDict()
+        self._clients: dict[int, Address] = {}
+        self._epoll = select.epoll()
+        self._epoll.register(control, select.EPOLLIN)
+        self._stop_read, self._stop_write = os.pipe()
+        self._epoll.register(self._stop_read, select.EPOLLIN)
+        self._stream: StreamRelay | None = None
+        self._thread = threading.Thread(target=self._run, name="gvcp-relay")
+
+    @property
+    def period_us(self) -> int:
+        """Frame period as the client set it [us]."""
+        return self._period_us
+
+    def start(self, stream: StreamRelay | None) -> None:
+        """Start relaying, through `stream` where packets are to be lost."""
+        self._stream = stream
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop and free every socket."""
+        os.write(self._stop_write, b"x")
+        self._thread.join()
+        self._epoll.close()
+        os.close(self._stop_read)
+        os.close(self._stop_write)
+        for relay in self._relays.values():
+            relay.close()
+        self._control.close()
+        self._inner.close()
+
+    def poke(self) -> None:
+        """Wake the fake's poll, unless something is there to wake it anyway.
+
+        Aravis 0.8.26 computes its waiting time as an unsigned difference; past the deadline it underflows to a 100 ms stall
+        (fixed upstream in 1ca41a403). A packet that waits makes the poll return at once.
+        """
+        if not select.select([self._inner], [], [], 0)[0]:
+            with contextlib.suppress(OSError):
+                self._control.sendto(HEARTBEAT_READ, self._inner_address)
+
+    def _run(self) -> None:
+        while True:
+            for descriptor, _ in self._epoll.poll():
+                if descriptor == self._stop_read:
+                    return
+                with contextlib.suppress(BlockingIOError, ConnectionRefusedError):
+                    if descriptor == self._control.fileno():
+                        packet, client = self._control.recvfrom(2048)
+                        self._from_client(bytearray(packet), client)
+                    else:
+                        relay = self._relays[self._clients[descriptor]]
+                        self._from_fake(bytearray(relay.recv(2048)), self._clients[descriptor])
+
+    def _from_client(self, packet: bytearray, client: Address) -> None:
+        if len(packet) < 8 or client == self._inner_address:
+            return
+        command, _, identity = struct.unpack_from(">HHH", packet, 2)
+        if command == _PACKET_RESEND:
+            if self._stream is not None and len(packet) >= 20:
+                self._stream.resend(*struct.unpack_from(">III", packet, 8))
+            return
+        if command in (_READREG, _WRITEREG, _READMEM, _WRITEMEM) and len(packet) >= 12:
+            (register,) = struct.unpack_from(">I", packet, 8)
+            value = struct.unpack_from(">I", packet, 12)[0] if len(packet) >= 16 else 0
+            if register in (_LATCH, _LATCH_HIGH, _LATCH_LOW) and command in (_READREG, _WRITEREG):
+                self._answer_latch(command, register, value, identity, client)
+                return
+            if command in (_WRITEREG, _WRITEMEM):
+                self._rewrite(packet, register)
+            self._pending[client, identity] = (register, value)
+            while len(self._pending) > _RELAYS:
+                self._pending.popitem(last=False)
+        self._relay_of(client).sendto(packet, self._inner_address)
+
+    def _rewrite(self, packet: bytearray, register: int) -> None:
+        if register == _FRAME_PERIOD:
+            struct.pack_into(">I", packet, 12, 1)
+        elif register == _STREAM_PORT and self._stream is not None:
+            struct.pack_into(">I", packet, 12, self._stream.port)
+
+    def _from_fake(self, packet: bytearray, client: Address) -> None:
+        acknowledged, _, identity = struct.unpack_from(">HHH", packet, 2)
+        register, value = self._pending.pop((client, identity), (0, 0))
+        if register == _FRAME_PERIOD:
+            if acknowledged in (_WRITEREG_ACK, _WRITEMEM_ACK):
+                self._period_us = max(value, 1)
+            elif acknowledged == _READREG_ACK:
+                struct.pack_into(">I", packet, 8, self._period_us)
+            elif acknowledged == _READMEM_ACK:
+                struct.pack_into(">I", packet, 12, self._period_us)
+        elif acknowledged in (_WRITEREG_ACK, _WRITEMEM_ACK):
+            if register == _ACQUISITION:
+                self._on_acquisition(value != 0)
+            elif register in (_STREAM_ADDRESS, _STREAM_PORT) and self._stream is not None:
+                self._set_destination(register, value, self._stream)
+        self._control.sendto(packet, client)
+
+    def _set_destination(self, register: int, value: int, stream: StreamRelay) -> None:
+        if register == _STREAM_ADDRESS:
+            self._stream_address = socket.inet_ntoa(struct.pack(">I", value))
+        else:
+            self._stream_port = value & 0xFFFF
+        stream.send_to((self._stream_address, self._stream_port))
+
+    def _answer_latch(self, command: int, register: int, value: int, identity: int, client: Address) -> None:
+        if command == _WRITEREG:
+            if register == _LATCH and value & 2:
+                self._latched_ns = self._device_now_ns()
+            answer = struct.pack(">HHHHHH", 0, _WRITEREG_ACK, 4, identity, 0, 1)
+        else:
+            content = {_LATCH: 0, _LATCH_HIGH: self._latched_ns >> 32, _LATCH_LOW: self._latched_ns & 0xFFFFFFFF}[register]
+            answer = struct.pack(">HHHHI", 0, _READREG_ACK, 4, identity, content)
+        self._control.sendto(answer, client)
+
+    def _relay_of(self, client: Address) -> socket.socket:
+        relay = self._relays.get(client)
+        if relay is None:
+            relay = self._relays[client] = udp_socket(LOOPBACK)
+            self._clients[relay.fileno()] = client
+            self._epoll.register(relay, select.EPOLLIN)
+            if len(self._relays) > _RELAYS:
+                _, oldest = self._relays.popitem(last=False)
+                self._epoll.unregister(oldest)
+                del self._clients[oldest.fileno()]
+                oldest.close()
+        else:
+            self._relays.move_to_end(client)
+        return relay
+
+
+class StreamRelay:
+    """Relays GVSP, drops packets with a seeded probability, and keeps the last frames for PACKET_RESEND."""
+
+    def __init__(self, packet_loss: float, rng: random.Random) -> None:
+        self._loss, self._rng = packet_loss, rng
+        self._socket = udp_socket(LOOPBACK)
+        self._socket.setblocking(True)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, 16 << 20)
+        except PermissionError:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16 << 20)
+        self.port: int = self._socket.getsockname()[1]
+        self.counts: Counter[str] = Counter()
+        self._destination: Address | None = None
+        self._frames: OrderedDict[int, dict[int, bytes]] = OrderedDict()
+        self._thread = threading.Thread(target=self._run, name="gvsp-relay")
+        self._thread.start()
+
+    def send_to(self, destination: Address) -> None:
+        """Where the client listens; port 0: nowhere."""
+        self._destination = destination if destination[0] and destination[1] else None
+
+    def resend(self, frame_id: int, first: int, last: int) -> None:
+        """Send packets first..last of a frame again."""
+        frame = self._frames.get(frame_id & 0xFFFF)
+        for index in range(first, min(last, first + 4096) + 1):
+            packet = None if frame is None else frame.get(index)
+            self.counts["resend_missed" if packet is None else "resent"] += 1
+            if packet is not None and self._destination is not None:
+                self._socket.sendto(packet, self._destination)
+
+    def close(self) -> None:
+        """Stop and free the socket."""
+        with udp_socket(LOOPBACK) as waker:
+            waker.sendto(b"", (LOOPBACK, self.port))
+        self._thread.join()
+        self._socket.close()
+
+    def _run(self) -> None:
+        while packet := self._socket.recv(65536):
+            frame_id, index = struct.unpack_from(">HI", packet, 2)
+            index &= 0xFFFFFF
+            frame = self._frames.get(frame_id)
+            if frame is None:
+                frame = self._frames[frame_id] = {}
+                while len(self._frames) > _RESEND_FRAMES:
+                    self._frames.popitem(last=False)
+            frame[index] = packet
+            if self._rng.random() < self._loss:
+                self.counts["dropped"] += 1
+            elif self._destination is not None:
+                self._socket.sendto(packet, self._destination)
+                self.counts["sent"] += 1

@@ -1,0 +1,133 @@
+"""What is hidden in an object: masses of a shell and two interior parts, and from them mass, centre of mass and inertia.
+
+The body is sampled (jittered grid, seeded); each sample belongs to the shell or to one side of the border plane, and each region's mass
+is spread evenly over its samples. Rounded edges are not cut off the mass. No code is shared with the estimators.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+SAMPLES = 400_000
+"""over the bounding box: a shell's centre is then off by less than 0.1 mm and its moments by less than 0.2 % from the exact integral"""
+
+Depth = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
+"""Depth below the surface of points (n, 3) m in O; negative outside. Exact near the surface, a bound deeper in."""
+
+
+@dataclass(frozen=True)
+class HiddenBody:
+    """The truth about one object, in O."""
+
+    mass_kg: float
+    com_object: NDArray[np.float64]
+    """(3,) m"""
+    inertia_com: NDArray[np.float64]
+    """(3, 3) kg m2, about c, axes of O"""
+    region_masses: tuple[float, float, float]
+    """kg: surface (R1), upper (R2), lower (R3)"""
+    region_plane: tuple[NDArray[np.float64], float]
+    """unit normal n towards R2, and offset: R2 is the interior where n.x > offset [m]"""
+    shell_thickness_m: float
+
+
+def sample_body(low: NDArray[np.float64], high: NDArray[np.float64], depth: Depth) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points inside the body (n, 3) m and their depth (n,) m, evenly spread over the box `low`..`high` (each (3,) m)."""
+    rng = np.random.default_rng(20070601)
+    pitch = (np.prod(high - low) / SAMPLES) ** (1 / 3)
+    counts = np.ceil((high - low) / pitch).astype(int)
+    cells = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    points = low + (cells + rng.random(cells.shape)) * ((high - low) / counts)
+    depths = depth(points)
+    inside = depths >= 0
+    return points[inside], depths[inside]
+
+
+def hidden_body(
+    points: NDArray[np.float64],
+    depths: NDArray[np.float64],
+    region_masses: tuple[float, float, float],
+    region_plane: tuple[NDArray[np.float64], float],
+    shell_thickness_m: float,
+) -> HiddenBody:
+    """Integrate mass, centre of mass and inertia over sampled points.
+
+    Args:
+        points: (n, 3) m, evenly spread inside the body, in O.
+        depths: (n,) m below the surface.
+        region_masses: kg, surface, upper, lower.
+        region_plane: unit normal (3,) and offset [m].
+        shell_thickness_m: the shell is where depth < thickness.
+    """
+    normal, offset = region_plane
+    shell = depths < shell_thickness_m
+    upper = ~shell & (points @ normal > offset)
+    weights = np.zeros(len(points))
+    for region, mass in zip((shell, upper, ~shell & ~upper), region_masses, strict=True):
+        if mass > 0:
+            weights[region] = mass / np.count_nonzero(region)
+    total = float(weights.sum())
+    com = weights @ points / total
+    arm = points - com
+    second = (arm * weights[:, None]).T @ arm
+    inertia = np.trace(second) * np.eye(3) - second
+    return HiddenBody(total, com, inertia, region_masses, (normal, offset), shell_thickness_m)
+
+
+def box_depth(half: NDArray[np.float64]) -> Depth:
+    """Depth in a box of the given half edges (3,) m, centred on O."""
+    return lambda points: np.min(half - np.abs(points), axis=1)
+
+
+def cylinder_depth(radius: float, half_height: float) -> Depth:
+    """Depth in a cylinder about O's z, centred on O."""
+    return lambda points: np.minimum(radius - np.hypot(points[:, 0], points[:, 1]), half_height - np.abs(points[:, 2]))
+
+
+def mesh_depth(
+    triangles: NDArray[np.float64],
+    inside: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
+    reach: float,
+) -> Depth:
+    """Depth in a closed mesh, exact up to `reach` and `reach` deeper in; -1 outside.
+
+    Args:
+        triangles: (m, 3, 3) m, corners.
+        inside: tells for points (n, 3) whether they lie in the body.
+        reach: m.
+    """
+
+    def depth(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        result = np.full(len(points), -1.0)
+        index = np.flatnonzero(inside(points))
+        within = points[index]
+        distance = np.full(len(within), reach)
+        for corners in triangles:
+            near = np.flatnonzero(np.all((within > corners.min(axis=0) - reach) & (within < corners.max(axis=0) + reach), axis=1))
+            distance[near] = np.minimum(distance[near], _distance_to_triangle(within[near], corners))
+        result[index] = distance
+        return result
+
+    return depth
+
+
+def _distance_to_triangle(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance (n,) of points to one triangle: to its plane where the foot lies inside, else to the nearest edge."""
+    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+    normal /= np.linalg.norm(normal)
+    above = np.ones(len(points), dtype=bool)
+    to_edge = np.full(len(points), np.inf)
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        edge = end - start
+        offset = points - start
+        above &= offset @ np.cross(normal, edge) >= 0
+        share = np.clip(offset @ edge / (edge @ edge), 0.0, 1.0)
+        to_edge = np.minimum(to_edge, np.linalg.norm(offset - share[:, None] * edge, axis=1))
+    return np.where(above, np.abs((points - corners[0]) @ normal), to_edge)

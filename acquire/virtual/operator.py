@@ -1,0 +1,58 @@
+"""The virtual operator: hears the daemon's questions over its API, like a person would, and places the object in the virtual world.
+
+Places with a hand's accuracy: the object's yaw and position and the striker's stand are off by a little each time. What it does not model:
+a wrong face, an object that slips from the hand, an operator who forgets.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from acquire.api import DaemonClient
+from acquire.errors import AcquireError
+from acquire.virtual.operator_link import OperatorLink
+
+POSITION_SD_M = 0.0005
+YAW_SD_RAD = np.radians(0.3)
+STAND_SD_M = 0.0003
+
+
+class VirtualOperator:
+    """Answers `place` until closed."""
+
+    def __init__(self, daemon_socket: Path, world: OperatorLink, seed: int) -> None:
+        self._daemon_socket = daemon_socket
+        self._world = world
+        self._rng = np.random.default_rng((seed, 0x0E7A))
+        self._listener = DaemonClient(daemon_socket)
+        self._thread = threading.Thread(target=self._run, name="virtual-operator")
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop answering."""
+        self._listener.close()
+        self._thread.join()
+
+    def _run(self) -> None:
+        with contextlib.suppress(AcquireError), DaemonClient(self._daemon_socket) as answers:
+            for event in self._listener.events():
+                if event["event"] == "prompt" and event["kind"] == "place":
+                    self._place(event)
+                    answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=True)
+
+    def _place(self, prompt: dict[str, Any]) -> None:
+        yaw = self._rng.normal(0.0, YAW_SD_RAD)
+        turn = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+        shift = np.array([*self._rng.normal(0.0, POSITION_SD_M, 2), 0.0])
+        R_world_object = turn @ np.asarray(prompt["R_world_object"])
+        p_world_object = turn @ np.asarray(prompt["p_world_object"]) + shift
+        impact = turn @ np.asarray(prompt["impact_point_world"]) + shift
+        # The stand is set to the object as it lies: the hanging arm touches the face, a hair off.
+        impact = impact + np.array([-abs(self._rng.normal(0.0, STAND_SD_M)), 0.0, self._rng.normal(0.0, STAND_SD_M)])
+        impact[1] = 0.0
+        self._world.place(R_world_object, p_world_object, impact)

@@ -1,0 +1,175 @@
+"""The world's poses in a memory-mapped file: one process writes, any number read, nobody locks.
+
+Layout (little-endian, 8-byte cells): magic, capacity, count, 5 spare; then `capacity` stamps (int64 ns); then `capacity` rows of 11
+float64: p_world_object (3), q_world_object wxyz (4), arm angle, arm axis in W (3). Record i stands in slot i mod capacity. The writer
+fills the slot, then raises `count` with one aligned store; a reader takes `count` before and after and reads again when the writer
+could have come round to what it read. Not modelled: reordering on machines with weaker memory order than x86-64 and one writer.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from acquire.errors import AcquireError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike, NDArray
+
+_MAGIC = 0x676E6972_65736F70  # "posering"
+_HEADER_CELLS = 8
+_COLUMNS = 11
+_CAPACITY, _COUNT = 1, 2
+_GUARD = 16
+"""slots next to the writer that readers leave alone"""
+_FIRST_LOOK = 256
+"""records searched before the whole ring is"""
+
+
+class PoseRingError(AcquireError):
+    """The ring's file is missing, is not a pose ring, or holds no pose yet."""
+
+
+@dataclass(frozen=True)
+class PosesAt:
+    """Poses at n times."""
+
+    p_world_object: NDArray[np.float64]
+    """(n, 3) m"""
+    q_world_object_wxyz: NDArray[np.float64]
+    """(n, 4) unit"""
+    arm_angle: NDArray[np.float64]
+    """(n,) rad"""
+    arm_axis_world: NDArray[np.float64]
+    """(n, 3) m, a point on the arm's hinge"""
+
+    def __iter__(self) -> Iterator[NDArray[np.float64]]:
+        """The four arrays in order: `p, q, angle, axis = ring.at(times)`."""
+        return iter((self.p_world_object, self.q_world_object_wxyz, self.arm_angle, self.arm_axis_world))
+
+
+class PoseRing:
+    """A ring of time-stamped poses; see the module's docstring for the layout. Make one with `create` or `open`."""
+
+    def __init__(self, memory: mmap.mmap, capacity: int) -> None:
+        self._memory = memory
+        self._cells = np.frombuffer(memory, dtype=np.int64)
+        self._capacity = capacity
+        self._time = self._cells[_HEADER_CELLS : _HEADER_CELLS + capacity]
+        self._row = self._cells[_HEADER_CELLS + capacity :].view(np.float64).reshape(capacity, _COLUMNS)
+
+    @classmethod
+    def create(cls, path: Path, capacity: int = 16384) -> PoseRing:
+        """New ring, file mode 0600; an old file of that name is replaced."""
+        size = 8 * (_HEADER_CELLS + capacity * (1 + _COLUMNS))
+        path.unlink(missing_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
+        try:
+            os.ftruncate(descriptor, size)
+            ring = cls(mmap.mmap(descriptor, size), capacity)
+        finally:
+            os.close(descriptor)
+        ring._cells[_CAPACITY] = capacity
+        ring._cells[0] = _MAGIC
+        return ring
+
+    @classmethod
+    def open(cls, path: Path) -> PoseRing:
+        """Attach to a ring for reading.
+
+        Raises:
+            PoseRingError: no such file, or it is not a pose ring.
+        """
+        try:
+            with path.open("rb") as file:
+                memory = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
+        except (OSError, ValueError) as error:
+            raise PoseRingError(f"{path}: cannot be read as a pose ring ({error}): is the virtual world running?") from None
+        header = np.frombuffer(memory, dtype=np.int64, count=_HEADER_CELLS) if len(memory) >= 8 * _HEADER_CELLS else np.zeros(_HEADER_CELLS)
+        capacity = int(header[_CAPACITY])
+        if header[0] != _MAGIC or len(memory) != 8 * (_HEADER_CELLS + capacity * (1 + _COLUMNS)):
+            raise PoseRingError(f"{path}: is not a pose ring: start the virtual world anew")
+        return cls(memory, capacity)
+
+    def append(
+        self,
+        time_ns: int,
+        p_world_object: ArrayLike,
+        q_wxyz: ArrayLike,
+        arm_angle: float,
+        arm_axis_world: ArrayLike,
+    ) -> None:
+        """Add a pose; times must not go back. (3,) m, (4,), rad, (3,) m."""
+        count = int(self._cells[_COUNT])
+        slot = count % self._capacity
+        row = self._row[slot]
+        row[0:3] = p_world_object
+        row[3:7] = q_wxyz
+        row[7] = arm_angle
+        row[8:11] = arm_axis_world
+        self._time[slot] = time_ns
+        self._cells[_COUNT] = count + 1
+
+    def count(self) -> int:
+        """How many poses were ever appended."""
+        return int(self._cells[_COUNT])
+
+    def latest_time_ns(self) -> int:
+        """Time of the newest pose.
+
+        Raises:
+            PoseRingError: none yet.
+        """
+        count = int(self._cells[_COUNT])
+        if count == 0:
+            raise PoseRingError("the pose ring is empty: the virtual world has not started")
+        return int(self._time[(count - 1) % self._capacity])
+
+    def at(self, times_ns: ArrayLike | Sequence[int]) -> PosesAt:
+        """Poses at the given times: linear in position and angle, normalised-linear in rotation; beyond the ends, the end's pose.
+
+        Args:
+            times_ns: (n,) int, any order, in the writer's clock (host monotonic).
+
+        Raises:
+            PoseRingError: the ring is empty.
+        """
+        wanted = np.atleast_1d(np.asarray(times_ns, dtype=np.int64))
+        oldest = int(wanted.min())
+        while True:
+            time, row, first = self._newest(oldest)
+            if int(self._cells[_COUNT]) - first <= self._capacity:
+                return _interpolate(time, row, wanted)
+
+    def _newest(self, oldest_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
+        """Copy of the newest records, far enough back to hold `oldest_ns` where the ring does; and the index of the first."""
+        count = int(self._cells[_COUNT])
+        if count == 0:
+            raise PoseRingError("the pose ring is empty: the virtual world has not started")
+        kept = min(count, self._capacity - _GUARD)
+        length = min(_FIRST_LOOK, kept)
+        if self._time[(count - length) % self._capacity] > oldest_ns:
+            length = kept
+        slots = np.arange(count - length, count) % self._capacity
+        return self._time[slots], self._row[slots], count - length
+
+
+def _interpolate(time: NDArray[np.int64], row: NDArray[np.float64], wanted: NDArray[np.int64]) -> PosesAt:
+    after = np.clip(np.searchsorted(time, wanted, side="left"), 1, max(len(time) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(time) - 1)
+    span = np.maximum(time[after] - time[before], 1)
+    share = np.clip((wanted - time[before]) / span, 0.0, 1.0)[:, None]
+    old, new = row[before], row[after]
+    mixed = old + share * (new - old)
+    near = np.where(np.sum(old[:, 3:7] * new[:, 3:7], axis=1, keepdims=True) < 0, -new[:, 3:7], new[:, 3:7])
+    q = old[:, 3:7] + share * (near - old[:, 3:7])
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    return PosesAt(mixed[:, 0:3], q, mixed[:, 7], mixed[:, 8:11])

@@ -1,0 +1,173 @@
+"""The virtual camera's picture: scene, lens, motion blur, sensor.
+
+Polygons are filled by exact area coverage (`coverage`), never by warping an image, so that the tracker meets no operation of its own kind.
+Integer pixel coordinates are pixel centres, as in OpenCV. Not modelled: defocus by depth, reflections, rolling shutter.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from acquire.virtual.backdrop import backdrop
+from acquire.virtual.layers import Layer, paint, paint_shadow
+from acquire.virtual.lens import Lens
+from acquire.virtual.render_arm import ArmPainter
+from acquire.virtual.render_object import ObjectPainter
+from acquire.virtual.sensor import NoiseBank, brightness, noise_sd, vignette
+from acquire.virtual.station import ARM_LENGTH_M, HEIGHT_PX, WIDTH_PX
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from acquire.virtual.coverage import Box
+    from acquire.virtual.objects import VirtualObject
+    from acquire.virtual.station import Station
+
+PSF_SIGMA_PX = 0.6
+_PSF_REACH = 3
+_SHADOW = 0.38
+_AT_REST = 1e-7
+"""m, rad: below it a picture is the same"""
+_STILL_PX, _STEP_PX, MOST_SUBEXPOSURES = 0.15, 0.8, 4
+
+
+class Renderer:
+    """Draws frames of one object before one station's camera. Single-threaded: one caller, and OpenCV's threads off in its process."""
+
+    def __init__(self, virtual_object: VirtualObject, station: Station, seed: int, width: int = WIDTH_PX, height: int = HEIGHT_PX) -> None:
+        self._width, self._height = width, height
+        self._lens = Lens(station)
+        self._object = ObjectPainter(virtual_object, self._lens, width, height)
+        self._arm = ArmPainter(self._lens, width, height)
+        rng = np.random.default_rng((seed, 0xF0705))
+        self._backdrop = backdrop(station, width, height, rng)
+        self._blurred_backdrop = _blur(self._backdrop)
+        self._vignette = vignette(width, height)
+        self._noise = NoiseBank(rng, width, height)
+        low, high = virtual_object.mesh_vertices.min(axis=0), virtual_object.mesh_vertices.max(axis=0)
+        self._corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        self._scene = self._backdrop.copy()
+        self._drawn: list[Box] = []
+        self._settings = (np.nan, np.nan)
+        self._pose = np.full((1, 11), np.nan)
+        self._arm_pose = np.full((1, 4), np.nan)
+        self._arm_layer: Layer | None = None
+        self._empty_clean = self._empty_sd = self._clean = self._sd = np.zeros((height, width), np.float32)
+
+    def render(
+        self,
+        p_world_object: NDArray[np.float64],
+        q_wxyz: NDArray[np.float64],
+        arm_angle: NDArray[np.float64],
+        arm_axis_world: NDArray[np.float64],
+        exposure_us: float,
+        gain_db: float,
+    ) -> NDArray[np.uint8]:
+        """One frame, (height, width) uint8, the mean of k poses spread evenly over the exposure (k = 1 at rest).
+
+        Args:
+            p_world_object: (k, 3) m.
+            q_wxyz: (k, 4) unit, O to W.
+            arm_angle: (k,) rad.
+            arm_axis_world: (k, 3) m, a point on the arm's hinge.
+            exposure_us: of the whole frame.
+            gain_db: of the sensor.
+        """
+        pose = np.column_stack([p_world_object, q_wxyz, arm_angle, arm_axis_world]).astype(np.float64)
+        pose = pose[:1] if np.ptp(pose, axis=0).max() <= _AT_REST else pose
+        same_settings = (exposure_us, gain_db) == self._settings
+        if not same_settings:
+            self._set(exposure_us, gain_db)
+        if not same_settings or not _same(pose, self._pose):
+            self._draw(pose)
+            self._pose = pose
+        return self._noise.expose(self._clean, self._sd)
+
+    def subexposures_needed(
+        self,
+        p_world_object: NDArray[np.float64],
+        q_wxyz: NDArray[np.float64],
+        arm_angle: NDArray[np.float64],
+        arm_axis_world: NDArray[np.float64],
+    ) -> int:
+        """How many poses an exposure needs, at most 0.8 px apart and at most 4.
+
+        Args: those of `render`, at the start and the end of the exposure: (2, 3), (2, 4), (2,), (2, 3).
+        """
+        R = _rotations(q_wxyz)
+        corners = self._corners @ np.swapaxes(R, 1, 2) + p_world_object[:, None, :]
+        hanging = np.stack([np.sin(arm_angle), np.zeros_like(arm_angle), -np.cos(arm_angle)], axis=1)
+        points = np.concatenate([corners, (arm_axis_world + ARM_LENGTH_M * hanging)[:, None, :]], axis=1)
+        pixels = self._lens.pixels(points)
+        travel = float(np.linalg.norm(pixels[-1] - pixels[0], axis=1).max())
+        return 1 if travel < _STILL_PX else int(np.clip(np.ceil(travel / _STEP_PX), 2, MOST_SUBEXPOSURES))
+
+    def _set(self, exposure_us: float, gain_db: float) -> None:
+        self._settings = (exposure_us, gain_db)
+        self._empty_clean = self._blurred_backdrop * self._vignette * np.float32(brightness(exposure_us, gain_db))
+        self._empty_sd = noise_sd(self._empty_clean, gain_db)
+        self._clean, self._sd = self._empty_clean.copy(), self._empty_sd.copy()
+
+    def _draw(self, pose: NDArray[np.float64]) -> None:
+        for box in self._drawn:
+            area = box.slices
+            self._scene[area], self._clean[area], self._sd[area] = self._backdrop[area], self._empty_clean[area], self._empty_sd[area]
+        body = pose[:1, :7] if np.ptp(pose[:, :7], axis=0).max() <= _AT_REST else pose[:, :7]
+        p, R = body[:, :3], _rotations(body[:, 3:7])
+        shadow = self._object.shadow(p[len(p) // 2], R[len(p) // 2])
+        arm, item = self._arm_at(pose[:, 7:]), self._object.layer(p, R)
+        if shadow is not None:
+            paint_shadow(self._scene, shadow, _SHADOW)
+        for drawn in (arm, item):
+            if drawn is not None:
+                paint(self._scene, drawn)
+        self._drawn = [found.box.grown(_PSF_REACH, self._width, self._height) for found in (shadow, arm, item) if found is not None]
+        for box in _merged(self._drawn):
+            self._develop(box)
+
+    def _arm_at(self, pose: NDArray[np.float64]) -> Layer | None:
+        pose = pose[:1] if np.ptp(pose, axis=0).max() <= _AT_REST else pose
+        if not _same(pose, self._arm_pose):
+            self._arm_layer = self._arm.layer(pose[:, 0], pose[:, 1:4])
+            self._arm_pose = pose
+        return self._arm_layer
+
+    def _develop(self, box: Box) -> None:
+        """Scene to clean grey levels and their noise, within a box."""
+        around = box.grown(_PSF_REACH, self._width, self._height)
+        exposure_us, gain_db = self._settings
+        light = _blur(self._scene[around.slices])[box.within(around)]
+        clean = np.asarray(cv2.multiply(light, self._vignette[box.slices], scale=brightness(exposure_us, gain_db)), np.float32)
+        self._clean[box.slices] = clean
+        self._sd[box.slices] = noise_sd(clean, gain_db)
+
+
+def _blur(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.asarray(cv2.GaussianBlur(image, (2 * _PSF_REACH - 1, 2 * _PSF_REACH - 1), PSF_SIGMA_PX), np.float32)
+
+
+def _same(pose: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    return pose.shape == other.shape and bool(np.abs(pose - other).max() <= _AT_REST)
+
+
+def _rotations(q_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(k, 4) to (k, 3, 3)."""
+    w, x, y, z = (q_wxyz / np.linalg.norm(q_wxyz, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def _merged(boxes: list[Box]) -> list[Box]:
+    """Boxes that lie in another are dropped."""
+    kept: list[Box] = []
+    for box in sorted(boxes, key=lambda b: -(b.right - b.left) * (b.bottom - b.top)):
+        if not any(b.left <= box.left and b.top <= box.top and b.right >= box.right and b.bottom >= box.bottom for b in kept):
+            kept.append(box)
+    return kept

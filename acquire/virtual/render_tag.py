@@ -1,0 +1,72 @@
+"""A printed 36h11 tag as border lines between black and white, each with the difference it makes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+WHITE, BLACK = 225.0, 30.0
+"""grey levels of a printed card that faces the camera, at the reference exposure"""
+CELLS = 10
+"""the black square's 8 x 8 cells and one cell of quiet zone around it"""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Directed straight lines; see `coverage` for their orientation."""
+
+    points: NDArray[np.float64]
+    """(n, 2) cells from the card's centre, x right, y up"""
+    start: NDArray[np.int64]
+    """(m,) indices of points"""
+    end: NDArray[np.int64]
+    """(m,)"""
+    value: NDArray[np.float64]
+    """(m,) grey levels inside minus outside"""
+    cover: NDArray[np.float64]
+    """(m,) 1 on the card's rim, 0 within"""
+
+
+@cache
+def tag_lines(marker_id: int) -> Lines:
+    """Borders of tag `marker_id` on its card, merged to the longest straight runs, then cut so that lens distortion can bend them.
+
+    Orientation as the detector sees it: the first row of `generateImageMarker` is the top (+y), its first corner the top left (-x, +y).
+    """
+    bits = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), marker_id, CELLS - 2)
+    card = np.zeros((CELLS + 2, CELLS + 2))
+    card[1:-1, 1:-1] = WHITE
+    card[2:-2, 2:-2] = np.where(bits > 127, WHITE, BLACK)
+    rows = _runs(np.diff(card, axis=0))
+    columns = [(line, a, b, -step) for line, a, b, step in _runs(np.diff(card, axis=1).T)]
+    half = CELLS / 2
+    # row borders run left to right with the inside below them, column borders top to bottom with the inside on their left
+    runs = [((a - half, half - line), (b - half, half - line), step, line) for line, a, b, step in rows]
+    runs += [((line - half, half - a), (line - half, half - b), step, line) for line, a, b, step in columns]
+    points: list[tuple[float, float]] = []
+    start, value, cover = [], [], []
+    for first, last, step, line in runs:
+        pieces = max(1, round(max(abs(last[0] - first[0]), abs(last[1] - first[1])) / 2))
+        start += list(range(len(points), len(points) + pieces))
+        points += [tuple(np.array(first) + (np.array(last) - first) * i / pieces) for i in range(pieces + 1)]
+        value += [step] * pieces
+        cover += [float(np.sign(step)) if line in {0, CELLS} else 0.0] * pieces
+    index = np.array(start)
+    return Lines(np.array(points), index, index + 1, np.array(value), np.array(cover))
+
+
+def _runs(steps: NDArray[np.float64]) -> list[tuple[int, int, int, float]]:
+    """(line, from, to, step) for each run of equal non-zero steps; the outermost cells are outside the card."""
+    found = []
+    for line, row in enumerate(steps):
+        edges = np.concatenate([[0], np.flatnonzero(np.diff(row)) + 1, [len(row)]])
+        found += [(line, int(a) - 1, int(b) - 1, float(row[a])) for a, b in pairwise(edges) if row[a] != 0]
+    return found

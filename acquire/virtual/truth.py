@@ -1,0 +1,36 @@
+"""Adds what the virtual world knows to a finished recording, under /truth/. The recording's content_id does not change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from acquire.recorder.edit import append_topics, read_manifest
+from acquire.virtual.truth_file import read_truth_file
+from schemas import topics
+from schemas.proto import percuss_pb2 as pb
+
+
+def merge_truth(recording: Path, truth_file: Path) -> None:
+    """Append the world's log to the recording; world time is the host's monotonic clock.
+
+    Raises:
+        RecorderError: the recording cannot be rewritten; it is left as it was.
+    """
+    anchor = read_manifest(recording).wall_anchor_ns
+    append_topics(recording, _messages(truth_file, anchor))
+
+
+def _messages(truth_file: Path, anchor_ns: int) -> Iterator[tuple[topics.Topic, int, bytes]]:
+    first_ns = 0
+    bodies: list[pb.TruthBody] = []
+    for message in read_truth_file(truth_file):
+        if isinstance(message, pb.TruthBody):
+            bodies.append(message)
+            continue
+        log_time = message.world_time_ns + anchor_ns
+        first_ns = first_ns or log_time
+        topic = topics.TRUTH_POSE if isinstance(message, pb.TruthPose) else topics.TRUTH_CONTACT
+        yield topic, log_time, message.SerializeToString()
+    for body in bodies:
+        yield topics.TRUTH_BODY, first_ns or anchor_ns, body.SerializeToString()

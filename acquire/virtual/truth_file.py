@@ -1,0 +1,79 @@
+"""The world's log: what really happened, beside the recording until it is merged under /truth/.
+
+Layout: a varint length and a TruthBody; then any number of (kind byte, varint length, message), kind 1 = TruthPose, 2 = TruthContact.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from google.protobuf.internal.decoder import _DecodeVarint32  # pyright: ignore[reportAttributeAccessIssue] - no public reader for streams
+from google.protobuf.internal.encoder import _VarintBytes  # pyright: ignore[reportAttributeAccessIssue] - no public writer for streams
+
+from acquire.errors import AcquireError
+from schemas.proto import percuss_pb2 as pb
+
+TruthMessage = pb.TruthBody | pb.TruthPose | pb.TruthContact
+
+_POSE, _CONTACT = 1, 2
+
+
+class TruthWriter:
+    """Writes the log; replaces an old one."""
+
+    def __init__(self, path: Path, body: pb.TruthBody) -> None:
+        self.path = path
+        path.unlink(missing_ok=True)
+        self._file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb", buffering=1 << 16)
+        self._file.write(_delimited(body))
+
+    def pose(self, message: pb.TruthPose) -> None:
+        """Append a pose."""
+        self._file.write(bytes([_POSE]) + _delimited(message))
+
+    def contact(self, message: pb.TruthContact) -> None:
+        """Append a contact."""
+        self._file.write(bytes([_CONTACT]) + _delimited(message))
+
+    def flush(self) -> None:
+        """Everything so far reaches the file."""
+        self._file.flush()
+
+    def close(self) -> None:
+        """Flush and close."""
+        self._file.close()
+
+
+def read_truth_file(path: Path) -> Iterator[TruthMessage]:
+    """All messages in order, the body first.
+
+    Raises:
+        AcquireError: no such file, or it ends within a message.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise AcquireError(f"{path}: cannot be read ({error.strerror}): did the virtual world start?") from None
+    try:
+        body, at = _read(data, 0)
+        yield pb.TruthBody.FromString(body)
+        while at < len(data):
+            kind = {_POSE: pb.TruthPose, _CONTACT: pb.TruthContact}[data[at]]
+            message, at = _read(data, at + 1)
+            yield kind.FromString(message)
+    except (IndexError, KeyError, ValueError):
+        raise AcquireError(f"{path}: ends within a message or is no log of the virtual world: run the demo again") from None
+
+
+def _read(data: bytes, at: int) -> tuple[bytes, int]:
+    length, at = _DecodeVarint32(data, at)
+    if at + length > len(data):
+        raise ValueError("cut short")
+    return data[at : at + length], at + length
+
+
+def _delimited(message: TruthMessage) -> bytes:
+    data = message.SerializeToString()
+    return _VarintBytes(len(data)) + data

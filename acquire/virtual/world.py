@@ -1,0 +1,290 @@
+"""The physics world: one object on a table and the striker's arm, in steps of the world clock (host monotonic ns).
+
+The arm's motor is asked for a torque once per millisecond. While the object lies at rest out of the striker's reach only the arm is
+integrated, so that an idle world costs next to nothing and nothing creeps.
+"""
+# mujoco takes its names from a compiled module that pyright cannot see into.
+# pyright: reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from acquire.errors import AcquireError
+from acquire.virtual.contact_shape import contact_centres
+from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, G_M_S2, TIP_RADIUS_M
+from acquire.virtual.world_model import ARM_DAMPING, ARM_MASS_KG, TIMESTEP_S, model_xml
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from acquire.virtual.objects import VirtualObject
+
+Motor = Callable[[float, float, int], float]
+"""torque on the arm [N m] from its angle [rad], velocity [rad/s] and the world's time [ns]"""
+
+TICK_NS = 1_000_000
+_SUBSTEPS = round(TICK_NS * 1e-9 / TIMESTEP_S)
+_NEAR_M = 0.002
+"""clearance below which the striker and the object are stepped one by one"""
+_REST_SPEED, _REST_RATE, _REST_TICKS = 2e-4, 2e-3, 200
+"""m/s, rad/s and ms: slower than both for this long is rest"""
+_CONTACT_GAP_NS = 2_000_000
+"""a shorter gap belongs to the same contact"""
+_DROP_M = 0.0001
+"""an object is put down from this height"""
+
+
+@dataclass(frozen=True)
+class WorldState:
+    """The world at one instant."""
+
+    time_ns: int
+    p_world_object: NDArray[np.float64]
+    """(3,) m"""
+    q_world_object_wxyz: NDArray[np.float64]
+    """(4,)"""
+    linear_velocity: NDArray[np.float64]
+    """(3,) m/s, of O's origin, in W"""
+    angular_velocity: NDArray[np.float64]
+    """(3,) rad/s, in W"""
+    arm_angle: float
+    arm_velocity: float
+    p_world_hinge: NDArray[np.float64]
+    """(3,) m, where the arm's hinge stands"""
+    at_rest: bool
+
+
+@dataclass(frozen=True)
+class StrikerContact:
+    """One contact between tip and object, complete."""
+
+    time_ns: int
+    """first touch"""
+    impulse_n_s: float
+    p_world_contact: NDArray[np.float64]
+    """(3,) m, at first touch"""
+    duration_s: float
+
+
+class World:
+    """Object, table, arm. Not thread-safe: one loop owns it.
+
+    Args:
+        thing: the object.
+        motor: torque of the arm's motor, asked once per millisecond.
+        start_ns: the world clock now.
+        on_tick: hears the state after every millisecond.
+        on_contact: hears every finished contact of the striker with the object.
+        table_tilt: (2,) rad, gravity turned against the table's normal about W's x and y.
+        arm_angle: rad, where the arm starts.
+    """
+
+    def __init__(
+        self,
+        thing: VirtualObject,
+        motor: Motor,
+        start_ns: int = 0,
+        on_tick: Callable[[WorldState], None] = lambda _state: None,
+        on_contact: Callable[[StrikerContact], None] = lambda _contact: None,
+        table_tilt: tuple[float, float] = (0.0, 0.0),
+        arm_angle: float = -0.5,
+    ) -> None:
+        self._thing = thing
+        self._motor = motor
+        self._on_tick = on_tick
+        self._on_contact = on_contact
+        gravity = Rotation.from_rotvec([*table_tilt, 0.0]).apply([0.0, 0.0, -G_M_S2])
+        self._model = mujoco.MjModel.from_xml_string(model_xml(thing, gravity))
+        self._data = mujoco.MjData(self._model)
+        self._qpos, self._qvel = self._data.qpos, self._data.qvel
+        self._centres = contact_centres(thing)
+        self._planes = np.unique(np.round(ConvexHull(thing.hull_vertices).equations, 9), axis=0)
+        self._arm_body = self._model.body("arm").id
+        self._tip = self._model.geom("tip").id
+        self._force = np.zeros(6)
+        self.time_ns = start_ns
+        self._at_rest = False
+        self._slow_ticks = 0
+        self._contact: _OpenContact | None = None
+        self._gap_at_rest = (0.0, -np.inf)
+        self._arm_gravity = float(-gravity[2]) * ARM_MASS_KG * ARM_LENGTH_M / 2
+        self._data.qpos[7] = arm_angle
+        low = self._thing.hull_vertices.min(axis=0)
+        self.place(np.eye(3), -np.array([0.0, 0.0, low[2]]), np.array([low[0], 0.0, -0.5 * low[2]]))
+
+    # --- what the operator does --------------------------------------------------------------------------------------
+
+    def place(
+        self, R_world_object: NDArray[np.float64], p_world_object: NDArray[np.float64], impact_point_world: NDArray[np.float64]
+    ) -> None:
+        """Put the object down and set the arm's stand so that the hanging arm's tip touches the impact point.
+
+        The object is let go a tenth of a millimetre over the table, whatever height is given. Until the tip has once been clear of the
+        object it passes through: the stand is moved in after the object.
+
+        Args:
+            R_world_object: (3, 3).
+            p_world_object: (3,) m.
+            impact_point_world: (3,) m, on the object's surface; the tip moves along +x there.
+
+        Raises:
+            AcquireError: not a rotation.
+        """
+        R = np.asarray(R_world_object, dtype=float)
+        if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0:
+            raise AcquireError("virtual world: R_world_object is no rotation matrix: give an orthonormal 3 x 3 with determinant +1")
+        data = self._data
+        x, y, z, w = Rotation.from_matrix(R).as_quat()
+        lowest = float((self._centres @ R[2]).min()) - self._thing.edge_radius_m
+        data.qpos[0:3] = p_world_object
+        data.qpos[2] = _DROP_M - lowest
+        data.qpos[3:7] = (w, x, y, z)
+        data.qvel[0:6] = 0.0
+        data.qacc_warmstart[:] = 0.0
+        hinge = np.asarray(impact_point_world, dtype=float) + np.array([-TIP_RADIUS_M, 0.0, ARM_LENGTH_M])
+        self._model.body_pos[self._arm_body] = hinge
+        self._model.geom_contype[self._tip] = 0
+        self._at_rest, self._slow_ticks, self._contact = False, 0, None
+        mujoco.mj_forward(self._model, data)
+
+    # --- time ----------------------------------------------------------------------------------------------------------
+
+    def step_to(self, time_ns: int) -> None:
+        """Step whole milliseconds up to `time_ns`."""
+        while self.time_ns + TICK_NS <= time_ns:
+            self._tick()
+
+    @property
+    def at_rest(self) -> bool:
+        """The object lies still; the arm may move."""
+        return self._at_rest
+
+    def arm(self) -> tuple[float, float]:
+        """Angle [rad] and velocity [rad/s] of the arm."""
+        return float(self._qpos[7]), float(self._qvel[6])
+
+    def state(self) -> WorldState:
+        """Everything that moves, now."""
+        q = self._qpos[3:7].copy()
+        return WorldState(
+            self.time_ns,
+            self._qpos[0:3].copy(),
+            q,
+            self._qvel[0:3].copy(),
+            _rotate(q, self._qvel[3:6]),
+            float(self._qpos[7]),
+            float(self._qvel[6]),
+            self._model.body_pos[self._arm_body].copy(),
+            self._at_rest,
+        )
+
+    def _tick(self) -> None:
+        angle, velocity = self.arm()
+        torque = self._motor(angle, velocity, self.time_ns)
+        reach = _NEAR_M + 2e-3 * ARM_LENGTH_M * abs(velocity)
+        if self._at_rest and self._gap_at_rest[1] - ARM_LENGTH_M * abs(angle - self._gap_at_rest[0]) > reach:
+            self._swing(torque)
+        else:
+            self._tick_near(torque, reach)
+        self.time_ns += TICK_NS
+        self._close_contact()
+        self._on_tick(self.state())
+
+    def _tick_near(self, torque: float, reach: float) -> None:
+        """A tick in which the object moves or the tip may be within `reach` [m] of it."""
+        data = self._data
+        clearance = self._clearance()
+        if self._model.geom_contype[self._tip] == 0 and clearance > _NEAR_M:
+            self._model.geom_contype[self._tip] = 2
+        near = self._model.geom_contype[self._tip] == 2 and clearance < reach
+        if self._at_rest and not near:
+            self._gap_at_rest = (float(self._qpos[7]), clearance)
+            self._swing(torque)
+            return
+        self._at_rest = False
+        data.qfrc_applied[6] = torque
+        if near:
+            for i in range(_SUBSTEPS):
+                mujoco.mj_step(self._model, data)
+                self._feel(self.time_ns + (i + 1) * (TICK_NS // _SUBSTEPS))
+        else:
+            mujoco.mj_step(self._model, data, nstep=_SUBSTEPS)
+        self._notice_rest(near=near)
+
+    def _swing(self, torque: float) -> None:
+        """The arm alone: I a'' = torque - damping a' - m g l/2 sin a, semi-implicit."""
+        angle, velocity = self.arm()
+        for _ in range(_SUBSTEPS):
+            acceleration = (torque - self._arm_gravity * math.sin(angle)) / ARM_INERTIA_KG_M2
+            velocity = (velocity + TIMESTEP_S * acceleration) / (1 + TIMESTEP_S * ARM_DAMPING / ARM_INERTIA_KG_M2)
+            angle += TIMESTEP_S * velocity
+        self._qpos[7], self._qvel[6] = angle, velocity
+
+    def _clearance(self) -> float:
+        """Lower bound [m] of the gap between tip and object."""
+        angle = float(self._qpos[7])
+        centre = self._model.body_pos[self._arm_body] + ARM_LENGTH_M * np.array([math.sin(angle), 0.0, -math.cos(angle)])
+        in_object = _rotate(self._qpos[3:7] * (1, -1, -1, -1), centre - self._qpos[0:3])
+        return float((self._planes[:, :3] @ in_object + self._planes[:, 3]).max()) - TIP_RADIUS_M
+
+    def _notice_rest(self, *, near: bool) -> None:
+        velocity = self._data.qvel
+        slow = np.abs(velocity[0:3]).max() < _REST_SPEED and np.abs(velocity[3:6]).max() < _REST_RATE
+        self._slow_ticks = self._slow_ticks + 1 if slow and not near else 0
+        if self._slow_ticks >= _REST_TICKS:
+            self._at_rest = True
+            self._gap_at_rest = (0.0, -np.inf)
+            self._data.qvel[0:6] = 0.0
+
+    def _feel(self, now_ns: int) -> None:
+        """Add up the striker's force over the step that ended now."""
+        data = self._data
+        for i in range(data.ncon):
+            contact = data.contact[i]
+            if self._tip not in {contact.geom1, contact.geom2}:
+                continue
+            mujoco.mj_contactForce(self._model, data, i, self._force)
+            if self._force[0] <= 0:
+                continue
+            if self._contact is None:
+                self._contact = _OpenContact(now_ns - self._age_ns(float(contact.dist)), 0.0, contact.pos.copy(), now_ns)
+            self._contact.impulse += float(self._force[0]) * TIMESTEP_S
+            self._contact.last_ns = now_ns
+
+    def _age_ns(self, distance: float) -> int:
+        """How long before the end of this step the tip met the face: it stood `distance` [m] (negative) deep at the step's beginning."""
+        speed = ARM_LENGTH_M * abs(float(self._qvel[6]))
+        return round(1e9 * (TIMESTEP_S + min(TIMESTEP_S, -distance / speed if speed > 0 else 0.0)))
+
+    def _close_contact(self) -> None:
+        contact = self._contact
+        if contact is not None and self.time_ns - contact.last_ns > _CONTACT_GAP_NS:
+            self._contact = None
+            duration = (contact.last_ns - contact.first_ns) * 1e-9
+            self._on_contact(StrikerContact(contact.first_ns, contact.impulse, contact.position, duration))
+
+
+@dataclass
+class _OpenContact:
+    """A contact that goes on."""
+
+    first_ns: int
+    impulse: float
+    position: NDArray[np.float64]
+    last_ns: int
+
+
+def _rotate(q_wxyz: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The vector (3,) turned by the quaternion."""
+    result = np.zeros(3)
+    mujoco.mju_rotVecQuat(result, vector, q_wxyz)
+    return result

@@ -1,0 +1,263 @@
+"""Process of the virtual world: physics and servo in one real-time loop.
+
+`python -m acquire.virtual.world_process --object carton --seed 1 --dir RUN` makes in RUN: `ttyDXL` (the servo), `pose.ring` (poses),
+`world.sock` (control, see OperatorLink) and `truth.bin`. Prints one JSON line when it is up. Ends on SIGTERM, on "quit" and when its
+parent ends.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import gc
+import json
+import os
+import select
+import signal
+import socket
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from acquire.errors import AcquireError
+from acquire.virtual.dynamixel_servo import DynamixelServo
+from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
+from acquire.virtual.pose_ring import PoseRing
+from acquire.virtual.station import station
+from acquire.virtual.truth_file import TruthWriter
+from acquire.virtual.world import TICK_NS, StrikerContact, World, WorldState
+from schemas.proto import percuss_pb2 as pb
+
+_IDLE_NS = 4_000_000
+"""between wake-ups while nothing moves"""
+_STILL_RAD_S = 0.02
+_RESTING_POSE_TICKS = 50
+"""truth holds every pose while the object moves, one in this many while it rests"""
+_PARENT_CHECK_NS = 500_000_000
+_REQUEST_BYTES = 1 << 16
+
+
+class WorldProcess:
+    """World, servo, ring, log and control socket, stepped together.
+
+    Args:
+        thing: the object.
+        seed: of station, servo noise and, in the log, the whole world.
+        folder: where the files and sockets appear.
+        clock_ns: the world clock, CLOCK_MONOTONIC.
+        table_tilt: (2,) rad.
+    """
+
+    def __init__(
+        self,
+        thing: VirtualObject,
+        seed: int,
+        folder: Path,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+        table_tilt: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        self._clock_ns = clock_ns
+        self._ring = PoseRing.create(folder / "pose.ring")
+        self._truth = TruthWriter(folder / "truth.bin", truth_body(thing, seed, table_tilt))
+        self._ticks = 0
+        self.world = World(
+            thing,
+            self._torque,
+            clock_ns(),
+            self._log_pose,
+            self._log_contact,
+            table_tilt,
+        )
+        self.servo = DynamixelServo(self.world.arm, clock_ns, folder / "ttyDXL", seed=seed)
+        self._socket_path = folder / "world.sock"
+        self._socket_path.unlink(missing_ok=True)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(str(self._socket_path))
+        self._socket_path.chmod(0o600)
+        self._listener.listen(4)
+        self._listener.setblocking(False)
+        self._clients: dict[socket.socket, bytes] = {}
+        self.stopped = False
+
+    def close(self) -> None:
+        """Take everything down; the log stays."""
+        for client in self._clients:
+            client.close()
+        self._listener.close()
+        self._socket_path.unlink(missing_ok=True)
+        self.servo.close()
+        self._truth.close()
+
+    def run(self, goes_on: Callable[[], bool]) -> None:
+        """Step in real time until told to quit, or `goes_on` (asked twice a second) says no."""
+        next_check_ns = 0
+        while not self.stopped:
+            now_ns = self._clock_ns()
+            if now_ns >= next_check_ns:
+                if not goes_on():
+                    return
+                next_check_ns = now_ns + _PARENT_CHECK_NS
+            self.step(now_ns)
+
+    def step(self, now_ns: int) -> None:
+        """Bring the world to now, then wait until the next tick is due, answering the servo's bus at once."""
+        self.world.step_to(now_ns)
+        still = self.world.at_rest and abs(self.world.arm()[1]) < _STILL_RAD_S
+        due_ns = self.world.time_ns + (_IDLE_NS if still else TICK_NS)
+        if self.servo.next_answer_ns is not None:
+            due_ns = min(due_ns, self.servo.next_answer_ns)
+        wait_s = max(0, due_ns - self._clock_ns()) * 1e-9
+        readable, _, _ = select.select([self.servo.fd, self._listener, *self._clients], [], [], wait_s)
+        if self.servo.fd in readable or self.servo.next_answer_ns is not None:
+            now_ns = self._clock_ns()
+            self.world.step_to(now_ns)
+            self.servo.service(now_ns)
+        for source in readable:
+            if source is self._listener:
+                client, _ = self._listener.accept()
+                client.setblocking(False)
+                self._clients[client] = b""
+            elif isinstance(source, socket.socket):
+                self._hear(source)
+
+    def _torque(self, position_rad: float, velocity_rad_s: float, time_ns: int) -> float:
+        return self.servo.torque(position_rad, velocity_rad_s, time_ns)
+
+    # --- control -------------------------------------------------------------------------------------------------------
+
+    def _hear(self, client: socket.socket) -> None:
+        try:
+            data = client.recv(_REQUEST_BYTES)
+        except OSError:
+            data = b""
+        *lines, rest = (self._clients[client] + data).split(b"\n")
+        if not data or len(rest) > _REQUEST_BYTES:
+            del self._clients[client]
+            client.close()
+            return
+        self._clients[client] = rest
+        for line in lines:
+            with contextlib.suppress(OSError):  # a client that left gets no answer
+                client.sendall(json.dumps(self._answer(line)).encode() + b"\n")
+
+    def _answer(self, line: bytes) -> dict[str, Any]:
+        try:
+            request = json.loads(line)
+            match request["method"]:
+                case "place":
+                    wanted = [np.array(request[key], dtype=float) for key in ("R_world_object", "p_world_object", "impact_point_world")]
+                    self.world.place(*wanted)
+                    return {"ok": True}
+                case "truth":
+                    self._truth.flush()
+                    return {"path": str(self._truth.path)}
+                case "state":
+                    return self._state()
+                case "quit":
+                    self.stopped = True
+                    return {"ok": True}
+                case other:
+                    return {"error": f"virtual world: no method '{other}': place, truth, state and quit exist"}
+        except AcquireError as error:
+            return {"error": str(error)}
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
+            return {"error": f"virtual world: request cannot be understood ({type(error).__name__}: {error})"}
+
+    def _state(self) -> dict[str, Any]:
+        state = self.world.state()
+        return {
+            "time_ns": state.time_ns,
+            "at_rest": state.at_rest,
+            "arm_angle": state.arm_angle,
+            "arm_velocity": state.arm_velocity,
+            "p_world_object": state.p_world_object.tolist(),
+            "q_world_object_wxyz": state.q_world_object_wxyz.tolist(),
+        }
+
+    # --- logs ----------------------------------------------------------------------------------------------------------
+
+    def _log_pose(self, state: WorldState) -> None:
+        self._ring.append(state.time_ns, state.p_world_object, state.q_world_object_wxyz, state.arm_angle, state.p_world_hinge)
+        self._ticks += 1
+        if state.at_rest and self._ticks % _RESTING_POSE_TICKS:
+            return
+        self._truth.pose(
+            pb.TruthPose(
+                world_time_ns=state.time_ns,
+                p_world_object=state.p_world_object,
+                q_world_object_wxyz=state.q_world_object_wxyz,
+                linear_velocity=state.linear_velocity,
+                angular_velocity=state.angular_velocity,
+                striker_angle_rad=state.arm_angle,
+                striker_velocity_rad_s=state.arm_velocity,
+            )
+        )
+
+    def _log_contact(self, contact: StrikerContact) -> None:
+        self._truth.contact(
+            pb.TruthContact(
+                world_time_ns=contact.time_ns,
+                impulse_n_s=contact.impulse_n_s,
+                p_world_contact=contact.p_world_contact,
+                duration_s=contact.duration_s,
+            )
+        )
+
+
+def truth_body(thing: VirtualObject, seed: int, table_tilt: tuple[float, float]) -> pb.TruthBody:
+    """What is hidden in the object and the station."""
+    body = thing.body
+    normal, offset = body.region_plane
+    return pb.TruthBody(
+        mass_kg=body.mass_kg,
+        com_object=body.com_object,
+        inertia_com=body.inertia_com.ravel(),
+        edge_radius_m=thing.edge_radius_m,
+        region_mass_kg=body.region_masses,
+        region_plane=[*normal, offset],
+        shell_thickness_m=body.shell_thickness_m,
+        friction=thing.friction,
+        table_tilt_x_rad=table_tilt[0],
+        table_tilt_y_rad=table_tilt[1],
+        T_camera_world=np.linalg.inv(station(seed).T_world_camera).ravel(),
+        seed=seed,
+    )
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--object", choices=OBJECT_NAMES, required=True)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--dir", type=Path, required=True)
+    parser.add_argument("--tilt-deg", type=float, nargs=2, default=(0.0, 0.0), help="gravity against the table, about W's x and y")
+    parser.add_argument("--parent", type=int, help="process id whose end is ours; default: who started us")
+    arguments = parser.parse_args()
+    tilt_x, tilt_y = np.radians(arguments.tilt_deg)
+    parent = arguments.parent or os.getppid()  # who started us may be gone before we have come so far
+    process = WorldProcess(
+        load_object(arguments.object, arguments.seed), arguments.seed, arguments.dir, table_tilt=(float(tilt_x), float(tilt_y))
+    )
+
+    def stop(_signal: int, _frame: object) -> None:
+        process.stopped = True
+
+    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGINT, stop)
+    gc.freeze()
+    with contextlib.suppress(OSError):  # the physical world does not wait for the programs that watch it; an ordinary user may not ask
+        os.setpriority(os.PRIO_PROCESS, 0, -10)
+    try:
+        sys.stdout.write(json.dumps({"ready": True, "port": str(process.servo.port_path)}) + "\n")
+        sys.stdout.flush()
+        process.run(goes_on=lambda: os.getppid() == parent)
+    finally:
+        process.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""The daemon's side of `analyze watch`: a child process that looks at the growing recording. Recording goes on without it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from schemas.documents import JudgeRequest, StrikeVerdict, WatchEvent, canonical_json
+
+
+class Watcher:
+    """Starts `analyze watch FILE`, keeps its newest WatchEvent, and asks it for verdicts."""
+
+    def __init__(self, recording: Path, on_event: Callable[[WatchEvent], None]) -> None:
+        self.recording = recording
+        self._on_event = on_event
+        self._latest: WatchEvent | None = None
+        self._verdicts: dict[str, StrikeVerdict] = {}
+        self._changed = threading.Condition()
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "analyze", "watch", str(recording)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # a terminal's Ctrl-C is the daemon's to handle
+        )
+        self._reader = threading.Thread(target=self._read, name="watcher")
+        self._reader.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the child still runs."""
+        return self._process.poll() is None
+
+    @property
+    def latest(self) -> WatchEvent | None:
+        """Newest event, None before the first."""
+        return self._latest
+
+    def expect(self, plan_strike_id: str) -> None:
+        """Compare the placement with this planned strike from now on."""
+        self._send(JudgeRequest(kind="expect", plan_strike_id=plan_strike_id))
+
+    def judge(self, request: JudgeRequest, timeout_s: float) -> StrikeVerdict | None:
+        """Verdict on a window, None when the child is dead or silent."""
+        self._send(request)
+        end = time.monotonic() + timeout_s
+        with self._changed:
+            while request.strike_id not in self._verdicts:
+                left = end - time.monotonic()
+                if left <= 0 or not self.alive:
+                    return None
+                self._changed.wait(min(left, 0.5))
+            return self._verdicts[request.strike_id]
+
+    def close(self) -> None:
+        """End the child and its reader, at once: it has nothing to lose."""
+        self._process.terminate()
+        with contextlib.suppress(OSError):
+            if self._process.stdin is not None:
+                self._process.stdin.close()
+        try:
+            self._process.wait(3.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+    def _send(self, request: JudgeRequest) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            if self._process.stdin is not None:
+                self._process.stdin.write(canonical_json(request) + "\n")
+                self._process.stdin.flush()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None  # noqa: S101 - opened with PIPE
+        for line in self._process.stdout:
+            try:
+                data = json.loads(line)
+                if isinstance(data, dict) and data.get("kind") == "verdict":
+                    verdict = StrikeVerdict.model_validate(data)
+                    with self._changed:
+                        self._verdicts[verdict.strike_id] = verdict
+                        self._changed.notify_all()
+                else:
+                    self._latest = WatchEvent.model_validate(data)
+                    self._on_event(self._latest)
+            except (ValueError, RecursionError):
+                continue  # a line that is not for us
+        with self._changed:
+            self._changed.notify_all()

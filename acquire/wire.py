@@ -1,0 +1,104 @@
+"""What passes between the daemon and the capture process: length-prefixed frames of a JSON header and bytes. No pickle."""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+from schemas import topics
+
+_PREFIX = struct.Struct("<II")
+_MESSAGE = struct.Struct("<HQI")
+_LIMIT = 1 << 30
+
+
+class WireClosed(ConnectionError):
+    """The other side is gone."""
+
+
+def send(connection: socket.socket, header: dict[str, Any], payload: bytes = b"") -> None:
+    """Send one frame.
+
+    Raises:
+        WireClosed: nobody receives any more.
+    """
+    text = json.dumps(header, separators=(",", ":")).encode()
+    try:
+        connection.sendall(_PREFIX.pack(len(text), len(payload)) + text + payload)
+    except OSError as error:
+        raise WireClosed(str(error)) from None
+
+
+def receive(connection: socket.socket) -> tuple[dict[str, Any], bytes]:
+    """Wait for one frame.
+
+    Raises:
+        WireClosed: the other side closed, or sent something that is no frame.
+        TimeoutError: nothing came within the connection's timeout.
+    """
+    text_size, payload_size = _PREFIX.unpack(_exactly(connection, _PREFIX.size))
+    if text_size + payload_size > _LIMIT:
+        raise WireClosed(f"a frame of {text_size + payload_size} bytes is none of ours")
+    text = _exactly(connection, text_size)
+    try:
+        header = json.loads(text)
+    except (ValueError, RecursionError):
+        header = None
+    if not isinstance(header, dict):
+        raise WireClosed("a frame without a JSON header is none of ours")
+    return header, _exactly(connection, payload_size)
+
+
+def small_topics(camera: str) -> dict[str, topics.Topic]:
+    """What the daemon may have recorded, by name: everything but images and their meta."""
+    known = (
+        topics.camera_calibration(camera),
+        topics.STRIKER_SAMPLE,
+        topics.STRIKER_EVENT,
+        topics.CLOCK_SAMPLE,
+        topics.SESSION_STATE,
+        topics.SESSION_STRIKE,
+        topics.LOG,
+    )
+    return {topic.name: topic for topic in known}
+
+
+def pack_message(topic: int, log_time_ns: int, data: bytes) -> bytes:
+    """One recorded message inside a batch; `topic` counts through the batch's list of names."""
+    return _MESSAGE.pack(topic, log_time_ns, len(data)) + data
+
+
+def unpack_messages(batch: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """(topic, log time, data) of each message in a batch.
+
+    Raises:
+        ValueError: the batch ends inside a message.
+    """
+    at = 0
+    while at < len(batch):
+        if len(batch) - at < _MESSAGE.size:
+            raise ValueError("a batch of messages ends early")
+        topic, log_time, size = _MESSAGE.unpack_from(batch, at)
+        at += _MESSAGE.size
+        if size > len(batch) - at:
+            raise ValueError("a batch of messages ends early")
+        yield topic, log_time, batch[at : at + size]
+        at += size
+
+
+def _exactly(connection: socket.socket, size: int) -> bytes:
+    data = bytearray()
+    while len(data) < size:
+        try:
+            part = connection.recv(min(size - len(data), 1 << 20))
+        except TimeoutError:
+            raise
+        except OSError as error:
+            raise WireClosed(str(error)) from None
+        if not part:
+            raise WireClosed("closed by the other side")
+        data += part
+    return bytes(data)
