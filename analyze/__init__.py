@@ -1,0 +1,1 @@
+"""The offline toolkit: plans strikes, reads recordings, tracks, fits, estimates and reports."""

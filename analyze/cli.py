@@ -1,0 +1,191 @@
+"""The `analyze` command: verbs only; each hands over to the module that does the work.
+
+Exit codes: 0 done, 1 a named problem (one line on standard error), 2 wrong usage, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from analyze.errors import AnalyzeError
+from schemas.documents import DocumentError
+
+if TYPE_CHECKING:
+    from analyze.pipeline import Estimate
+
+
+def _one_line_errors(function: Callable[..., Any]) -> Callable[..., Any]:
+    @wraps(function)
+    def wrapped(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except (AnalyzeError, DocumentError) as error:
+            click.echo(f"analyze: {error}", err=True)
+            sys.exit(1)
+        except BrokenPipeError:
+            sys.exit(1)
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            click.echo(f"analyze: {where}{error.strerror or error}: check disk and permissions", err=True)
+            sys.exit(1)
+        except KeyboardInterrupt:
+            click.echo("analyze: interrupted", err=True)
+            sys.exit(130)
+
+    return wrapped
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="percuss")
+def main() -> None:
+    """Plan strikes; turn recordings into centre of mass, inertia and region masses."""
+    # One thread for the linear algebra: the matrices are small, and results must not depend on the number of cores.
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+_estimate_options = [
+    click.option("--object", "object_file", type=click.Path(path_type=Path), help="Use this object file instead of the recording's."),
+    click.option("--exclude", multiple=True, metavar="STRIKE", help="Leave a strike out (id as in the report); may be repeated."),
+]
+
+
+def _with_estimate_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    for option in reversed(_estimate_options):
+        function = option(function)
+    return function
+
+
+@main.command()
+@click.argument("object_file", metavar="OBJECT", type=click.Path(path_type=Path))
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Where to write the plan (JSON).")
+@click.option("--rig", type=click.Path(path_type=Path), help="Rig file: camera pose and striker; defaults without it.")
+@click.option("--strikes", default=9, type=click.IntRange(3), help="How many strikes.")
+@click.option("--json", "as_json", is_flag=True, help="Print the plan as JSON.")
+@_one_line_errors
+def plan(object_file: Path, output: Path | None, rig: Path | None, strikes: int, as_json: bool) -> None:
+    """Plan the strikes for OBJECT (TOML): how to place it, where to strike, how hard."""
+    from analyze.output_file import refuse_unwritable
+    from analyze.plan_files import plan_object, render_plan, write_plan
+
+    if output is not None:
+        refuse_unwritable(output, object_file, *([rig] if rig is not None else []))
+    result = plan_object(object_file, rig, strikes)
+    if output is not None:
+        write_plan(result, output)
+    if as_json:
+        click.echo(result.model_dump_json())
+    else:
+        render_plan(result)
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@_with_estimate_options
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@_one_line_errors
+def estimate(file: Path, object_file: Path | None, exclude: tuple[str, ...], as_json: bool) -> None:
+    """Centre of mass, moments of inertia and region masses from a recording."""
+    from analyze.results.summary import render_summary
+
+    answer = _estimate(file, object_file, exclude)
+    if as_json:
+        click.echo(answer.json())
+    else:
+        render_summary(answer)
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@_with_estimate_options
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@_one_line_errors
+def score(file: Path, object_file: Path | None, exclude: tuple[str, ...], as_json: bool) -> None:
+    """Truth beside estimate, for virtual recordings."""
+    from analyze.score import refuse_without_truth, render_score, score_estimate
+
+    refuse_without_truth(file)
+    result = score_estimate(file, _estimate(file, object_file, exclude))
+    if as_json:
+        click.echo(json.dumps(result, allow_nan=False))
+    else:
+        render_score(result)
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@_with_estimate_options
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Where to write; default FILE with .html.")
+@_one_line_errors
+def report(file: Path, object_file: Path | None, exclude: tuple[str, ...], output: Path | None) -> None:
+    """One HTML file with the answer, its reasons and its plots."""
+    from analyze.output_file import refuse_unwritable
+    from analyze.results.report import write_report
+    from analyze.score import score_if_virtual
+
+    output = output or file.with_suffix(".html")
+    refuse_unwritable(output, file)
+    answer = _estimate(file, object_file, exclude)
+    write_report(answer, file, output, score_if_virtual(file, answer))
+    click.echo(f"report: {output}")
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@_with_estimate_options
+@click.option("--save", type=click.Path(path_type=Path), help="Write a .rrd instead of opening the viewer.")
+@click.option("--screenshot", type=click.Path(path_type=Path), help="Write a PNG of the view; needs no screen.")
+@_one_line_errors
+def replay(file: Path, object_file: Path | None, exclude: tuple[str, ...], save: Path | None, screenshot: Path | None) -> None:
+    """See what happened, in rerun."""
+    from analyze.output_file import refuse_unwritable
+    from analyze.replay import replay_recording
+
+    for path in (save, screenshot):
+        if path is not None:
+            refuse_unwritable(path, file)
+    replay_recording(file, _estimate(file, object_file, exclude), save, screenshot)
+    for path in (save, screenshot):
+        if path is not None:
+            click.echo(f"replay: {path}")
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@_one_line_errors
+def inspect(file: Path, as_json: bool) -> None:
+    """What is in a recording: topics, rates, gaps, session."""
+    from analyze.inspect import inspect_recording, render_inspection
+
+    found = inspect_recording(file)
+    if as_json:
+        click.echo(json.dumps(found, allow_nan=False))
+    else:
+        render_inspection(found)
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@_one_line_errors
+def watch(file: Path) -> None:
+    """Follow a recording while it grows; JSON lines on standard output (started by `acquire`)."""
+    from analyze.watch import watch as watch_recording
+
+    watch_recording(file, sys.stdin, sys.stdout)
+
+
+def _estimate(file: Path, object_file: Path | None, exclude: tuple[str, ...]) -> Estimate:
+    from analyze.pipeline import EstimateOptions, estimate_recording
+    from analyze.progress import StrikeProgress
+
+    with StrikeProgress() as progress:
+        return estimate_recording(file, EstimateOptions(object_path=object_file, exclude=frozenset(exclude)), progress)

@@ -1,0 +1,50 @@
+"""Everything that analyze raises on purpose.
+
+    AnalyzeError
+    ├── RecordingError          a file that cannot be read as a recording
+    │   ├── RecordingCut        it ends early; `acquire recover` can save the rest
+    │   └── RecordingVersion    written by another major schema version
+    ├── ShapeError              a shape that is no closed body, has no unit, or cannot be read
+    ├── PlanError               no set of strikes determines the centre of mass, or the plan is of another object
+    ├── TrackingError           the marker is unknown, seen twice, or not seen
+    ├── EstimationError         too few good strikes
+    └── OutputError             a file that cannot be written
+
+Each message is one line: the file or thing, what is wrong, what to try.
+"""
+
+
+class AnalyzeError(Exception):
+    """Base of all errors of this package; the CLI prints it as one line and exits with 1."""
+
+
+class RecordingError(AnalyzeError):
+    """A file that cannot be read as a recording."""
+
+
+class RecordingCut(RecordingError):
+    """The recording ends early."""
+
+
+class RecordingVersion(RecordingError):
+    """The recording was written by another major schema version."""
+
+
+class ShapeError(AnalyzeError):
+    """A shape that cannot be used."""
+
+
+class PlanError(AnalyzeError):
+    """No plan can be made, or the plan does not fit."""
+
+
+class TrackingError(AnalyzeError):
+    """The marker cannot be followed."""
+
+
+class EstimationError(AnalyzeError):
+    """The data do not determine an answer."""
+
+
+class OutputError(AnalyzeError):
+    """A file cannot be written."""

@@ -1,0 +1,1 @@
+"""From phi and k to centre of mass, inertia and region masses."""

@@ -1,0 +1,149 @@
+"""Depth below a surface and the direction straight inwards, for boxes, cylinders, convex and other closed meshes. In O, in m."""
+
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from analyze.geometry import polyhedron
+from analyze.types import Array, IntArray
+
+NEAREST_SAMPLES = 5
+CHUNK = 40_000
+
+
+@dataclass(frozen=True)
+class Depth:
+    """Signed depth (n,) [m], + inside, and its gradient (n, 3): the unit vector straight inwards."""
+
+    value: Array
+    gradient: Array
+
+
+def box_depth(half_size: Array, points: Array) -> Depth:
+    """Exact; box of half edges (3,) centred on O, `points` (n, 3)."""
+    excess = np.abs(points) - half_size
+    outside = np.maximum(excess, 0)
+    far = np.linalg.norm(outside, axis=1)
+    nearest = np.argmax(excess, axis=1)
+    face = np.zeros_like(points)
+    face[np.arange(len(points)), nearest] = 1.0
+    direction = np.where(far[:, None] > 0, outside / np.where(far > 0, far, 1.0)[:, None], face)
+    value = np.where(far > 0, -far, -excess.max(axis=1))
+    return Depth(value, -direction * np.where(points < 0, -1.0, 1.0))
+
+
+def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
+    """Exact; cylinder centred on O with its axis along z, `points` (n, 3)."""
+    across = np.linalg.norm(points[:, :2], axis=1)
+    radial = np.zeros_like(points)
+    radial[:, :2] = points[:, :2] / np.where(across > 0, across, 1.0)[:, None]
+    axial = np.zeros_like(points)
+    axial[:, 2] = np.where(points[:, 2] < 0, -1.0, 1.0)
+    excess = np.stack([across - radius, np.abs(points[:, 2]) - half_height], axis=1)
+    outside = np.maximum(excess, 0)
+    far = np.linalg.norm(outside, axis=1)
+    share = np.where(far[:, None] > 0, outside / np.where(far > 0, far, 1.0)[:, None], excess == excess.max(axis=1, keepdims=True))
+    direction = share[:, :1] * radial + share[:, 1:] * axial
+    length = np.linalg.norm(direction, axis=1)
+    return Depth(np.where(far > 0, -far, -excess.max(axis=1)), -direction / np.where(length > 0, length, 1.0)[:, None])
+
+
+def convex_depth(planes: Array, points: Array) -> Depth:
+    """Exact inside; outside the distance to the farthest face's plane. `planes` (p, 4): unit outward normal n and d, n.x + d = 0."""
+    value = np.empty(len(points))
+    gradient = np.empty((len(points), 3))
+    for start in range(0, len(points), CHUNK):
+        piece = slice(start, start + CHUNK)
+        heights = points[piece] @ planes[:, :3].T + planes[:, 3]
+        nearest = np.argmax(heights, axis=1)
+        value[piece] = -heights[np.arange(len(heights)), nearest]
+        gradient[piece] = -planes[nearest, :3]
+    return Depth(value, gradient)
+
+
+@dataclass(frozen=True)
+class SurfaceIndex:
+    """Points spread over a surface, each with its face, for the search of the nearest faces."""
+
+    triangles: Array
+    """(f, 3, 3)"""
+    tree: KDTree
+    face: IntArray
+    """(samples,)"""
+
+
+def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
+    """Index of a closed mesh; samples lie no farther apart than 1/100 of its largest extent."""
+    triangles = vertices[faces]
+    spacing = float(np.ptp(vertices, axis=0).max()) / 100
+    longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+    steps = np.maximum(1, np.ceil(longest / spacing)).astype(int)
+    points: list[Array] = []
+    owners: list[IntArray] = []
+    for many in np.unique(steps):
+        mine = np.flatnonzero(steps == many)
+        grid = np.stack(np.meshgrid(np.arange(many + 1), np.arange(many + 1), indexing="ij"), axis=-1).reshape(-1, 2)
+        u, v = grid[grid.sum(axis=1) <= many].T / many
+        weights = np.stack([1 - u - v, u, v], axis=1)
+        # Pulled towards the centroid, so that samples on a common edge do not coincide.
+        weights = 0.98 * weights + 0.02 / 3
+        points.append(np.einsum("wk,fki->fwi", weights, triangles[mine]).reshape(-1, 3))
+        owners.append(np.repeat(mine, len(weights)))
+    return SurfaceIndex(triangles, KDTree(np.vstack(points)), np.concatenate(owners).astype(np.int64))
+
+
+def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Array) -> Depth:
+    """Exact distance to the faces near the closest samples of the surface (n, 3), signed by ray crossings."""
+    value = np.empty(len(points))
+    gradient = np.empty((len(points), 3))
+    for start in range(0, len(points), CHUNK):
+        piece = slice(start, start + CHUNK)
+        near = index.face[np.asarray(index.tree.query(points[piece], k=NEAREST_SAMPLES)[1])]
+        count = len(near)
+        repeated = np.repeat(points[piece], NEAREST_SAMPLES, axis=0)
+        closest = closest_on_triangles(repeated, index.triangles[near.ravel()]).reshape(count, NEAREST_SAMPLES, 3)
+        away = points[piece][:, None] - closest
+        distance = np.linalg.norm(away, axis=2)
+        best = np.argmin(distance, axis=1)
+        rows = np.arange(count)
+        value[piece] = distance[rows, best]
+        face = near[rows, best]
+        sides = index.triangles[face][:, 1:] - index.triangles[face][:, :1]
+        normal = np.cross(sides[:, 0], sides[:, 1])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        length = distance[rows, best][:, None]
+        gradient[piece] = np.where(length > 1e-12, away[rows, best] / np.where(length > 1e-12, length, 1.0), -normal)
+    within = polyhedron.inside(vertices, faces, points)
+    sign = np.where(np.logical_or(within, value <= 1e-12), 1.0, -1.0)
+    return Depth(sign * value, gradient * sign[:, None])
+
+
+def closest_on_triangles(points: Array, triangles: Array) -> Array:
+    """Closest point (n, 3) to `points` (n, 3) on `triangles` (n, 3, 3), one each (Ericson, Real-Time Collision Detection, 2005, 5.1.5)."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    ab, ac = b - a, c - a
+    normal = np.cross(ab, ac)
+    square = np.einsum("ij,ij->i", normal, normal)
+    ap = points - a
+    safe = np.where(square > 0, square, 1.0)
+    u = np.einsum("ij,ij->i", np.cross(ap, ac), normal) / safe
+    v = np.einsum("ij,ij->i", np.cross(ab, ap), normal) / safe
+    in_face = (square > 0) & (u >= 0) & (v >= 0) & (u + v <= 1)
+    best = a + u[:, None] * ab + v[:, None] * ac
+    nearest = np.where(in_face, 0.0, np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        side = end - start
+        length = np.einsum("ij,ij->i", side, side)
+        t = np.clip(np.einsum("ij,ij->i", points - start, side) / np.where(length > 0, length, 1.0), 0, 1)
+        candidate = start + t[:, None] * side
+        distance = np.linalg.norm(points - candidate, axis=1)
+        closer = distance < nearest
+        best = np.where(closer[:, None], candidate, best)
+        nearest = np.where(closer, distance, nearest)
+    return np.asarray(best)

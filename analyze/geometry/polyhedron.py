@@ -1,0 +1,180 @@
+"""Closed triangle surfaces: repair of windings, volume, centroid, inertia, rays, inside or outside. Pure numpy; lengths in m."""
+
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from analyze.types import Array, IntArray
+
+BoolArray = NDArray[np.bool_]
+
+RAY_TURN = np.array([[0.9, 0.26807, -0.34397], [-0.32, 0.94157, -0.10507], [0.29571, 0.20463, 0.93310]])
+"""an arbitrary turn, so that no ray runs along a face or through an edge of a body that lies square in its frame"""
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Of a uniform solid."""
+
+    volume: float
+    """m^3"""
+    centroid: Array
+    """(3,) m"""
+    unit_inertia: Array
+    """(3, 3) m^2, about the centroid, per kilogram"""
+
+
+def open_edges(faces: IntArray) -> int:
+    """Number of edges with an odd number of faces (f, 3): 0 for a closed surface."""
+    edges = np.sort(_directed_edges(faces), axis=1)
+    _, counts = np.unique(edges, axis=0, return_counts=True)
+    return int(np.sum(counts % 2))
+
+
+def wound_alike(faces: IntArray) -> tuple[IntArray, IntArray, int]:
+    """Faces (f, 3) turned so that neighbours run their common edge in opposite directions; each face's body (f,); how many were turned.
+
+    Within a body the first face's direction is kept; call `outward` next.
+    """
+    count = len(faces)
+    edges = np.sort(_directed_edges(faces), axis=1)
+    owner = np.tile(np.arange(count), 3)
+    ascending = faces[:, [0, 1, 2]] < faces[:, [1, 2, 0]]
+    sense = ascending.T.ravel()
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    same = np.all(edges[order[1:]] == edges[order[:-1]], axis=1)
+    # Edges with more than two faces (bodies that touch) do not say which faces belong together.
+    run_before = np.concatenate([[False], same[:-1]])
+    run_after = np.concatenate([same[1:], [False]])
+    pair = same & ~run_before & ~run_after
+    first, second = order[:-1][pair], order[1:][pair]
+    a, b = owner[first], owner[second]
+    differ = sense[first] == sense[second]
+    links = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
+    _, body = connected_components(links, directed=False)
+    turned = _two_colouring(count, a, b, differ)
+    result = faces.copy()
+    result[turned] = result[turned][:, ::-1]
+    return result, body.astype(np.int64), int(np.sum(turned))
+
+
+def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray, int]:
+    """Faces turned so that every body's volume is positive, and how many bodies were inside out."""
+    result = faces.copy()
+    inside_out = 0
+    for index in range(int(body.max()) + 1):
+        mine = body == index
+        if _signed_volumes(vertices, faces[mine]).sum() < 0:
+            result[mine] = result[mine][:, ::-1]
+            inside_out += 1
+    return result, inside_out
+
+
+def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
+    """Volume, centroid and inertia of the solid by signed tetrahedra (Blow and Binstock 2004)."""
+    origin = vertices.mean(axis=0)
+    a, b, c = np.moveaxis((vertices - origin)[faces], 1, 0)
+    six = np.einsum("ij,ij->i", a, np.cross(b, c))
+    volume = float(six.sum() / 6)
+    total = a + b + c
+    mean = (six @ total) / 24 / volume
+    second = sum((x * six[:, None]).T @ x for x in (a, b, c, total)) / 120
+    second = np.asarray(second) / volume - np.outer(mean, mean)
+    return MassProperties(volume, origin + mean, np.trace(second) * np.eye(3) - second)
+
+
+def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array) -> tuple[float, int] | None:
+    """Distance [m] to the first face that a ray along the unit `direction` meets, and that face (Moller and Trumbore 1997)."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    ab, ac = b - a, c - a
+    p = np.cross(direction, ac)
+    determinant = np.einsum("ij,ij->i", ab, p)
+    usable = np.abs(determinant) > 1e-15
+    inverse = 1 / np.where(usable, determinant, 1.0)
+    t = origin - a
+    u = np.einsum("ij,ij->i", t, p) * inverse
+    q = np.cross(t, ab)
+    v = (q @ direction) * inverse
+    distance = np.einsum("ij,ij->i", ac, q) * inverse
+    hit = usable & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (distance > 0)
+    if not hit.any():
+        return None
+    face = int(np.argmin(np.where(hit, distance, np.inf)))
+    return float(distance[face]), face
+
+
+def inside(vertices: Array, faces: IntArray, points: Array) -> BoolArray:
+    """Which of `points` (n, 3) lie inside, as bool (n,): signed crossings of a ray, faces sorted into a grid across it."""
+    turned = vertices @ RAY_TURN.T
+    probe = points @ RAY_TURN.T
+    corners = turned[faces]
+    side = int(np.clip(np.sqrt(len(faces)), 1, 200))
+    lower = corners[..., :2].min(axis=(0, 1))
+    step = (corners[..., :2].max(axis=(0, 1)) - lower) / side * (1 + 1e-9)
+    low = np.clip(((corners[..., :2].min(axis=1) - lower) / step).astype(int), 0, side - 1)
+    high = np.clip(((corners[..., :2].max(axis=1) - lower) / step).astype(int), 0, side - 1)
+    span = high - low + 1
+    repeat = span[:, 0] * span[:, 1]
+    face = np.repeat(np.arange(len(faces)), repeat)
+    rank = np.arange(len(face)) - np.repeat(np.cumsum(repeat) - repeat, repeat)
+    cell = (low[face, 0] + rank // span[face, 1]) * side + low[face, 1] + rank % span[face, 1]
+    order = np.argsort(cell, kind="stable")
+    face = face[order]
+    start = np.searchsorted(cell[order], np.arange(side * side + 1))
+    where = np.floor((probe[:, :2] - lower) / step).astype(int)
+    within = np.all((where >= 0) & (where < side), axis=1)
+    crossings = np.zeros(len(points), dtype=np.int64)
+    for chunk in np.array_split(np.flatnonzero(within), max(1, len(points) // 20_000)):
+        if len(chunk):
+            home = where[chunk, 0] * side + where[chunk, 1]
+            many = start[home + 1] - start[home]
+            point = np.repeat(chunk, many)
+            offset = np.arange(len(point)) - np.repeat(np.cumsum(many) - many, many)
+            np.add.at(crossings, point, _crossing(probe[point], corners[face[np.repeat(start[home], many) + offset]]))
+    return np.asarray(crossings > 0)
+
+
+def _crossing(points: Array, triangles: Array) -> IntArray:
+    """+1 where the ray from `points` (n, 3) along +z leaves through its triangle (n, 3, 3), -1 where it enters, else 0."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    ab, ac, ap = b - a, c - a, points - a
+    area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
+    safe = np.where(area == 0, 1.0, area)
+    u = (ap[:, 0] * ac[:, 1] - ap[:, 1] * ac[:, 0]) / safe
+    v = (ab[:, 0] * ap[:, 1] - ab[:, 1] * ap[:, 0]) / safe
+    above = u * ab[:, 2] + v * ac[:, 2] > ap[:, 2]
+    hit = (area != 0) & (u >= 0) & (v >= 0) & (u + v < 1) & above
+    return np.where(hit, np.sign(area), 0.0).astype(np.int64)
+
+
+def _directed_edges(faces: IntArray) -> IntArray:
+    return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+
+
+def _signed_volumes(vertices: Array, faces: IntArray) -> Array:
+    a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[faces], 1, 0)
+    return np.einsum("ij,ij->i", a, np.cross(b, c)) / 6
+
+
+def _two_colouring(count: int, a: IntArray, b: IntArray, differ: BoolArray) -> BoolArray:
+    """Which faces must be turned (count,) so that links (a, b) with `differ` join one turned and one unturned face.
+
+    On the double cover (every face once as it is, once turned) each consistent choice is one component.
+    """
+    shift = np.where(differ, count, 0)
+    rows = np.concatenate([a, a + count])
+    columns = np.concatenate([b + shift, b + count - shift])
+    links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
+    _, label = connected_components(links, directed=False)
+    # Components come in mirrored pairs; the one that holds more faces as they are is chosen, so that few are turned.
+    plain, mirrored = label[:count], label[count:]
+    rank = np.bincount(plain, minlength=2 * count) * (2 * count) + np.arange(2 * count)
+    return np.asarray(rank[mirrored] > rank[plain])

@@ -1,0 +1,102 @@
+"""The body cut into cubes, each with the part of it that lies inside and in the wall (paper 3.3.1, with partial volumes)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.geometry.object_model import ObjectModel
+from analyze.types import Array
+
+SUBCELLS = 3
+"""per edge of a cube that the surface or the wall's inner side cuts"""
+LEAST_FRACTION = 1e-3
+"""of a cube's volume; smaller pieces are given to nobody, the rest is scaled to the exact volume"""
+
+
+@dataclass(frozen=True)
+class Voxels:
+    """Cubes of edge `pitch` that hold some of the body. Volumes add up to the body's."""
+
+    pitch: float
+    """m"""
+    centres: Array
+    """(n, 3) m, in O: centroid of the part of the cube that lies inside"""
+    volumes: Array
+    """(n,) m^3, of that part"""
+    depth: Array
+    """(n,) m below the surface, of `centres`"""
+    shell: Array
+    """(n,) 0 to 1: part of `volumes` that lies within the wall's thickness of the surface"""
+    shell_centres: Array
+    """(n, 3) m: centroid of that part; `centres` where there is none"""
+    core_centres: Array
+    """(n, 3) m: centroid of the rest; `centres` where there is none"""
+
+
+def voxelise(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels:
+    """Cut `model` into cubes of edge `pitch` [m] with a wall of `shell_thickness` [m].
+
+    Cubes cut by the surface or by the wall's inner side are cut again, and each piece counts by how far the plane through its nearest
+    surface point reaches into it, so that a 2 mm wall is right with 4 mm cubes. Volume is exact, centroid and moments to 0.5 %.
+
+    Raises:
+        ValueError: pitch or thickness is not above 0.
+    """
+    if pitch <= 0 or shell_thickness <= 0:
+        raise ValueError("pitch and shell_thickness must be above 0")
+    counts = np.ceil(model.extent / pitch - 1e-9).astype(int)
+    lower = model.bounds.mean(axis=0) - counts * pitch / 2
+    index = np.argwhere(np.ones(counts))
+    corners = lower + index * pitch
+    depth = model.depth(corners + pitch / 2)
+    reach = pitch * np.sqrt(3) / 2
+    cut = (np.abs(depth) < reach) | (np.abs(depth - shell_thickness) < reach)
+    whole = (depth >= reach) & ~cut
+    in_wall = whole & (depth < shell_thickness)
+    body, wall, body_moment, wall_moment = _cut(model, corners[cut], pitch, shell_thickness)
+    plain = corners[whole] + pitch / 2
+    body = np.concatenate([body, np.ones(len(plain))])
+    wall = np.concatenate([wall, in_wall[whole].astype(float)])
+    body_moment = np.vstack([body_moment, plain])
+    wall_moment = np.vstack([wall_moment, plain * in_wall[whole][:, None]])
+    kept = body > LEAST_FRACTION
+    body, wall, body_moment, wall_moment = body[kept], wall[kept], body_moment[kept], wall_moment[kept]
+    core = body - wall
+    centres = body_moment / body[:, None]
+    return Voxels(
+        pitch=pitch,
+        centres=centres,
+        volumes=body * (model.volume / body.sum()),
+        depth=np.maximum(model.depth(centres), 0.0),
+        shell=wall / body,
+        shell_centres=_centroids(wall_moment, wall, centres),
+        core_centres=_centroids(body_moment - wall_moment, core, centres),
+    )
+
+
+def _cut(model: ObjectModel, corners: Array, pitch: float, shell_thickness: float) -> tuple[Array, Array, Array, Array]:
+    """Parts (n,) of each cube inside and in the wall, and their first moments (n, 3), over the cube's volume."""
+    step = pitch / SUBCELLS
+    offsets = (np.argwhere(np.ones((SUBCELLS,) * 3)) + 0.5) * step
+    points = (corners[:, None] + offsets).reshape(-1, 3)
+    found = model.depth_and_gradient(points)
+    # Width of a subcell along the surface's normal: a plane square to an axis cuts it exactly, an oblique one without bias.
+    width = step * np.abs(found.gradient).sum(axis=1)
+    body = np.clip(found.value / width + 0.5, 0, 1)
+    core = np.clip((found.value - shell_thickness) / width + 0.5, 0, 1)
+    # The part of a subcell on the near side of a plane has its centroid off the subcell's centre.
+    lean = (step**2 / 12 * 6 / width)[:, None] * found.gradient
+    body_point = points + lean * (body * (1 - body))[:, None] / np.where(body > 0, body, 1)[:, None]
+    core_point = points + lean * (core * (1 - core))[:, None] / np.where(core > 0, core, 1)[:, None]
+    shape = (len(corners), SUBCELLS**3)
+    body_moment = (body_point * body[:, None]).reshape(*shape, 3).mean(axis=1)
+    core_moment = (core_point * core[:, None]).reshape(*shape, 3).mean(axis=1)
+    body, core = body.reshape(shape).mean(axis=1), core.reshape(shape).mean(axis=1)
+    return body, body - core, body_moment, body_moment - core_moment
+
+
+def _centroids(moment: Array, volume: Array, otherwise: Array) -> Array:
+    usable = volume > LEAST_FRACTION
+    return np.where(usable[:, None], moment / np.where(usable, volume, 1.0)[:, None], otherwise)

@@ -1,0 +1,120 @@
+"""The free tipping motion theta'' = -k sin(phi - theta) - c theta' |theta'|, with its derivatives by every parameter.
+
+In psi = theta - phi this is the inverted pendulum psi'' = k sin psi - c psi' |psi'|. Scalar Runge-Kutta of fourth order with the
+variational equations beside it: at the fixed step of 8 ms and k = 100 rad/s^2 the error stays below 1e-6 rad over 0.5 s. Plain floats,
+because arrays of four numbers would cost twenty times as much.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from analyze.types import Array
+
+_MAX_STEP_S = 0.009
+
+State = tuple[float, float, float, float, float, float, float, float]
+"""psi, omega, then (d psi, d omega) by psi_0, by omega_0, by c"""
+
+
+def _rate(y: State, k: float, c: float) -> State:
+    psi, omega, a, da, b, db, e, de = y
+    kc = k * math.cos(psi)
+    drag = 2.0 * c * abs(omega)
+    return (
+        omega,
+        k * math.sin(psi) - c * omega * abs(omega),
+        da,
+        kc * a - drag * da,
+        db,
+        kc * b - drag * db,
+        de,
+        kc * e - drag * de - omega * abs(omega),
+    )
+
+
+def _add(y: State, rate: State, h: float) -> State:
+    return (
+        y[0] + h * rate[0],
+        y[1] + h * rate[1],
+        y[2] + h * rate[2],
+        y[3] + h * rate[3],
+        y[4] + h * rate[4],
+        y[5] + h * rate[5],
+        y[6] + h * rate[6],
+        y[7] + h * rate[7],
+    )
+
+
+def trajectory(time: Array, phi: float, k: float, theta0: float, omega0: float, drag: float = 0.0) -> tuple[Array, Array, Array]:
+    """Solve the motion and its sensitivities.
+
+    Args:
+        time: (n,) s since the state holds, ascending, the first may be 0.
+        phi: rad.
+        k: rad/s^2.
+        theta0: rad at time 0.
+        omega0: rad/s at time 0.
+        drag: c, dimensionless.
+
+    Returns:
+        theta (n,), omega (n,), and d theta / d (phi, k, theta0, omega0, drag) (n, 5).
+    """
+    y: State = (theta0 - phi, omega0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
+    now = 0.0
+    rows: list[State] = []
+    for target in time.tolist():
+        gap = target - now
+        steps = max(1, math.ceil(gap / _MAX_STEP_S)) if gap > 0 else 0
+        h = gap / steps if steps else 0.0
+        for _ in range(steps):
+            k1 = _rate(y, k, drag)
+            k2 = _rate(_add(y, k1, 0.5 * h), k, drag)
+            k3 = _rate(_add(y, k2, 0.5 * h), k, drag)
+            k4 = _rate(_add(y, k3, h), k, drag)
+            y = _add(_add(_add(_add(y, k1, h / 6), k2, h / 3), k3, h / 3), k4, h / 6)
+        now = target
+        rows.append(y)
+        if not abs(y[0]) < 50.0:
+            rows.extend([y] * (len(time) - len(rows)))
+            break
+    table = np.array(rows)
+    by_theta0, by_omega0 = table[:, 2], table[:, 4]
+    # Scale invariance psi(t; k, omega0) = F(sqrt(k) t, omega0 / sqrt(k)) gives the derivative by k for nothing.
+    by_k = (time * table[:, 1] - omega0 * by_omega0) / (2.0 * k)
+    jacobian = np.stack([1.0 - by_theta0, by_k, by_theta0, by_omega0, table[:, 6]], axis=-1)
+    return table[:, 0] + phi, table[:, 1], jacobian
+
+
+def energy_ratio(phi: float, k: float, theta0: float, omega0: float) -> float:
+    """Kinetic energy that the body had (or would have had) at theta = 0, over what it needs to reach phi.
+
+    omega_rest^2 / (2 k (1 - cos phi)), with omega_rest from the energy integral omega^2 / 2 + k cos(theta - phi) = const.
+    """
+    square = omega0 * omega0 + 2.0 * k * (math.cos(theta0 - phi) - math.cos(phi))
+    return square / (2.0 * k * (1.0 - math.cos(phi)))
+
+
+def first_guess(time: Array, theta: Array) -> tuple[float, float, float, float]:
+    """phi, k, theta0, omega0 by linear least squares on the twice *integrated* equation; nothing is differentiated.
+
+    theta(t) = theta0 + omega0 t - A II cos(theta) + B II sin(theta), A = k sin(phi), B = k cos(phi), II the double integral.
+    """
+
+    def integrate(values: Array) -> Array:
+        return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
+
+    columns = np.stack(
+        [np.ones_like(time), time - time[0], -integrate(integrate(np.cos(theta))), integrate(integrate(np.sin(theta)))], axis=-1
+    )
+    solution = np.linalg.lstsq(columns, theta, rcond=None)[0]
+    return (
+        math.atan2(float(solution[2]), float(solution[3])),
+        math.hypot(float(solution[2]), float(solution[3])),
+        float(solution[0]),
+        float(solution[1]),
+    )

@@ -1,0 +1,143 @@
+"""Where a strike's phases lie: rest, strike (to t1), stage one, stage two (from t2), landing (t3) (paper 3.2.1, Fig. 6)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.types import Phases
+
+if TYPE_CHECKING:
+    from analyze.types import Array, TipAngle
+
+_STARTED_RAD = math.radians(0.15)
+_JUMP = 6.0
+"""sigmas"""
+
+
+@dataclass(frozen=True)
+class WindowLimits:
+    """Bounds of the gravity-only window."""
+
+    guard_frames: int = 2
+    """frames after the strike that are left out: the striker may still touch"""
+    past_phi: float = math.radians(25.0)
+    """rad past phi, before friction gives out"""
+    above_rest: float = math.radians(0.7)
+    """rad, below it the face that the object stood on may touch"""
+
+
+@dataclass(frozen=True)
+class Course:
+    """Indices into a TipAngle that the motion itself shows."""
+
+    moved: int | None
+    """first frame that is clearly off rest"""
+    released: int | None
+    """first frame in which only gravity acts (t1 and the guard)"""
+    top: int | None
+    """frame of the largest angle"""
+    ended: int
+    """first frame after the free motion: landed, came back, or the window's end"""
+    came_back: bool
+
+
+def find_course(angle: TipAngle, contact_time_ns: int, limits: WindowLimits) -> Course:
+    """Read the course of a strike off theta(t).
+
+    Args:
+        angle: of the whole window, resting frames first.
+        contact_time_ns: log_time of the contact as the striker felt it, 0 where it is not known.
+        limits: guards.
+    """
+    theta, n = angle.theta, len(angle.theta)
+    threshold = np.maximum(_STARTED_RAD, 6.0 * angle.sd)
+    above = theta > threshold
+    after = angle.time_ns > contact_time_ns - 20_000_000 if contact_time_ns else np.ones(n, dtype=bool)
+    # Two frames in a row: one alone may be a wrong reading.
+    moving = above & np.append(above[1:], False) & after
+    if not np.any(moving):
+        return Course(None, None, None, n, came_back=False)
+    moved = int(np.argmax(moving))
+    # The contact lies before the first moved frame, at most one frame and the time the threshold hides.
+    struck = max(moved, int(np.searchsorted(angle.time_ns, contact_time_ns, side="left"))) if contact_time_ns else moved
+    released = min(struck + limits.guard_frames, n - 1)
+    back = np.flatnonzero(theta[released:] < limits.above_rest)
+    ended_back = released + int(back[0]) if len(back) else n
+    landed = _landing(angle, released)
+    ended = min(ended_back, landed)
+    top = released + int(np.argmax(theta[released:ended])) if ended > released else released
+    return Course(moved, released, top, ended, came_back=ended_back <= landed and len(back) > 0)
+
+
+def _landing(angle: TipAngle, released: int) -> int:
+    """First frame after `released` in which the body was stopped hard: it loses a third of a fast turn within two frames."""
+    theta = angle.theta
+    step = np.diff(theta) / np.maximum(np.diff(angle.time_ns) * 1e-9, 1e-6)
+    speed = np.abs(step)
+    for i in range(max(released + 2, 2), len(step)):
+        before = float(np.median(speed[max(released, i - 4) : i]))
+        noise = 3.0 * float(angle.sd[i]) / max(float(angle.time_ns[i + 1] - angle.time_ns[i]) * 1e-9, 1e-6)
+        if before > 1.0 + noise and step[i] < 0.66 * before - noise and theta[i] > math.radians(20.0):
+            return i
+    return len(theta)
+
+
+def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimits) -> tuple[int, int]:
+    """Range in which only gravity acts, given where the balance is: from release to 25 deg past it, or to the end of the free motion."""
+    if course.released is None:
+        return 0, 0
+    first = course.released
+    past = np.flatnonzero(angle.theta[first : course.ended] > phi + limits.past_phi)
+    # The frame before landing or coming back may be exposed while the contact begins.
+    last = first + int(past[0]) if len(past) else (course.ended if course.ended == len(angle.theta) else course.ended - 1)
+    return first, max(first, last)
+
+
+def phases_of(angle: TipAngle, course: Course, phi: float | None) -> Phases:
+    """Index ranges of the phases; stage two begins at the first frame past phi."""
+    n = len(angle.theta)
+    if course.moved is None or course.released is None:
+        return Phases((0, n), None, None, None, None)
+    released, ended = course.released, course.ended
+    passed = np.flatnonzero(angle.theta[released:ended] >= phi) if phi is not None else np.zeros(0, dtype=int)
+    t2 = released + int(passed[0]) if len(passed) else None
+    return Phases(
+        rest=(0, course.moved) if course.moved else None,
+        strike=(course.moved, released),
+        stage_one=(released, t2 if t2 is not None else ended),
+        stage_two=(t2, ended) if t2 is not None and t2 < ended else None,
+        landing=(ended, n) if ended < n else None,
+    )
+
+
+def second_kick(time: Array, residual: Array, sd: Array, omega_response: Array) -> tuple[int, float, float]:
+    """Most likely sudden change of speed within a window: (index, rad/s, chi^2 gained).
+
+    Args:
+        time: (n,) s.
+        residual: (n,) rad, of a fit without the kick.
+        sd: (n,) rad.
+        omega_response: (n, p) derivatives of theta by the fitted parameters, which take up part of a kick.
+
+    A kick at frame i adds the response to a change of speed, taken as linear in time, which holds for the few frames that show it.
+    """
+    n = len(time)
+    basis = omega_response / sd[:, None]
+    q, _ = np.linalg.qr(basis)
+    r = residual / sd
+    best = (0, 0.0, 0.0)
+    for i in range(4, n - 4):
+        kick = np.maximum(time - time[i], 0.0) / sd
+        kick = kick - q @ (q.T @ kick)
+        power = float(kick @ kick)
+        if power <= 0:
+            continue
+        size = float(kick @ r) / power
+        gain = size * size * power
+        if gain > best[2]:
+            best = (i, size, gain)
+    return best

@@ -1,0 +1,169 @@
+"""phi and k of one strike: the pendulum's solution fitted to theta(t) over the window in which only gravity acts.
+
+Levenberg-Marquardt with exact derivatives; Huber's loss by re-weighting (Huber 1964), because a wrong frame is no Gaussian error.
+The covariance is that of the linearised fit, scaled by the residuals' own variance and by their correlation from frame to frame, so
+that it stays honest where the camera's noise was guessed wrong or the contact is not quite a hinge. Where it makes phi uncertain by more
+than 0.3 deg it is no longer believed, and stretched to the profile likelihood's interval.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError
+from analyze.motion.pendulum import first_guess, trajectory
+from analyze.motion.profile import Tip, profile_sd
+from analyze.types import MotionFit
+
+if TYPE_CHECKING:
+    from analyze.types import Array, TipAngle
+
+MIN_FRAMES = 8
+_HUBER = 2.5
+_STEPS = 40
+_LINEAR_SD = math.radians(0.3)
+_SCALE = np.array([0.1, 20.0, 0.02, 0.2, 0.1])
+"""rad, rad/s^2, rad, rad/s, 1: sizes of the parameters' changes, for conditioning"""
+
+
+@dataclass(frozen=True)
+class _Solution:
+    parameters: Array
+    """(p,) phi, k, theta0, omega0[, drag]"""
+    residual: Array
+    """(n,) rad"""
+    jacobian: Array
+    """(n, p)"""
+    weight: Array
+    """(n,) of Huber's loss, 0..1"""
+
+
+def pivot_fit(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
+    """Fit phi, k, theta0, omega0 without drag over angle[window[0]:window[1]].
+
+    Raises:
+        EstimationError: the window is too short or holds no tipping motion.
+    """
+    return _fit(angle, window, parameters=4, start=None)
+
+
+def pivot_fit_with_drag(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
+    """The same with a drag term c theta' |theta'|, whose c is fitted too."""
+    return _fit(angle, window, parameters=5, start=None)
+
+
+def _fit(angle: TipAngle, window: tuple[int, int], parameters: int, start: Array | None) -> MotionFit:
+    first, last = window
+    if last - first < max(MIN_FRAMES, parameters + 3):
+        raise EstimationError(
+            f"only {last - first} frames of free tipping, {MIN_FRAMES} are needed: raise the frame rate or strike less hard"
+        )
+    time0 = int(angle.time_ns[first])
+    time = np.asarray((angle.time_ns[first:last] - time0) * 1e-9, dtype=np.float64)
+    theta, sd = angle.theta[first:last], np.maximum(angle.sd[first:last], 1e-6)
+    guess = np.array([*first_guess(time, theta), 0.0]) if start is None else start
+    if not (0.0 < guess[0] < 2.0 and guess[1] > 1.0):
+        guess = np.array(
+            [max(0.3, 0.8 * float(np.max(theta))), 60.0, float(theta[0]), float(theta[2] - theta[0]) / float(time[2] - time[0]), 0.0]
+        )
+    solution = _minimise(time, theta, sd, guess[:parameters])
+    phi, k, theta0, omega0 = (float(x) for x in solution.parameters[:4])
+    if not (0.0 < phi < 2.5 and 0.5 < k < 5000.0):
+        raise EstimationError(f"the motion is no tip over an edge (phi {math.degrees(phi):.1f} deg, k {k:.1f} rad/s^2): look at the images")
+    return MotionFit(
+        estimator="pivot_fit" if parameters == 4 else "pivot_fit_with_drag",
+        phi=phi,
+        k=k,
+        covariance=_covariance(solution, time, theta, sd)[:2, :2],
+        theta0=theta0,
+        omega0=omega0,
+        time0_ns=time0,
+        damping=float(solution.parameters[4]) if parameters == 5 else 0.0,
+        window=window,
+        residual=solution.residual,
+    )
+
+
+def _minimise(time: Array, theta: Array, sd: Array, start: Array) -> _Solution:
+    size = len(start)
+    scale = _SCALE[:size]
+    x = start.copy()
+    weight = np.ones_like(theta)
+    damping = 1e-3
+
+    def evaluate(x: Array) -> tuple[Array, Array]:
+        model, _, jacobian = trajectory(time, float(x[0]), float(x[1]), float(x[2]), float(x[3]), float(x[4]) if size == 5 else 0.0)
+        return theta - model, jacobian[:, :size]
+
+    residual, jacobian = evaluate(x)
+    weight = _huber(residual / sd)
+    cost = float(np.sum(weight * (residual / sd) ** 2))
+    for _ in range(_STEPS):
+        J = jacobian * (np.sqrt(weight) / sd)[:, None] * scale
+        r = residual * np.sqrt(weight) / sd
+        normal, gradient = J.T @ J, J.T @ r
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), gradient) * scale
+        trial = x + step
+        if trial[1] <= 0.1:
+            damping *= 10
+            continue
+        new_residual, new_jacobian = evaluate(trial)
+        new_cost = float(np.sum(weight * (new_residual / sd) ** 2))
+        if not math.isfinite(new_cost) or new_cost > cost * (1 + 1e-9) + 1e-12:
+            damping *= 8
+            if damping > 1e9:
+                break
+            continue
+        x, residual, jacobian = trial, new_residual, new_jacobian
+        damping = max(damping / 8, 1e-12)
+        done = bool(np.all(np.abs(step) < 1e-5 * scale))
+        new_weight = _huber(residual / sd)
+        settled = bool(np.max(np.abs(new_weight - weight)) < 1e-3)
+        weight = new_weight
+        cost = float(np.sum(weight * (residual / sd) ** 2))
+        if done and settled:
+            break
+    return _Solution(x, residual, jacobian, weight)
+
+
+def _huber(standardised: Array) -> Array:
+    """Weights of Huber's loss; the scale is the residuals' own where that is larger than the camera's."""
+    scale = max(1.0, 1.4826 * float(np.median(np.abs(standardised))))
+    return np.minimum(1.0, _HUBER * scale / np.maximum(np.abs(standardised), 1e-9))
+
+
+def _covariance(solution: _Solution, time: Array, theta: Array, sd: Array) -> Array:
+    n, p = solution.jacobian.shape
+    weight = np.sqrt(solution.weight) / sd
+    J = solution.jacobian * weight[:, None]
+    r = solution.residual / sd
+    # Huber's asymptotic variance: sum psi^2 / (n - p) over (mean psi')^2.
+    psi = solution.weight * r
+    share = max(0.5, float(np.mean(solution.weight > 0.999)))
+    # n - p - 2 instead of n - p: the variance that Student's t has, because intervals are drawn as if it were normal.
+    variance = float(np.sum(psi**2)) / max(n - p - 2, 1) / share**2 * _correlation_factor(psi)
+    scale = _SCALE[:p]
+    normal = (J * scale).T @ (J * scale)
+    inverse = np.asarray(np.linalg.pinv(normal, rcond=1e-14, hermitian=True) * np.outer(scale, scale), dtype=np.float64)
+    linear_sd = math.sqrt(float(inverse[0, 0]) * variance)
+    if linear_sd <= _LINEAR_SD:
+        return inverse * variance
+    profile = profile_sd(Tip(time, theta, weight, solution.parameters, inverse), variance)
+    return inverse * variance * max(1.0, profile / linear_sd) ** 2
+
+
+def _correlation_factor(r: Array) -> float:
+    """Variance inflation (1 + a) / (1 - a) of residuals with lag-1 correlation a; 1 where a is within its own noise.
+
+    The fit takes up part of the slow variation, which leaves a at about -p / n for white noise; that is no reason to deflate.
+    """
+    n = len(r)
+    correlation = float(np.sum(r[1:] * r[:-1]) / max(float(np.sum(r * r)), 1e-30))
+    if correlation < 2.0 / math.sqrt(n):
+        return 1.0
+    correlation = min(correlation, 0.9)
+    return (1.0 + correlation) / (1.0 - correlation)

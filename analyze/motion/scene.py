@@ -1,0 +1,139 @@
+"""What single images say before a strike: which markers are in view, whether they are still, and whether the object lies as planned."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.motion.rest_pose import placement_error
+from analyze.tracking.camera_model import distort, pixel_map, undistort
+from analyze.tracking.edges import fit_square
+from analyze.tracking.marker import detect
+from analyze.tracking.pose import solve_pose
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from analyze.types import Array, CameraModel, ImageFrame, Marker
+    from schemas.documents import PlannedStrike
+
+_STILL_PX = 0.3
+_STILL_GREY = 3.0
+"""mean difference of two images in grey levels, where no marker is in view"""
+_REST_NS = 240_000_000
+_SATURATED = 254
+_AMBIGUOUS = 2.0
+"""the second pose of a square counts while its error is below this multiple of the first's"""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One image, read."""
+
+    time_ns: int
+    corners: dict[int, Array]
+    """marker id -> (4, 2) raw px, refined"""
+    twice: tuple[int, ...]
+    """ids that stand in the image more than once"""
+    saturated_fraction: float
+    coarse: NDArray[np.float32]
+    """every eighth pixel, to tell motion where no marker is in view"""
+
+
+def read_scene(frame: ImageFrame, camera: CameraModel) -> Scene:
+    """Find all markers in one image."""
+    corners: dict[int, Array] = {}
+    twice: list[int] = []
+    for sighting in detect(frame.image):
+        if sighting.marker_id in corners:
+            twice.append(sighting.marker_id)
+            continue
+        square = fit_square(frame.image, pixel_map(camera), undistort(camera, sighting.corners_px), sighting.corners_px)
+        corners[sighting.marker_id] = sighting.corners_px if square is None else distort(camera, square.corners)
+    sparse = frame.image[::2, ::2]
+    saturated = float(np.count_nonzero(sparse >= _SATURATED)) / sparse.size
+    return Scene(frame.time_ns, corners, tuple(twice), saturated, frame.image[::8, ::8].astype(np.float32))
+
+
+def at_rest(scenes: Sequence[Scene]) -> bool:
+    """Whether nothing has moved over a quarter of a second (one interval of the previews); `scenes` in the order of time."""
+    if not scenes:
+        return False
+    last = scenes[-1]
+    older = [scene for scene in scenes if last.time_ns - scene.time_ns <= 1.5 * _REST_NS]
+    if len(older) < 2 or last.time_ns - older[0].time_ns < _REST_NS:
+        return False
+    for scene in older[:-1]:
+        if scene.corners.keys() != last.corners.keys():
+            return False
+        if any(np.max(np.abs(scene.corners[i] - last.corners[i])) > _STILL_PX for i in last.corners):
+            return False
+        if not last.corners and float(np.mean(np.abs(scene.coarse - last.coarse))) > _STILL_GREY + 2.0:
+            return False
+    return True
+
+
+@dataclass(frozen=True)
+class PlacementCheck:
+    """How far the object is from where the plan wants it, and what to do."""
+
+    error: float | None
+    """rad, None where no marker with a known place is in view"""
+    text: str
+
+
+def check_placement(scene: Scene, markers: Mapping[int, Marker], camera: CameraModel, planned: PlannedStrike) -> PlacementCheck:
+    """Compare the pose that the markers show with the plan's R_world_object."""
+    wanted = ", ".join(str(i) for i in planned.visible_markers) or "any"
+    if scene.twice:
+        return PlacementCheck(None, f"marker {scene.twice[0]} is in view twice: cover or remove one")
+    known = {i: corners for i, corners in scene.corners.items() if i in markers}
+    if not known:
+        strange = sorted(scene.corners)
+        if strange:
+            return PlacementCheck(
+                None, f"marker {strange[0]} is not on this object: put the right object down, marker {wanted} towards the camera"
+            )
+        return PlacementCheck(None, f"no marker is in view: place tag {wanted} towards the camera")
+    R_world_object = np.array(planned.R_world_object, dtype=float)
+    orientations: list[Array] = []
+    seen: list[Marker] = []
+    for i, corners in known.items():
+        marker = markers[i]
+        R = _nearer(undistort(camera, corners), marker, camera, R_world_object)
+        if R is not None:
+            orientations.append(R)
+            seen.append(marker)
+    found = placement_error(orientations, seen, camera, R_world_object)
+    if found is None:
+        return PlacementCheck(None, "the places of these markers on the object are not known: the placement cannot be checked")
+    error, correction = found
+    return PlacementCheck(error, _advice(error, correction, wanted, any(i in known for i in planned.visible_markers)))
+
+
+def _nearer(corners_ideal: Array, marker: Marker, camera: CameraModel, R_world_object: Array) -> Array | None:
+    """R_camera_marker; where both solutions of the square fit the image, the one nearer the plan."""
+    pair = solve_pose(corners_ideal, marker.size, camera.K)
+    if pair is None:
+        return None
+    if marker.T_object_marker is None or pair.error_px[1] > _AMBIGUOUS * max(float(pair.error_px[0]), 0.02):
+        return pair.R_camera_marker[0]
+    expected = camera.T_world_camera[:3, :3].T @ R_world_object @ marker.T_object_marker[:3, :3]
+    return max(pair.R_camera_marker, key=lambda R: float(np.trace(R.T @ expected)))
+
+
+def _advice(error: float, correction: Array, wanted: str, wanted_seen: bool) -> str:
+    degrees = math.degrees(error)
+    if degrees < 8.0:
+        return ""
+    if not wanted_seen:
+        return f"turned by {degrees:.0f} deg: place tag {wanted} towards the camera"
+    if abs(correction[2]) > 0.9 * error:
+        sense = "anticlockwise" if correction[2] > 0 else "clockwise"
+        return f"turned by {degrees:.0f} deg: turn it {sense}, seen from above, by {degrees:.0f} deg"
+    return f"turned by {degrees:.0f} deg: it lies on another face, look at the card"

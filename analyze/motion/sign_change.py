@@ -1,0 +1,76 @@
+"""The paper's estimator: differentiate theta twice, phi is theta at the second sign change of the acceleration (paper 3.2.1).
+
+The first sign change is the end of the strike, the second the passage over the equi-plane. Smoothing is a parameter because twice
+differentiated noise needs it, and because it moves the result: beside `pivot_fit` this one is printed, not used.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError
+from analyze.types import MotionFit
+
+if TYPE_CHECKING:
+    from analyze.types import Array, TipAngle
+
+
+def _smooth(values: Array, points: int) -> Array:
+    """Moving mean over an odd number of points, shorter at the ends."""
+    half = points // 2
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    index = np.arange(len(values))
+    reach = np.minimum(np.minimum(index, len(values) - 1 - index), half)
+    return (sums[index + reach + 1] - sums[index - reach]) / (2 * reach + 1)
+
+
+def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array]:
+    """Angular velocity (n,) [rad/s] and acceleration (n,) [rad/s^2] by central differences, after moving means over `points` frames."""
+    time = (angle.time_ns - angle.time_ns[0]) * 1e-9
+    omega = np.gradient(_smooth(angle.theta, points), time)
+    alpha = np.gradient(_smooth(omega, points), time)
+    return omega, alpha
+
+
+def sign_change(angle: TipAngle, window: tuple[int, int], points: int = 5) -> MotionFit:
+    """Find phi as the paper does, over angle[window[0]:window[1]], the window starting in the strike or just after it.
+
+    The sd is what `points`-fold smoothing leaves of the frames' noise at the crossing: sd(alpha) over the slope of alpha, times omega.
+
+    Raises:
+        EstimationError: the acceleration has no second sign change in the window (the object rocked back).
+    """
+    first, last = window
+    if last - first < points + 4:
+        raise EstimationError(f"{last - first} frames are too few to differentiate twice with {points}-point smoothing")
+    omega, alpha = angular_acceleration(angle, points)
+    inside = alpha[first:last]
+    negative = np.flatnonzero(inside < 0)
+    if not len(negative):
+        raise EstimationError("the angular acceleration never turns negative: the window starts after the balance point")
+    rising = negative[0] + np.flatnonzero((inside[negative[0] : -1] < 0) & (inside[negative[0] + 1 :] >= 0))
+    if not len(rising):
+        raise EstimationError("the angular acceleration has no second sign change: the object did not pass its balance point")
+    i = first + int(rising[0])
+    share = float(alpha[i] / (alpha[i] - alpha[i + 1]))
+    phi = float(angle.theta[i] + share * (angle.theta[i + 1] - angle.theta[i]))
+    step = float(angle.time_ns[i + 1] - angle.time_ns[i]) * 1e-9
+    slope = abs(float(alpha[i + 1] - alpha[i])) / step
+    noise = float(np.median(angle.sd[first:last])) * math.sqrt(6.0) / (4.0 * step**2 * points)
+    sd = abs(float(omega[i])) * noise / max(slope, 1e-9)
+    return MotionFit(
+        estimator="sign_change",
+        phi=phi,
+        k=None,
+        covariance=np.array([[sd**2, 0.0], [0.0, 0.0]]),
+        theta0=float(angle.theta[first]),
+        omega0=float(omega[first]),
+        time0_ns=int(angle.time_ns[first]),
+        damping=0.0,
+        window=window,
+        residual=np.zeros(last - first),
+        note=f"{points}-point smoothing",
+    )

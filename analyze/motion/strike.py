@@ -1,0 +1,190 @@
+"""One strike from its tracks to phi, k and a verdict."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError, TrackingError
+from analyze.motion.free_motion import jump, longest_clean_fit, settled_fit
+from analyze.motion.pendulum import energy_ratio
+from analyze.motion.phases import Course, WindowLimits, find_course, free_window, phases_of
+from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
+from analyze.motion.sign_change import sign_change
+from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
+from analyze.motion.verdict import Judgement, VerdictLimits, judge_contact, judge_fit, judge_motion, judge_vague
+from analyze.types import TipMotion
+from schemas.documents import Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analyze.types import CameraModel, Marker, MarkerTrack, MotionFit, TipAngle
+    from schemas.documents import PlannedStrike
+
+_REST_BEFORE_CONTACT_NS = 4_000_000
+"""half a frame at 120 fps: the exposure of a resting frame must end before the contact"""
+_STILL_PX = 0.15
+
+
+@dataclass(frozen=True)
+class StrikeTask:
+    """What is known of a strike before its images are looked at."""
+
+    strike_id: str
+    planned: PlannedStrike
+    contact_time_ns: int = 0
+    """log_time as the striker felt it, 0 = not known"""
+    window_end_ns: int = 0
+    """log_time of the last image, 0 = not known"""
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """What a user may change; the defaults are the documented ones."""
+
+    window: WindowLimits = field(default_factory=WindowLimits)
+    verdict: VerdictLimits = field(default_factory=VerdictLimits)
+    smoothing_points: int = 5
+    """of the paper's sign_change"""
+
+
+def placement_of(planned: PlannedStrike) -> Placement:
+    """Placement and pivot of a planned strike as arrays."""
+    return Placement(
+        R_world_object=np.array(planned.R_world_object, dtype=float),
+        p_world_object=np.array(planned.p_world_object, dtype=float),
+        p_object_pivot=np.array(planned.pivot.point, dtype=float),
+        radius=planned.pivot.radius_m,
+    )
+
+
+def analyse_strike(
+    tracks: Sequence[MarkerTrack], markers: Sequence[Marker], camera: CameraModel, task: StrikeTask, settings: MotionSettings | None = None
+) -> TipMotion:
+    """Analyse one strike. Never raises for a bad strike: the verdict says what was wrong, and phi and k stand wherever they could be had.
+
+    Args:
+        tracks: the object's markers through the strike's window.
+        markers: the object's markers.
+        camera: with its place in W.
+        task: the strike as planned and as carried out.
+        settings: limits; None for the defaults.
+    """
+    settings = settings or MotionSettings()
+    rest_end_ns = rest_end(tracks, task.contact_time_ns)
+    try:
+        motion = tip_angle(tracks, markers, camera, placement_of(task.planned), rest_end_ns)
+    except TrackingError as error:
+        return _without_motion(task, Judgement(Verdict.MARKER_LOST, str(error)))
+    return analyse_motion(motion, task, settings)
+
+
+def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSettings) -> TipMotion:
+    """The part of `analyse_strike` after the images: phases, fits, verdict."""
+    angle = motion.angle
+    frame_ns = float(np.median(np.diff(angle.time_ns))) if len(angle.time_ns) > 1 else 1.0
+    course = find_course(angle, task.contact_time_ns, settings.window)
+    judgement = judge_motion(motion, course, frame_ns, task.window_end_ns, settings.verdict)
+    if course.released is None or (judgement is not None and judgement.code is Verdict.NOT_MOVED):
+        return _result(task, judgement or Judgement(Verdict.NOT_MOVED, "no tip"), angle, course, None, ())
+    try:
+        fit, kick = _fit(angle, course, task.planned.phi_predicted_rad, settings)
+    except EstimationError as error:
+        return _result(task, judgement or _unfitted(angle, course, str(error)), angle, course, None, ())
+    top = float(np.max(angle.theta[course.released : course.ended]))
+    vague = judge_vague(fit, course, top, settings.verdict)
+    if vague is not None:
+        return _result(task, judgement or kick or vague, angle, course, None, ())
+    ratio = energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
+    judgement = judgement or kick or judge_contact(motion, _until(angle, fit), task.planned.rolls, settings.verdict)
+    return _result(task, judgement or judge_fit(fit, course, ratio, top), angle, course, fit, _alternatives(angle, course, fit, settings))
+
+
+def rest_end(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
+    """Time before which frames count as rest: the contact, or the first clear motion of any marker where that comes earlier."""
+    ends = [contact_time_ns - _REST_BEFORE_CONTACT_NS] if contact_time_ns else []
+    for track in tracks:
+        if len(track.time_ns) < 6:
+            continue
+        first = np.median(track.corners_px[:5], axis=0)
+        away = np.max(np.abs(track.corners_px - first), axis=(1, 2)) > np.maximum(_STILL_PX, 8.0 * track.corner_sd_px)
+        moving = away[:-1] & away[1:]
+        if np.any(moving):
+            ends.append(int(track.time_ns[max(int(np.argmax(moving)) - 1, 1)]))
+    return min(ends, default=max((int(track.time_ns[-1]) + 1 for track in tracks if len(track.time_ns)), default=0))
+
+
+def _fit(angle: TipAngle, course: Course, phi_predicted: float, settings: MotionSettings) -> tuple[MotionFit, Judgement | None]:
+    """pivot_fit over the window that its own phi bounds, and a judgement where a second kick splits it."""
+    window = free_window(angle, course, phi_predicted, settings.window)
+    fit = pivot_fit(angle, window)
+    for _ in range(3):
+        again = free_window(angle, course, fit.phi, settings.window)
+        if again == window or again[1] - again[0] < MIN_FRAMES:
+            break
+        window = again
+        fit = pivot_fit(angle, window)
+    index, size, gain = jump(angle, fit)
+    limits = settings.verdict
+    if gain < limits.kick_chi2 or abs(size) < limits.kick_ratio * abs(fit.omega0):
+        return settled_fit(angle, fit), None
+    clean = longest_clean_fit(angle, window)
+    if clean is not None:
+        return clean, None
+    after = 1e-6 * (angle.time_ns[index] - fit.time0_ns)
+    reason = f"its speed jumped by {size:+.2f} rad/s {after:.0f} ms after the strike: catch the striker after the first contact"
+    rest = (index + settings.window.guard_frames, fit.window[1])
+    if rest[1] - rest[0] >= 2 * MIN_FRAMES:
+        try:
+            fit = pivot_fit(angle, rest)
+        except EstimationError:
+            reason += " (no fit after it)"
+    return fit, Judgement(Verdict.STRUCK_TWICE, reason)
+
+
+def _unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
+    """Verdict where theta(t) could not be fitted."""
+    if course.came_back and course.top is not None:
+        top = math.degrees(float(angle.theta[course.top]))
+        return Judgement(Verdict.ROCKED_BACK, f"rocked back from {top:.1f} deg, too small a turn to be fitted: strike harder")
+    return Judgement(Verdict.UNREADABLE, reason)
+
+
+def _until(angle: TipAngle, fit: MotionFit) -> tuple[int, int]:
+    """The fitted window up to 5 deg past the balance point: what happens later no longer bears on phi."""
+    first, last = fit.window
+    past = np.flatnonzero(angle.theta[first:last] > fit.phi + 0.09)
+    return first, (first + int(past[0]) if len(past) else last)
+
+
+def _alternatives(angle: TipAngle, course: Course, fit: MotionFit, settings: MotionSettings) -> tuple[MotionFit, ...]:
+    if course.moved is None:
+        return ()
+    try:
+        return (sign_change(angle, (course.moved, fit.window[1]), settings.smoothing_points),)
+    except EstimationError:
+        return ()
+
+
+def _result(
+    task: StrikeTask, judgement: Judgement, angle: TipAngle, course: Course, fit: MotionFit | None, alternatives: tuple[MotionFit, ...]
+) -> TipMotion:
+    return TipMotion(
+        strike_id=task.strike_id,
+        plan_strike_id=task.planned.id,
+        verdict=judgement.code,
+        reason=judgement.reason,
+        angle=angle,
+        phases=phases_of(angle, course, fit.phi if fit else None),
+        fit=fit,
+        alternatives=alternatives,
+        energy_ratio=energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0) if fit else None,
+    )
+
+
+def _without_motion(task: StrikeTask, judgement: Judgement) -> TipMotion:
+    return TipMotion(task.strike_id, task.planned.id, judgement.code, judgement.reason, None, None, None, (), None)

@@ -1,0 +1,257 @@
+"""Tipping angle per frame: a planar rigid motion fitted to the corners of all markers together.
+
+The body moves in the plane across the pivot axis, so a frame has three unknowns: theta, and the pivot's displacement along and off the
+table. Fitting just these by Gauss-Newton on the reprojection of the corners uses what a face-on tag shows best, its direction in the
+image, and leaves out what it shows badly, its tilt: 0.006 deg per frame for an 80 px tag where a full pose gives some tenths.
+"""
+
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analyze.errors import TrackingError
+from analyze.motion.rest_pose import rest_pose
+from analyze.tracking.camera_model import project_ideal, project_jacobian, undistort, world_to_camera
+from analyze.tracking.pose import marker_corners
+from analyze.types import TipAngle
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from analyze.types import Array, CameraModel, IntArray, Marker, MarkerTrack
+
+_PLANAR_MISFIT = 3.0
+"""chi^2 per degree of freedom above which the motion is not taken as planar"""
+_YAW_SD = 0.02
+"""rad, how far off the plan's heading the object may stand"""
+_WOBBLE_PRIOR = np.array([np.inf, np.inf, np.inf, 0.15, 0.15, 0.005])
+"""rad, m: theta, x, z free; yaw, roll and y regularised, because a face-on tag hardly shows them"""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How the object lies for a strike, and where it turns: x_world = R_world_object x_object + p_world_object."""
+
+    R_world_object: Array
+    """(3, 3)"""
+    p_world_object: Array
+    """(3,) m"""
+    p_object_pivot: Array
+    """(3,) m, on the centre line of the edge's rounding"""
+    radius: float
+    """m, of that rounding"""
+
+
+@dataclass(frozen=True)
+class PlanarMotion:
+    """The tip, and what tells whether it was one."""
+
+    angle: TipAngle
+    lift: Array
+    """(n,) m, height of the pivot over its rest"""
+    position_sd: Array
+    """(n,) m, 1 sigma of slip and lift"""
+    misfit: Array
+    """(n,) chi^2 per degree of freedom"""
+    off_axis_sd: Array
+    """(n,) rad"""
+    yaw: float
+    """rad about W's z, of the true pivot axis against W's y"""
+    rest_frames: int
+
+
+@dataclass(frozen=True)
+class _Views:
+    time_ns: IntArray
+    ideal: Array
+    """(n, m, 4, 2) px"""
+    sd: Array
+    """(n, m) px, inf where the marker was not found"""
+    corners_world: Array
+    """(m, 4, 3) at rest"""
+    theta: Array
+    """(n,) start values"""
+
+
+def tip_angle(
+    tracks: Sequence[MarkerTrack], markers: Sequence[Marker], camera: CameraModel, placement: Placement, rest_end_ns: int
+) -> PlanarMotion:
+    """Tipping angle since rest about the pivot axis (W's y, its small yaw fitted).
+
+    Args:
+        tracks: markers of the object, through one strike window.
+        markers: the object's markers.
+        camera: with its place in W.
+        placement: nominal placement; only its orientation and the pivot enter.
+        rest_end_ns: frames before this are at rest.
+
+    Raises:
+        TrackingError: there is no track, or the object is not seen at rest before the strike.
+    """
+    if not tracks:
+        raise TrackingError("no marker was followed in this window: check light, focus and the plan's visible_markers")
+    by_id = {marker.id: marker for marker in markers}
+    views, pivot = _collect(tracks, by_id, camera, placement, rest_end_ns)
+    R_camera_world, t_camera_world = world_to_camera(camera)
+    yaw = 0.0
+    best = _solve(views, pivot, yaw, camera, R_camera_world, t_camera_world)
+    costs = np.array([_cost(_solve(views, pivot, y, camera, R_camera_world, t_camera_world), y) for y in (-_YAW_SD, 0.0, _YAW_SD)])
+    curvature = costs[0] - 2 * costs[1] + costs[2]
+    if curvature > 0:
+        yaw = float(np.clip(0.5 * (costs[0] - costs[2]) / curvature, -3.0, 3.0)) * _YAW_SD
+        best = _solve(views, pivot, yaw, camera, R_camera_world, t_camera_world)
+    at_rest = views.time_ns < rest_end_ns
+    full = _solve_full(views, pivot, yaw, camera, best.x, R_camera_world, t_camera_world)
+    chi2 = best.chi2 / np.maximum(best.freedom, 1)
+    off_axis_sd = np.sqrt(full.covariance[:, 3, 3] + full.covariance[:, 4, 4]) * _scale(full)
+    turned_aside = full.x[:, 3:5] - full.x[at_rest, 3:5].mean(axis=0)
+    # A body that wobbles is no planar motion: forcing it into one shifts theta by a part of the wobble.
+    chosen = full if np.median(chi2) > _PLANAR_MISFIT and np.median(full.chi2 / full.freedom) < 0.5 * np.median(chi2) else best
+    relative = chosen.chi2 / np.maximum(chosen.freedom, 1)
+    bad = np.sqrt(np.maximum(1.0, relative / max(1.0, 9.0 * float(np.median(relative)))))
+    sd = np.sqrt(chosen.covariance[:, 0, 0]) * _scale(chosen) * bad
+    if np.count_nonzero(at_rest) >= 5:
+        scatter = float(np.std(chosen.x[at_rest, 0], ddof=1)) / float(np.median(sd[at_rest]))
+        sd *= max(1.0, min(scatter, 5.0))
+    motion = chosen.x - np.mean(chosen.x[at_rest], axis=0)
+    angle = TipAngle(
+        time_ns=views.time_ns,
+        theta=motion[:, 0],
+        sd=sd,
+        off_axis=np.hypot(turned_aside[:, 0], turned_aside[:, 1]),
+        slip=motion[:, 1] - placement.radius * motion[:, 0],
+    )
+    position_sd = np.sqrt(0.5 * (chosen.covariance[:, 1, 1] + chosen.covariance[:, 2, 2])) * _scale(chosen) * bad
+    return PlanarMotion(angle, motion[:, 2], position_sd, chi2, off_axis_sd, yaw, int(np.count_nonzero(at_rest)))
+
+
+def _scale(solution: _Solution) -> float:
+    """Factor on the corners' sd: their own noise counts unless the residuals say that it is larger."""
+    return float(np.sqrt(max(1.0, np.median(solution.chi2 / np.maximum(solution.freedom, 1)))))
+
+
+def _collect(
+    tracks: Sequence[MarkerTrack], by_id: dict[int, Marker], camera: CameraModel, placement: Placement, rest_end_ns: int
+) -> tuple[_Views, Array]:
+    rested = [track for track in tracks if np.count_nonzero(track.time_ns < rest_end_ns) >= 3 and track.marker_id in by_id]
+    if not rested:
+        raise TrackingError("no marker is seen at rest before the strike: start the window earlier, or check the light")
+    time_ns = np.unique(np.concatenate([track.time_ns for track in rested]))
+    n, m = len(time_ns), len(rested)
+    ideal = np.zeros((n, m, 4, 2))
+    sd = np.full((n, m), np.inf)
+    corners_world = np.zeros((m, 4, 3))
+    theta = np.full((n, m), np.nan)
+    pivots: list[Array] = []
+    R_world_camera, p_world_camera = camera.T_world_camera[:3, :3], camera.T_world_camera[:3, 3]
+    for j, track in enumerate(rested):
+        marker = by_id[track.marker_id]
+        index = np.searchsorted(time_ns, track.time_ns)
+        corners = undistort(camera, track.corners_px)
+        ideal[index, j] = corners
+        sd[index, j] = track.corner_sd_px
+        still = track.time_ns < rest_end_ns
+        R, p = rest_pose(corners[still], track, still, marker, camera, placement.R_world_object)
+        R_world_marker = R_world_camera @ R
+        p_world_marker = R_world_camera @ p + p_world_camera
+        corners_world[j] = marker_corners(marker.size) @ R_world_marker.T + p_world_marker
+        turned = Rotation.from_matrix(R_world_camera @ track.R_camera_marker @ R_world_marker.T).as_rotvec()
+        theta[index, j] = turned[:, 1]
+        if marker.T_object_marker is not None:
+            lever = marker.T_object_marker[:3, :3].T @ (placement.p_object_pivot - marker.T_object_marker[:3, 3])
+            pivots.append(R_world_marker @ lever + p_world_marker)
+    nominal = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
+    pivot = np.mean(pivots, axis=0) if pivots else nominal
+    return _Views(time_ns, ideal, sd, corners_world, np.nanmean(theta, axis=1)), pivot
+
+
+@dataclass(frozen=True)
+class _Solution:
+    x: Array
+    """(n, p) theta, x, z[, yaw, roll, y]"""
+    covariance: Array
+    """(n, p, p)"""
+    chi2: Array
+    freedom: NDArray[np.int64]
+
+
+def _cost(solution: _Solution, yaw: float) -> float:
+    """Robust sum over frames, with the prior on the yaw."""
+    limit = 9.0 * float(np.median(solution.chi2)) + 1e-12
+    return float(np.sum(np.minimum(solution.chi2, limit))) + (yaw / _YAW_SD) ** 2
+
+
+def _turn(points: Array, axis: Array, theta: Array) -> Array:
+    """Points (..., 3) turned about `axis` (3,) by theta (n,): (n, ..., 3)."""
+    shape = (len(theta), *([1] * (points.ndim)))
+    cos, sin = np.cos(theta).reshape(shape), np.sin(theta).reshape(shape)
+    return points * cos + np.cross(axis, points) * sin + (points @ axis)[..., None] * axis * (1.0 - cos)
+
+
+def _solve(views: _Views, pivot: Array, yaw: float, camera: CameraModel, R_camera_world: Array, t_camera_world: Array) -> _Solution:
+    axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+    along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    up = np.array([0.0, 0.0, 1.0])
+    arms = views.corners_world - pivot
+    n = len(views.time_ns)
+    x = np.zeros((n, 3))
+    x[:, 0] = views.theta
+    weight = np.repeat(1.0 / views.sd, 8, axis=1)
+    normal = np.zeros((n, 3, 3))
+    residual = np.zeros((n, weight.shape[1]))
+    for _ in range(8):
+        turned = _turn(arms, axis, x[:, 0])
+        points = turned + pivot + (x[:, 1, None] * along + x[:, 2, None] * up)[:, None, None, :]
+        in_camera = points @ R_camera_world.T + t_camera_world
+        residual = (views.ideal - project_ideal(camera, in_camera)).reshape(n, -1) * weight
+        by_point = project_jacobian(camera, in_camera) @ R_camera_world
+        by_theta = (by_point @ np.cross(axis, turned)[..., None])[..., 0]
+        J = np.stack([by_theta, by_point @ along, by_point @ up], axis=-1).reshape(n, -1, 3) * weight[..., None]
+        normal = J.transpose(0, 2, 1) @ J
+        step = np.linalg.solve(normal, (J.transpose(0, 2, 1) @ residual[..., None]))[..., 0]
+        x += step
+        if float(np.max(np.abs(step))) < 1e-7:
+            break
+    freedom = np.count_nonzero(weight > 0, axis=1) - 3
+    return _Solution(x, np.asarray(np.linalg.inv(normal), dtype=np.float64), np.sum(residual**2, axis=1), freedom)
+
+
+def _solve_full(
+    views: _Views, pivot: Array, yaw: float, camera: CameraModel, planar: Array, R_camera_world: Array, t_camera_world: Array
+) -> _Solution:
+    """Six parameters per frame, starting at the planar fit: also rotation about W's z and x, and displacement along the axis."""
+    axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+    along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    up = np.array([0.0, 0.0, 1.0])
+    n = len(planar)
+    weight = np.repeat(1.0 / views.sd, 8, axis=1)
+    prior = np.where(np.isfinite(_WOBBLE_PRIOR), 1.0 / _WOBBLE_PRIOR**2, 0.0)
+    x = np.concatenate([planar, np.zeros((n, 3))], axis=1)
+    covariance = np.zeros((n, 6, 6))
+    residual = np.zeros((n, weight.shape[1]))
+    for _ in range(4):
+        turned = _turn(views.corners_world - pivot, axis, x[:, 0])
+        extra = Rotation.from_rotvec(x[:, 3, None] * up + x[:, 4, None] * along).as_matrix()
+        arm = turned @ extra.transpose(0, 2, 1)[:, None]
+        shift = x[:, 1, None] * along + x[:, 2, None] * up + x[:, 5, None] * axis
+        in_camera = (arm + pivot + shift[:, None, None, :]) @ R_camera_world.T + t_camera_world
+        residual = (views.ideal - project_ideal(camera, in_camera)).reshape(n, -1) * weight
+        by_point = project_jacobian(camera, in_camera) @ R_camera_world
+        columns = [(by_point @ np.cross(direction, arm)[..., None])[..., 0] for direction in (axis, up, along)]
+        shifts = [by_point @ direction for direction in (along, up, axis)]
+        J = np.stack([columns[0], shifts[0], shifts[1], columns[1], columns[2], shifts[2]], axis=-1).reshape(n, -1, 6) * weight[..., None]
+        normal = J.transpose(0, 2, 1) @ J + np.diag(prior)
+        gradient = (J.transpose(0, 2, 1) @ residual[..., None])[..., 0] - prior * x
+        x += np.linalg.solve(normal, gradient[..., None])[..., 0]
+        covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    freedom = np.maximum(np.count_nonzero(weight > 0, axis=1) - 6, 1)
+    return _Solution(x, covariance, np.sum(residual**2, axis=1), freedom)

@@ -1,0 +1,121 @@
+"""How a strike ended, with the numbers behind it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from schemas.documents import Verdict
+
+if TYPE_CHECKING:
+    from analyze.motion.phases import Course
+    from analyze.motion.tip_angle import PlanarMotion
+    from analyze.types import Array, MotionFit
+
+
+@dataclass(frozen=True)
+class VerdictLimits:
+    """When a strike is no clean tip."""
+
+    not_moved: float = math.radians(0.5)
+    """rad"""
+    slip: float = 0.004
+    """m along the table, before the balance point"""
+    lift: float = 0.002
+    """m off the table"""
+    twist: float = math.radians(5.0)
+    """rad about other axes than the pivot"""
+    kick_ratio: float = 0.06
+    """sudden change of speed over the speed at release"""
+    kick_chi2: float = 60.0
+    phi_sd: float = math.radians(1.0)
+    """rad; a fit that knows phi worse than this is not used"""
+    found: float = 0.8
+    """share of frames with a marker between strike and landing"""
+    gap: int = 5
+    """frames in a row without one"""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict with its reason."""
+
+    code: Verdict
+    reason: str
+
+
+def _smooth_peak(values: Array, sd: Array) -> float:
+    """Largest median of five neighbours that is more than its own noise."""
+    if len(values) < 5:
+        return 0.0
+    windows = np.lib.stride_tricks.sliding_window_view(values, 5)
+    noise = np.lib.stride_tricks.sliding_window_view(sd, 5).mean(axis=1)
+    return float(np.max(np.median(windows, axis=1) - 2.0 * noise, initial=0.0))
+
+
+def judge_motion(motion: PlanarMotion, course: Course, frame_ns: float, window_end_ns: int, limits: VerdictLimits) -> Judgement | None:
+    """Verdicts that the raw motion gives, None where it looks like a tip."""
+    angle = motion.angle
+    if course.moved is None or course.released is None:
+        peak = math.degrees(float(np.max(angle.theta, initial=0.0)))
+        return Judgement(Verdict.NOT_MOVED, f"the object turned by {peak:.2f} deg at most: move the striker closer, or strike harder")
+    free = slice(course.moved, course.ended)
+    times = angle.time_ns[free]
+    last_seen = int(angle.time_ns[-1])
+    steps = np.diff(times) / frame_ns if len(times) > 1 else np.zeros(0)
+    longest = round(float(np.max(steps, initial=1.0))) - 1
+    share = len(times) / max(1.0, float(np.sum(np.rint(steps))) + 1.0)
+    unseen_end = (window_end_ns - last_seen) / frame_ns if window_end_ns else 0.0
+    lost_early = (
+        unseen_end > limits.gap and course.ended == len(angle.theta) and not course.came_back and angle.theta[-1] < math.radians(30.0)
+    )
+    if longest > limits.gap or share < limits.found or lost_early:
+        gone = max(longest, round(unseen_end) if lost_early else 0)
+        return Judgement(Verdict.MARKER_LOST, f"no marker for {gone} frames during the tip: light the marker, or move the camera back")
+    if float(np.max(angle.theta[free])) < limits.not_moved:
+        peak = math.degrees(float(np.max(angle.theta[free])))
+        return Judgement(Verdict.NOT_MOVED, f"the object turned by {peak:.2f} deg at most: move the striker closer, or strike harder")
+    return None
+
+
+def judge_contact(motion: PlanarMotion, window: tuple[int, int], rolls: bool, limits: VerdictLimits) -> Judgement | None:
+    """Verdicts on what the contact did within the fitted window."""
+    used = slice(*window)
+    sd = motion.position_sd[used]
+    lift = _smooth_peak(motion.lift[used], sd)
+    if lift > limits.lift:
+        return Judgement(Verdict.AIRBORNE, f"the edge left the table by {1e3 * lift:.1f} mm: strike lower or less hard")
+    twist = _smooth_peak(motion.angle.off_axis[used], motion.off_axis_sd[used])
+    if twist > limits.twist:
+        code = Verdict.ROLLED if rolls else Verdict.TWISTED
+        what = "rolled on its rim" if rolls else "twisted"
+        return Judgement(code, f"the object {what} by {math.degrees(twist):.1f} deg about other axes: strike through its middle")
+    slip = _smooth_peak(np.abs(motion.angle.slip[used]), sd)
+    if slip > limits.slip:
+        return Judgement(Verdict.SLID, f"the edge slid by {1e3 * slip:.1f} mm: use a rougher table or strike higher")
+    return None
+
+
+def judge_vague(fit: MotionFit, course: Course, theta_max: float, limits: VerdictLimits) -> Judgement | None:
+    """Verdict where the motion was fitted but says next to nothing of phi, None where it does."""
+    sd = math.sqrt(float(fit.covariance[0, 0]))
+    if sd <= limits.phi_sd:
+        return None
+    known = f"its balance point is known to {math.degrees(sd):.0f} deg only"
+    if course.came_back or theta_max < fit.phi:
+        return Judgement(Verdict.ROCKED_BACK, f"rocked back from {math.degrees(theta_max):.1f} deg, {known}: strike harder")
+    return Judgement(Verdict.UNREADABLE, f"{known}: strike less hard, or bring the marker nearer")
+
+
+def judge_fit(fit: MotionFit, course: Course, energy_ratio: float, theta_max: float) -> Judgement:
+    """Verdict of a clean motion: over the top, or back."""
+    phi = math.degrees(fit.phi)
+    if course.came_back or (energy_ratio < 1.0 and theta_max < fit.phi):
+        return Judgement(
+            Verdict.ROCKED_BACK,
+            f"rocked back from {math.degrees(theta_max):.1f} deg of {phi:.1f} deg, energy ratio {energy_ratio:.2f}: strike harder",
+        )
+    return Judgement(Verdict.GOOD, f"tipped over at {phi:.2f} deg, energy ratio {energy_ratio:.2f}")

@@ -1,0 +1,51 @@
+"""Files that appear whole or not at all, and are known to have a place before the work for them begins."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from analyze.errors import OutputError
+
+
+def refuse_unwritable(output: Path, *inputs: Path) -> None:
+    """Say early that `output` cannot be written, or would replace one of the `inputs`.
+
+    Raises:
+        OutputError: so it is.
+    """
+    folder = output.parent
+    if output.is_dir():
+        raise OutputError(f"{output}: is a folder: name a file in it")
+    if not folder.is_dir():
+        raise OutputError(f"{output}: cannot be written: there is no folder {folder}: create it first")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(f"{output}: cannot be written: the folder {folder} is not yours to write in: choose another place")
+    for path in inputs:
+        if output.exists() and path.exists() and output.samefile(path):
+            raise OutputError(f"{output}: is what is read, and would be replaced: choose another name for the output")
+
+
+def write_text(output: Path, text: str) -> None:
+    """Write `text` as UTF-8; on failure what stood there before still stands, and nothing else is left.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    refuse_unwritable(output)
+    name: Path | None = None
+    try:
+        handle, part = tempfile.mkstemp(dir=output.parent, prefix=f".{output.name}.")
+        name = Path(part)
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        name.chmod(0o644)
+        name.replace(output)
+    except OSError as error:
+        raise OutputError(f"{output}: cannot be written: {error.strerror}: choose another place") from None
+    finally:
+        if name is not None:
+            name.unlink(missing_ok=True)

@@ -1,0 +1,1 @@
+"""Which strikes to make: stable planes, pivots, impact points, the best set."""

@@ -1,0 +1,37 @@
+"""How to put the object down, in words for the person at the table."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analyze.geometry.object_model import ObjectModel
+from analyze.planning.pivots import PivotAxis
+from analyze.types import Array
+from schemas.documents import ObjectSpec
+
+AXIS_NAMES = ("x", "y", "z")
+
+
+def placement_card(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, impact_height: float, markers: list[int]) -> str:
+    """Two sentences: which side goes down and which faces where, then where the striker hits."""
+    down, right = _side(-axis.plane.up, spec), _side(axis.tip, spec)
+    facing = f"marker {markers[0]} towards the camera" if markers else f"its {_side(-axis.direction, spec)} side towards the camera"
+    height = float(np.ptp(model.hull_vertices @ axis.plane.up))
+    edge = "rim" if axis.rolls else "edge"
+    return (
+        f"Put {spec.name} on its {down} side, {facing}, its {right} side away from the striker with that {edge} on the line. "
+        f"It then stands {height * 1000:.0f} mm tall; the striker meets it {impact_height * 1000:.0f} mm above the table."
+    )
+
+
+def _side(direction: Array, spec: ObjectSpec) -> str:
+    """Name of the side that looks along `direction` (3,): a marker on it, or O's nearest axis."""
+    for marker in spec.marker:
+        if marker.T_object_marker is not None and np.array(marker.T_object_marker)[:3, 2] @ direction > np.cos(np.radians(10)):
+            return f"{_axis_name(direction)} (marker {marker.id})"
+    return _axis_name(direction)
+
+
+def _axis_name(direction: Array) -> str:
+    best = int(np.argmax(np.abs(direction)))
+    return f"{'+' if direction[best] > 0 else '-'}{AXIS_NAMES[best]}"

@@ -1,0 +1,130 @@
+"""Where the centre of mass may be before any strike: the region Q (paper 3.1.1), faithful and ours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.geometry.object_model import ObjectModel
+from analyze.types import Array
+
+UNEVEN_FILLING = 0.2
+"""part of the half extent by which an unknown filling may shift c"""
+SAMPLES_ACROSS = 30
+"""surface samples along the longest edge"""
+TIE = 1e-3
+"""relative difference of two eigenvalues below which their directions are a free choice"""
+
+
+@dataclass(frozen=True)
+class Region:
+    """Box Q in O that is believed to hold c."""
+
+    centre: Array
+    """(3,) m"""
+    axes: Array
+    """(3, 3) rows are unit vectors, longest spread first"""
+    half: Array
+    """(3,) m, half edges along `axes`"""
+
+    def corners(self) -> Array:
+        """(8, 3) m."""
+        signs = np.argwhere(np.ones((2, 2, 2))) * 2.0 - 1
+        return self.centre + (signs * self.half) @ self.axes
+
+    def covariance(self) -> Array:
+        """Covariance (3, 3) [m^2] of c, if Q's half edges are two standard deviations."""
+        return (self.axes.T * (self.half / 2) ** 2) @ self.axes
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What the exterior says of the inside."""
+
+    region: Region
+    unit_inertia: Array
+    """(3, 3) m^2 about the region's centre per kilogram, midway between a solid and a shell"""
+
+
+def paper_hypothesis(points: Array) -> Region:
+    """Q by eq. (1), as printed: half edges |sum_{v.e<0} |v| - sum_{v.e>0} |v|| + 1 in millimetres, v from the points' mean.
+
+    The sum is not normalised, so Q grows with the number of points; clipped to the points' extent. Where eigenvalues tie (a square base),
+    the paper leaves the axes open: here they are O's axes projected into the tied space, x before y before z.
+
+    Args:
+        points: (n, 3) m, the cloud P.
+    """
+    centre = points.mean(axis=0)
+    offset = points - centre
+    axes = principal_axes(offset.T @ offset / len(points))
+    along = offset @ axes.T
+    length = np.linalg.norm(offset, axis=1)
+    delta = np.abs([length[a < 0].sum() - length[a > 0].sum() for a in along.T]) + 0.001
+    return Region(centre, axes, np.minimum(delta, np.abs(along).max(axis=0)))
+
+
+def hypothesis(model: ObjectModel) -> Hypothesis:
+    """Q by area: centre midway between solid and shell; half edges by eq. (1) as means over the area, plus sampling step and filling.
+
+    `UNEVEN_FILLING` of the half extent is added, because masses are hidden: symmetry of the outside says nothing of them. Clipped.
+    """
+    points, areas = surface_samples(model, SAMPLES_ACROSS)
+    weight = areas / areas.sum()
+    shell_centre = weight @ points
+    centre = (shell_centre + model.centroid) / 2
+    arm = points - shell_centre
+    second = (arm * weight[:, None]).T @ arm
+    axes = principal_axes(second)
+    along = arm @ axes.T
+    length = np.linalg.norm(arm, axis=1)
+    asymmetry = np.abs((np.sign(along) * length[:, None]).T @ weight)
+    extent = np.ptp(model.hull_vertices @ axes.T, axis=0) / 2
+    step = float(model.extent.max()) / SAMPLES_ACROSS
+    half = np.minimum(asymmetry + step + UNEVEN_FILLING * extent, extent)
+    shell = np.trace(second) * np.eye(3) - second
+    return Hypothesis(Region(centre, axes, half), (shell + model.unit_inertia) / 2)
+
+
+def principal_axes(second_moments: Array) -> Array:
+    """Eigenvectors (3, 3) as rows, largest first, signs and ties fixed: the same shape gives the same axes."""
+    values, vectors = np.linalg.eigh(second_moments)
+    values, vectors = values[::-1], vectors.T[::-1]
+    rows: list[Array] = []
+    for value in values:
+        tied = vectors[np.abs(values - value) <= TIE * values[0] + 1e-18]
+        projector = tied.T @ tied
+        for row in rows:
+            projector = projector - np.outer(row, row) @ projector
+        length = np.linalg.norm(projector, axis=0)
+        best = int(np.flatnonzero(length > length.max() - 1e-6)[0])
+        row = projector[:, best] / length[best]
+        rows.append(row * np.sign(row[np.argmax(np.abs(row))]))
+    return np.array(rows)
+
+
+def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
+    """Points (n, 3) [m] on the surface and the area (n,) [m^2] of each; about `across` along the longest edge."""
+    spacing = float(model.extent.max()) / across
+    triangles = model.vertices[model.faces]
+    longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+    area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
+    steps = np.maximum(1, np.ceil(longest / spacing)).astype(int)
+    points: list[Array] = []
+    areas: list[Array] = []
+    for many in np.unique(steps):
+        mine = steps == many
+        weights = _subtriangles(int(many))
+        points.append(np.einsum("wk,fki->fwi", weights, triangles[mine]).reshape(-1, 3))
+        areas.append(np.repeat(area[mine] / len(weights), len(weights)))
+    return np.vstack(points), np.concatenate(areas)
+
+
+def _subtriangles(many: int) -> Array:
+    """Barycentric centroids (many^2, 3) of a triangle cut into equal ones."""
+    grid = np.argwhere(np.ones((many, many)))
+    upright = grid[grid.sum(axis=1) < many] + 1 / 3
+    hanging = grid[grid.sum(axis=1) < many - 1] + 2 / 3
+    u, v = np.vstack([upright, hanging]).T / many
+    return np.stack([u, v, 1 - u - v], axis=1)

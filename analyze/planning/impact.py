@@ -1,0 +1,144 @@
+"""Where and how hard to strike for a tip about one axis, and whether the edge then holds (paper 3.1.3 and eq. 2, METHOD 1.4 and 1.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.geometry.object_model import ObjectModel
+from analyze.planning.pivots import PivotAxis, Swing
+from analyze.types import Array
+
+GRAVITY = 9.81
+"""m/s^2: plans need no better"""
+TIP_RADIUS = 0.008
+"""m, of the striker's tip"""
+LOWEST = 0.015
+"""m over the table"""
+BELOW_TOP = 0.010
+"""m"""
+HEIGHT_STEP = 0.001
+PLACING = 0.004
+"""m by which the height may be off and the tip still meets the same face"""
+SHIFT = 0.001
+"""m by which a slanting face may meet the tip earlier, beside its foremost point"""
+FACING = np.radians(20.0)
+"""angle of the surface's normal against the strike up to which the tip does not glance off"""
+CARD = 10 / 8
+"""edge of a marker's card over that of its black square (one white cell around 8)"""
+
+
+@dataclass(frozen=True)
+class StrikerModel:
+    """The striker as felt at its tip. Speeds [m/s] it can reach there."""
+
+    effective_mass_kg: float = 0.2
+    restitution: float = 0.4
+    slowest_m_s: float = 0.05
+    fastest_m_s: float = 0.9
+
+
+@dataclass(frozen=True)
+class ImpactPoint:
+    """A place on the surface, and what it asks of the edge."""
+
+    height: float
+    """m over the table"""
+    point: Array
+    """(3,) m, in O"""
+    friction: float
+    """|horizontal| / vertical impulse at the edge, c as expected"""
+    worst_friction: float
+    """the same, c elsewhere in Q"""
+    glance: float
+    """rad, of the surface's normal against the strike"""
+    on_card: bool
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Demands of the free motion from release to phi."""
+
+    friction: float
+    least_load: float
+    """least normal force over weight; not above 0: the edge lifts"""
+
+
+def impact_points(model: ObjectModel, axis: PivotAxis, swings: Sequence[Swing], cards: list[tuple[Array, float]]) -> list[ImpactPoint]:
+    """Places that a tip sphere moving along +x at y = 0 meets with its foremost point, one per height step, in order of height.
+
+    Left out: where the sphere's flank would meet another part first, or where an edge lies within `PLACING`.
+
+    Args:
+        model: the body.
+        axis: where it turns.
+        swings: as expected, then for other places of c.
+        cards: centre (3,) in O and edge [m] of each marker's square.
+    """
+    R, p = axis.R_world_object, axis.p_world_object
+    world = model.hull_vertices @ R.T + p
+    start, top = float(world[:, 0].min()) - 0.1, float(world[:, 2].max())
+    heights = np.arange(HEIGHT_STEP / 2, top, HEIGHT_STEP)
+    hits = [model.first_hit(R.T @ (np.array([start, 0.0, height]) - p), axis.tip) for height in heights]
+    distance = np.array([np.inf if hit is None else hit[0] for hit in hits])
+    glance = np.array([np.pi if hit is None else np.arccos(np.clip(-hit[1] @ axis.tip, -1, 1)) for hit in hits])
+    result: list[ImpactPoint] = []
+    for i in np.flatnonzero((heights >= LOWEST) & (heights <= top - BELOW_TOP)):
+        height = float(heights[i])
+        offset = np.abs(heights - height)
+        flank = TIP_RADIUS - np.sqrt(np.maximum(TIP_RADIUS**2 - offset**2, 0))
+        near_by = offset <= PLACING
+        met_before = np.any(distance[offset < TIP_RADIUS] + flank[offset < TIP_RADIUS] < distance[i] - SHIFT)
+        worst_glance = float(glance[near_by].max())
+        if met_before or worst_glance > FACING or np.ptp(distance[near_by]) > 2 * PLACING * np.tan(FACING):
+            continue
+        point = R.T @ (np.array([start + distance[i], 0.0, height]) - p)
+        friction = [friction_at_impact(each, height) for each in swings]
+        near = any(np.linalg.norm(point - centre) < 0.5 * CARD * edge + TIP_RADIUS for centre, edge in cards)
+        result.append(ImpactPoint(height, point, friction[0], max(friction), worst_glance, near))
+    return result
+
+
+def best_impact(points: list[ImpactPoint], friction: float) -> ImpactPoint | None:
+    """The point that asks least friction of the edge wherever c is, off the cards if one there holds."""
+    free = [point for point in points if not point.on_card and point.friction <= friction]
+    return min(free or points, key=lambda point: point.worst_friction, default=None)
+
+
+def friction_at_impact(expected: Swing, height: float) -> float:
+    """|R*cos phi - I_edge/(m*h)| / (R*sin phi): the edge's impulse along the table over that upwards; 0 at the centre of percussion."""
+    horizontal = expected.distance * np.cos(expected.phi) - expected.i_edge / (expected.mass * height)
+    return float(abs(horizontal) / max(expected.distance * np.sin(expected.phi), 1e-9))
+
+
+def release_rate(expected: Swing, energy_ratio: float) -> float:
+    """omega0 [rad/s]: 1/2*I_edge*omega0^2 = m*g*(h2 - h1)*E, with h2 - h1 = R*(1 - cos phi)."""
+    return float(np.sqrt(2 * expected.k * (1 - np.cos(expected.phi)) * energy_ratio))
+
+
+def impulse_for(expected: Swing, height: float, energy_ratio: float) -> float:
+    """J [N s] = I_edge*omega0 / h."""
+    return expected.i_edge * release_rate(expected, energy_ratio) / height
+
+
+def tip_speed_for(striker: StrikerModel, expected: Swing, height: float, impulse: float) -> float:
+    """Tip speed v [m/s] from J = (1 + e)*v / (1/m_s + h^2/I_edge)."""
+    return impulse * (1 / striker.effective_mass_kg + height**2 / expected.i_edge) / (1 + striker.restitution)
+
+
+def free_motion(expected: Swing, energy_ratio: float) -> Motion:
+    """Friction and load at a sharp edge while the body swings freely from rest's angle up to phi.
+
+    c is at R*(-sin b, cos b) with b = phi - theta; b'' = k*sin b, b'^2 from the energy; F and N follow from c's acceleration.
+    """
+    b = np.linspace(expected.phi, 0, 60)
+    rate2 = 2 * expected.k * ((energy_ratio - 1) * (1 - np.cos(expected.phi)) + 1 - np.cos(b))
+    rate2 = np.maximum(rate2, 0)
+    acceleration = -expected.k * np.sin(b)
+    across = expected.distance * (np.cos(b) * acceleration + np.sin(b) * rate2)
+    load = 1 + expected.distance * (np.sin(b) * acceleration - np.cos(b) * rate2) / GRAVITY
+    least = float(load.min())
+    friction = np.abs(across) / GRAVITY / np.maximum(load, 1e-3)
+    return Motion(float(friction.max()), least)

@@ -1,0 +1,134 @@
+"""Planes on which the object rests, and which of them are stable for every c in Q (paper 3.1.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.geometry.object_model import ObjectModel
+from analyze.planning.hypothesis import Region
+from analyze.types import Array
+
+COPLANAR = 2e-4
+"""part of the longest edge within which hull vertices lie in one plane"""
+COPLANAR_ANGLE = np.radians(1.0)
+SMALLEST_AREA = 1e-3
+"""part of the hull's area below which a face is no plane to rest on"""
+COLLINEAR = np.radians(0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class RestingPlane:
+    """A face of the convex hull, coplanar facets merged."""
+
+    id: str
+    up: Array
+    """(3,) unit, in O: W's z when the object rests on it"""
+    level: float
+    """m: up.x of the plane"""
+    polygon: Array
+    """(k, 3) m, in O: corners of the support polygon, counter-clockwise seen from above, collinear ones left out"""
+    area: float
+    """m^2"""
+
+    @property
+    def edges(self) -> tuple[Array, Array]:
+        """Start and end (k, 3) of each edge."""
+        return self.polygon, np.roll(self.polygon, -1, axis=0)
+
+    def outward(self) -> Array:
+        """Unit vectors (k, 3) in the plane, out of the polygon, one per edge."""
+        start, end = self.edges
+        across = np.cross(end - start, self.up)
+        return across / np.linalg.norm(across, axis=1, keepdims=True)
+
+    def margin(self, points: Array) -> float:
+        """Least distance [m] of the projections of `points` (n, 3) from the polygon's edges; negative: one is outside."""
+        start, _ = self.edges
+        out = self.outward()
+        return float(np.min(np.einsum("ki,ki->k", start, out) - points @ out.T))
+
+
+def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
+    """All faces of the convex hull, coplanar facets merged, largest first; slivers left out."""
+    planes = model.hull_planes
+    vertices = model.hull_vertices
+    tolerance = COPLANAR * float(model.extent.max())
+    normals = planes[:, :3]
+    heights = vertices @ normals.T + planes[:, 3]
+    used = np.zeros(len(planes), dtype=bool)
+    found: list[tuple[Array, Array, float]] = []
+    total = 0.0
+    for index in range(len(planes)):
+        if used[index]:
+            continue
+        touching = heights[:, index] > -tolerance
+        alike = (normals @ normals[index] > np.cos(COPLANAR_ANGLE)) & (
+            np.abs(vertices[touching] @ normals.T + planes[:, 3]).max(axis=0) < 2 * tolerance
+        )
+        used |= alike
+        up = -normals[alike].mean(axis=0)
+        up /= np.linalg.norm(up)
+        polygon = _support_polygon(vertices[touching], up)
+        area = _area(polygon, up)
+        total += area
+        found.append((up, polygon, area))
+    order = sorted(found, key=lambda item: (-round(item[2], 9), *np.round(item[0], 6)))
+    kept = [item for item in order if item[2] > SMALLEST_AREA * total]
+    return tuple(
+        RestingPlane(f"p{i}", up, float(np.mean(polygon @ up)), polygon, area)
+        for i, (up, polygon, area) in enumerate(kept)
+        if len(polygon) >= 3
+    )
+
+
+def stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
+    """Ours: every plane over whose support polygon all of Q lies, parallel ones included."""
+    return tuple(plane for plane in planes if plane.margin(region.corners()) > 0)
+
+
+def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
+    """The paper's: of parallel planes only the largest, then the two largest. Fewer than two: the paper cannot go on."""
+    kept: list[RestingPlane] = []
+    for plane in stable_planes(planes, region):
+        if all(abs(plane.up @ other.up) < np.cos(COPLANAR_ANGLE) for other in kept):
+            kept.append(plane)
+    return tuple(kept[:2])
+
+
+def plane_basis(up: Array) -> tuple[Array, Array]:
+    """Unit u, v (3,) each in the plane, u x v = up."""
+    helper = np.eye(3)[int(np.argmin(np.abs(up)))]
+    u = np.cross(helper, up)
+    u /= np.linalg.norm(u)
+    return u, np.cross(up, u)
+
+
+def _support_polygon(points: Array, up: Array) -> Array:
+    """Convex polygon (k, 3) around `points`, counter-clockwise about `up` (Andrew 1979), nearly straight corners left out."""
+    u, v = plane_basis(up)
+    flat = np.column_stack([points @ u, points @ v])
+    order = np.lexsort((flat[:, 1], flat[:, 0]))
+
+    def chain(indices: list[int]) -> list[int]:
+        line: list[int] = []
+        for i in indices:
+            while len(line) >= 2 and _turn(flat[line[-2]], flat[line[-1]], flat[i]) <= np.sin(COLLINEAR):
+                line.pop()
+            line.append(i)
+        return line[:-1]
+
+    forward = [int(i) for i in order]
+    return points[chain(forward) + chain(forward[::-1])]
+
+
+def _turn(a: Array, b: Array, c: Array) -> float:
+    """Sine of the turn from ab to bc; + is to the left."""
+    first, second = b - a, c - b
+    scale = float(np.hypot(*first) * np.hypot(*second))
+    return 0.0 if scale < 1e-18 else float(first[0] * second[1] - first[1] * second[0]) / scale
+
+
+def _area(polygon: Array, up: Array) -> float:
+    return float(np.cross(polygon - polygon[0], np.roll(polygon, -1, axis=0) - polygon[0]).sum(axis=0) @ up) / 2

@@ -1,0 +1,279 @@
+"""Reads a recording: manifest, plan, shape, images without copying, messages by topic and time. Truth has a door of its own."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import TypeVar
+
+import numpy as np
+from google.protobuf.message import DecodeError, Message
+
+from analyze import indexed_file
+from analyze.errors import RecordingError
+from analyze.followed import FollowedRecording
+from analyze.image_message import decode_image
+from analyze.indexed_file import IndexedFile, RecordedMessage
+from analyze.recording_head import parse_manifest, parse_plan
+from analyze.types import ImageFrame
+from schemas import topics
+from schemas.container import ContainerError
+from schemas.documents import (
+    MANIFEST_NAME,
+    PLAN_ATTACHMENT,
+    SEAL_NAME,
+    SHAPE_ATTACHMENT_PREFIX,
+    ObjectSpec,
+    SessionManifest,
+    StrikePlan,
+    TimeSource,
+)
+from schemas.proto import percuss_pb2 as pb
+
+__all__ = ["FollowedRecording", "RecordedMessage", "Recording", "TopicInfo", "Truth", "open_partial", "open_recording", "read_truth"]
+
+M = TypeVar("M", bound=Message)
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """What a recording holds of a topic."""
+
+    name: str
+    schema: str
+    count: int
+    first_ns: int | None
+    last_ns: int | None
+
+
+class Recording:
+    """An open recording. Times are log times [ns]; ranges include both ends. Use it in a `with` statement."""
+
+    def __init__(self, file: IndexedFile) -> None:
+        self._file = file
+        self.path = file.path
+        entries = file.metadata.get(MANIFEST_NAME)
+        if entries is None or "json" not in entries:
+            raise RecordingError(f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its manifest")
+        self.manifest: SessionManifest = parse_manifest(entries["json"], str(file.path))
+        seal = file.metadata.get(SEAL_NAME, {})
+        self.content_id: str | None = seal.get("content_id")
+        """None where the recording is cut"""
+        self.damaged_chunks = file.damaged_chunks
+        if seal.get("manifest_sha256", digest := hashlib.sha256(entries["json"].encode()).hexdigest()) != digest:
+            raise RecordingError(f"{file.path}: damaged: the manifest is not the one that was sealed")
+        for name, expected in self.manifest.hashes.items():
+            attachment = file.attachments.get(name)
+            if attachment is not None and hashlib.sha256(attachment.data).hexdigest() != expected:
+                raise RecordingError(f"{file.path}: damaged: attachment {name!r} is not the one that was recorded")
+
+    # --- head -----------------------------------------------------------------------------------------------------
+
+    @property
+    def attachments(self) -> dict[str, bytes]:
+        """Attached files by name."""
+        return {name: attachment.data for name, attachment in self._file.attachments.items()}
+
+    @cached_property
+    def plan(self) -> StrikePlan:
+        """The plan that was carried out.
+
+        Raises:
+            RecordingError: there is none.
+        """
+        attachment = self._file.attachments.get(PLAN_ATTACHMENT)
+        if attachment is None:
+            raise RecordingError(f"{self.path}: holds no {PLAN_ATTACHMENT}: record again with `acquire session`")
+        return parse_plan(attachment.data.decode(errors="replace"), str(self.path))
+
+    @property
+    def object_spec(self) -> ObjectSpec:
+        """The object as the user described it."""
+        return self.manifest.object
+
+    @property
+    def shape_bytes(self) -> bytes | None:
+        """The object's shape file, None for a primitive."""
+        return next((data for name, data in self.attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)), None)
+
+    @property
+    def camera(self) -> str:
+        """Name of the first camera."""
+        return self.manifest.cameras[0].name
+
+    # --- messages -------------------------------------------------------------------------------------------------
+
+    def topics(self) -> tuple[TopicInfo, ...]:
+        """What the recording holds."""
+        found: list[TopicInfo] = []
+        for name in self._file.topic_names():
+            times = self._file.index(name).time_ns
+            first, last = (int(times[0]), int(times[-1])) if len(times) else (None, None)
+            found.append(TopicInfo(name, self._file.schema_of(name), len(times), first, last))
+        return tuple(found)
+
+    def times(self, topic: str) -> np.ndarray:
+        """Log times of a topic's messages [ns], (n,) int64, sorted; no message is read."""
+        return self._file.index(topic).time_ns
+
+    def messages(self, topic: str, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[RecordedMessage]:
+        """A topic's messages by time.
+
+        Raises:
+            RecordingError: the file is damaged, or the topic is truth, which only `read_truth` gives out.
+        """
+        if topic.startswith(topics.TRUTH_PREFIX):
+            raise RecordingError(f"{self.path}: {topic} is truth: nothing but `analyze score` may read it")
+        yield from _messages(self._file, topic, start_ns, end_ns)
+
+    def decoded(
+        self, topic: str, kind: type[M], start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[tuple[RecordedMessage, M]]:
+        """A topic's messages, parsed.
+
+        Raises:
+            RecordingError: as `messages`, or a message is of another type.
+        """
+        for message in self.messages(topic, start_ns, end_ns):
+            yield message, _decode(self.path, message, kind)
+
+    @cached_property
+    def strikes(self) -> tuple[pb.StrikeRecord, ...]:
+        """Every strike that was carried out, in order."""
+        return tuple(record for _, record in self.decoded(topics.SESSION_STRIKE.name, pb.StrikeRecord))
+
+    def frame_meta(self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
+        """One per frame that arrived, of the first camera where none is named."""
+        for _, meta in self.decoded(topics.frame_meta(camera or self.camera).name, pb.FrameMeta, start_ns, end_ns):
+            yield meta
+
+    def images(self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
+        """Images by time, of the first camera where none is named; uncompressed ones are read-only views into the file.
+
+        Raises:
+            RecordingError: the file is damaged, or an image is of a kind that is not read.
+        """
+        topic = topics.raw_image(camera or self.camera).name
+        schema = self._file.schema_of(topic)
+        for message in self.messages(topic, start_ns, end_ns):
+            try:
+                image = decode_image(schema, message.data)
+            except ContainerError as error:
+                raise RecordingError(f"{self.path}: image {message.sequence} at {message.log_time_ns}: {error}") from None
+            yield ImageFrame(message.log_time_ns, message.sequence, image)
+
+    def close(self) -> None:
+        """Let go of the file; images already given out stay valid."""
+        self._file.close()
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def refuse_unmapped_times(self) -> None:
+        """Raise RecordingError if frame times are said to be mapped from a clock of which the file holds no sample."""
+        if self.manifest.time_source is not TimeSource.DEVICE_MAPPED:
+            return
+        for camera in self.manifest.cameras:
+            if len(self.times(topics.raw_image(camera.name).name)) == 0:
+                continue
+            clocks = self.decoded(topics.CLOCK_SAMPLE.name, pb.ClockSample)
+            if not any(sample.clock == f"camera/{camera.name}" for _, sample in clocks):
+                raise RecordingError(
+                    f"{self.path}: frame times are said to be mapped from camera {camera.name!r}'s clock, but the file holds no sample of "
+                    "that clock: they cannot be trusted; record again"
+                )
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the virtual world knows. Only `analyze score` may look at it."""
+
+    pose_time_ns: np.ndarray
+    """(n,) int64 log times"""
+    poses: tuple[pb.TruthPose, ...]
+    contacts: tuple[pb.TruthContact, ...]
+    contact_time_ns: np.ndarray
+    """(m,) int64 log times"""
+    body: pb.TruthBody
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a finished recording.
+
+    Raises:
+        RecordingCut: it ends early; `open_partial` reads what is there.
+        RecordingVersion: it is of another major schema version.
+        RecordingError: it is missing, not a recording, damaged, or its times cannot be trusted.
+    """
+    recording = _wrap(indexed_file.open_finished(path))
+    try:
+        recording.refuse_unmapped_times()
+    except RecordingError:
+        recording.close()
+        raise
+    return recording
+
+
+def open_partial(path: Path) -> Recording:
+    """Open a recording that was cut short or is damaged: what stands in whole chunks can be read.
+
+    Raises:
+        RecordingVersion: it is of another major schema version.
+        RecordingError: it is missing, not a recording, or not even its manifest is left.
+    """
+    return _wrap(indexed_file.open_cut(path))
+
+
+def read_truth(path: Path) -> Truth:
+    """Truth of a virtual recording.
+
+    Raises:
+        RecordingError: it holds none, or is damaged.
+    """
+    file = indexed_file.open_finished(path)
+    try:
+        bodies = [_decode(path, message, pb.TruthBody) for message in _messages(file, topics.TRUTH_BODY.name, None, None)]
+        if not bodies:
+            raise RecordingError(f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored")
+        return Truth(
+            pose_time_ns=file.index(topics.TRUTH_POSE.name).time_ns,
+            poses=tuple(_decode(path, message, pb.TruthPose) for message in _messages(file, topics.TRUTH_POSE.name, None, None)),
+            contacts=tuple(_decode(path, message, pb.TruthContact) for message in _messages(file, topics.TRUTH_CONTACT.name, None, None)),
+            contact_time_ns=file.index(topics.TRUTH_CONTACT.name).time_ns,
+            body=bodies[0],
+        )
+    finally:
+        file.close()
+
+
+def _wrap(file: IndexedFile) -> Recording:
+    try:
+        return Recording(file)
+    except RecordingError:
+        file.close()
+        raise
+
+
+def _messages(file: IndexedFile, topic: str, start_ns: int | None, end_ns: int | None) -> Iterator[RecordedMessage]:
+    index = file.index(topic)
+    first = 0 if start_ns is None else int(np.searchsorted(index.time_ns, start_ns, "left"))
+    last = len(index.time_ns) if end_ns is None else int(np.searchsorted(index.time_ns, end_ns, "right"))
+    for number in range(first, last):
+        message = file.message(index, number)
+        yield RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
+
+
+def _decode(path: Path, message: RecordedMessage, kind: type[M]) -> M:
+    decoded = kind()
+    try:
+        decoded.ParseFromString(bytes(message.data))
+    except DecodeError:
+        raise RecordingError(f"{path}: message on {message.topic} at {message.log_time_ns} is no {kind.DESCRIPTOR.full_name}") from None
+    return decoded

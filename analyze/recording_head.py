@@ -1,0 +1,69 @@
+"""What stands at the head of a recording: manifest and plan, of this schema version or a newer minor one."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from analyze.errors import RecordingError, RecordingVersion
+from schemas.documents import SCHEMA_VERSION, DocumentError, SessionManifest, StrikePlan, validate
+
+T = TypeVar("T", bound=BaseModel)
+
+
+def parse_manifest(text: str, name: str) -> SessionManifest:
+    """Manifest of the recording `name`.
+
+    Raises:
+        RecordingVersion: written by another major schema version.
+        RecordingError: not a manifest.
+    """
+    return _parse(SessionManifest, text, name, "manifest")
+
+
+def parse_plan(text: str, name: str) -> StrikePlan:
+    """Strike plan attached to the recording `name`.
+
+    Raises:
+        RecordingVersion: written by another major schema version.
+        RecordingError: not a plan.
+    """
+    return _parse(StrikePlan, text, name, "plan")
+
+
+def _parse(model: type[T], text: str, name: str, what: str) -> T:
+    try:
+        data = json.loads(text)
+        major, minor = (int(part) for part in data["schema_version"].split("."))
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise RecordingError(f"{name}: its {what} cannot be read: damaged, or not written by `acquire`") from None
+    ours, our_minor = (int(part) for part in SCHEMA_VERSION.split("."))
+    if major != ours:
+        raise RecordingVersion(
+            f"{name}: has schema version {major}.{minor}, this program reads {ours}.x: use a version of Percuss that writes {major}.x"
+        )
+    if minor > our_minor:
+        data = _without_unknown(model, data)
+    try:
+        return validate(model, data, f"{name}: {what}")
+    except DocumentError as error:
+        raise RecordingError(str(error)) from None
+
+
+def _without_unknown(model: type[BaseModel], data: Any) -> Any:
+    """Leave out what a newer minor version added: by definition nothing that must be understood."""
+    try:
+        model.model_validate(data)
+    except ValidationError as error:
+        for problem in error.errors():
+            if problem["type"] == "extra_forbidden":
+                _remove(data, problem["loc"])
+    return data
+
+
+def _remove(data: Any, path: tuple[int | str, ...]) -> None:
+    for part in path[:-1]:
+        data = data[part]
+    del data[path[-1]]

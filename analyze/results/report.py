@@ -1,0 +1,191 @@
+"""One HTML file with the answer, its reasons and its plots: nothing is loaded from elsewhere, and it prints."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from analyze.output_file import write_text
+from analyze.recording import open_recording
+from analyze.results.plots import moments_figure, projections_figure, regions_figure, strike_figure
+from analyze.results.style import svg
+from analyze.results.summary import DEGREES, GRAM_CM2, with_interval
+from schemas.documents import Quantity, StrikeResult, Verdict
+
+if TYPE_CHECKING:
+    from analyze.pipeline import Estimate
+    from analyze.types import MarkerTrack
+
+JPEG_QUALITY = 88
+
+
+@dataclass(frozen=True)
+class Still:
+    """One image of a strike, with the marker's outline."""
+
+    axis_id: str
+    caption: str
+    data_url: str
+
+
+def write_report(estimate: Estimate, recording_path: Path, output: Path, score: Mapping[str, Any] | None = None) -> None:
+    """Write the report; either whole or not at all.
+
+    Args:
+        estimate: from this recording.
+        recording_path: for the stills.
+        output: the HTML file.
+        score: from `score_estimate`, to show the truth beside the estimate.
+
+    Raises:
+        RecordingError: the recording cannot be read.
+        OutputError: the file cannot be written.
+    """
+    write_text(output, render_report(estimate, stills(estimate, recording_path), score))
+
+
+def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
+    """The report as HTML text."""
+    environment = Environment(loader=PackageLoader("analyze.results"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    environment.filters.update(deg=_degrees, inertia=_inertia, rate=_rate, grams=_grams, millimetres=_millimetres)
+    result = estimate.result
+    com_true = None if score is None else np.array(score["centre_of_mass_true_m"])
+    regions_true = None
+    moments_true = None
+    if score is not None and score.get("region_mass_true_kg") is not None:
+        regions_true = dict(zip(score["region_names"], score["region_mass_true_kg"], strict=True))
+    if score is not None:
+        moments_true = {axis.axis_id: axis.i_com / (1 + score["i_com_relative_error"][axis.axis_id]) for axis in estimate.inertial.axes}
+    return environment.get_template("report.html").render(
+        name=estimate.evidence.spec.name,
+        result=result,
+        manifest=estimate.evidence.manifest,
+        verdict=verdict_in_words(estimate),
+        com=_com_rows(result.centre_of_mass),
+        used=[strike for strike in result.strikes if strike.used],
+        axes=len({plane.axis_id for plane in estimate.planes}),
+        reasons=[strike for strike in result.strikes if strike.reason and strike.verdict is not Verdict.GOOD],
+        stills=images,
+        projections=_drawn(projections_figure(estimate, com_true)),
+        regions=_drawn(regions_figure(estimate, regions_true)),
+        moments=_drawn(moments_figure(estimate, moments_true)),
+        strikes=_strike_plots(estimate),
+        score=score,
+        phi_error=dict(zip(score["strike_ids"], score["phi_error_rad"], strict=True)) if score else {},
+        best_naive=min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1]) if regions_true and score else None,
+        inertia_rows=_inertia_rows(estimate),
+    )
+
+
+def verdict_in_words(estimate: Estimate) -> str:
+    """What was found, in two or three sentences."""
+    result, com = estimate.result, estimate.com
+    sd = 1.96e3 * np.sqrt(np.linalg.eigvalsh(com.covariance)[-1])
+    axes = len({plane.axis_id for plane in estimate.planes})
+    count = f"{len(estimate.planes)} of {len(result.strikes)} strikes on {axes} {'axis' if axes == 1 else 'axes'} were used."
+    if not com.observed:
+        return f"{count} They leave one direction of the centre of mass open; the number given along it comes from the shape."
+    shift = com.position - estimate.evidence.model.centroid
+    text = f"{count} The centre of mass is known to {sd:.1f} mm in its worst direction (95 %)"
+    text += f" and lies {1e3 * np.linalg.norm(shift):.1f} mm from the middle of the volume."
+    share = estimate.distribution.masses / estimate.distribution.masses.sum()
+    heaviest = int(np.argmax(share))
+    where = {"surface": "in the wall", "upper": "inside, above the border", "lower": "inside, below the border"}
+    place = where.get(estimate.distribution.names[heaviest], estimate.distribution.names[heaviest])
+    return f"{text} Most of the mass ({share[heaviest]:.0%}) sits {place}."
+
+
+def stills(estimate: Estimate, recording_path: Path) -> list[Still]:
+    """One image per pivot axis: the first strike used, when the object stands near its balance point, with the marker outlined."""
+    found: list[Still] = []
+    seen: set[str] = set()
+    with open_recording(recording_path) as recording:
+        motions = {motion.strike_id: motion for motion in estimate.evidence.motions}
+        # Strikes that tipped over first: one that rocked back never stood at phi.
+        for plane in sorted(estimate.planes, key=lambda plane: motions[plane.strike_id].verdict is not Verdict.GOOD):
+            report = estimate.evidence.tracking.get(plane.strike_id)
+            motion = motions[plane.strike_id]
+            if plane.axis_id in seen or report is None or not report.tracks or motion.angle is None:
+                continue
+            seen.add(plane.axis_id)
+            nearest = int(np.argmin(np.abs(motion.angle.theta - plane.phi)))
+            moment = int(motion.angle.time_ns[nearest])
+            caption = f"strike {plane.strike_id} at θ = {DEGREES * motion.angle.theta[nearest]:.1f}°"
+            frames = recording.images(start_ns=moment, end_ns=moment)
+            found.extend(Still(plane.axis_id, caption, _outlined(frame.image, report.tracks, moment)) for frame in frames)
+    return found
+
+
+def _drawn(figure: Figure) -> Markup:
+    return Markup(svg(figure))  # noqa: S704 - matplotlib's own SVG; text in it is drawn as outlines
+
+
+def _outlined(image: Any, tracks: tuple[MarkerTrack, ...], time_ns: int) -> str:
+    picture = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_GRAY2BGR)
+    for track in tracks:
+        where = np.flatnonzero(track.time_ns == time_ns)
+        if len(where):
+            corners = np.round(track.corners_px[int(where[0])] * 8).astype(np.int32)
+            cv2.polylines(picture, [corners], isClosed=True, color=(0, 159, 230), thickness=2, lineType=cv2.LINE_AA, shift=3)
+    encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
+    return f"data:image/jpeg;base64,{base64.b64encode(encoded.tobytes()).decode()}"
+
+
+def _strike_plots(estimate: Estimate) -> list[tuple[StrikeResult, Markup]]:
+    by_id = {strike.id: strike for strike in estimate.result.strikes}
+    plots: list[tuple[StrikeResult, Markup]] = []
+    for motion in estimate.evidence.motions:
+        if motion.angle is None:
+            continue
+        strike = by_id[motion.strike_id]
+        plots.append((strike, _drawn(strike_figure(motion, f"{strike.id}: {strike.verdict.value.replace('_', ' ')}"))))
+    return plots
+
+
+def _com_rows(com: Quantity) -> list[dict[str, str]]:
+    values, half = 1e3 * np.array(com.value), 1.96e3 * np.array(com.sd)
+    return [{"axis": axis, "value": f"{v:.2f}", "half": f"{h:.2f}"} for axis, v, h in zip("xyz", values, half, strict=True)]
+
+
+def _inertia_rows(estimate: Estimate) -> list[list[dict[str, Any]]]:
+    inertial = estimate.inertial
+    return [
+        [
+            {
+                "value": f"{GRAM_CM2 * inertial.inertia[i, j]:.0f}",
+                "half": f"{1.96 * GRAM_CM2 * inertial.inertia_sd[i, j]:.0f}",
+                "measured": bool(inertial.measured[i, j]),
+            }
+            for j in range(3)
+        ]
+        for i in range(3)
+    ]
+
+
+def _degrees(quantity: Quantity | None) -> str:
+    return with_interval(quantity, DEGREES, 3, "°")
+
+
+def _inertia(quantity: Quantity | None) -> str:
+    return with_interval(quantity, GRAM_CM2, 0, "g cm²")
+
+
+def _rate(quantity: Quantity | None) -> str:
+    return with_interval(quantity, 1.0, 1, "s⁻²")
+
+
+def _grams(quantity: Quantity | None) -> str:
+    return with_interval(quantity, 1e3, 1, "g")
+
+
+def _millimetres(value: float | None) -> str:
+    return "–" if value is None else f"{1e3 * value:+.2f} mm"

@@ -1,0 +1,79 @@
+"""One look for all plots: colour-blind safe (Okabe & Ito 2008), quiet axes, SVG that is the same on every run."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+INK = "#22262b"
+MUTED = "#7b848e"
+GRID = "#e6e9ec"
+BLUE = "#0072b2"
+ORANGE = "#e69f00"
+GREEN = "#009e73"
+RED = "#d55e00"
+PURPLE = "#cc79a7"
+SKY = "#56b4e9"
+CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
+
+PHASES = {"rest": "#eef1f4", "strike": "#fbe3d3", "stage_one": "#e1eefb", "stage_two": "#e0f3ec", "landing": "#f4e9f1"}
+"""band colours behind a motion"""
+
+_SETTINGS: dict[Any, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": GRID,
+    "grid.linewidth": 0.6,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "xtick.labelsize": 8,
+    "ytick.labelsize": 8,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "percuss",
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Inside, figures look like ours; outside, matplotlib's settings are as before."""
+    with mpl.rc_context(_SETTINGS):
+        yield
+
+
+def plain(axes: Axes) -> None:
+    """An axis-equal drawing without frame and grid."""
+    axes.set_aspect("equal")
+    axes.grid(visible=False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_visible(False)
+
+
+def svg(figure: Figure) -> str:
+    """The figure as an <svg> element, sized by its place in the page."""
+    text = io.StringIO()
+    with style():
+        FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})
+    markup = text.getvalue()
+    return markup[markup.index("<svg") :]

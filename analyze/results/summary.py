@@ -1,0 +1,91 @@
+"""The estimate as a few lines and tables for a terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from schemas.documents import Quantity, Result
+
+if TYPE_CHECKING:
+    from analyze.pipeline import Estimate
+
+DEGREES = 57.29577951308232
+GRAM_CM2 = 1e7
+
+
+def render_summary(estimate: Estimate, console: Console | None = None) -> None:
+    """Print centre of mass, strikes, moments, regions and warnings."""
+    console = console or Console(highlight=False)
+    result = estimate.result
+    console.print(f"[bold]{estimate.evidence.spec.name}[/], {1e3 * estimate.inertial.mass:.1f} g, recording {result.inputs.recording_id}")
+    console.print(f"centre of mass (x, y, z) = {com_text(result.centre_of_mass)}")
+    console.print()
+    console.print(_strikes(result))
+    console.print(_moments(result))
+    console.print(_regions(result))
+    for warning in result.warnings:
+        console.print(f"[yellow]{warning.code.value}[/]: {warning.text}")
+
+
+def com_text(com: Quantity) -> str:
+    """Position with half-widths of the 95 % intervals, in mm."""
+    half = 1.96 * 1e3 * np.array(com.sd)
+    values = [f"{1e3 * v:.1f} ± {h:.1f}" for v, h in zip(com.value or [], half, strict=True)]  # type: ignore[arg-type] - a vector here
+    return f"({', '.join(values)}) mm, 95 % interval" + ("" if com.observed else ", one direction not observed")
+
+
+def with_interval(quantity: Quantity | None, factor: float, digits: int, unit: str = "") -> str:
+    """A scalar with the half-width of its 95 % interval."""
+    if quantity is None or not isinstance(quantity.value, float):
+        return "–"
+    spread = f" ± {1.96 * factor * quantity.sd:.{digits}f}" if isinstance(quantity.sd, float) else ""
+    return f"{factor * quantity.value:.{digits}f}{spread} {unit}".rstrip()
+
+
+def _strikes(result: Result) -> Table:
+    table = Table(title="Strikes, 95 %", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    for name in ("strike", "axis", "verdict"):
+        table.add_column(name, no_wrap=True)
+    for name in ("φ\n(°)", "I_edge\n(g cm²)", "off plane\n(mm)", "weight"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for strike in result.strikes:
+        off = strike.equiplane_residual_m
+        table.add_row(
+            strike.id,
+            strike.axis_id,
+            strike.verdict.value,
+            with_interval(strike.phi, DEGREES, 3),
+            with_interval(strike.i_edge, GRAM_CM2, 0),
+            "–" if off is None else f"{1e3 * off:+.2f}",
+            f"{strike.weight:.0%}" if strike.used else "–",
+            style=None if strike.used else "dim",
+        )
+    return table
+
+
+def _moments(result: Result) -> Table:
+    table = Table(
+        "axis", "about the edge", "about the centre of mass", title="Moments of inertia, 95 %", title_justify="left", box=SIMPLE_HEAD
+    )
+    for moment in result.moments:
+        table.add_row(moment.axis_id, with_interval(moment.i_edge, GRAM_CM2, 0, "g cm²"), with_interval(moment.i_com, GRAM_CM2, 0, "g cm²"))
+    return table
+
+
+def _regions(result: Result) -> Table:
+    table = Table(title="Where the mass is, 95 %", title_justify="left", box=SIMPLE_HEAD)
+    if result.regions is None:
+        return table
+    naive = sorted(result.regions.baselines)
+    for name in ("region", "estimate", *(item.replace("_", " ") for item in naive)):
+        table.add_column(name, justify="left" if name == "region" else "right")
+    for i, region in enumerate(result.regions.regions):
+        table.add_row(
+            region.name, with_interval(region.mass, 1e3, 1, "g"), *(f"{1e3 * result.regions.baselines[item][i]:.1f} g" for item in naive)
+        )
+    return table

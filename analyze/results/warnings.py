@@ -1,0 +1,107 @@
+"""What a reader of the result must know, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.types import EquiPlane, InertialParameters, MassDistribution
+from schemas.documents import ResultWarning, TimeSource, Verdict, WarningCode
+
+if TYPE_CHECKING:
+    from analyze.estimation.paper import PaperCentre
+    from analyze.pipeline import EstimateOptions, Evidence
+
+ENOUGH_STRIKES = 6
+POOR_RESIDUAL = np.radians(0.3)
+OUTLIER = 0.5
+DISAGREEMENT = 0.01
+"""m, between the paper's centre of mass and ours"""
+UNCERTAIN_SHARE = 0.1
+"""of the mass, 1 sigma of a region"""
+
+
+def result_warnings(
+    evidence: Evidence,
+    options: EstimateOptions,
+    planes: Sequence[EquiPlane],
+    inertial: InertialParameters,
+    distribution: MassDistribution,
+    com_paper: PaperCentre,
+) -> list[ResultWarning]:
+    """All warnings, in a fixed order."""
+    found: list[ResultWarning] = []
+
+    def warn(code: WarningCode, text: str) -> None:
+        found.append(ResultWarning(code=code, text=text))
+
+    com = inertial.com
+    if evidence.object_path_used:
+        warn(WarningCode.OBJECT_OVERRIDDEN, "the object file given replaces the recording's; pivots are the plan's")
+    if options.exclude:
+        warn(WarningCode.STRIKES_EXCLUDED, f"left out on request: {_names(sorted(options.exclude))}")
+    if len(planes) < ENOUGH_STRIKES:
+        warn(WarningCode.FEW_STRIKES, f"{len(planes)} strikes were used: an outlier among so few goes unnoticed")
+    if com.unobserved_direction is not None:
+        x, y, z = com.unobserved_direction
+        warn(WarningCode.DIRECTION_UNOBSERVED, f"the strikes do not tell where c lies along ({x:.2f}, {y:.2f}, {z:.2f}): add an axis")
+    if not bool(evidence.model.contains(com.position[None])[0]):
+        warn(WarningCode.CENTRE_OUTSIDE_SHAPE, "the centre of mass lies outside the shape: check the shape's unit and the placements")
+    for plane, robust in zip(planes, com.robust, strict=True):
+        if robust < OUTLIER:
+            warn(WarningCode.POOR_FIT, f"strike {plane.strike_id} disagrees with the others and was given {robust:.0%} of its weight")
+    for name, text in _poor_fits(evidence, planes):
+        warn(WarningCode.POOR_FIT, f"strike {name}: {text}")
+    apart = float(np.linalg.norm(com_paper.position - com.position))
+    if apart > DISAGREEMENT:
+        warn(WarningCode.ESTIMATORS_DISAGREE, f"the paper's centre of mass lies {apart * 1e3:.0f} mm from ours")
+    if evidence.manifest.gravity_tilt_sd_rad > 0:
+        tilt = np.degrees(evidence.manifest.gravity_tilt_sd_rad)
+        warn(WarningCode.GRAVITY_ASSUMED, f"the table is taken for level to {tilt:.2f} deg; this is in the intervals")
+    if not inertial.measured.all():
+        entries = [f"I{'xyz'[i]}{'xyz'[j]}" for i in range(3) for j in range(i, 3) if not inertial.measured[i, j]]
+        warn(WarningCode.INERTIA_FROM_PRIOR, f"from the shape, not from strikes: {', '.join(entries)}")
+    if evidence.spec.shell_thickness_m is None:
+        warn(WarningCode.REGIONS_UNCERTAIN, "shell_thickness_m is not given: the wall's thickness is assumed from the object's size")
+    share = np.sqrt(np.diag(distribution.covariance)) / inertial.mass
+    if share.max() > UNCERTAIN_SHARE:
+        name = distribution.names[int(np.argmax(share))]
+        warn(WarningCode.REGIONS_UNCERTAIN, f"the mass of region {name} is known to {share.max():.0%} of the total only")
+    rolling = sorted({strike.axis_id for strike in evidence.plan.strikes if strike.rolls})
+    if rolling:
+        warn(WarningCode.ROLLING_CONTACT, f"the object can roll about {_names(rolling)}: those angles are less certain than they look")
+    for strike_id, report in evidence.tracking.items():
+        if report.unknown_ids:
+            marker = report.unknown_ids[0]
+            warn(WarningCode.UNKNOWN_MARKER, f"strike {strike_id}: marker {marker} was seen, but the object does not carry it")
+    for strike_id, lost in evidence.frames_lost.items():
+        if lost:
+            warn(WarningCode.FRAMES_LOST, f"strike {strike_id}: {lost} frames were lost in its window")
+    cards = sum(marker.mass_kg for marker in evidence.spec.marker)
+    if cards > 0:
+        warn(
+            WarningCode.MARKERS_INCLUDED, f"the results are of the object with its markers ({1000 * cards:.2g} g): they are not subtracted"
+        )
+    if evidence.spec.labels is not None:
+        warn(WarningCode.REGIONS_UNCERTAIN, "labels are not used by this version: the regions are the wall and two halves of the interior")
+    if evidence.manifest.time_source is not TimeSource.DEVICE_MAPPED:
+        warn(WarningCode.POOR_FIT, f"frame times come from {evidence.manifest.time_source.value}: k is less certain than it looks")
+    return found
+
+
+def _poor_fits(evidence: Evidence, planes: Sequence[EquiPlane]) -> Iterator[tuple[str, str]]:
+    used = {plane.strike_id for plane in planes}
+    for motion in evidence.motions:
+        if motion.strike_id not in used or motion.fit is None or not len(motion.fit.residual):
+            continue
+        rms = float(np.sqrt(np.mean(motion.fit.residual**2)))
+        if rms > POOR_RESIDUAL:
+            yield motion.strike_id, f"the fit misses theta by {np.degrees(rms):.2f} deg on average"
+        if motion.verdict is Verdict.ROCKED_BACK:
+            yield motion.strike_id, "rocked back before the balance point: phi is extrapolated"
+
+
+def _names(items: Sequence[str]) -> str:
+    return ", ".join(items) if len(items) <= 6 else f"{', '.join(items[:6])} and {len(items) - 6} more"

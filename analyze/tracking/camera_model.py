@@ -1,0 +1,97 @@
+"""Pinhole camera with OpenCV distortion: raw pixels, ideal (distortion-free) pixels, and points in W.
+
+Integer pixel coordinates are pixel centres. Ideal pixels are what the same camera matrix would give without distortion:
+straight edges are straight there.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from analyze.types import CameraModel
+
+if TYPE_CHECKING:
+    from analyze.types import Array
+    from schemas.documents import CameraCalibrationSpec
+
+_UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+
+
+def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
+    """Build the model from a recording's calibration."""
+    return CameraModel(
+        width=spec.width,
+        height=spec.height,
+        K=np.array(spec.K, dtype=float),
+        distortion=np.array(spec.distortion, dtype=float),
+        T_world_camera=np.array(spec.T_world_camera, dtype=float),
+    )
+
+
+def undistort(camera: CameraModel, points_px: Array) -> Array:
+    """Ideal pixels (..., 2) of raw image points (..., 2)."""
+    points = np.ascontiguousarray(points_px, dtype=float)
+    if not np.any(camera.distortion):
+        return points.copy()
+    ideal = cv2.undistortPoints(points.reshape(-1, 1, 2), camera.K, camera.distortion, None, None, camera.K, criteria=_UNDISTORT_STEPS)
+    return np.asarray(ideal, dtype=float).reshape(points.shape)
+
+
+def distort(camera: CameraModel, ideal_px: Array) -> Array:
+    """Raw image points (..., 2) of ideal pixels (..., 2)."""
+    points = np.asarray(ideal_px, dtype=float)
+    if not np.any(camera.distortion):
+        return points.copy()
+    rays = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ np.linalg.inv(camera.K).T
+    raw, _ = cv2.projectPoints(rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), camera.K, camera.distortion)
+    return np.asarray(raw, dtype=float).reshape(points.shape)
+
+
+def world_to_camera(camera: CameraModel) -> tuple[Array, Array]:
+    """Rotation (3, 3) and translation (3,) that map W to C."""
+    R_camera_world = camera.T_world_camera[:3, :3].T
+    return R_camera_world, -R_camera_world @ camera.T_world_camera[:3, 3]
+
+
+def project_ideal(camera: CameraModel, points_camera: Array) -> Array:
+    """Ideal pixels (..., 2) of points in C (..., 3) [m]."""
+    image = points_camera @ camera.K.T
+    return image[..., :2] / image[..., 2:]
+
+
+def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
+    """Derivative (..., 2, 3) [px/m] of the ideal pixel by the point in C (..., 3) [m]."""
+    K = camera.K
+    X, Y, Z = points_camera[..., 0], points_camera[..., 1], points_camera[..., 2]
+    zero = np.zeros_like(Z)
+    return np.stack(
+        [
+            np.stack([K[0, 0] / Z, K[0, 1] / Z, -(K[0, 0] * X + K[0, 1] * Y) / Z**2], axis=-1),
+            np.stack([zero, K[1, 1] / Z, -K[1, 1] * Y / Z**2], axis=-1),
+        ],
+        axis=-2,
+    )
+
+
+class PixelMap:
+    """Ideal coordinates of every pixel centre of one camera, worked out once, so that following a marker costs look-ups only."""
+
+    def __init__(self, camera: CameraModel) -> None:
+        columns, rows = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
+        self.ideal = undistort(camera, np.stack([columns, rows], axis=-1))
+        """(height, width, 2) ideal px of each pixel centre"""
+
+
+@lru_cache(maxsize=4)
+def _pixel_map(width: int, height: int, K: bytes, distortion: bytes) -> PixelMap:
+    return PixelMap(CameraModel(width, height, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), np.eye(4)))
+
+
+def pixel_map(camera: CameraModel) -> PixelMap:
+    """Map of this camera; kept, because building it takes 0.1 s."""
+    K = np.asarray(camera.K, dtype=float)
+    return _pixel_map(camera.width, camera.height, K.tobytes(), np.asarray(camera.distortion, dtype=float).tobytes())

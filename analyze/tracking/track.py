@@ -1,0 +1,226 @@
+"""Markers through the frames of one strike: found once in the whole image, then followed where the motion says they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import TrackingError
+from analyze.tracking.camera_model import distort, pixel_map, undistort
+from analyze.tracking.edges import fit_square
+from analyze.tracking.marker import Sighting, detect, is_marker
+from analyze.tracking.pose import choose_by_motion, solve_pose
+from analyze.types import MarkerTrack
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from analyze.tracking.edges import Square
+    from analyze.tracking.pose import PosePair
+    from analyze.types import Array, CameraModel, ImageFrame, Marker
+
+_FULL_SCANS = 2
+"""first frames that are searched completely, for markers that should not be there"""
+_RESCAN_EVERY = 25
+"""frames between full searches while a marker is missing"""
+_NEAR_PX = 1.2
+"""a fit that moved farther than this from its start is not trusted without OpenCV's reading"""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Frames in which a marker was not found."""
+
+    marker_id: int
+    start_ns: int
+    """first frame without it"""
+    frames: int
+
+
+@dataclass(frozen=True)
+class TrackingReport:
+    """Tracks with what a reader must know about them."""
+
+    tracks: tuple[MarkerTrack, ...]
+    unknown_ids: tuple[int, ...]
+    """markers of the family that the object does not carry"""
+    gaps: tuple[Gap, ...]
+    frames_total: int
+
+
+@dataclass
+class _Path:
+    """What is known of one marker so far."""
+
+    marker: Marker
+    time_ns: list[int] = field(default_factory=list)
+    corners_raw: list[Array] = field(default_factory=list)
+    corners_ideal: list[Array] = field(default_factory=list)
+    sd: list[float] = field(default_factory=list)
+    missed: int = 0
+
+    def predict(self, time_ns: int) -> tuple[Array, float]:
+        """Expected raw corners (4, 2), and how far off they may be [px], at constant velocity."""
+        last = self.corners_raw[-1]
+        if len(self.time_ns) < 2:
+            return last, 4.0
+        step = self.time_ns[-1] - self.time_ns[-2]
+        ratio = min((time_ns - self.time_ns[-1]) / step, 4.0) if step > 0 else 0.0
+        move = (last - self.corners_raw[-2]) * ratio
+        return last + move, 6.0 + 1.5 * float(np.max(np.abs(move))) + 4.0 * self.missed
+
+
+class MarkerFollower:
+    """Finds the markers of one object frame by frame. Feed frames in the order of time."""
+
+    def __init__(self, camera: CameraModel, markers: Sequence[Marker]) -> None:
+        self._camera = camera
+        self._pixels = pixel_map(camera)
+        self._paths = {marker.id: _Path(marker) for marker in markers}
+        self._unknown: dict[int, int] = {}
+        self._gaps: list[Gap] = []
+        self.frames_total = 0
+
+    def add(self, frame: ImageFrame) -> dict[int, Square]:
+        """Markers found in this frame, by id.
+
+        Raises:
+            TrackingError: one marker stands in the image twice.
+        """
+        if frame.image.shape != (self._camera.height, self._camera.width):
+            raise TrackingError(
+                f"image {frame.sequence} has {frame.image.shape[1]} x {frame.image.shape[0]} px, the calibration"
+                f" {self._camera.width} x {self._camera.height}: recalibrate, or use the rig file of this recording"
+            )
+        self.frames_total += 1
+        found: dict[int, Square] = {}
+        for marker_id, path in self._paths.items():
+            if path.time_ns and (square := self._follow(frame, path)) is not None:
+                found[marker_id] = square
+        missing = [marker_id for marker_id, path in self._paths.items() if marker_id not in found and path.time_ns]
+        # Nothing seen yet: search more often than for what is merely hidden.
+        due = self.frames_total <= _FULL_SCANS or self.frames_total % _RESCAN_EVERY == 0
+        if due or any(self._paths[i].missed == 1 for i in missing):
+            for sighting in self._scan(frame):
+                if sighting.marker_id not in found and (square := self._fit(frame, sighting.corners_px)) is not None:
+                    found[sighting.marker_id] = square
+        self._note(frame, found)
+        return found
+
+    def report(self) -> TrackingReport:
+        """Tracks of all markers that were found, with poses.
+
+        Raises:
+            TrackingError: only markers that the object does not carry were seen.
+        """
+        tracks = tuple(track for path in self._paths.values() if (track := self._track(path)) is not None)
+        unknown = tuple(sorted(i for i, times in self._unknown.items() if times >= min(2, self.frames_total)))
+        if unknown and not tracks:
+            known = ", ".join(str(i) for i in sorted(self._paths)) or "none"
+            raise TrackingError(f"marker {unknown[0]} is in view, but the object carries {known}: correct the object file or the marker")
+        return TrackingReport(tracks, unknown, tuple(self._gaps), self.frames_total)
+
+    def _follow(self, frame: ImageFrame, path: _Path) -> Square | None:
+        expected, reach = path.predict(frame.time_ns)
+        if path.missed == 0:
+            square = self._fit(frame, expected)
+            if square is not None and self._trusted(frame, square, expected, path.marker.id):
+                return square
+        margin = int(reach + 0.35 * float(np.ptp(expected, axis=0).max())) + 2
+        left, top = np.maximum(np.floor(expected.min(axis=0)).astype(int) - margin, 0)
+        right, bottom = np.ceil(expected.max(axis=0)).astype(int) + margin
+        region = frame.image[top:bottom, left:right]
+        if min(region.shape) < 16:
+            return None
+        for sighting in detect(region, (int(left), int(top))):
+            if sighting.marker_id == path.marker.id:
+                return self._fit(frame, sighting.corners_px)
+        return None
+
+    def _trusted(self, frame: ImageFrame, square: Square, expected: Array, marker_id: int) -> bool:
+        raw = distort(self._camera, square.corners)
+        return float(np.max(np.abs(raw - expected))) < _NEAR_PX and is_marker(frame.image, raw, marker_id)
+
+    def _fit(self, frame: ImageFrame, corners_raw: Array) -> Square | None:
+        return fit_square(frame.image, self._pixels, undistort(self._camera, corners_raw), corners_raw)
+
+    def _scan(self, frame: ImageFrame) -> list[Sighting]:
+        known: list[Sighting] = []
+        seen: set[int] = set()
+        for sighting in detect(frame.image):
+            if sighting.marker_id in seen and sighting.marker_id in self._paths:
+                raise TrackingError(f"marker {sighting.marker_id} is in view twice: cover or remove one, every marker needs its own id")
+            if sighting.marker_id in self._paths:
+                known.append(sighting)
+            elif sighting.marker_id not in seen:
+                self._unknown[sighting.marker_id] = self._unknown.get(sighting.marker_id, 0) + 1
+            seen.add(sighting.marker_id)
+        return known
+
+    def _note(self, frame: ImageFrame, found: dict[int, Square]) -> None:
+        for marker_id, path in self._paths.items():
+            square = found.get(marker_id)
+            if square is None:
+                if path.time_ns:
+                    path.missed += 1
+                    if path.missed == 1:
+                        self._gaps.append(Gap(marker_id, frame.time_ns, 1))
+                    else:
+                        index = max(i for i, gap in enumerate(self._gaps) if gap.marker_id == marker_id)
+                        self._gaps[index] = Gap(marker_id, self._gaps[index].start_ns, path.missed)
+                continue
+            path.missed = 0
+            path.time_ns.append(frame.time_ns)
+            path.corners_ideal.append(square.corners)
+            path.corners_raw.append(distort(self._camera, square.corners))
+            path.sd.append(square.sd)
+
+    def _track(self, path: _Path) -> MarkerTrack | None:
+        pairs: list[PosePair] = []
+        kept: list[int] = []
+        for i, corners in enumerate(path.corners_ideal):
+            if (pair := solve_pose(corners, path.marker.size, self._camera.K)) is not None:
+                pairs.append(pair)
+                kept.append(i)
+        if not kept:
+            return None
+        time_ns = np.array(path.time_ns, dtype=np.int64)[kept]
+        sd = np.array(path.sd)[kept]
+        chosen = choose_by_motion(pairs, time_ns.astype(float), sd)
+        return MarkerTrack(
+            marker_id=path.marker.id,
+            time_ns=time_ns,
+            corners_px=np.array(path.corners_raw)[kept],
+            corner_sd_px=sd,
+            R_camera_marker=np.array([pair.R_camera_marker[c] for pair, c in zip(pairs, chosen, strict=True)]),
+            p_camera_marker=np.array([pair.p_camera_marker[c] for pair, c in zip(pairs, chosen, strict=True)]),
+            frames_total=self.frames_total,
+        )
+
+
+def track_markers(frames: Iterable[ImageFrame], camera: CameraModel, markers: Sequence[Marker]) -> TrackingReport:
+    """Follow all `markers` through `frames` (in the order of time), with what else was seen.
+
+    Raises:
+        TrackingError: a marker is in view twice, or only unknown ones are.
+    """
+    follower = MarkerFollower(camera, markers)
+    for frame in frames:
+        follower.add(frame)
+    return follower.report()
+
+
+def track_window(
+    frames: Iterable[ImageFrame], camera: CameraModel, markers: Sequence[Marker], expected_ids: Sequence[int] = ()
+) -> list[MarkerTrack]:
+    """Tracks of the markers that a strike should show; all of the object's markers are followed where `expected_ids` is empty.
+
+    Raises:
+        TrackingError: a marker is in view twice, or only markers that the object does not carry are.
+    """
+    report = track_markers(frames, camera, markers)
+    expected = set(expected_ids) or {marker.id for marker in markers}
+    chosen = [track for track in report.tracks if track.marker_id in expected]
+    return chosen or list(report.tracks)

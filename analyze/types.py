@@ -1,0 +1,234 @@
+"""One frozen value per arrow: Recording -> MarkerTrack -> TipMotion -> EquiPlane -> CentreOfMass -> InertialParameters -> MassDistribution.
+
+SI units, angles in rad. Arrays: the last axis is the vector.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from schemas.documents import Verdict
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """Pinhole with OpenCV distortion, and its place in W."""
+
+    width: int
+    height: int
+    K: Array
+    """(3, 3) px"""
+    distortion: Array
+    """(5,) k1, k2, p1, p2, k3"""
+    T_world_camera: Array
+    """(4, 4)"""
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A marker on the object."""
+
+    id: int
+    size: float
+    T_object_marker: Array | None
+    """(4, 4)"""
+
+
+@dataclass(frozen=True)
+class ImageFrame:
+    """One image of a recording."""
+
+    time_ns: int
+    """log_time: wall anchor + host monotonic time of mid-exposure"""
+    sequence: int
+    image: NDArray[np.uint8]
+    """(height, width)"""
+
+
+@dataclass(frozen=True)
+class MarkerTrack:
+    """One marker through one strike window; only frames in which it was found."""
+
+    marker_id: int
+    time_ns: IntArray
+    """(n,)"""
+    corners_px: Array
+    """(n, 4, 2), OpenCV order: top-left, top-right, bottom-right, bottom-left of the marker"""
+    corner_sd_px: Array
+    """(n,)"""
+    R_camera_marker: Array
+    """(n, 3, 3)"""
+    p_camera_marker: Array
+    """(n, 3) m"""
+    frames_total: int
+    """frames in the window, found or not"""
+
+
+@dataclass(frozen=True)
+class TipAngle:
+    """Tipping angle since rest about the pivot axis, from one or more tracks."""
+
+    time_ns: IntArray
+    """(n,)"""
+    theta: Array
+    """(n,) rad, 0 at rest, + tips"""
+    sd: Array
+    """(n,) rad, random part per frame"""
+    off_axis: Array
+    """(n,) rad, rotation about other axes: wobble and twist"""
+    slip: Array
+    """(n,) m, displacement of the pivot point along the table, 0 where the full pose is not known"""
+
+
+@dataclass(frozen=True)
+class Phases:
+    """Index ranges [start, stop) into a TipAngle; None where a phase did not occur."""
+
+    rest: tuple[int, int] | None
+    strike: tuple[int, int] | None
+    stage_one: tuple[int, int] | None
+    stage_two: tuple[int, int] | None
+    landing: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class MotionFit:
+    """phi and k of one strike by one estimator."""
+
+    estimator: str
+    phi: float
+    k: float | None
+    """rad/s^2"""
+    covariance: Array
+    """(2, 2) of (phi, k); k's row is 0 where k is None"""
+    theta0: float
+    omega0: float
+    time0_ns: int
+    """theta0, omega0 hold here"""
+    damping: float
+    window: tuple[int, int]
+    """index range used"""
+    residual: Array
+    """(window length,) rad"""
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class TipMotion:
+    """One strike: what happened, and what was fitted."""
+
+    strike_id: str
+    plan_strike_id: str
+    verdict: Verdict
+    reason: str
+    angle: TipAngle | None
+    phases: Phases | None
+    fit: MotionFit | None
+    """the one used"""
+    alternatives: tuple[MotionFit, ...]
+    energy_ratio: float | None
+
+
+@dataclass(frozen=True)
+class EquiPlane:
+    """Plane in O that holds the pivot's centre line and c. normal . (c - point) = 0."""
+
+    strike_id: str
+    axis_id: str
+    point: Array
+    """(3,) on the centre line"""
+    direction: Array
+    """(3,) unit, +theta about it tips"""
+    up: Array
+    """(3,) unit, W's z in O at rest"""
+    normal: Array
+    """(3,) unit"""
+    phi: float
+    sd_phi: float
+    """random part"""
+    k: float | None
+    sd_k: float | None
+    cov_phi_k: float
+    edge_radius: float
+    edge_sd: float
+    """m, position of the line across itself, shared by strikes on the axis"""
+    heading: float = 0.0
+    """rad, how the strike was turned on the table: which part of gravity's tilt it feels"""
+
+
+@dataclass(frozen=True)
+class CentreOfMass:
+    """c in O."""
+
+    position: Array
+    """(3,) m"""
+    covariance: Array
+    """(3, 3) m^2; unobserved directions carry the prior's variance"""
+    observed: bool
+    unobserved_direction: Array | None
+    """(3,) unit, worst known, where not observed"""
+    residuals: Array
+    """(strikes,) m, signed distance of c from each plane"""
+    weights: Array
+    """(strikes,) relative, sum 1"""
+    distances: Array
+    """(strikes,) R, m"""
+    distance_covariance: Array
+    """(strikes, strikes) m^2, of R"""
+    position_distance_covariance: Array
+    """(3, strikes) m^2, between c and R"""
+    robust: Array
+    """(strikes,) 1 = as good as its sd says, towards 0 = an outlier that was given little weight"""
+
+
+@dataclass(frozen=True)
+class AxisInertia:
+    """Moments about one pivot axis."""
+
+    axis_id: str
+    direction: Array
+    i_edge: float
+    i_edge_sd: float
+    i_com: float
+    i_com_sd: float
+
+
+@dataclass(frozen=True)
+class InertialParameters:
+    """Mass, c and the inertia tensor about c, axes of O."""
+
+    mass: float
+    mass_sd: float
+    com: CentreOfMass
+    inertia: Array
+    """(3, 3) kg m^2"""
+    inertia_sd: Array
+    """(3, 3)"""
+    measured: NDArray[np.bool_]
+    """(3, 3) True where strikes determine the entry, False where the prior does"""
+    axes: tuple[AxisInertia, ...] = field(default=())
+    joint_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(4 + axes, 4 + axes) of (mass, c, i_com per axis)"""
+
+
+@dataclass(frozen=True)
+class MassDistribution:
+    """Masses of the shell (R1) and the interior on either side of a plane (R2 where n.x > offset, R3 elsewhere)."""
+
+    names: tuple[str, ...]
+    masses: Array
+    """(n,) kg"""
+    covariance: Array
+    """(n, n) kg^2"""
+    border_normal: Array
+    """(3,) unit, in O"""
+    border_offset: float
+    border_offset_interval: tuple[float, float]
+    baselines: dict[str, Array]
+    """naive answers"""

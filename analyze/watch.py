@@ -1,0 +1,268 @@
+"""`analyze watch`: looks at a recording while it grows, says what is in view, and judges strikes. JSON lines in and out.
+
+Runs as a child of the daemon on a core it shares with the capture: single-threaded, at most twelve images a second are looked at, and
+nothing is decoded that is not. Images of a strike are kept as references until they are judged.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Protocol
+
+import cv2
+import numpy as np
+
+from analyze.errors import AnalyzeError
+from analyze.motion.scene import at_rest, check_placement, read_scene
+from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.recording import FollowedRecording
+from analyze.tracking.camera_model import camera_from_spec, pixel_map
+from analyze.tracking.track import track_markers
+from analyze.types import Marker
+from schemas import topics
+from schemas.documents import DocumentError, JudgeRequest, SeenMarker, StrikeVerdict, Verdict, WatchEvent, canonical_json, validate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+    from typing import Any, TextIO
+
+    from analyze.motion.scene import Scene
+    from analyze.types import CameraModel, ImageFrame
+    from schemas.documents import ObjectSpec, PlannedStrike, StrikePlan
+
+_LOOK_EVERY_NS = 83_000_000
+_POLL_S = 0.04
+_KEEP_NS = 12_000_000_000
+_WAIT_FOR_FILE_S = 3.0
+_REST_BEFORE_NS = 600_000_000
+_TIP_AFTER_NS = 1_800_000_000
+"""what a verdict looks at around the contact: the slowest tip over the top takes about 1 s"""
+
+
+class WatchClock(Protocol):
+    """What `watch` needs of time."""
+
+    def monotonic(self) -> float:
+        """Seconds."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Wait."""
+        ...
+
+
+class SystemWatchClock:
+    """The machine's clock."""
+
+    def monotonic(self) -> float:
+        """Seconds of the monotonic clock."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Wait."""
+        time.sleep(seconds)
+
+
+class StoredImage(Protocol):
+    """An image message as it stands in the file."""
+
+    @property
+    def log_time_ns(self) -> int:
+        """Mid-exposure."""
+        ...
+
+
+def markers_of(spec: ObjectSpec) -> list[Marker]:
+    """Markers of an object as the trackers want them."""
+    return [Marker(m.id, m.size_m, None if m.T_object_marker is None else np.array(m.T_object_marker, dtype=float)) for m in spec.marker]
+
+
+class Observer:
+    """What `analyze watch` knows and says. Feed images in the order of time; `decode` is called for those that are looked at."""
+
+    def __init__(self, camera: CameraModel, markers: list[Marker], plan: StrikePlan, decode: Callable[[Any], ImageFrame]) -> None:
+        self._camera = camera
+        self._decode = decode
+        self._markers = markers
+        self._by_id = {marker.id: marker for marker in markers}
+        self._strikes: dict[str, PlannedStrike] = {strike.id: strike for strike in plan.strikes}
+        self._expected: PlannedStrike | None = None
+        self._scenes: deque[Scene] = deque(maxlen=12)
+        self._images: deque[StoredImage] = deque()
+        self._looked_ns = 0
+        pixel_map(camera)
+
+    @property
+    def newest_ns(self) -> int:
+        """log_time of the newest image, 0 before the first."""
+        return self._images[-1].log_time_ns if self._images else 0
+
+    def expect(self, plan_strike_id: str) -> None:
+        """Compare the placement with this planned strike from now on."""
+        self._expected = self._strikes.get(plan_strike_id)
+
+    def add(self, image: StoredImage) -> WatchEvent | None:
+        """Take an image in; an event where it was time to look at one."""
+        self._images.append(image)
+        while image.log_time_ns - self._images[0].log_time_ns > _KEEP_NS:
+            self._images.popleft()
+        if 0 <= image.log_time_ns - self._looked_ns < _LOOK_EVERY_NS:
+            return None
+        self._looked_ns = image.log_time_ns
+        scene = read_scene(self._decode(image), self._camera)
+        self._scenes.append(scene)
+        seen = [SeenMarker(id=i, corners_px=np.round(corners, 2).tolist()) for i, corners in sorted(scene.corners.items())]
+        still = at_rest(self._scenes)
+        error, text = None, ""
+        if self._expected is not None:
+            check = check_placement(scene, self._by_id, self._camera, self._expected)
+            error, text = check.error, check.text
+        return WatchEvent(
+            time_ns=image.log_time_ns,
+            markers=seen,
+            at_rest=still,
+            saturated_fraction=scene.saturated_fraction,
+            placement_error_rad=error,
+            text=text,
+        )
+
+    def judge(self, request: JudgeRequest) -> StrikeVerdict:
+        """Verdict on a window whose images are here. Never raises: what cannot be read is a verdict too."""
+        planned = self._strikes.get(request.plan_strike_id)
+        if planned is None:
+            known = ", ".join(self._strikes) or "none"
+            return StrikeVerdict(
+                strike_id=request.strike_id,
+                code=Verdict.UNREADABLE,
+                reason=f"the plan has no strike {request.plan_strike_id!r}: it has {known}",
+            )
+        try:
+            report = track_markers(self._window(request), self._camera, self._markers)
+            task = StrikeTask(request.strike_id, planned, request.contact_time_ns, self._last_ns(request))
+            motion = analyse_strike(report.tracks, self._markers, self._camera, task)
+        except AnalyzeError as error:
+            return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=str(error))
+        fit = motion.fit
+        return StrikeVerdict(
+            strike_id=request.strike_id,
+            code=motion.verdict,
+            reason=motion.reason,
+            phi=fit.phi if fit else None,
+            phi_sd=float(np.sqrt(fit.covariance[0, 0])) if fit else None,
+            energy_ratio=motion.energy_ratio,
+        )
+
+    def _last_ns(self, request: JudgeRequest) -> int:
+        end = request.window_end_ns or self.newest_ns
+        return min(end, request.contact_time_ns + _TIP_AFTER_NS) if request.contact_time_ns else end
+
+    def _window(self, request: JudgeRequest) -> Iterator[ImageFrame]:
+        start, end = request.window_start_ns, self._last_ns(request)
+        if request.contact_time_ns:
+            start = max(start, request.contact_time_ns - _REST_BEFORE_NS)
+        return (self._decode(image) for image in list(self._images) if start <= image.log_time_ns <= end)
+
+
+def _read_lines(stream: TextIO, lines: queue.SimpleQueue[str | None]) -> None:
+    try:
+        for line in stream:
+            lines.put(line)
+    except (OSError, ValueError):
+        pass  # closed under us: the same as its end
+    lines.put(None)
+
+
+def _say(stdout: TextIO, document: WatchEvent | StrikeVerdict) -> bool:
+    """Write one line; False when nobody reads any more."""
+    try:
+        stdout.write(canonical_json(document) + "\n")
+        stdout.flush()
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def watch(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock | None = None) -> None:
+    """Follow a recording until `stdin` ends.
+
+    Args:
+        path: the growing recording; it may not exist yet.
+        stdin: JudgeRequest lines.
+        stdout: WatchEvent and StrikeVerdict lines.
+        clock: for pauses and patience; the machine's by default.
+
+    Raises:
+        RecordingError: the file is no recording, or did not appear while `stdin` was open.
+    """
+    clock = clock or SystemWatchClock()
+    cv2.setNumThreads(1)
+    lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+    reader = threading.Thread(target=_read_lines, args=(stdin, lines), name="watch-stdin", daemon=True)
+    reader.start()
+    recording = FollowedRecording(path)
+    try:
+        _follow(recording, lines, stdout, clock)
+    finally:
+        recording.close()
+
+
+def _follow(recording: FollowedRecording, lines: queue.SimpleQueue[str | None], stdout: TextIO, clock: WatchClock) -> None:
+    observer: Observer | None = None
+    topic = ""
+    expected = ""
+    pending: deque[tuple[float, JudgeRequest]] = deque()
+    while True:
+        ended = False
+        while not lines.empty():
+            line = lines.get()
+            if line is None:
+                ended = True
+                break
+            try:
+                request = validate(JudgeRequest, json.loads(line), "standard input")
+            except (DocumentError, ValueError, RecursionError):
+                continue  # a line that is not for us
+            if request.kind == "expect":
+                expected = request.plan_strike_id
+                if observer is not None:
+                    observer.expect(expected)
+            else:
+                pending.append((clock.monotonic() + _WAIT_FOR_FILE_S, request))
+        messages = recording.poll()
+        if observer is None and recording.manifest is not None and (plan := recording.plan) is not None:
+            camera = recording.manifest.cameras[0]
+            topic = topics.raw_image(camera.name).name
+            observer = Observer(camera_from_spec(camera.calibration), markers_of(recording.manifest.object), plan, recording.image)
+            observer.expect(expected)
+        for message in messages:
+            if observer is None or message.topic != topic:
+                continue
+            event = observer.add(message)
+            if event is not None and not _say(stdout, event):
+                return
+        while pending:
+            patience, request = pending[0]
+            held = observer is not None and observer.newest_ns >= request.window_end_ns
+            if not held and not ended and clock.monotonic() < patience:
+                break
+            pending.popleft()
+            verdict = (
+                StrikeVerdict(
+                    strike_id=request.strike_id,
+                    code=Verdict.UNREADABLE,
+                    reason="the recording holds no images yet: is the capture running?",
+                )
+                if observer is None
+                else observer.judge(request)
+            )
+            if not _say(stdout, verdict):
+                return
+        if ended:
+            recording.refuse_missing()
+            return
+        clock.sleep(_POLL_S)
