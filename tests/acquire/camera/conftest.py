@@ -1,0 +1,61 @@
+"""Cameras on loopback addresses of their own, and a check that nothing is left behind."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquire.config import CameraConfig
+from schemas.documents import CameraCalibrationSpec
+
+CLOSE_S = 12.0
+
+
+@pytest.fixture
+def camera_config() -> Callable[..., CameraConfig]:
+    """Makes a CameraConfig for an address; keywords replace its other entries."""
+
+    def make(address: str, **changes: object) -> CameraConfig:
+        calibration = CameraCalibrationSpec(
+            width=656, height=492, K=[[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]], T_world_camera=np.eye(4).tolist()
+        )
+        return CameraConfig.model_validate({"address": address, "calibration": calibration, "receive_buffer_bytes": 8 << 20, **changes})
+
+    return make
+
+
+@contextmanager
+def _process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+    command = [sys.executable, str(Path(__file__).with_name("pattern_camera.py")), *arguments]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def pattern_camera() -> Callable[..., object]:
+    """Starts a pattern camera in a process of its own, as a context manager."""
+    return _process
+
+
+@pytest.fixture(autouse=True)
+def nothing_left() -> Iterator[None]:
+    """No thread survives a test; a dead camera is buried in the background within 7.5 s."""
+    before = set(threading.enumerate())
+    yield
+    end = time.monotonic() + CLOSE_S
+    while (left := set(threading.enumerate()) - before) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not left, f"left behind: {left}"

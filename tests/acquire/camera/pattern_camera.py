@@ -1,0 +1,21 @@
+"""A virtual camera with the test pattern in a process of its own: `pattern_camera.py ADDRESS [PACKET_LOSS]`, until its input closes."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+from acquire.clock import SystemClock
+from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.pattern_source import PatternSource
+
+if __name__ == "__main__":
+    sys.setswitchinterval(5e-4)
+    clock = SystemClock()
+    loss = float(sys.argv[2]) if len(sys.argv) > 2 else 0.0
+    camera = VirtualGigeCamera(sys.argv[1], "PATTERN", PatternSource(clock, 7), clock, packet_loss=loss, seed=3)
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    sys.stdin.read()
+    camera.close()
+    sys.stdout.write(json.dumps(camera.packet_counts))

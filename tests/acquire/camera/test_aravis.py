@@ -1,0 +1,267 @@
+"""The Aravis client against the virtual camera: real GVCP and GVSP on loopback addresses."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from acquire.camera.aravis import AravisCamera, discover
+from acquire.camera.base import Frame
+from acquire.clock import DeviceClockMapper, SystemClock
+from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
+from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
+
+SEED = 7
+PERIOD_NS = 8_333_000
+"""120 fps in whole microseconds, as the camera's register holds it"""
+
+
+def next_frame(camera: AravisCamera) -> Frame:
+    frame = camera.read(2.0)
+    assert frame is not None
+    return frame
+
+
+def read_for_ever(camera: AravisCamera, device_times_ns: list[int] | None = None) -> None:
+    while True:
+        frame = camera.read(0.2)
+        if frame is not None:
+            if device_times_ns is not None:
+                device_times_ns.append(frame.device_time_ns)
+            camera.release(frame)
+
+
+def test_frames_are_byte_exact_periodic_and_none_is_lost_at_120_fps(pattern_camera, camera_config) -> None:
+    clock = SystemClock()
+    pattern = noise(656, 492, SEED)
+    with pattern_camera("127.0.0.31"):
+        camera = AravisCamera(camera_config("127.0.0.31"), clock)
+        info = camera.open()
+        assert (info.vendor, info.model, info.serial, info.address) == (
+            "Allied Vision Technologies",
+            "GUPPY-SIM GE656",
+            "PATTERN",
+            "127.0.0.31",
+        )
+        assert camera.receive_buffer_bytes > 0
+        mapper = DeviceClockMapper()
+        for _ in range(10):
+            reading = camera.latch_clock()
+            assert reading is not None
+            assert reading.host_before_ns < reading.host_after_ns
+            mapper.add(reading)
+        camera.start()
+        times, numbers, ids, errors_ns = [], [], [], []
+        for count in range(300):
+            frame = next_frame(camera)
+            start_ns, number = read_stamp(frame.image)
+            assert np.array_equal(frame.image, stamped(pattern, start_ns, number))
+            assert frame.lost_before == 0
+            assert frame.sequence == count
+            assert frame.host_time_ns > start_ns
+            assert frame.exposure_us == pytest.approx(1500.0)
+            times.append(frame.device_time_ns)
+            numbers.append(number)
+            ids.append(frame.frame_id)
+            if count % 30 == 0 and (again := camera.latch_clock()) is not None:
+                mapper.add(again)
+            errors_ns.append(mapper.to_host(frame.device_time_ns) - start_ns)
+            camera.release(frame)
+        camera.stop()
+        camera.close()
+    assert set(np.diff(times)) == {PERIOD_NS}
+    assert set(np.diff(numbers)) == {1}
+    assert max(ids) == 65535
+    assert min(ids) == 1  # the ids wrapped past 0
+    assert camera.incomplete_frames == 0
+    assert np.max(np.abs(errors_ns[100:])) <= 30_000
+
+
+def test_stop_and_start_again_loses_nothing(pattern_camera, camera_config) -> None:
+    with pattern_camera("127.0.0.32"):
+        camera = AravisCamera(camera_config("127.0.0.32"), SystemClock())
+        camera.open()
+        for _ in range(2):
+            camera.start()
+            last = None
+            for _ in range(20):
+                frame = next_frame(camera)
+                if last is not None:
+                    assert frame.device_time_ns - last == PERIOD_NS
+                last = frame.device_time_ns
+                camera.release(frame)
+            camera.stop()
+        camera.close()
+
+
+def test_region_exposure_gain_and_rate_are_set(pattern_camera, camera_config) -> None:
+    with pattern_camera("127.0.0.33"):
+        config = camera_config(
+            "127.0.0.33", width=320, height=200, offset_x=100, offset_y=50, frame_rate_hz=50.0, exposure_us=900.0, gain_db=3.0
+        )
+        camera = AravisCamera(config, SystemClock())
+        camera.open()
+        camera.start()
+        first, second = next_frame(camera), next_frame(camera)
+        assert first.image.shape == (200, 320)
+        assert second.device_time_ns - first.device_time_ns == 20_000_000
+        assert first.exposure_us == pytest.approx(900.0)
+        camera.close()
+
+
+def test_an_absent_camera_is_named_in_time(camera_config) -> None:
+    began = time.monotonic()
+    camera = AravisCamera(camera_config("127.0.0.34"), SystemClock())
+    with pytest.raises(CameraNotFound, match=r"no camera answers at 127\.0\.0\.34 .*acquire discover") as caught:
+        camera.open()
+    assert time.monotonic() - began < 4.0
+    assert "\n" not in str(caught.value)
+    camera.close()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"), [({"width": 5000}, "Width = 5000 px was refused"), ({"gain_db": 2.5}, "gain = 2.5 dB was asked, 2 read back")]
+)
+def test_settings_the_camera_cannot_take_are_refused(pattern_camera, camera_config, changes, message) -> None:
+    with pattern_camera("127.0.0.35"):
+        camera = AravisCamera(camera_config("127.0.0.35", **changes), SystemClock())
+        with pytest.raises(CameraSettingError, match=message):
+            camera.open()
+        camera.close()
+
+
+def test_a_killed_camera_is_lost_and_closing_it_does_not_block(pattern_camera, camera_config) -> None:
+    with pattern_camera("127.0.0.36") as process:
+        camera = AravisCamera(camera_config("127.0.0.36", stall_s=0.5), SystemClock())
+        camera.open()
+        camera.start()
+        image = next_frame(camera).image
+        process.kill()
+        killed = time.monotonic()
+        with pytest.raises(CameraLost, match=r"127\.0\.0\.36 was lost: no frame for 0\.[5-9] s"):
+            read_for_ever(camera)
+        assert time.monotonic() - killed < 1.5
+        assert camera.latch_clock() is None
+        closing = time.monotonic()
+        camera.close()
+        assert time.monotonic() - closing < 1.5
+        assert image.shape == (492, 656)  # a frame still held stays readable
+        assert image.sum() > 0
+    with pattern_camera("127.0.0.36"):  # it comes back: a new client object has frames at once
+        for thread in threading.enumerate():
+            if thread.name == "aravis-close":
+                thread.join()
+        again = AravisCamera(camera_config("127.0.0.36"), SystemClock())
+        again.open()
+        again.start()
+        assert next_frame(again).lost_before == 0
+        again.close()
+
+
+def test_control_held_by_a_client_that_was_killed_is_waited_for(pattern_camera, camera_config) -> None:
+    with pattern_camera("127.0.0.40"):
+        take_control = bytes.fromhex("42010082000800010000 0a00 00000002".replace(" ", ""))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as killed:
+            killed.sendto(take_control, ("127.0.0.40", 3956))
+            assert killed.recv(64)[2:4] == b"\x00\x83"
+        began = time.monotonic()
+        camera = AravisCamera(camera_config("127.0.0.40"), SystemClock())
+        camera.open()
+        assert 3.0 < time.monotonic() - began < 4.5
+        camera.close()
+
+
+def test_a_second_client_is_told_that_the_camera_is_taken(camera_config) -> None:
+    clock = SystemClock()
+    server = VirtualGigeCamera("127.0.0.37", "V", PatternSource(clock, SEED), clock)
+    first = AravisCamera(camera_config("127.0.0.37"), clock)
+    second = AravisCamera(camera_config("127.0.0.37"), clock)
+    try:
+        first.open()
+        with pytest.raises(CameraError, match="controlled by another program"):
+            second.open()
+    finally:
+        second.close()
+        first.close()
+        server.close()
+
+
+def test_a_clock_that_jumps_is_a_lost_camera_and_no_frame(camera_config) -> None:
+    clock = SystemClock()
+    server = VirtualGigeCamera("127.0.0.39", "V", PatternSource(clock, SEED), clock)
+    library, jump_ns = server._library, [0]
+    server._library = replace(
+        library, buffer_set_timestamp=lambda buffer, time_ns: library.buffer_set_timestamp(buffer, time_ns + jump_ns[0])
+    )
+    camera = AravisCamera(camera_config("127.0.0.39"), clock)
+    try:
+        camera.open()
+        camera.start()
+        camera.release(next_frame(camera))
+        jump_ns[0] = 20_000_000_000
+        with pytest.raises(CameraLost, match=r"its clock jumped by 20 s: check power and cable, then connect again"):
+            read_for_ever(camera)
+    finally:
+        camera.close()
+        server.close()
+
+
+def test_a_camera_that_vanishes_sends_no_frame_of_another_time(camera_config) -> None:
+    clock = SystemClock()
+    server = VirtualGigeCamera("127.0.0.39", "V", PatternSource(clock, SEED), clock)
+    camera = AravisCamera(camera_config("127.0.0.39"), clock)
+    times: list[int] = []
+    try:
+        camera.open()
+        camera.start()
+        closer = threading.Timer(0.3, server.close)
+        closer.start()
+        with pytest.raises(CameraLost, match=r"no frame for|no longer answers"):
+            read_for_ever(camera, times)
+        closer.join()
+    finally:
+        camera.close()
+        server.close()
+    assert len(times) > 10
+    assert max(np.diff(times)) < 1_000_000_000
+
+
+def test_lost_packets_are_asked_for_again(pattern_camera, camera_config) -> None:
+    pattern = noise(656, 492, SEED)
+    with pattern_camera("127.0.0.38", "0.002") as process:
+        camera = AravisCamera(camera_config("127.0.0.38", frame_rate_hz=60.0), SystemClock())
+        camera.open()
+        camera.start()
+        lost = 0
+        for _ in range(120):
+            frame = next_frame(camera)
+            lost += frame.lost_before
+            assert np.array_equal(frame.image, stamped(pattern, *read_stamp(frame.image)))
+            camera.release(frame)
+        camera.stop()
+        camera.close()
+        counts = json.loads(process.communicate()[0])
+    assert counts["dropped"] > 0
+    assert counts["resent"] > 0
+    assert lost == 0
+
+
+def test_discovery_finds_the_camera_of_this_host(pattern_camera) -> None:
+    with pattern_camera("127.0.0.44"):
+        found = [info for info in discover("127.0.0.44") if info.address == "127.0.0.44"]
+    assert [info.model for info in found] == ["GUPPY-SIM GE656"]
+
+
+def test_calls_before_open_are_refused(camera_config) -> None:
+    camera = AravisCamera(camera_config("127.0.0.39"), SystemClock())
+    with pytest.raises(CameraError, match="is not open"):
+        camera.start()
+    assert camera.latch_clock() is None
+    camera.close()

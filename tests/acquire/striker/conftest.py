@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from acquire.clock import SystemClock
+from acquire.config import StrikerConfig
+from acquire.striker.dynamixel import DynamixelStriker
+from schemas.proto import percuss_pb2 as pb
+from tests.acquire.striker.plant import Plant
+
+
+@dataclass
+class Heard:
+    """What a striker said."""
+
+    samples: list[pb.StrikerSample] = field(default_factory=list)
+    events: list[pb.StrikerEvent] = field(default_factory=list)
+    clocks: list[pb.ClockSample] = field(default_factory=list)
+
+    def kinds(self) -> list[str]:
+        return [pb.StrikerEvent.Kind.Name(event.kind) for event in self.events]
+
+    def striker(self, config: StrikerConfig) -> DynamixelStriker:
+        return DynamixelStriker(config, self.samples.append, self.events.append, self.clocks.append, SystemClock())
+
+
+@pytest.fixture
+def plant(tmp_path: Path) -> Iterator[Plant]:
+    with Plant(tmp_path) as plant:
+        yield plant
+
+
+@pytest.fixture
+def heard() -> Heard:
+    return Heard()

@@ -1,0 +1,143 @@
+"""An arm and a box on its edge, stepped at 1 kHz in a thread, behind the virtual servo. Physics of its own: pendulums and a spring between.
+
+The touch is Hunt and Crossley's (1975): force = k depth^1.5 (1 + a rate), k such that every touch lasts 3 ms.
+"""
+
+from __future__ import annotations
+
+import math
+import select
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from acquire.config import StrikerConfig
+from acquire.virtual.dynamixel_servo import DynamixelServo
+
+ARM_INERTIA = 0.0025
+ARM_LENGTH = 0.12
+ARM_WEIGHT_MOMENT = 0.08 * 9.81 * 0.06
+BOX_HEIGHT = 0.1
+BOX_INERTIA = 3e-4
+BOX_K = 80.0
+BOX_PHI = 0.4
+SUBSTEPS = 10
+TOUCH_S, TOUCH_UNITS = 0.003, 3.81
+"""duration, and in units of the touch's own time"""
+DAMPING = 2.08
+"""restitution 0.4, with depth and rate in units of the closing speed"""
+EFFECTIVE_MASS = ARM_INERTIA / ARM_LENGTH**2
+
+
+@dataclass
+class Touch:
+    time_ns: int
+    """first touch"""
+    tip_speed: float
+    impulse: float = 0.0
+    open: bool = True
+
+
+class Plant:
+    """`gap`: where the object's face stands, m beyond the tip at angle 0; None: no object."""
+
+    def __init__(self, folder: Path, gap: float | None = None, seed: int = 0, baud_rate: int = 1_000_000) -> None:
+        self.angle, self.omega = -0.52, 0.0  # gear friction holds it there
+        self.theta, self.theta_dot = 0.0, 0.0
+        self.gap = gap
+        self.touches: list[Touch] = []
+        self.history: list[tuple[int, float, float]] = []
+        self.servo = DynamixelServo(lambda: (self.angle, self.omega), time.monotonic_ns, folder / "ttyDXL", seed=seed, baud_rate=baud_rate)
+        self._closing = 1.0
+        self._end = threading.Event()
+        self.frozen = threading.Event()
+        self._wire = threading.Lock()
+        self._plugged = True
+        self._thread = threading.Thread(target=self._run, name="plant")
+
+    def __enter__(self) -> Plant:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+        self.unplug()
+
+    def unplug(self) -> None:
+        """The adapter's port vanishes; the servo keeps its power."""
+        with self._wire:
+            if self._plugged:
+                self._plugged = False
+                self.servo.close()
+
+    def plug_in(self) -> None:
+        """A new port with the old name."""
+        with self._wire:
+            self.servo.plug_in()
+            self._plugged = True
+
+    def config(self, **changes: object) -> StrikerConfig:
+        known = {"port": str(self.servo.port_path), "effective_mass_kg": EFFECTIVE_MASS, "effective_mass_sd_kg": 0.01}
+        return StrikerConfig.model_validate(known | changes)
+
+    def restore(self, gap: float) -> None:
+        self.gap, self.theta, self.theta_dot = gap, 0.0, 0.0
+        self.touches.clear()
+
+    def _run(self) -> None:
+        next_ns = time.monotonic_ns()
+        while not self._end.is_set():
+            now = time.monotonic_ns()
+            if now < next_ns:
+                with self._wire:
+                    self._serve((next_ns - now) * 1e-9)
+                continue
+            while next_ns <= now:
+                self._step(next_ns, 0.001)
+                next_ns += 1_000_000
+
+    def _serve(self, seconds: float) -> None:
+        if not self._plugged:
+            time.sleep(seconds)
+        elif select.select([self.servo.fd], [], [], seconds)[0] and not self.frozen.is_set():
+            self.servo.service(time.monotonic_ns())
+
+    def _step(self, now_ns: int, dt: float) -> None:
+        torque = self.servo.torque(self.angle, self.omega, now_ns)
+        self.history.append((now_ns, self.angle, self.omega))
+        count = 1 if self.gap is None else SUBSTEPS
+        for k in range(count):
+            self._substep(torque, now_ns + round(k * dt / count * 1e9), dt / count)
+
+    def _substep(self, torque: float, now_ns: int, dt: float) -> None:
+        force = 0.0 if self.gap is None else self._force(now_ns, self.gap)
+        self.omega += (torque - ARM_WEIGHT_MOMENT * math.sin(self.angle) - ARM_LENGTH * force) / ARM_INERTIA * dt
+        self.angle += self.omega * dt
+        if self.gap is not None:
+            self.theta_dot += (force * BOX_HEIGHT / BOX_INERTIA - BOX_K * math.sin(BOX_PHI - self.theta)) * dt
+            if self.theta <= 0 and self.theta_dot < 0:
+                self.theta_dot = 0.0
+            self.theta = max(0.0, self.theta + self.theta_dot * dt)
+            if force:
+                self.touches[-1].impulse += force * dt
+
+    def _force(self, now_ns: int, gap: float) -> float:
+        tip, tip_speed = ARM_LENGTH * math.sin(self.angle), ARM_LENGTH * self.omega
+        depth = tip - gap - BOX_HEIGHT * self.theta
+        rate = tip_speed - BOX_HEIGHT * self.theta_dot
+        touching = bool(self.touches) and self.touches[-1].open
+        if depth <= 0 or self.theta > 1.0:
+            if touching:
+                self.touches[-1].open = False
+            return 0.0
+        if not touching:
+            if rate <= 0:
+                return 0.0
+            self.touches.append(Touch(now_ns - int(depth / rate * 1e9), tip_speed))
+            self._closing = rate
+        mass = 1 / (1 / EFFECTIVE_MASS + BOX_HEIGHT**2 / BOX_INERTIA)
+        unit_s = TOUCH_S / TOUCH_UNITS
+        stiffness = mass / unit_s**2 / math.sqrt(self._closing * unit_s)
+        return max(0.0, stiffness * depth**1.5 * (1 + DAMPING * rate / self._closing))

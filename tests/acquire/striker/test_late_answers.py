@@ -1,0 +1,104 @@
+"""A servo whose answers come late: none of them confirms what was asked afterwards."""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import tty
+from types import SimpleNamespace
+
+import pytest
+
+from acquire.clock import SystemClock
+from acquire.errors import StrikerLost
+from acquire.striker.bus import ServoBus
+from acquire.virtual.dynamixel_protocol import Parser, encode
+
+LATE_S = 0.06
+TORQUE = SimpleNamespace(address=64, size=1, name="Torque Enable", encode=lambda value: bytes([value]))
+
+
+class LateServo:
+    """Answers pings and reads; the next read late, or writes not at all. Models no registers: a read gives its own address."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.master)
+        tty.setraw(self.slave)
+        self.late_reads = 0
+        self.deaf_to_writes = False
+        self._stop = threading.Event()
+        self._timers: list[threading.Timer] = []
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        for timer in self._timers:
+            timer.join()
+        os.close(self.master)
+        os.close(self.slave)
+
+    def _run(self) -> None:
+        parser = Parser()
+        while not self._stop.is_set():
+            if select.select([self.master], [], [], 0.02)[0]:
+                for packet in parser.feed(os.read(self.master, 1024)):
+                    self._answer(int(packet.instruction), packet.parameters)
+
+    def _answer(self, instruction: int, parameters: bytes) -> None:
+        if instruction == 1:
+            os.write(self.master, encode(1, 0x55, bytes([0]) + (1030).to_bytes(2, "little") + b"\x2d"))
+        elif instruction == 2:
+            answer = encode(1, 0x55, bytes([0]) + bytes([parameters[0]]) * int.from_bytes(parameters[2:4], "little"))
+            if self.late_reads:
+                self.late_reads -= 1
+                timer = threading.Timer(LATE_S, os.write, (self.master, answer))
+                self._timers.append(timer)
+                timer.start()
+            else:
+                os.write(self.master, answer)
+        elif not self.deaf_to_writes:
+            os.write(self.master, encode(1, 0x55, bytes([0])))
+
+
+@pytest.fixture
+def servo():
+    one = LateServo()
+    yield one
+    one.close()
+
+
+@pytest.fixture
+def bus(servo):
+    one = ServoBus(os.ttyname(servo.slave), 1_000_000, 1, SystemClock())
+    assert one.open() == 1030
+    yield one
+    one.close()
+
+
+def test_a_late_read_does_not_confirm_a_write(servo, bus):
+    servo.late_reads = 1
+    assert bus.read_block(126, 10) is None
+    servo.deaf_to_writes = True
+    with pytest.raises(StrikerLost, match="Torque Enable"):
+        bus.write(TORQUE, 0)
+
+
+def test_a_late_read_is_not_the_next_reads_answer(servo, bus):
+    servo.late_reads = 1
+    assert bus.read_block(126, 4) is None
+    for address in (64, 70, 76, 82):
+        block = bus.read_block(address, 4)
+        assert block is None or block.data == bytes([address]) * 4
+
+
+def test_the_bus_goes_on_after_a_late_answer(servo, bus):
+    servo.late_reads = 1
+    assert bus.read_block(126, 10) is None
+    bus.write(TORQUE, 0)
+    block = bus.read_block(116, 4)
+    assert block is not None
+    assert block.data == bytes([116]) * 4

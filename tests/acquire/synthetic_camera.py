@@ -1,0 +1,116 @@
+"""A camera made of arithmetic, to test what is behind a camera: it models no wire, no packets, no device settings.
+
+Its clock runs 50 ppm fast from an arbitrary origin. The first four pixels of an image hold its number, so that a test can tell
+which frame an image was. `CAMERA_FAULTS=lose:N,die:N` loses every Nth frame, or falls silent for good measure once after frame N.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from acquire.camera.base import Camera, CameraInfo, ClockReading, Frame
+from acquire.clock import Clock
+from acquire.config import CameraConfig
+from acquire.errors import CameraLost, CameraNotFound
+
+ORIGIN_NS = 77_000_000_000
+DRIFT = 50e-6
+
+
+@dataclass
+class Faults:
+    lose_every: int = 0
+    die_after: int = 0
+
+    @classmethod
+    def from_environment(cls) -> Faults:
+        entries = dict(entry.split(":") for entry in os.environ.get("CAMERA_FAULTS", "").split(",") if entry)
+        return cls(lose_every=int(entries.get("lose", 0)), die_after=int(entries.get("die", 0)))
+
+
+@dataclass
+class SyntheticCamera(Camera):
+    config: CameraConfig
+    clock: Clock
+    faults: Faults = field(default_factory=Faults.from_environment)
+    deaths: int = 0
+
+    def __post_init__(self) -> None:
+        self._next = 0
+        self._sequence = 0
+        self._start_ns = 0
+        self._image = np.random.default_rng(1).integers(0, 255, (self.config.height, self.config.width), dtype=np.uint8)
+
+    def open(self) -> CameraInfo:
+        if self.config.address == "absent":
+            raise CameraNotFound("camera absent: nothing answers: check cable and address")
+        return CameraInfo("Percuss", "Synthetic", "1", self.config.address)
+
+    def device_ns(self, host_ns: int) -> int:
+        return ORIGIN_NS + host_ns + round(DRIFT * (host_ns % 10**13))
+
+    def start(self) -> None:
+        self._start_ns = self.clock.monotonic_ns()
+
+    def read(self, timeout_s: float) -> Frame | None:
+        lost = 0
+        if self.faults.lose_every and self._next % self.faults.lose_every == self.faults.lose_every - 1:
+            self._next += 1
+            lost = 1
+        if self.faults.die_after and self._next >= self.faults.die_after:
+            self.faults.die_after = 0
+            raise CameraLost("camera synthetic: no frame for 1 s: check power and cable")
+        exposed = self._start_ns + round(self._next * 1e9 / self.config.frame_rate_hz)
+        ready = exposed + round(self.config.exposure_us * 1000) + 500_000
+        wait = (ready - self.clock.monotonic_ns()) * 1e-9
+        if wait > timeout_s:
+            time.sleep(timeout_s)
+            return None
+        if wait > 0:
+            time.sleep(wait)
+        self._image[0, 4:8] = 0
+        self._image[0, :4] = np.frombuffer(np.uint32(self._next).tobytes(), np.uint8)
+        self._next += 1
+        self._sequence += 1
+        return Frame(
+            image=self._image,
+            sequence=self._sequence - 1,
+            frame_id=(65_400 + self._next) % 65_535 + 1,
+            device_time_ns=self.device_ns(exposed),
+            host_time_ns=self.clock.monotonic_ns(),
+            exposure_us=self.config.exposure_us,
+            lost_before=lost,
+            token=0,
+        )
+
+    def release(self, frame: Frame) -> None:
+        frame.image[0, 4:8] = 0xAA  # whoever still looks at a released frame will notice
+
+    def latch_clock(self) -> ClockReading | None:
+        before = self.clock.monotonic_ns()
+        return ClockReading(self.device_ns(before + 10_000), before, before + 20_000)
+
+    def stop(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+_faults = Faults.from_environment()
+
+
+def make(config: CameraConfig, clock: Clock) -> Camera:
+    """One set of faults for the process: a camera that died once lives after the reconnection."""
+    return SyntheticCamera(config, clock, _faults)
+
+
+if __name__ == "__main__":
+    from acquire.capture import serve
+
+    serve(int(sys.argv[sys.argv.index("--fd") + 1]), make)

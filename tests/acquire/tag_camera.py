@@ -1,0 +1,47 @@
+"""A virtual camera before a still tag on white paper, in a process of its own: `tag_camera.py ADDRESS`, until its input closes or SIGTERM.
+
+It models the wire, not the world: nothing moves, there is no lens, no noise.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+
+import cv2
+import numpy as np
+
+from acquire.clock import SystemClock
+from acquire.virtual.gige_camera import StreamSettings, VirtualGigeCamera
+
+TAG, EDGE_PX = 5, 96
+
+
+class Still:
+    """The same image for ever."""
+
+    def __init__(self) -> None:
+        tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), TAG, EDGE_PX)
+        self._image = np.full((492, 656), 90, np.uint8)
+        self._image[180:320, 250:390] = 200
+        self._image[202 : 202 + EDGE_PX, 272 : 272 + EDGE_PX] = np.clip(tag, 30, 200)
+
+    def latest_time_ns(self) -> int:
+        """Always now."""
+        return SystemClock().monotonic_ns()
+
+    def image(self, start_ns: int, settings: StreamSettings) -> np.ndarray:
+        """The whole sensor."""
+        return self._image[: settings.height, : settings.width]
+
+
+if __name__ == "__main__":
+    sys.setswitchinterval(5e-4)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    camera = VirtualGigeCamera(sys.argv[1], "TAG", Still(), SystemClock())
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    try:
+        sys.stdin.read()
+    finally:
+        camera.close()

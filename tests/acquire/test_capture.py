@@ -1,0 +1,378 @@
+"""The capture process with a synthetic camera behind it: windows, pre-trigger, previews, loss, endings."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from mcap.reader import make_reader
+
+from acquire.capture_link import CaptureProcess
+from acquire.clock import SystemClock
+from acquire.config import CameraConfig, RecorderConfig, RigConfig
+from acquire.errors import CameraNotFound, RecorderError
+from acquire.recorder.recover import recover
+from schemas.documents import (
+    Box,
+    CameraCalibrationSpec,
+    ManifestCamera,
+    MarkerSpec,
+    ObjectSpec,
+    SessionManifest,
+    Shape,
+    TimeSource,
+)
+from schemas.proto import percuss_pb2 as pb
+
+COMMAND = (sys.executable, str(Path(__file__).with_name("synthetic_camera.py")))
+CALIBRATION = CameraCalibrationSpec(width=64, height=48, K=[[100, 0, 32], [0, 100, 24], [0, 0, 1]], T_world_camera=np.eye(4).tolist())
+RATE = 120.0
+
+
+def _rig(address: str = "synthetic", **recorder: object) -> RigConfig:
+    camera = CameraConfig(address=address, width=64, height=48, frame_rate_hz=RATE, calibration=CALIBRATION)
+    return RigConfig(camera=camera, recorder=RecorderConfig.model_validate({"disk_reserve_bytes": 0, **recorder}))
+
+
+def _manifest() -> SessionManifest:
+    spec = ObjectSpec(
+        name="box", mass_kg=0.05, mass_sd_kg=1e-4, shape=Shape(box=Box(size_m=[0.1, 0.1, 0.1])), marker=[MarkerSpec(id=1, size_m=0.03)]
+    )
+    clock = SystemClock()
+    return SessionManifest(
+        recording_id="test",
+        created="2024-01-01T00:00:00+00:00",
+        software="test",
+        wall_anchor_ns=clock.wall_ns() - clock.monotonic_ns(),
+        time_source=TimeSource.DEVICE_MAPPED,
+        time_source_sd_ns=30_000,
+        g_m_s2=9.81,
+        g_sd_m_s2=0.001,
+        gravity_tilt_sd_rad=0.003,
+        cameras=[ManifestCamera(name="main", frame_rate_hz=RATE, exposure_us=1500, calibration=CALIBRATION)],
+        object=spec,
+        object_sha256="0",
+        plan_sha256="0",
+    )
+
+
+@pytest.fixture
+def environment(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+    root = Path(__file__).parents[2]
+    monkeypatch.setenv("PYTHONPATH", str(root))
+    yield monkeypatch
+    assert [thread.name for thread in threading.enumerate() if thread.name.startswith("capture")] == []
+
+
+def _read(path: Path) -> dict[str, list]:
+    found: dict[str, list] = {}
+    with path.open("rb") as file:
+        for _, channel, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False):
+            found.setdefault(channel.topic, []).append(message)
+    return found
+
+
+def _number(message) -> int:
+    """Which frame of the camera this image is."""
+    data = RawImage.FromString(message.data).data
+    assert data[4:8] != b"\xaa\xaa\xaa\xaa", "the image was read after its buffer was released"
+    return int(np.frombuffer(data[:4], np.uint32)[0])
+
+
+def test_a_window_holds_every_frame_from_before_it_opened(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    capture = CaptureProcess(_rig(preview_hz=10.0), COMMAND)
+    info = capture.start()
+    try:
+        assert info.model == "Synthetic"
+        manifest = _manifest()
+        capture.open_recording(
+            tmp_path / "a.mcap", manifest, [("plan.json", "application/json", b"plan"), ("object.toml", "application/toml", b"o")]
+        )
+        time.sleep(0.8)
+        asked = manifest.wall_anchor_ns + time.monotonic_ns()
+        start = capture.open_window()
+        time.sleep(0.5)
+        report = capture.close_window()
+        time.sleep(0.4)
+        status = capture.status()
+        assert status.recording == tmp_path / "a.mcap"
+        assert status.fps == pytest.approx(RATE, rel=0.02)
+        assert (status.lost, status.dropped, status.error) == (0, 0, "")
+        assert status.last_frame_age_s is not None
+        assert status.last_frame_age_s < 0.1
+        done = capture.close_recording()
+    finally:
+        capture.stop()
+    assert start == pytest.approx(asked - 0.25e9, abs=0.05e9)
+    found = _read(tmp_path / "a.mcap")
+    images, metas = found["/camera/main/image"], [pb.FrameMeta.FromString(m.data) for m in found["/camera/main/meta"]]
+
+    inside = [m for m in images if report.start_ns <= m.log_time <= report.end_ns]
+    assert len(inside) == report.frames
+    assert report.lost == 0
+    assert np.all(np.diff([_number(m) for m in inside]) == 1)
+    assert report.start_ns - start == pytest.approx(0, abs=1e9 / RATE)
+    assert (report.end_ns - report.start_ns) * 1e-9 == pytest.approx(0.75, abs=0.06)
+
+    before = [m.log_time for m in images if m.log_time < report.start_ns]
+    assert np.all(np.diff(before) > 0.09e9)
+    assert len(before) >= 2
+    assert any(m.log_time > report.end_ns for m in images)
+
+    # Every frame has its meta, in order; it says truly whether the image is there, and all share the sequence.
+    assert np.all(np.diff([meta.sequence for meta in metas]) == 1)
+    assert {meta.sequence for meta in metas if meta.image_recorded} == {m.sequence for m in images}
+    assert [m.sequence for m in found["/camera/main/meta"]] == [meta.sequence for meta in metas]
+    assert np.all(np.diff([m.log_time for m in images]) > 0)
+    assert done.frames == len(metas)
+    for meta, message in zip(metas, found["/camera/main/meta"], strict=True):
+        assert message.log_time == manifest.wall_anchor_ns + meta.mid_exposure_host_ns
+        # The camera sends 2 ms after exposure began; mid-exposure was 1.25 ms before that.
+        assert meta.host_time_ns - meta.mid_exposure_host_ns > 1_000_000
+        assert 0 < meta.mapping_sd_ns < 1_000_000
+    clocks = [pb.ClockSample.FromString(m.data) for m in found["/clock/sample"]]
+    assert len(clocks) >= 3
+    assert {sample.clock for sample in clocks} == {"camera/main"}
+    with (tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file)
+        assert [(a.name, a.data) for a in reader.iter_attachments()] == [("plan.json", b"plan"), ("object.toml", b"o")]
+        names = {m.name: m.metadata for m in reader.iter_metadata()}
+    assert SessionManifest.model_validate_json(names["percuss.manifest"]["json"]) == manifest
+    assert names["percuss.seal"]["content_id"] == done.content_id
+
+
+def test_small_topics_arrive_in_order_and_complete(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    capture = CaptureProcess(_rig(), COMMAND)
+    capture.start()
+    try:
+        manifest = _manifest()
+        capture.open_recording(tmp_path / "a.mcap", manifest, [])
+        for number in range(3000):
+            capture.write(
+                "/striker/sample", manifest.wall_anchor_ns + time.monotonic_ns(), pb.StrikerSample(tick_ms=number).SerializeToString()
+            )
+        with pytest.raises(RecorderError, match="/camera/main/image"):
+            capture.write("/camera/main/image", 1, b"")
+        capture.close_recording()
+        assert capture.status().recording is None
+    finally:
+        capture.stop()
+    found = _read(tmp_path / "a.mcap")
+    assert [pb.StrikerSample.FromString(m.data).tick_ms for m in found["/striker/sample"]] == list(range(3000))
+    assert [m.sequence for m in found["/striker/sample"]] == list(range(3000))
+
+
+def test_lost_frames_are_counted_where_they_were_lost(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    environment.setenv("CAMERA_FAULTS", "lose:20")
+    capture = CaptureProcess(_rig(), COMMAND)
+    capture.start()
+    try:
+        capture.open_recording(tmp_path / "a.mcap", _manifest(), [])
+        time.sleep(0.4)
+        capture.open_window()
+        time.sleep(0.5)
+        report = capture.close_window()
+        capture.close_recording()
+    finally:
+        capture.stop()
+    images = [m for m in _read(tmp_path / "a.mcap")["/camera/main/image"] if report.start_ns <= m.log_time <= report.end_ns]
+    numbers = [_number(m) for m in images]
+    assert report.lost == numbers[-1] - numbers[0] + 1 - len(numbers)
+    assert report.lost >= 3
+
+
+def test_a_lost_camera_comes_back_into_the_same_recording(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    environment.setenv("CAMERA_FAULTS", "die:60")
+    capture = CaptureProcess(_rig(), COMMAND)
+    capture.start()
+    try:
+        capture.open_recording(tmp_path / "a.mcap", _manifest(), [])
+        deadline = time.monotonic() + 10
+        seen_lost = False
+        while time.monotonic() < deadline:
+            status = capture.status()
+            if not status.connected:
+                seen_lost = True
+                assert "camera lost" in status.error
+            elif seen_lost and status.frames > 80:
+                break
+            time.sleep(0.02)
+        assert seen_lost
+        assert capture.status().error == ""
+        capture.open_window()
+        time.sleep(0.2)
+        assert capture.close_window().lost == 0
+        done = capture.close_recording()
+    finally:
+        capture.stop()
+    found = _read(tmp_path / "a.mcap")
+    metas = [pb.FrameMeta.FromString(m.data) for m in found["/camera/main/meta"]]
+    gap = max(meta.frames_lost_before for meta in metas)
+    # It was away for the retry time of 0.5 s: 60 frames of 120 Hz.
+    assert gap == pytest.approx(0.5 * RATE, abs=12)
+    assert done.lost == gap
+    assert np.all(np.diff([meta.sequence for meta in metas]) == 1)
+    assert [Log.FromString(m.data).message.split(":")[0] for m in found["/log"]] == ["camera lost", "camera is back"]
+
+
+def test_an_absent_camera_is_one_line_and_leaves_no_process(environment: pytest.MonkeyPatch) -> None:
+    capture = CaptureProcess(_rig("absent"), COMMAND)
+    with pytest.raises(CameraNotFound, match="nothing answers"):
+        capture.start()
+    capture.stop()
+
+
+def test_a_taken_path_and_a_full_disk_are_refused_without_a_trace(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"mine")
+    capture = CaptureProcess(_rig(disk_reserve_bytes=1 << 60), COMMAND)
+    capture.start()
+    try:
+        with pytest.raises(RecorderError, match=r"recording b\.mcap needs .* free some space"):
+            capture.open_recording(tmp_path / "b.mcap", _manifest(), [])
+    finally:
+        capture.stop()
+    capture = CaptureProcess(_rig(), COMMAND)
+    capture.start()
+    try:
+        with pytest.raises(RecorderError, match="exists already"):
+            capture.open_recording(tmp_path / "a.mcap", _manifest(), [])
+        with pytest.raises(RecorderError, match="no recording is open"):
+            capture.open_window()
+        with pytest.raises(RecorderError, match="create the folder"):
+            capture.open_recording(tmp_path / "missing" / "a.mcap", _manifest(), [])
+    finally:
+        capture.stop()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap"]
+
+
+def test_a_window_without_room_is_refused_before_the_striker_is_armed(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    disk = os.statvfs(tmp_path)
+    free = disk.f_bavail * disk.f_frsize
+    # 64 x 48 at 120 fps for a day and more: the recording may begin, the window not.
+    capture = CaptureProcess(_rig(max_window_s=free / (64 * 48 * RATE)), COMMAND)
+    capture.start()
+    try:
+        capture.open_recording(tmp_path / "a.mcap", _manifest(), [])
+        for refused in (capture.require_space, capture.open_window):
+            with pytest.raises(RecorderError, match=r"a window needs .* free some space"):
+                refused()
+        capture.close_recording()
+    finally:
+        capture.stop()
+
+
+def test_a_signal_finishes_the_file(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    capture = CaptureProcess(_rig(), COMMAND)
+    capture.start()
+    process = capture._process
+    assert process is not None
+    try:
+        capture.open_recording(tmp_path / "a.mcap", _manifest(), [])
+        capture.open_window()
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)  # is the daemon's to handle
+        time.sleep(0.1)
+        assert process.poll() is None
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10) == 0
+        with pytest.raises(RecorderError, match=r"ended \(exit code 0\)"):
+            capture.status()
+    finally:
+        capture.stop()
+    assert len(_read(tmp_path / "a.mcap")["/camera/main/image"]) >= 30
+
+
+def test_the_daemons_death_finishes_the_file(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    capture = CaptureProcess(_rig(), COMMAND)
+    capture.start()
+    process, connection = capture._process, capture._socket
+    assert process is not None
+    assert connection is not None
+    capture.open_recording(tmp_path / "a.mcap", _manifest(), [])
+    capture.open_window()
+    time.sleep(0.3)
+    connection.shutdown(2)  # what the kernel does with a dead process's sockets
+    assert process.wait(10) == 0
+    capture.stop()
+    assert len(_read(tmp_path / "a.mcap")["/camera/main/image"]) >= 30
+    assert not os.path.lexists(tmp_path / "a.mcap.part")
+
+
+def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    """Nothing of the process runs after SIGKILL: what is recovered is what it had handed to the system."""
+    capture = CaptureProcess(_rig(mode="continuous", rotate_bytes=150_000), COMMAND)
+    capture.start()
+    process = capture._process
+    assert process is not None
+    try:
+        manifest = _manifest()
+        capture.open_recording(tmp_path / "a.mcap", manifest, [])
+        end = time.monotonic() + 1.4
+        while time.monotonic() < end:
+            capture.write("/striker/sample", manifest.wall_anchor_ns + time.monotonic_ns(), b"\x18\x01")
+            time.sleep(0.002)
+        killed_ns = manifest.wall_anchor_ns + time.monotonic_ns()
+        process.kill()
+        with pytest.raises(RecorderError, match="acquire recover"):
+            capture.status()
+    finally:
+        capture.stop()
+    (part,) = tmp_path.glob("*.part")
+    report = recover(part, tmp_path / "recovered.mcap")
+    assert report.has_manifest
+    part.unlink()
+    files = [_read(path) for path in sorted(tmp_path.iterdir())]  # a.mcap, a-0002.mcap, ... in any order, recovered.mcap
+    assert len(files) >= 3
+    for topic in ("/striker/sample", "/camera/main/image", "/camera/main/meta"):
+        found = sorted((message for file in files for message in file.get(topic, [])), key=lambda message: message.log_time)
+        assert [message.sequence for message in found] == list(range(found[0].sequence, found[0].sequence + len(found)))
+        assert (killed_ns - found[-1].log_time) * 1e-9 < 0.5
+
+
+def test_a_gige_camera_on_real_wires(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    """Aravis, GVSP on loopback, full size and rate, striker samples at 1 kHz beside it: nothing is lost."""
+    pytest.importorskip("gi")
+    calibration = CALIBRATION.model_copy(update={"width": 656, "height": 492})
+    camera = CameraConfig(address="127.0.0.41", receive_buffer_bytes=8 << 20, calibration=calibration)
+    source = Path(__file__).parent / "camera" / "pattern_camera.py"
+    with subprocess.Popen(
+        [sys.executable, str(source), camera.address], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        capture = CaptureProcess(RigConfig(camera=camera, recorder=RecorderConfig(disk_reserve_bytes=0)))
+        try:
+            assert capture.start().serial == "PATTERN"
+            manifest = _manifest()
+            capture.open_recording(tmp_path / "a.mcap", manifest, [])
+            time.sleep(0.5)
+            capture.open_window()
+            for number in range(1000):
+                capture.write(
+                    "/striker/sample", manifest.wall_anchor_ns + time.monotonic_ns(), pb.StrikerSample(tick_ms=number).SerializeToString()
+                )
+                time.sleep(0.001)
+            report = capture.close_window()
+            status = capture.status()
+            capture.close_recording()
+        finally:
+            capture.stop()
+            process.kill()
+    assert status.clock_latched
+    assert (report.lost, status.dropped) == (0, 0)
+    assert status.receive_buffer_bytes > 0
+    found = _read(tmp_path / "a.mcap")
+    assert len(found["/striker/sample"]) == 1000
+    times = np.array([m.log_time for m in found["/camera/main/image"] if report.start_ns <= m.log_time <= report.end_ns])
+    assert len(times) == report.frames > 120
+    np.testing.assert_allclose(np.diff(times) * 1e-9, 1 / 120, atol=1e-3)

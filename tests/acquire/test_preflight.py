@@ -1,0 +1,391 @@
+"""Every line of `acquire check` on fakes of computer, disk, servo and film, and once against the virtual devices."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import socket
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquire.config import RigConfig
+from acquire.errors import CameraNotFound, CameraSettingError, RecorderError, StrikerNotFound
+from acquire.preflight.check import Check, Outcome, failed_as
+from acquire.preflight.computer import FolderState, LinuxComputer, PortState, ReceiveBuffer, Route
+from acquire.preflight.disk import RealDisk
+from acquire.preflight.film import Film, FilmContent
+from acquire.preflight.servo import ServoState
+from acquire.preflight.session import LINES, Probes, RunningDaemon, check_rig
+from schemas.documents import SeenMarker, WatchEvent
+
+RIG = """name = "bench"
+[camera]
+address = "192.168.10.2"
+[camera.calibration]
+width = 656
+height = 492
+K = [[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]]
+T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]
+[recorder]
+directory = "{folder}"
+[daemon]
+socket = "{folder}/run/daemon.sock"
+"""
+PIXELS_PER_S = 656 * 492 * 120
+
+
+@dataclass
+class FakeComputer:
+    """All is well; models no device, no kernel."""
+
+    port_state: PortState = field(default_factory=lambda: PortState(exists=True, usable=True, group="dialout", in_use=False))
+    folder: FolderState = field(default_factory=lambda: FolderState(exists=False, owned=False, private=False, can_be_made=True))
+    buffer: ReceiveBuffer = field(default_factory=lambda: ReceiveBuffer(16 << 20, 16 << 20))
+    way: Route | OSError | None = field(default_factory=lambda: Route("enp3s0", 9000, loopback=False))
+    latency: int | None = 1
+
+    def port(self, path: str) -> PortState:
+        return self.port_state
+
+    def socket_folder(self, folder: Path) -> FolderState:
+        return self.folder
+
+    def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
+        return self.buffer
+
+    def route(self, address: str) -> Route | None:
+        if isinstance(self.way, OSError):
+            raise self.way
+        return self.way
+
+    def latency_timer_ms(self, port: str) -> int | None:
+        return self.latency
+
+
+@dataclass
+class FakeDisk:
+    """A disk of fixed speed; writes nothing."""
+
+    free: int = 100 << 30
+    speed: float = 500e6
+    fault: OSError | None = None
+
+    def free_bytes(self, folder: Path) -> int:
+        if self.fault is not None:
+            raise self.fault
+        return self.free
+
+    def write_speed(self, folder: Path, size_bytes: int) -> float:
+        return self.speed
+
+
+def _square(edge: float) -> list[list[float]]:
+    return [[100.0, 100.0 + edge], [100.0 + edge, 100.0 + edge], [100.0 + edge, 100.0], [100.0, 100.0]]
+
+
+EVENT = WatchEvent(time_ns=1, markers=[SeenMarker(id=3, corners_px=_square(80.0))], at_rest=True, saturated_fraction=0.0)
+CONTENT = FilmContent(np.full((48, 64), 180, np.uint8), clock_samples=5, mapping_sd_ns=25_000)
+FILM = Film(seconds=1.0, frames=121, lost=0, content=CONTENT, event=EVENT)
+
+
+@dataclass
+class FakeFilming:
+    """A camera that is what its fields say; sends no packet."""
+
+    film: Film | Exception = FILM
+    refusal: Exception | None = None
+    closed: int = 0
+
+    def open(self) -> str:
+        if self.refusal is not None:
+            raise self.refusal
+        return "Maker Model (1)"
+
+    def shoot(self, folder: Path) -> Film:
+        if isinstance(self.film, Exception):
+            raise self.film
+        return self.film
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+@dataclass
+class Bench:
+    """A rig file and fakes all around it."""
+
+    rig_path: Path
+    computer: FakeComputer = field(default_factory=FakeComputer)
+    disk: FakeDisk = field(default_factory=FakeDisk)
+    servo: ServoState | Exception = field(default_factory=lambda: ServoState(1030, 12.1, 33, None))
+    filming: FakeFilming = field(default_factory=FakeFilming)
+    status: dict | Exception | None = None
+
+    def lines(self) -> dict[str, Check]:
+        @contextlib.contextmanager
+        def daemon(_: RigConfig) -> Iterator[RunningDaemon | None]:
+            if isinstance(self.status, Exception):
+                raise self.status
+            yield None if self.status is None else RunningDaemon(self.status, self.filming)
+
+        def servo(_: object) -> ServoState:
+            if isinstance(self.servo, Exception):
+                raise self.servo
+            return self.servo
+
+        found = list(check_rig(self.rig_path, Probes(self.computer, self.disk, servo, lambda _: self.filming, daemon)))
+        names = [line.name for line in found]
+        assert len(names) == len(set(names))
+        assert set(names) <= set(LINES)
+        for line in found:
+            assert "\n" not in line.found + line.remedy
+            if line.outcome is Outcome.FAIL:
+                assert line.remedy
+        return {line.name: line for line in found}
+
+    def failures(self) -> set[str]:
+        return {name for name, line in self.lines().items() if line.outcome is Outcome.FAIL}
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG.format(folder=tmp_path), encoding="utf-8")
+    return Bench(path)
+
+
+def test_a_rig_in_order_passes_every_line_in_order(bench: Bench) -> None:
+    lines = bench.lines()
+    assert tuple(lines) == LINES
+    assert {line.outcome for line in lines.values()} == {Outcome.PASS}
+    assert bench.filming.closed == 1
+    assert lines["frames"].measured is not None
+    assert lines["frames"].measured.value == pytest.approx(120.0)
+    assert lines["frames"].as_dict()["outcome"] == "pass"
+
+
+def test_a_rig_file_that_cannot_be_read_is_the_first_line_of_all(bench: Bench) -> None:
+    bench.rig_path.write_text("[camera]\naddres = 1", encoding="utf-8")
+    lines = bench.lines()
+    assert tuple(lines) == LINES
+    assert lines["rig file"].outcome is Outcome.FAIL
+    assert {line.outcome for name, line in lines.items() if name != "rig file"} == {Outcome.NOT_CHECKED}
+
+
+def test_without_any_device_every_line_is_there(bench: Bench) -> None:
+    bench.computer.port_state = PortState(exists=False, usable=False, group="", in_use=False)
+    bench.servo = StrikerNotFound("/dev/ttyUSB0: no such serial port; check the cable")
+    bench.filming.refusal = CameraNotFound("no camera answers at 192.168.10.2 (timeout): check power; see discover")
+    lines = bench.lines()
+    assert tuple(lines) == LINES
+    assert bench.failures() == {"serial port", "servo", "camera"}
+    assert lines["servo"].found == "/dev/ttyUSB0: no such serial port"
+    assert lines["servo"].remedy == "check the cable"
+    assert lines["camera"].remedy == "check power; see discover"
+    assert bench.filming.closed == 2
+
+
+@pytest.mark.parametrize(
+    ("state", "line", "word"),
+    [
+        (PortState(exists=True, usable=False, group="dialout", in_use=False), "serial port", "usermod -aG dialout"),
+        (PortState(exists=True, usable=True, group="dialout", in_use=True), "port lock", "fuser"),
+    ],
+)
+def test_the_serial_port(bench: Bench, state: PortState, line: str, word: str) -> None:
+    bench.computer.port_state = state
+    assert bench.failures() == {line}
+    assert word in bench.lines()[line].remedy
+
+
+@pytest.mark.parametrize(
+    ("changes", "line", "word"),
+    [
+        ({"buffer": ReceiveBuffer(212_992, 212_992)}, "receive buffer", "rmem_max=16777216"),
+        ({"way": Route("enp3s0", 1500, loopback=False)}, "packet size", "ip link set enp3s0 mtu 9000"),
+        ({"way": OSError(101, "Network is unreachable")}, "packet size", "subnet"),
+        ({"latency": 16}, "USB latency", "latency_timer"),
+        ({"folder": FolderState(exists=True, owned=True, private=False, can_be_made=True)}, "daemon socket", "chmod 700"),
+        ({"folder": FolderState(exists=True, owned=False, private=True, can_be_made=True)}, "daemon socket", "folder of yours"),
+        ({"folder": FolderState(exists=False, owned=False, private=False, can_be_made=False)}, "daemon socket", "folder of yours"),
+    ],
+)
+def test_the_computer(bench: Bench, changes: dict, line: str, word: str) -> None:
+    bench.computer = FakeComputer(**changes)
+    assert bench.failures() == {line}
+    assert word in bench.lines()[line].remedy
+
+
+def test_loopback_carries_any_packet_and_a_port_without_a_timer_needs_none(bench: Bench) -> None:
+    bench.computer = FakeComputer(way=Route("lo", 1500, loopback=True), latency=None)
+    assert bench.failures() == set()
+
+
+def test_the_disk(bench: Bench) -> None:
+    bench.disk = FakeDisk(speed=1.2 * PIXELS_PER_S)
+    assert bench.failures() == {"disk speed"}
+    bench.disk = FakeDisk(free=900 << 20)
+    assert bench.failures() == {"disk space"}
+    bench.disk = FakeDisk(free=100 << 20)
+    assert bench.failures() == {"disk space"}
+    assert bench.lines()["disk speed"].outcome is Outcome.NOT_CHECKED
+    bench.disk = FakeDisk(fault=FileNotFoundError(2, "No such file or directory"))
+    assert bench.failures() == {"disk space"}
+
+
+def test_the_servo(bench: Bench) -> None:
+    good = ServoState(1030, 12.0, 30, None)
+    for state, line in [
+        (replace(good, voltage_v=5.0), "servo supply"),
+        (replace(good, voltage_v=16.0), "servo supply"),
+        (replace(good, temperature_c=66), "servo temperature"),
+        (replace(good, hardware_error="hardware error status 32: overload"), "servo health"),
+    ]:
+        bench.servo = state
+        assert bench.failures() == {line}
+    bench.rig_path.write_text(bench.rig_path.read_text(encoding="utf-8") + '[striker]\nkind = "manual"\n', encoding="utf-8")
+    lines = bench.lines()
+    assert "hand" in lines["servo"].found
+    assert "serial port" not in lines
+
+
+def test_the_camera_and_its_film(bench: Bench) -> None:
+    def failures(**changes: object) -> set[str]:
+        bench.filming = FakeFilming(replace(FILM, **changes))
+        return bench.failures()
+
+    def content(**changes: object) -> FilmContent:
+        return replace(CONTENT, **changes)
+
+    assert failures(lost=3) == {"frames"}
+    assert failures(frames=111) == {"frames"}
+    assert failures(frames=0, seconds=0.0) == {"frames"}
+    assert failures(content=content(mapping_sd_ns=400_000)) == {"camera clock"}
+    assert failures(content=content(mapping_sd_ns=400_000, clock_samples=0)) == set()
+    assert failures(content=content(image=np.full((48, 64), 255, np.uint8))) == {"light"}
+    assert failures(content=content(image=np.full((48, 64), 12, np.uint8))) == {"light"}
+    assert failures(event=None) == {"marker"}
+    assert failures(event=EVENT.model_copy(update={"markers": []})) == {"marker"}
+    assert failures(event=EVENT.model_copy(update={"markers": [SeenMarker(id=3, corners_px=_square(35.0))]})) == {"marker"}
+    assert failures(event=EVENT.model_copy(update={"at_rest": False})) == {"object at rest"}
+    bench.filming = FakeFilming(refusal=CameraSettingError("camera 1.2.3.4: gain = 99 dB was refused (range): correct the rig file"))
+    assert bench.failures() == {"camera settings"}
+    bench.filming = FakeFilming(RecorderError("the disk is full: free some space"))
+    assert bench.failures() == {"frames"}
+
+
+def test_the_level_is_read_or_the_prior_is_said(bench: Bench) -> None:
+    assert "prior is 0 +- 0.2 deg" in bench.lines()["level"].found
+    bench.rig_path.write_text("gravity_tilt_sd_rad = 0.0005\n" + bench.rig_path.read_text(encoding="utf-8"), encoding="utf-8")
+    assert "rig file says 0 +- 0.029 deg" in bench.lines()["level"].found
+
+
+STATUS = {"rig": "bench", "pid": 7, "recording": None, "striker": "disarmed", "fps": 119.9, "lost": 0}
+
+
+def test_a_running_daemon_is_said_and_asked(bench: Bench) -> None:
+    bench.computer.port_state = PortState(exists=True, usable=True, group="dialout", in_use=True)
+    bench.servo = StrikerNotFound("the servo was asked behind the daemon's back")
+    bench.status = STATUS
+    lines = bench.lines()
+    assert tuple(lines) == LINES
+    assert bench.failures() == set()
+    assert "pid 7" in lines["daemon"].found
+    assert lines["marker"].outcome is Outcome.PASS
+    assert lines["servo supply"].outcome is Outcome.NOT_CHECKED
+    bench.status = {**STATUS, "striker": "fault"}
+    assert bench.failures() == {"servo"}
+    bench.status = {**STATUS, "rig": "another"}
+    assert "daemon" in bench.failures()
+
+
+def test_an_open_session_is_not_disturbed(bench: Bench) -> None:
+    bench.filming.refusal = CameraNotFound("the camera was taken from the session: never do that")
+    bench.status = {**STATUS, "recording": "/data/a.mcap"}
+    lines = bench.lines()
+    assert tuple(lines) == LINES
+    assert bench.failures() == set()
+    assert lines["marker"].outcome is Outcome.NOT_CHECKED
+    bench.status = {**STATUS, "recording": "/data/a.mcap", "fps": 60.0}
+    assert bench.failures() == {"frames"}
+
+
+def test_an_error_gives_its_remedy() -> None:
+    line = failed_as("x", RecorderError("/data: is full: free some space"))
+    assert (line.found, line.remedy) == ("/data: is full", "free some space")
+    assert failed_as("x", RecorderError("boom")).found == "boom"
+    assert "FAIL" in line.text()
+
+
+# --- the real probes ----------------------------------------------------------------------------------------------
+
+
+def test_the_disk_test_writes_and_leaves_nothing(tmp_path: Path) -> None:
+    ticks = iter([0, 2_000_000_000])
+    assert RealDisk(lambda: next(ticks)).write_speed(tmp_path, 3 << 20) == pytest.approx((3 << 20) / 2.0)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_this_computer_is_read(tmp_path: Path) -> None:
+    timer = tmp_path / "sys/bus/usb-serial/devices/ttyUSB7/latency_timer"
+    timer.parent.mkdir(parents=True)
+    timer.write_text("16\n", encoding="ascii")
+    limit = tmp_path / "proc/sys/net/core/rmem_max"
+    limit.parent.mkdir(parents=True)
+    limit.write_text("212992\n", encoding="ascii")
+    computer = LinuxComputer(tmp_path / "sys", tmp_path / "proc", tmp_path)
+    assert computer.latency_timer_ms("/dev/ttyUSB7") == 16
+    assert computer.latency_timer_ms("/dev/ttyUSB8") is None
+    assert computer.receive_buffer(65_536) == ReceiveBuffer(65_536, 212_992)
+    route = computer.route("127.0.0.9")
+    assert route is not None
+    assert route.loopback
+    assert route.mtu_bytes == int(Path("/sys/class/net/lo/mtu").read_text(encoding="ascii"))
+    assert not computer.port("/dev/ttyNone").exists
+
+
+def test_a_port_in_use_is_seen_by_lock_and_by_lock_file(tmp_path: Path) -> None:
+    computer = LinuxComputer(lock=tmp_path)
+    master, slave = os.openpty()
+    try:
+        path = os.ttyname(slave)
+        state = computer.port(path)
+        assert (state.exists, state.usable, state.in_use) == (True, True, False)
+        fcntl.flock(slave, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        assert computer.port(path).in_use
+        fcntl.flock(slave, fcntl.LOCK_UN)
+        lock_file = tmp_path / f"LCK..{Path(path).name}"
+        lock_file.write_text("         1\n", encoding="ascii")
+        assert computer.port(path).in_use
+        lock_file.write_text(" 999999999\n", encoding="ascii")
+        assert not computer.port(path).in_use
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_the_sockets_folder_is_looked_at(tmp_path: Path) -> None:
+    computer = LinuxComputer()
+    tmp_path.chmod(0o700)
+    assert computer.socket_folder(tmp_path) == FolderState(exists=True, owned=True, private=True, can_be_made=True)
+    tmp_path.chmod(0o755)
+    assert not computer.socket_folder(tmp_path).private
+    assert computer.socket_folder(tmp_path / "a" / "b").can_be_made
+
+
+def test_a_path_that_cannot_be_a_socket_is_refused(bench: Bench, tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "daemon.sock").write_text("mine", encoding="utf-8")
+    assert bench.failures() == {"daemon socket"}
+    (tmp_path / "run" / "daemon.sock").unlink()
+    with socket.socket(socket.AF_UNIX) as stale:
+        stale.bind(str(tmp_path / "run" / "daemon.sock"))
+        assert bench.failures() == set()
+    long = RIG.format(folder=tmp_path).replace("daemon.sock", "d" * 100)
+    bench.rig_path.write_text(long, encoding="utf-8")
+    assert bench.failures() == {"daemon socket"}

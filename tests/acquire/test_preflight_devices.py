@@ -1,0 +1,105 @@
+"""`acquire check` against virtual devices over real GigE Vision and a real pseudo-terminal, and through a daemon that holds them."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.acquire.striker.plant import Plant
+from tests.acquire.tag_camera import EDGE_PX, TAG
+
+ADDRESS = "127.0.0.173"
+RIG = """name = "virtual"
+[camera]
+address = "{address}"
+receive_buffer_bytes = 8388608
+[camera.calibration]
+width = 656
+height = 492
+K = [[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]]
+T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]
+[striker]
+port = "{port}"
+[recorder]
+directory = "{folder}"
+[daemon]
+socket = "{folder}/run/daemon.sock"
+"""
+THIS_COMPUTERS_OWN = {"receive buffer", "disk speed", "frames", "camera clock"}
+"""what a machine that is busy with other tests may rightly be refused for"""
+
+
+@contextlib.contextmanager
+def _process(*arguments: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
+    """A process from its first line to its end."""
+    given = {**os.environ, **environment}
+    with subprocess.Popen([sys.executable, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=given) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        try:
+            yield process
+        finally:
+            process.terminate()
+            process.wait(20)
+
+
+def _camera() -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
+    return _process(str(Path(__file__).with_name("tag_camera.py")), ADDRESS)
+
+
+def _check(rig: Path) -> tuple[dict[str, dict], set[str]]:
+    """All lines by name, and the names of those that did not pass; exit code and verdict agree with them, and nothing is left."""
+    before = sorted(rig.parent.iterdir())
+    command = [sys.executable, "-m", "acquire", "check", str(rig), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert sorted(rig.parent.iterdir()) == before
+    report = json.loads(done.stdout)
+    failed = any(check["outcome"] == "fail" for check in report["checks"])
+    assert (report["passed"], done.returncode) == (not failed, int(failed))
+    checks = {check["name"]: check for check in report["checks"]}
+    return checks, {name for name, check in checks.items() if check["outcome"] != "pass"}
+
+
+def test_a_rig_of_virtual_devices(tmp_path: Path) -> None:
+    pytest.importorskip("gi")
+    rig = tmp_path / "rig.toml"
+    with Plant(tmp_path) as plant, _camera():
+        rig.write_text(RIG.format(address=ADDRESS, port=plant.servo.port_path, folder=tmp_path), encoding="utf-8")
+        checks, failures = _check(rig)
+    assert failures <= THIS_COMPUTERS_OWN, {name: checks[name] for name in failures}
+    assert f"tag {TAG} is" in checks["marker"]["found"]
+    assert checks["marker"]["measured"]["value"] == pytest.approx(EDGE_PX, abs=1.0)
+    assert checks["servo"]["found"].startswith("XM430-W210")
+    assert checks["camera clock"]["measured"]["value"] < 1e-3
+
+
+def test_a_daemon_is_asked_and_tells_its_service_manager(tmp_path: Path) -> None:
+    pytest.importorskip("gi")
+    rig = tmp_path / "rig.toml"
+    text = RIG.format(address=ADDRESS, port="none", folder=tmp_path).replace("[striker]", '[striker]\nkind = "manual"')
+    rig.write_text(text, encoding="utf-8")
+    notify = tmp_path / "notify"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager, _camera():
+        manager.bind(str(notify))
+        manager.settimeout(5.0)
+        environment = {"NOTIFY_SOCKET": str(notify), "WATCHDOG_USEC": "20000000"}
+        with _process("-m", "acquire", "run", str(rig), **environment) as daemon:
+            assert manager.recv(1000).startswith(b"READY=1\n")
+            checks, failures = _check(rig)
+            assert manager.recv(1000) == b"WATCHDOG=1"
+        words = [manager.recv(1000)]
+        while not words[-1].startswith(b"STOPPING=1"):
+            words.append(manager.recv(1000))
+        assert set(words[:-1]) <= {b"WATCHDOG=1"}
+        assert daemon.returncode == 0
+    assert failures <= THIS_COMPUTERS_OWN, {name: checks[name] for name in failures}
+    assert f"pid {daemon.pid}" in checks["daemon"]["found"]
+    assert checks["marker"]["measured"]["value"] == pytest.approx(EDGE_PX, abs=1.0)

@@ -1,0 +1,148 @@
+"""The session's state machine, driven by events alone."""
+
+from __future__ import annotations
+
+import pytest
+
+from acquire import session as s
+from acquire.speed import SpeedController
+from schemas.documents import Impact, Pivot, PlannedStrike, Range, StrikePlan, StrikeVerdict, Verdict
+
+EYE = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+
+
+def planned(strike_id: str, axis_id: str = "a") -> PlannedStrike:
+    return PlannedStrike(
+        id=strike_id,
+        plane_id="p",
+        axis_id=axis_id,
+        R_world_object=EYE,
+        p_world_object=[0.0, 0.0, 0.0],
+        pivot=Pivot(point=[0.0, 0.0, 0.0], direction=[0.0, 1.0, 0.0], radius_m=0.001, sd_m=1e-4),
+        impact=Impact(point=[0.0, 0.0, 0.1], direction=[1.0, 0.0, 0.0]),
+        impact_height_m=0.1,
+        impulse_n_s=Range(min=0.001, target=0.01, max=0.1),
+        tip_speed_m_s=Range(min=0.1, target=0.4, max=0.9),
+        energy_ratio=1.15,
+        phi_predicted_rad=0.4,
+        phi_predicted_sd_rad=0.05,
+        i_edge_predicted_kg_m2=3e-4,
+        visible_markers=[0],
+        camera_pose=POSE,
+        friction_needed=0.2,
+    )
+
+
+def plan(*strikes: PlannedStrike) -> StrikePlan:
+    return StrikePlan(object_name="box", object_sha256="0", strikes=list(strikes))
+
+
+def verdict(code: Verdict, energy: float | None) -> StrikeVerdict:
+    return StrikeVerdict(strike_id="x", code=code, reason="because", phi=0.4, energy_ratio=energy)
+
+
+def drive(machine: s.SessionMachine, judge) -> list[s.Action]:
+    """Answer every action as a smooth session would; `judge(machine, speed)` gives the verdicts."""
+    done: list[s.Action] = []
+    event: s.Event = s.Started()
+    speed = 0.0
+    for _ in range(500):
+        actions = machine.handle(event)
+        done += actions
+        match actions[-1]:
+            case s.AskToPlace():
+                event = s.Placed()
+            case s.CheckPose():
+                event = s.PoseChecked(good=True)
+            case s.Arm():
+                event = s.Ready()
+            case s.Strike(tip_speed_m_s=speed):
+                event = s.Struck(1, 1e5, speed, 1)
+            case s.RecordUntilRest():
+                event = s.Recorded(1, 2, 100, 0)
+            case s.Judge():
+                event = s.Judged(judge(machine, speed))
+            case s.Finish():
+                return done
+    raise AssertionError("the session never ends")
+
+
+def test_good_strikes_are_made_once_each():
+    done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"), planned("s3"))), lambda *_: verdict(Verdict.GOOD, 1.15))
+    assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s2.1", "s3.1"]
+
+
+def test_a_strike_that_rocks_back_is_repeated_harder_and_kept():
+    def judge(machine, speed):
+        energy = 1.15 * (speed / 0.5) ** 2  # this object needs 0.5 m/s where the plan says 0.4
+        return verdict(Verdict.GOOD if energy > 1 else Verdict.ROCKED_BACK, energy)
+
+    done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"))), judge)
+    speeds = [a.tip_speed_command_m_s for a in done if isinstance(a, s.Keep)]
+    assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s1.2", "s2.1"]
+    assert speeds == pytest.approx([0.4, 0.5, 0.5])
+
+
+def test_it_gives_up_on_a_strike_after_four_attempts():
+    done = drive(s.SessionMachine(plan(planned("s1"))), lambda *_: verdict(Verdict.SLID, None))
+    assert len([a for a in done if isinstance(a, s.Keep)]) == 4
+    assert done[-1] == s.Finish()
+
+
+def test_without_a_verdict_the_session_goes_on():
+    done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"))), lambda *_: None)
+    assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s2.1"]
+
+
+def test_a_wrong_placement_is_asked_for_again_with_the_hint():
+    machine = s.SessionMachine(plan(planned("s1")))
+    machine.handle(s.Started())
+    machine.handle(s.Placed())
+    actions = machine.handle(s.PoseChecked(good=False, text="turned by 180 deg"))
+    assert isinstance(actions[-1], s.AskToPlace)
+    assert actions[-1].hint == "turned by 180 deg"
+
+
+def test_stop_ends_it_from_anywhere():
+    machine = s.SessionMachine(plan(planned("s1")))
+    machine.handle(s.Started())
+    actions = machine.handle(s.StopRequested("enough"))
+    assert actions[-1] == s.Finish(aborted=True, text="enough")
+
+
+def test_a_striker_fault_is_cleared_and_the_strike_made_again():
+    machine = s.SessionMachine(plan(planned("s1")))
+    for event in (s.Started(), s.Placed(), s.PoseChecked(good=True)):
+        machine.handle(event)
+    actions = machine.handle(s.StrikerFailed("overload"))
+    assert s.ClearFault() in actions
+    assert isinstance(actions[-1], s.AskToPlace)
+
+
+def test_a_striker_that_keeps_failing_ends_the_session():
+    machine = s.SessionMachine(plan(planned("s1")))
+    actions = machine.handle(s.Started())
+    for _ in range(4):
+        machine.handle(s.Placed())
+        machine.handle(s.PoseChecked(good=True))
+        actions = machine.handle(s.StrikerFailed("overload"))
+    assert actions[-1] == s.Finish(aborted=True, text="overload")
+
+
+def test_an_event_out_of_place_is_refused():
+    machine = s.SessionMachine(plan(planned("s1")))
+    with pytest.raises(ValueError, match="does not belong"):
+        machine.handle(s.Ready())
+
+
+def test_what_is_learned_about_the_striker_serves_the_next_axis():
+    speed = SpeedController(energy_goal=1.15)
+    speed.learn(planned("s1", "a"), 0.4, 2.3)  # twice the energy expected
+    assert speed.tip_speed(planned("s2", "b")) == pytest.approx(0.4 / 2**0.5)
+
+
+def test_speeds_stay_within_the_plan():
+    speed = SpeedController()
+    speed.learn(planned("s1"), 0.4, 100.0)
+    assert speed.tip_speed(planned("s1")) == 0.1

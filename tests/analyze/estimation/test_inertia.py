@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+
+from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
+from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.estimation.inertia import Scale, edge_inertia, inertia_prior, inertial_parameters, possible
+from analyze.estimation.paper import paper_edge_inertia
+from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, box_body, fit_of, planned_strike, tip
+from tests.analyze.simulated_session import motion
+
+SIZE = (0.08, 0.06, 0.15)
+BODY = box_body(SIZE, (0.026, 0.014, 0.004), 0.005, (0.5, -0.35, 0.79), pitch=0.01)
+PRIOR = ComPrior.from_bounds(-np.array(SIZE) / 2, np.array(SIZE) / 2)
+ERRORS = SystematicErrors(gravity_tilt_sd=1e-3, edge_radius_sd=2e-4)
+SCALE = Scale(BODY.mass, 1e-4, GRAVITY, 1e-3, 2e-4, 2e-3)
+
+
+def estimate(rng, noise=1.0, scale=SCALE):
+    tilt, radius = noise * rng.normal(0, 1, 2) * (1e-3, 2e-4)
+    planes = []
+    for axis in SIX_AXES:
+        strike = planned_strike(BODY, *axis)
+        forward, up = np.array(strike.R_world_object)[0], np.array(strike.R_world_object)[2]
+        moved = noise * 2e-4 * (rng.normal() * forward + rng.normal() * up) + radius * (up - forward)
+        phi, k = tip(BODY, strike, moved, BODY.edge_radius + radius)
+        k *= 1 + noise * rng.normal(0, 2e-3)
+        for repeat in range(2):
+            fit = fit_of(phi + tilt + noise * rng.normal(0, 5e-4), k * (1 + noise * rng.normal(0, 3e-3)), 5e-4, 3e-3 * k)
+            planes.append(equiplane_from_fit(f"{strike.id}.{repeat}", strike, fit))
+    com = centre_of_mass(planes, ERRORS, PRIOR)
+    return planes, inertial_parameters(planes, com, scale, inertia_prior(scale.mass, com.position, BODY.cells))
+
+
+def test_exact_motions_give_the_exact_moments():
+    planes, found = estimate(np.random.default_rng(0), noise=0.0)
+    for axis in found.axes:
+        assert axis.i_com == pytest.approx(axis.direction @ BODY.inertia @ axis.direction, rel=1e-5)
+    R = found.com.distances[0]
+    about_c = planes[0].direction @ BODY.inertia @ planes[0].direction
+    assert edge_inertia(planes[0], R, SCALE) == pytest.approx(about_c + BODY.mass * (R + BODY.edge_radius) ** 2, rel=1e-6)
+
+
+def test_stated_errors_are_those_found_by_brute_force():
+    rng = np.random.default_rng(1)
+    z_com, relative = [], []
+    for _ in range(60):
+        mass = BODY.mass + rng.normal(0, 1e-4)
+        _, found = estimate(rng, scale=Scale(mass, 1e-4, GRAVITY, 1e-3, 2e-4, 2e-3))
+        for axis in found.axes:
+            truth = axis.direction @ BODY.inertia @ axis.direction
+            z_com.append((axis.i_com - truth) / axis.i_com_sd)
+            relative.append(axis.i_com / truth - 1)
+    assert 0.90 <= np.mean(np.abs(z_com) < 1.96) <= 0.99
+    assert 0.75 < np.sqrt(np.mean(np.square(z_com))) < 1.2
+    assert np.sqrt(np.mean(np.square(relative))) < 0.04, "METHOD: I_c,l 8 % must, 4 % aim"
+
+
+def test_what_no_strike_measured_is_flagged_and_comes_from_the_shape():
+    _, found = estimate(np.random.default_rng(2))
+    assert np.diag(found.measured).all()
+    assert not found.measured[np.triu_indices(3, 1)].any(), "a box's own edges say nothing of the products of inertia"
+    assert found.inertia_sd[0, 1] > 5 * found.inertia_sd[0, 0]
+
+
+def test_the_tensor_is_always_that_of_a_body():
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        wild = rng.normal(size=(3, 3))
+        tensor = possible((wild + wild.T) * 1e-4)
+        moments = np.linalg.eigvalsh(tensor)
+        assert moments[0] > 0
+        assert moments[0] + moments[1] >= moments[2] * (1 - 1e-9)
+
+
+def test_the_joint_covariance_is_one():
+    _, found = estimate(np.random.default_rng(4))
+    values = np.linalg.eigvalsh(found.joint_covariance / np.outer(*2 * [np.sqrt(np.diag(found.joint_covariance))]))
+    assert values.min() > -1e-9
+
+
+def test_the_papers_equation_5_from_theta_itself():
+    strike = planned_strike(BODY, *SIX_AXES[0])
+    phi, k = tip(BODY, strike)
+    tipped = motion(strike, phi, k, 1e-4, 0.1, np.random.default_rng(5))
+    moment = k * 5e-4
+    found = paper_edge_inertia(tipped.angle, tipped.fit, tipped.phases.stage_two, moment)
+    assert found.i_edge == pytest.approx(5e-4, rel=0.4), "differentiating twice costs this much"
+    assert 0 < found.left_out < 0.9

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+
+from analyze.estimation.cells import cells_from_voxels, moments_about
+from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.estimation.paper import paper_regions
+from analyze.estimation.regions import mass_distribution
+from analyze.geometry.object_model import load_object_model
+from analyze.geometry.voxels import voxelise
+from analyze.types import AxisInertia, CentreOfMass, InertialParameters
+from schemas.documents import Box, MarkerSpec, ObjectSpec, Shape
+from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
+
+SIZE = (0.078, 0.06, 0.15)
+
+
+def parameters(body, rng, com_sd, relative_sd):
+    """What errors of `com_sd` m per axis and `relative_sd` of each moment make of the truth."""
+    com = body.com + rng.normal(0, com_sd, 3)
+    zeros = np.zeros(1)
+    centre = CentreOfMass(com, np.eye(3) * com_sd**2, True, None, zeros, zeros, zeros, np.zeros((1, 1)), np.zeros((3, 1)), zeros)
+    axes = []
+    for i, name in enumerate("xyz"):
+        truth = body.inertia[i, i]
+        axes.append(AxisInertia(name, np.eye(3)[i], 0, 0, truth * (1 + rng.normal(0, relative_sd)), relative_sd * truth))
+    joint = np.diag([1e-4**2, *3 * [com_sd**2], *[axis.i_com_sd**2 for axis in axes]])
+    return InertialParameters(body.mass, 1e-4, centre, body.inertia, body.inertia, np.ones((3, 3), bool), tuple(axes), joint)
+
+
+@pytest.mark.parametrize(
+    ("masses", "border"),
+    [((0.026, 0.014, 0.004), 0.005), ((0.035, 0.022, 0.0), 0.02), ((0.032, 0.002, 0.0), 0.01)],
+    ids=["box", "spray", "salt"],
+)
+def test_half_a_millimetre_and_one_percent_give_the_masses_to_4_percent(masses, border):
+    """METHOD: region masses 4 % of the mass by the paper's metric, and half the best naive answer's error, over the objects."""
+    rng = np.random.default_rng(11)
+    body = box_body(SIZE, masses, border, (0.4, 0.3, 0.87), pitch=0.006)
+    errors, naive, covered = [], [], []
+    for _ in range(4):
+        found = mass_distribution(parameters(body, rng, 5e-4, 0.01), body.cells, np.random.default_rng(0))
+        off = found.masses - body.regions
+        errors.append(np.abs(off).mean() / body.mass)
+        naive.append(min(np.abs(other - body.regions).mean() for other in found.baselines.values()) / body.mass)
+        covered.append(np.abs(off) < 1.96 * np.sqrt(np.diag(found.covariance)) + 1e-6)
+    assert np.mean(errors) < 0.04
+    if np.mean(naive) > 0.08:
+        assert np.mean(errors) < np.mean(naive) / 2
+    assert np.mean(covered) > 0.8
+
+
+def test_masses_are_positive_and_their_sum_is_the_mass():
+    body = box_body(SIZE, (0.03, 0.01, 0.0), 0.0, pitch=0.01)
+    found = mass_distribution(parameters(body, np.random.default_rng(1), 3e-4, 0.02), body.cells, np.random.default_rng(0))
+    assert (found.masses >= 0).all()
+    assert found.masses.sum() == pytest.approx(body.mass, rel=0.01)
+    assert found.border_offset_interval[0] <= found.border_offset <= found.border_offset_interval[1]
+
+
+def test_the_same_seed_gives_the_same_answer():
+    body = box_body(SIZE, (0.03, 0.01, 0.004), 0.0, pitch=0.01)
+    given = parameters(body, np.random.default_rng(2), 3e-4, 0.01)
+    first, second = (mass_distribution(given, body.cells, np.random.default_rng(5)) for _ in range(2))
+    assert (first.masses == second.masses).all()
+
+
+def test_less_certain_data_give_wider_masses():
+    body = box_body(SIZE, (0.026, 0.014, 0.004), 0.005, pitch=0.01)
+    sharp, dull = (
+        mass_distribution(parameters(body, np.random.default_rng(3), sd, 20 * sd), body.cells, np.random.default_rng(0))
+        for sd in (2e-4, 3e-3)
+    )
+    assert np.trace(dull.covariance) > 2 * np.trace(sharp.covariance)
+
+
+def test_naive_answers_stand_beside():
+    body = box_body(SIZE, (0.026, 0.014, 0.004), 0.005, pitch=0.01)
+    found = mass_distribution(parameters(body, np.random.default_rng(4), 3e-4, 0.01), body.cells, np.random.default_rng(0))
+    assert set(found.baselines) == {"surface", "uniform", "surface_and_uniform"}
+    for masses in found.baselines.values():
+        assert masses.sum() == pytest.approx(body.mass)
+        assert (masses >= 0).all()
+
+
+def test_the_papers_sweep_leaves_the_border_open_even_when_everything_is_exact():
+    """Its three parallel axes fix c along their line whatever the border, so its criterion cannot choose among borders."""
+    body = box_body(SIZE, (0.020, 0.012, 0.012), 0.02, pitch=0.006)
+    given = parameters(body, np.random.default_rng(5), 0.0, 0.0)
+    strikes = [planned_strike(body, *axis) for axis in SIX_AXES[:3]]
+    planes = [equiplane_from_fit(s.id, s, fit_of(*tip(body, s), 1e-4, 0.1)) for s in strikes]
+    i_edge = {
+        plane.axis_id: plane.direction @ body.inertia @ plane.direction
+        + body.mass * np.sum(np.cross(body.com - plane.point, plane.direction) ** 2)
+        for plane in planes
+    }
+    found = paper_regions(planes, given.com, i_edge, body.mass, body.cells)
+    assert np.abs(found.masses - body.regions).mean() / body.mass < 0.15
+    assert set(found.corrected_i_edge) == set(i_edge)
+
+
+def test_cells_keep_volume_centroid_and_moments_of_the_solid():
+    spec = ObjectSpec(
+        name="box", mass_kg=0.1, mass_sd_kg=1e-3, shape=Shape(box=Box(size_m=list(SIZE))), marker=[MarkerSpec(id=0, size_m=0.03)]
+    )
+    model = load_object_model(spec, None, "box")
+    cells = cells_from_voxels(voxelise(model, 0.0065, 0.0025))
+    inner = np.prod(np.array(SIZE) - 0.005)
+    assert cells.volumes.sum() == pytest.approx(model.volume, rel=1e-6)
+    assert cells.interior.sum() == pytest.approx(inner, rel=0.01)
+    assert np.linalg.norm(cells.centroid - model.centroid) < 1e-4
+    moments = moments_about(cells, cells.volumes / cells.volumes.sum(), model.centroid)
+    assert np.diag(moments) == pytest.approx(np.diag(model.unit_inertia), rel=0.01)

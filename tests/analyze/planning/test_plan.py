@@ -1,0 +1,256 @@
+"""Whole plans: physics of what is asked of the striker, information, refusals, JSON."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from analyze.errors import PlanError
+from analyze.geometry.object_model import load_object_model, object_files
+from analyze.planning import design
+from analyze.planning.hypothesis import hypothesis
+from analyze.planning.impact import ImpactPoint, StrikerModel, best_impact, free_motion, impact_points
+from analyze.planning.paper_plan import paper_plan, paper_strikes
+from analyze.planning.pivots import Swing, pivot_axes, swing
+from analyze.planning.plan import make_plan
+from analyze.planning.stable_planes import resting_planes, stable_planes
+from schemas.documents import StrikePlan, parse_strike_plan
+from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
+
+OBJECTS = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data"
+STRIKER = StrikerModel()
+SIZE = np.array([0.08, 0.06, 0.15])
+SD_LIMIT = 0.001
+"""m, with 0.1 degrees per angle"""
+
+
+def side_markers(turn=None, size=SIZE, only=range(6)):
+    """A marker in the middle of every face of a box."""
+    turn = np.eye(3) if turn is None else turn
+    markers = []
+    for index in only:
+        axis, sign = divmod(index, 2)
+        z = np.eye(3)[axis] * (1 - 2 * sign)
+        y = np.eye(3)[(axis + 1) % 3]
+        matrix = np.eye(4)
+        matrix[:3, :3] = turn @ np.stack([np.cross(y, z), y, z], axis=1)
+        matrix[:3, 3] = turn @ (z * size[axis] / 2)
+        markers.append({"id": index, "size_m": 0.03, "T_object_marker": matrix.tolist()})
+    return markers
+
+
+def box_plan(strikes=9, turn=None, only=range(6), **more) -> StrikePlan:
+    triangles = box_triangles(SIZE * 1000)
+    if turn is not None:
+        triangles = triangles @ turn.T
+    spec = spec_of({"file": "b.stl", "unit": "mm"}, markers=side_markers(turn, only=only), edge_radius_m=0.001, edge_radius_sd_m=0.0002)
+    model = load_object_model(spec, stl(triangles), "b.stl")
+    return make_plan(model, spec, "0" * 64, STRIKER, strikes=strikes, **more)
+
+
+def axes_of(plan):
+    return sorted({strike.axis_id for strike in plan.strikes})
+
+
+@pytest.mark.parametrize("name", ["carton", "spray", "juice", "salt"])
+def test_virtual_objects_get_a_well_conditioned_plan(name):
+    files = object_files(OBJECTS / f"{name}.toml")
+    model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
+    plan = make_plan(model, files.spec, files.sha256, STRIKER)
+    assert plan.object_sha256 == files.sha256
+    assert len(plan.strikes) == 9
+    assert len(axes_of(plan)) >= 3
+    assert plan.predicted_com_sd_m < SD_LIMIT
+    directions = np.array([strike.pivot.direction for strike in plan.strikes])
+    assert np.linalg.matrix_rank(directions, tol=0.3) >= 2
+    for strike in plan.strikes:
+        assert strike.visible_markers
+        assert np.degrees(strike.phi_predicted_rad) < 50
+        assert strike.friction_needed <= 0.4
+        assert strike.tip_speed_m_s.min < strike.tip_speed_m_s.target < strike.tip_speed_m_s.max
+        assert strike.rolls == (name == "salt")
+        assert abs(model.depth(np.array([strike.impact.point]))[0]) < 5e-5
+
+
+def test_strikes_hit_at_y_zero_in_plus_x_and_ids_are_in_order():
+    plan = box_plan()
+    assert [strike.id for strike in plan.strikes] == [f"s{i}" for i in range(1, 10)]
+    changes = sum(a.axis_id != b.axis_id for a, b in pairwise(plan.strikes))
+    assert changes == len(axes_of(plan)) - 1
+    for strike in plan.strikes:
+        R, p = np.array(strike.R_world_object), np.array(strike.p_world_object)
+        point = R @ strike.impact.point + p
+        assert np.isclose(point[1], 0, atol=1e-9)
+        assert np.isclose(point[2], strike.impact_height_m, atol=1e-9)
+        assert point[2] >= 0.015
+        assert np.allclose(R @ strike.impact.direction, [1, 0, 0], atol=1e-9)
+        assert np.allclose(R @ strike.pivot.direction, [0, 1, 0], atol=1e-9)
+        assert np.allclose(R @ strike.pivot.point + p, [0, 0, strike.pivot.radius_m], atol=1e-9)
+
+
+def test_impulse_and_speed_carry_the_energy_over():
+    for strike in box_plan().strikes:
+        omega = strike.impulse_n_s.target * strike.impact_height_m / strike.i_edge_predicted_kg_m2
+        i_edge, phi = strike.i_edge_predicted_kg_m2, strike.phi_predicted_rad
+        distance = np.linalg.norm(np.cross(strike.pivot.direction, -np.array(strike.pivot.point)))
+        needed = 0.05 * 9.81 * distance * (1 - np.cos(phi))
+        assert np.isclose(0.5 * i_edge * omega**2, strike.energy_ratio * needed, rtol=1e-3)
+        lever = 1 / STRIKER.effective_mass_kg + strike.impact_height_m**2 / i_edge
+        assert np.isclose(strike.impulse_n_s.target, (1 + STRIKER.restitution) * strike.tip_speed_m_s.target / lever)
+
+
+def test_plan_survives_json():
+    plan = box_plan()
+    assert parse_strike_plan(plan.model_dump_json(), "plan.json") == plan
+
+
+def test_same_object_gives_the_same_plan():
+    assert box_plan() == box_plan()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_plan_turns_with_the_object(seed):
+    turn = Rotation.random(rng=seed).as_matrix()
+    plain, turned = box_plan(), box_plan(turn=turn)
+    assert np.isclose(plain.predicted_com_sd_m, turned.predicted_com_sd_m, rtol=1e-3)
+    angles = [sorted(round(strike.phi_predicted_rad, 4) for strike in plan.strikes) for plan in (plain, turned)]
+    assert np.allclose(*angles, atol=2e-4)
+    assert sorted(r.code for r in plain.rejected) == sorted(r.code for r in turned.rejected)
+
+
+@pytest.mark.parametrize("strikes", [3, 5, 12])
+def test_number_of_strikes_is_kept(strikes):
+    plan = box_plan(strikes)
+    assert len(plan.strikes) == strikes
+    assert len(axes_of(plan)) >= 3
+
+
+def test_too_few_strikes_are_refused():
+    with pytest.raises(PlanError, match="3 or more"):
+        box_plan(2)
+
+
+def test_parallel_axes_only_are_refused_with_a_remedy():
+    """Markers on the two y sides alone: every visible axis is parallel to y."""
+    with pytest.raises(PlanError, match=r"0\.00, 1\.00, 0\.00.*no_marker.*: glue markers") as caught:
+        box_plan(only=(2, 3), friction=1.0)
+    assert "\n" not in str(caught.value)
+
+
+def test_flat_slab_is_refused():
+    spec = spec_of({"box": {"size_m": [0.2, 0.2, 0.012]}}, markers=side_markers(size=np.array([0.2, 0.2, 0.012])))
+    model = load_object_model(spec, None, "")
+    with pytest.raises(PlanError, match=r"no axis can be used.*8 too_steep"):
+        make_plan(model, spec, "", STRIKER)
+
+
+def test_weak_striker_is_refused_with_its_number():
+    spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=side_markers())
+    model = load_object_model(spec, None, "")
+    with pytest.raises(PlanError, match="speed: change the striker"):
+        make_plan(model, spec, "", StrikerModel(fastest_m_s=0.1), friction=2.0)
+
+
+def test_rejections_name_axis_code_and_number():
+    plan = box_plan()
+    assert plan.rejected
+    for rejection in plan.rejected:
+        assert rejection.axis_id
+        assert rejection.code
+        assert rejection.text
+    steep = [r for r in plan.rejected if r.code == "too_steep"]
+    assert all(np.degrees(r.number) > 50 for r in steep)
+
+
+def candidates():
+    spec = spec_of({"box": {"size_m": list(SIZE)}})
+    model = load_object_model(spec, None, "")
+    believed = hypothesis(model)
+    planes = stable_planes(resting_planes(model), believed.region)
+    return [
+        design.Candidate(axis, swing(axis, np.zeros(3), 0.05, believed.unit_inertia, 9.81))
+        for axis in pivot_axes(model, spec, planes, believed)
+    ]
+
+
+def test_three_edges_of_one_vertex_are_singular():
+    vertex = SIZE / 2
+    meeting = {}
+    for candidate in candidates():
+        on_line = np.linalg.norm(np.cross(candidate.axis.direction, vertex - candidate.axis.point)) < 1e-6
+        if on_line:
+            meeting.setdefault(int(np.argmax(np.abs(candidate.axis.direction))), candidate)
+    assert len(meeting) == 3
+    normals = np.array([design.normal(candidate) for candidate in meeting.values()])
+    assert design.spread(normals) < 1e-6
+    assert design.choose(list(meeting.values()), 9, design.Errors()) is None
+
+
+def test_three_parallel_axes_are_singular():
+    parallel = [candidate for candidate in candidates() if abs(candidate.axis.direction[1]) > 0.9]
+    assert design.choose(parallel, 9, design.Errors()) is None
+    assert np.allclose(np.abs(design.unknown_direction(parallel)), [0, 1, 0])
+
+
+def test_repeats_never_beat_the_shared_errors():
+    chosen = [c for c in candidates() if abs(c.axis.plane.up[2]) > 0.9][:4]
+    errors = design.Errors(edge_radius=0.0002)
+    few, many = (np.trace(design.predicted_covariance(chosen, [n] * 4, errors)) for n in (1, 10_000))
+    exact = np.trace(design.predicted_covariance(chosen, [10_000] * 4, design.Errors(tilt=1e-9)))
+    assert exact < many < few
+
+
+def test_friction_of_the_free_motion_is_that_of_the_pendulum():
+    """At rest's angle with no speed: F/N = k*R*s*c / (g - k*R*s^2)."""
+    expected = Swing(distance=0.1, phi=0.4, i_edge=1e-3, k=70.0, mass=0.05)
+    motion = free_motion(expected, 0.0)
+    s, c = np.sin(0.4), np.cos(0.4)
+    assert motion.friction >= 70 * 0.1 * s * c / (9.81 - 70 * 0.1 * s**2) - 1e-9
+    assert free_motion(expected, 40.0).least_load < 0
+
+
+def test_paper_first_three_by_force_are_singular_for_a_tall_box():
+    spec = spec_of({"box": {"size_m": [0.06, 0.05, 0.2]}})
+    model = load_object_model(spec, None, "")
+    strikes = paper_strikes(model, 0.05)
+    assert len(strikes) == 8
+    assert [strike.force for strike in strikes] == sorted(strike.force for strike in strikes)
+    axes = np.array([strike.axis for strike in paper_plan(model, 0.05)])
+    assert np.linalg.matrix_rank(axes, tol=1e-3) == 1
+
+
+def test_paper_refuses_its_own_cylinder():
+    spec = spec_of({"cylinder": {"radius_m": 0.036, "height_m": 0.15}})
+    with pytest.raises(PlanError, match="parallel"):
+        paper_plan(load_object_model(spec, None, ""), 0.034)
+
+
+def test_striker_keeps_clear_of_edges_and_of_what_stands_out_below():
+    """A plate with a post on it: the tip meets the post high enough that its flank passes the plate."""
+    plate, post = box_triangles(np.array([80.0, 60, 20]), (0, 0, 10)), box_triangles(np.array([40.0, 60, 100]), (0, 0, 70))
+    markers = side_markers(size=np.array([0.08, 0.06, 0.02]), only=(2, 3))
+    spec = spec_of({"file": "p.stl", "unit": "mm"}, markers=markers)
+    model = load_object_model(spec, stl(np.concatenate([plate, post])), "p.stl")
+    believed = hypothesis(model)
+    planes = stable_planes(resting_planes(model), believed.region)
+    upright = next(a for a in pivot_axes(model, spec, planes, believed) if a.plane.up[2] > 0.99 and abs(a.tip[0]) > 0.99)
+    expected = swing(upright, believed.region.centre, 0.05, believed.unit_inertia, 9.81)
+    heights = np.array([point.height for point in impact_points(model, upright, [expected], [])])
+    assert heights.min() >= 0.015
+    assert heights.max() <= 0.110
+    assert not np.any((heights > 0.016) & (heights < 0.0275))
+    on_plate = [p for p in impact_points(model, upright, [expected], []) if p.height < 0.02]
+    assert all(abs(abs(p.point[0]) - 0.04) < 1e-6 for p in on_plate)
+
+
+def test_cards_are_avoided_where_possible():
+    expected = ImpactPoint(0.1, np.zeros(3), 0.05, 0.1, 0.0, on_card=True)
+    beside = ImpactPoint(0.12, np.zeros(3), 0.2, 0.25, 0.0, on_card=False)
+    slips = ImpactPoint(0.14, np.zeros(3), 0.6, 0.7, 0.0, on_card=False)
+    assert best_impact([expected, beside, slips], 0.4) is beside
+    assert best_impact([expected, slips], 0.4) is expected
+    assert best_impact([], 0.4) is None

@@ -1,0 +1,64 @@
+"""Inspection: counts, rates, gaps and losses are those that were written."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from analyze.errors import RecordingError
+from analyze.inspect import inspect_recording, render_inspection
+from tests import small_recording as small
+
+
+def test_counts_rates_and_gaps(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap", missing=(10, 11))
+    found = inspect_recording(tmp_path / "a.mcap")
+    json.dumps(found, allow_nan=False)
+    by_name = {topic["name"]: topic for topic in found["topics"]}
+    image = by_name["/camera/main/image"]
+    assert image["count"] == small.FRAMES - 2
+    assert image["longest_gap_s"] == pytest.approx(3 * small.PERIOD_NS * 1e-9)
+    assert by_name["/striker/sample"]["rate_hz"] == pytest.approx(1000.0)
+    assert by_name["/session/strike"]["rate_hz"] is None
+    camera = found["cameras"][0]
+    assert (camera["frames"], camera["lost"], camera["images"], camera["meta_missing"]) == (small.FRAMES, 0, small.FRAMES - 2, 0)
+    assert camera["rate_hz"] == pytest.approx(120.0, abs=0.01)
+    assert camera["arrival_delay_s"] == pytest.approx(0.002)
+    assert found["strikes"][0]["images_missing"] == 2
+    assert found["strikes"][0]["verdict"] == "good"
+    clock = found["clocks"][0]
+    assert (clock["clock"], clock["samples"]) == ("camera/main", 2)
+    assert clock["drift_ppm"] == pytest.approx(0.0, abs=1e-6)
+    assert clock["round_trip_s"] == pytest.approx(100e-6)
+    assert found["complete"] is True
+    assert found["duration_s"] == pytest.approx(small.FRAMES * small.PERIOD_NS * 1e-9)
+
+
+def test_a_cut_recording_is_inspected_and_named_so(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap")
+    data = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "a.mcap").write_bytes(data[:-3000])
+    found = inspect_recording(tmp_path / "a.mcap")
+    json.dumps(found, allow_nan=False)
+    assert found["complete"] is False
+    text = io.StringIO()
+    render_inspection(found, Console(file=text, width=160))
+    assert "cut short" in text.getvalue()
+    assert "/camera/main/image" in text.getvalue()
+
+
+def test_an_empty_session_is_inspected(tmp_path: Path) -> None:
+    from acquire.recorder.writer import McapWriter
+
+    with McapWriter(tmp_path / "a.mcap") as writer:
+        small.write_head(writer)
+    found = inspect_recording(tmp_path / "a.mcap")
+    json.dumps(found, allow_nan=False)
+    assert found["topics"] == []
+    render_inspection(found, Console(file=io.StringIO()))
+    with pytest.raises(RecordingError):
+        inspect_recording(tmp_path / "missing.mcap")

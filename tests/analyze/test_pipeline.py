@@ -1,0 +1,132 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from analyze.errors import EstimationError
+from analyze.pipeline import EstimateOptions, estimate_evidence, render_summary
+from analyze.score import score_estimate, tip_truth
+from analyze.types import TipMotion
+from schemas.documents import Result, Verdict, WarningCode
+from schemas.proto import percuss_pb2 as pb
+from tests.analyze.estimation.bodies import tip
+from tests.analyze.simulated_session import carton, session
+
+BODY = carton()
+
+
+@pytest.fixture(scope="module")
+def evidence():
+    return session(BODY, np.random.default_rng(3))
+
+
+@pytest.fixture(scope="module")
+def estimate(evidence):
+    return estimate_evidence(evidence)
+
+
+def truth_body():
+    return pb.TruthBody(
+        mass_kg=BODY.mass,
+        com_object=BODY.com,
+        inertia_com=BODY.inertia.ravel(),
+        edge_radius_m=BODY.edge_radius,
+        region_mass_kg=BODY.regions,
+        region_plane=[*(np.array([0.5, -0.35, 0.79]) / np.linalg.norm([0.5, -0.35, 0.79])), 0.005],
+    )
+
+
+def codes(estimate):
+    return {warning.code for warning in estimate.result.warnings}
+
+
+def test_a_simulated_session_is_met_within_the_targets(estimate):
+    assert np.linalg.norm(estimate.com.position - BODY.com) < 1e-3
+    for moment in estimate.result.moments:
+        truth = np.array(moment.direction) @ BODY.inertia @ moment.direction
+        assert moment.i_com.value == pytest.approx(truth, rel=0.08)
+    assert np.abs(estimate.distribution.masses - BODY.regions).mean() / BODY.mass < 0.04
+
+
+def test_the_same_evidence_gives_the_same_bytes(evidence, estimate):
+    assert estimate_evidence(evidence).json() == estimate.json()
+
+
+def test_the_json_is_a_valid_result(estimate):
+    data = json.loads(estimate.json())
+    assert Result.model_validate(data) == estimate.result
+    assert "NaN" not in estimate.json()
+    assert data["centre_of_mass"]["frame"] == "O"
+    assert sum(strike["weight"] for strike in data["strikes"]) == pytest.approx(1)
+
+
+def test_an_excluded_strike_is_left_out_and_said_so(evidence):
+    name = evidence.motions[0].strike_id
+    found = estimate_evidence(evidence, EstimateOptions(exclude=frozenset({name})))
+    row = found.result.strikes[0]
+    assert (row.verdict, row.used, row.weight) == (Verdict.EXCLUDED, False, 0)
+    assert WarningCode.STRIKES_EXCLUDED in codes(found)
+    assert len(found.planes) == len(evidence.motions) - 1
+
+
+def test_a_bad_strike_is_listed_with_its_reason_and_not_used(evidence):
+    lost = TipMotion(
+        evidence.motions[2].strike_id, evidence.motions[2].plan_strike_id, Verdict.MARKER_LOST, "hidden", None, None, None, (), None
+    )
+    found = estimate_evidence(replace(evidence, motions=(*evidence.motions[:2], lost, *evidence.motions[3:])))
+    assert found.result.strikes[2].reason == "hidden"
+    assert not found.result.strikes[2].used
+
+
+def test_too_few_strikes_are_refused_with_count_and_remedy(evidence):
+    with pytest.raises(EstimationError, match=r"^2 good strikes of 2, 3 are needed.*strike again$"):
+        estimate_evidence(replace(evidence, motions=evidence.motions[:2]))
+
+
+def test_parallel_axes_end_in_a_result_that_names_the_open_direction(evidence):
+    along_y = tuple(motion for motion in evidence.motions if motion.strike_id.startswith(("z-/x", "x-/z")))
+    found = estimate_evidence(replace(evidence, motions=along_y))
+    com = found.result.centre_of_mass
+    assert not com.observed
+    assert abs(com.unobserved_direction[1]) > 0.99
+    assert WarningCode.DIRECTION_UNOBSERVED in codes(found)
+
+
+def test_the_papers_estimator_stands_beside(estimate):
+    assert estimate.result.centre_of_mass_paper is not None
+    assert estimate.result.strikes[0].alternatives[0].estimator == "sign_change"
+    by_paper = estimate_evidence(estimate.evidence, EstimateOptions(estimator="sign_change"))
+    ours, theirs = (np.linalg.norm(found.com.position - BODY.com) for found in (estimate, by_paper))
+    assert ours < theirs
+
+
+def test_true_phi_and_i_edge_are_those_of_the_rounded_edge(evidence):
+    strike = evidence.plan.strikes[0]
+    phi, k = tip(BODY, strike)
+    truth = tip_truth(strike, truth_body())
+    assert truth.phi == pytest.approx(phi, abs=1e-12)
+    assert truth.i_edge == pytest.approx(BODY.mass * 9.81 * truth.distance / k, rel=1e-9)
+
+
+def test_the_score_holds_the_agreed_keys(estimate, monkeypatch, tmp_path):
+    monkeypatch.setattr("analyze.score.read_truth", lambda path: type("Truth", (), {"body": truth_body()}))
+    score = score_estimate(tmp_path / "r.mcap", estimate)
+    assert score["centre_of_mass_error_m"] < 1e-3
+    assert len(score["phi_error_rad"]) == len(score["i_edge_relative_error"]) == len(estimate.planes)
+    assert np.abs(score["phi_error_rad"]).max() < np.radians(0.3)
+    assert np.abs(score["i_edge_relative_error"]).max() < 0.03
+    assert score["region_mass_error_relative"] < 0.04
+    assert 0 <= score["mass_in_wrong_region"] < 0.06
+    json.dumps(score, allow_nan=False)
+
+
+def test_the_summary_names_the_answer(estimate):
+    console = Console(width=80, record=True, file=open("/dev/null", "w"), highlight=False)  # noqa: PTH123, SIM115 - closed below
+    render_summary(estimate, console)
+    text = console.export_text()
+    console.file.close()
+    assert "centre of mass (x, y, z)" in text
+    assert "95 % interval" in text
+    assert "surface" in text

@@ -1,0 +1,123 @@
+"""A small renderer with known corners, independent of the virtual rig's: exact area coverage, so that no direction of an edge is favoured.
+
+The area of a surface within {x < X, y < Y} is the line integral of min(x, X) dy along the part of its border with y < Y (Green); a pixel's
+share is the second difference of that over its four corners, exact to rounding. Borders between cells carry the difference of the greys.
+The lens blurs before the pixels add up: areas are taken on a grid four times finer, blurred there, and then averaged over each pixel.
+It models perspective, lens distortion (each cell's border in two straight pieces, 0.001 px), blur and noise; no exposure time, no shading.
+Integer coordinates are pixel centres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+CODE = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+LINES = np.array([-5.6, *range(-4, 5), 5.6]) / 8
+"""cell borders in units of the tag's size; the outermost ones end the white margin"""
+PIECES = 2
+FINE = 4
+"""blurred whole pixels would be a lens with a staircase for a profile: 2 grey levels off"""
+UPRIGHT_PX = 1e-6
+"""a piece narrower than this counts as upright: 1 / slope would lose its digits"""
+
+
+@dataclass(frozen=True)
+class Look:
+    """Greys, blur [px] and noise [grey levels, 1 sigma] of an image."""
+
+    noise: float = 4.0
+    blur: float = 0.7
+    white: float = 205
+    black: float = 30
+    background: float = 120
+
+
+def bits(marker_id: int) -> np.ndarray:
+    return cv2.aruco.generateImageMarker(CODE, marker_id, 8) > 127
+
+
+def project(camera, points_camera):
+    raw, _ = cv2.projectPoints(np.asarray(points_camera, float).reshape(-1, 1, 3), np.zeros(3), np.zeros(3), camera.K, camera.distortion)
+    return raw.reshape(-1, 2)
+
+
+def corners_of(size):
+    h = size / 2
+    return np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])
+
+
+def borders(marker_id, look):
+    """Pieces of border between cells of different grey: start (n, 2), end (n, 2) in units of the size, and grey inside minus outside (n,);
+    anticlockwise around the inside as seen on the tag (x right, y up)."""
+    grey = np.pad(np.where(bits(marker_id)[::-1], look.white, look.black), 1, constant_values=look.white)
+    grey = np.pad(grey, 1, constant_values=look.background)
+    start, end, weight = [], [], []
+    for i, line in enumerate(LINES):
+        for j in range(len(LINES) - 1):
+            a, b = LINES[j], LINES[j + 1]
+            # upright border, upwards: inside on its left; level border, rightwards: inside above it
+            start += [(line, a), (a, line)]
+            end += [(line, b), (b, line)]
+            weight += [grey[j + 1, i] - grey[j + 1, i + 1], grey[i + 1, j + 1] - grey[i, j + 1]]
+    start, end, weight = np.array(start), np.array(end), np.array(weight)
+    kept = weight != 0
+    steps = np.linspace(0, 1, PIECES + 1)[:, None, None]
+    points = start[kept] + steps * (end - start)[kept]
+    return points[:-1].reshape(-1, 2), points[1:].reshape(-1, 2), np.tile(weight[kept], PIECES)
+
+
+def add_border(image, start, end, weight):
+    """Add weight times the signed area between a directed line and the image's left border to every pixel; positive if it runs down."""
+    (x0, y0), (x1, y1) = (start, end) if start[1] < end[1] else (end, start)
+    signed = weight if start[1] < end[1] else -weight
+    height, width = image.shape
+    top, bottom = max(round(y0), 0), min(round(y1) + 1, height)
+    left, right = min(max(int(np.floor(min(x0, x1))), 0), width), min(max(int(np.ceil(max(x0, x1))) + 1, 0), width)
+    if top >= bottom:
+        return
+    y = np.clip(np.arange(top, bottom + 1) - 0.5, y0, y1)
+    image[top:bottom, :left] += signed * np.diff(y)[:, None]
+    if left == right:
+        return
+    X = np.arange(left, right + 1) - 0.5
+    # integral of min(x, X) over y = integral of x - integral of max(x - X, 0); the first does not depend on X
+    if abs(x1 - x0) < UPRIGHT_PX:
+        beyond = np.maximum(0.5 * (x0 + x1) - X, 0.0) * (y - y0)[:, None]
+    else:
+        slope = (x1 - x0) / (y1 - y0)
+        a, b = np.maximum((x0 + slope * (y - y0))[:, None] - X, 0.0), np.maximum(x0 - X, 0.0)
+        beyond = (a - b) * (a + b) / (2 * slope)
+    image[top:bottom, left:right] -= signed * np.diff(np.diff(beyond, axis=0), axis=1)
+
+
+def paint(camera, tags, look):
+    """The image (height, width) without noise. tags: list of (id, size, R_camera_marker, p_camera_marker), none hiding another."""
+    image = np.full((camera.height, camera.width), float(look.background))
+    for marker_id, size, R, p in tags:
+        start, end, weight = borders(marker_id, look)
+        ends = project(camera, np.concatenate([start, end]) * size @ R[:, :2].T + p)
+        margin = int(np.ceil(4 * look.blur)) + 1
+        low = np.maximum(np.floor(ends.min(0)).astype(int) - margin, 0)
+        high = np.minimum(np.ceil(ends.max(0)).astype(int) + margin + 1, [camera.width, camera.height])
+        width, height = high - low
+        if min(width, height) < 1:
+            continue
+        x, y = project(camera, corners_of(size)[::-1] @ R.T + p).T
+        turn = np.sign(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+        ends = FINE * (ends - low + 0.5) - 0.5
+        fine = np.zeros((FINE * height, FINE * width))
+        for a, b, w in zip(ends[: len(start)], ends[len(start) :], turn * weight, strict=True):
+            add_border(fine, a, b, w)
+        fine = cv2.GaussianBlur(fine, (0, 0), FINE * look.blur)
+        image[low[1] : high[1], low[0] : high[0]] += fine.reshape(height, FINE, width, FINE).mean((1, 3))
+    return image
+
+
+def render(camera, tags, rng, **look):
+    """The image as a camera gives it, uint8. tags as `paint`, look as `Look`."""
+    look = Look(**look)
+    image = paint(camera, tags, look)
+    return np.clip(np.rint(image + rng.normal(0, look.noise, image.shape)), 0, 255).astype(np.uint8)

@@ -1,0 +1,103 @@
+"""Corners against an independent renderer: no half-pixel bias, little noise, honest sd, and the per-frame angle of METHOD's targets."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+
+from analyze.tracking.camera_model import distort, pixel_map, undistort
+from analyze.tracking.edges import fit_square
+from analyze.tracking.marker import detect
+from tests.analyze.tracking.rendering import corners_of, project, render
+
+SIZE = 0.03
+FACING = np.diag([1.0, -1.0, -1.0])
+
+
+SEEDS = (1, 2, 7)
+
+
+@dataclass(frozen=True)
+class Errors:
+    corners: np.ndarray
+    """(n, 4, 2) px"""
+    sd: np.ndarray
+    """(n,) px, as reported"""
+    angle: np.ndarray
+    """(n,) rad in the image"""
+
+    @property
+    def rms(self):
+        return np.sqrt(np.mean(self.corners**2))
+
+    @property
+    def rms_over_sd(self):
+        return self.rms / np.sqrt(np.mean(self.sd**2))
+
+
+def views(camera, px, count, rng, turned_deg=(0, 360), **look):
+    """Tags at random places, tilted by up to 8 deg, turned in the image by anything in `turned_deg`."""
+    errors, sds, angles = [], [], []
+    depth = camera.K[0, 0] * SIZE / px
+    for _ in range(count):
+        tilt, towards = np.radians(rng.uniform(0, 8)), rng.uniform(0, 2 * np.pi)
+        R = cv2.Rodrigues(tilt * np.array([np.cos(towards), np.sin(towards), 0.0]))[0]
+        R = R @ cv2.Rodrigues(np.array([0.0, 0.0, np.radians(rng.uniform(*turned_deg))]))[0] @ FACING
+        p = np.array([rng.uniform(-0.14, 0.14) * depth, rng.uniform(-0.09, 0.09) * depth, depth])
+        image = render(camera, [(7, SIZE, R, p)], rng, **look)
+        truth = undistort(camera, project(camera, corners_of(SIZE) @ R.T + p))
+        (sighting,) = detect(image)
+        square = fit_square(image, pixel_map(camera), undistort(camera, sighting.corners_px), sighting.corners_px)
+        assert square is not None
+        errors.append(square.corners - truth)
+        sds.append(square.sd)
+        a, b = ((q - q.mean(0)) @ np.array([1, 1j]) for q in (truth, square.corners))
+        angles.append(np.angle(np.vdot(a, b)))
+    return Errors(np.array(errors), np.array(sds), np.array(angles))
+
+
+# Measured over 8 seeds of 60 views: rms over sd 0.94-0.96; of single seeds 0.88-1.02. 25 views have 200 independent numbers and scatter
+# by 5 %: the limits are four of these sigmas below what is measured, and seven above.
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize(
+    ("px", "corner_rms_px", "angle_deg"), [(40, 0.02, 0.025), (60, 0.016, 0.014), (80, 0.014, 0.009), (120, 0.011, 0.005)]
+)
+def test_corners_are_unbiased_precise_and_honest(camera, px, corner_rms_px, angle_deg, seed):
+    errors = views(camera, px, 25, np.random.default_rng(seed))
+    assert errors.rms < corner_rms_px
+    assert np.all(np.abs(errors.corners.mean((0, 1))) < 0.006), "half-pixel bias"
+    assert 0.75 < errors.rms_over_sd < 1.3, "the sd must be what the corners show"
+    assert np.degrees(np.std(errors.angle)) < angle_deg
+
+
+@pytest.mark.parametrize("look", [{"white": 110, "black": 60, "background": 80, "blur": 1.2}, {"blur": 2.0}, {"noise": 1.0}])
+def test_the_sd_is_honest_for_other_looks_too(camera, rng, look):
+    assert 0.75 < views(camera, 80, 30, rng, **look).rms_over_sd < 1.3
+
+
+def test_edges_along_the_pixel_grid_are_as_good_as_others(camera, rng):
+    errors = views(camera, 80, 30, rng, turned_deg=(-3, 3))
+    assert errors.rms < 0.014
+    assert 0.75 < errors.rms_over_sd < 1.3
+
+
+def test_without_noise_corners_are_exact(camera, rng):
+    assert views(camera, 80, 15, rng, noise=0.0).rms < 0.002
+
+
+def test_no_square_is_fitted_to_flat_grey(camera, rng):
+    image = np.clip(rng.normal(120, 4, (camera.height, camera.width)), 0, 255).astype(np.uint8)
+    corners = np.array([[200.0, 200], [280, 200], [280, 280], [200, 280]])
+    assert fit_square(image, pixel_map(camera), corners, corners) is None
+
+
+def test_no_square_at_the_border(camera, rng):
+    image = render(camera, [(7, SIZE, FACING, np.array([0.0, 0.0, 0.55]))], rng)
+    corners = np.array([[-30.0, 200], [50, 200], [50, 280], [-30, 280]])
+    assert fit_square(image, pixel_map(camera), corners, corners) is None
+
+
+def test_undistort_and_distort_are_inverse(camera, rng):
+    points = rng.uniform([0, 0], [655, 491], (50, 2))
+    assert np.allclose(distort(camera, undistort(camera, points)), points, atol=1e-6)

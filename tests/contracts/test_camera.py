@@ -1,0 +1,137 @@
+"""What every Camera promises (acquire/camera/base.py), run against the virtual camera and, with `-m hardware`, a real one.
+
+The real one is at the address in PERCUSS_CAMERA.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from acquire.camera.aravis import AravisCamera
+from acquire.camera.base import Camera, Frame
+from acquire.clock import SystemClock
+from acquire.config import CameraConfig
+from acquire.errors import CameraError
+from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.pattern_source import PatternSource
+from schemas.documents import CameraCalibrationSpec
+
+ADDRESS = "127.0.0.61"
+CLOSE_S = 12.0
+
+
+def config(address: str) -> CameraConfig:
+    calibration = CameraCalibrationSpec(
+        width=656, height=492, K=[[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]], T_world_camera=np.eye(4).tolist()
+    )
+    return CameraConfig(address=address, buffers=16, calibration=calibration)
+
+
+@pytest.fixture(params=["virtual", pytest.param("real", marks=pytest.mark.hardware)])
+def camera(request: pytest.FixtureRequest) -> Iterator[Camera]:
+    before = set(threading.enumerate())
+    clock = SystemClock()
+    server = VirtualGigeCamera(ADDRESS, "CONTRACT", PatternSource(clock, 1), clock) if request.param == "virtual" else None
+    device = AravisCamera(config(ADDRESS if server is not None else os.environ["PERCUSS_CAMERA"]), clock)
+    try:
+        yield device
+    finally:
+        device.close()
+        if server is not None:
+            server.close()
+    end = time.monotonic() + CLOSE_S
+    while (left := set(threading.enumerate()) - before) and time.monotonic() < end:
+        time.sleep(0.02)
+    assert not left
+
+
+def next_frame(camera: Camera) -> Frame:
+    frame = camera.read(2.0)
+    assert frame is not None
+    return frame
+
+
+def test_it_says_who_it_is(camera: Camera) -> None:
+    info = camera.open()
+    assert info.vendor
+    assert info.model
+    assert info.serial
+
+
+def test_frames_are_numbered_and_their_clocks_run_forward(camera: Camera) -> None:
+    camera.open()
+    camera.start()
+    previous = next_frame(camera)
+    assert previous.sequence == 0
+    assert previous.lost_before == 0
+    assert previous.image.shape == (492, 656)
+    assert previous.image.dtype == np.uint8
+    for _ in range(60):
+        camera.release(previous)
+        frame = next_frame(camera)
+        assert frame.sequence == previous.sequence + 1
+        assert frame.device_time_ns > previous.device_time_ns
+        assert frame.host_time_ns > previous.host_time_ns
+        assert frame.exposure_us == pytest.approx(1500.0, abs=20.0)
+        previous = frame
+    camera.release(previous)
+    camera.stop()
+
+
+def test_a_held_frame_is_not_overwritten(camera: Camera) -> None:
+    camera.open()
+    camera.start()
+    held = next_frame(camera)
+    copy = held.image.copy()
+    for _ in range(40):  # more than there are buffers
+        camera.release(next_frame(camera))
+    assert np.array_equal(held.image, copy)
+    camera.release(held)
+
+
+def test_frames_that_are_never_released_end_in_silence_not_in_overwriting(camera: Camera) -> None:
+    camera.open()
+    camera.start()
+    held = [next_frame(camera) for _ in range(16)]
+    assert camera.read(0.3) is None
+    for frame in held:
+        camera.release(frame)
+    assert next_frame(camera).lost_before > 0  # what came meanwhile is counted
+
+
+def test_its_clock_is_read_between_two_of_the_hosts(camera: Camera) -> None:
+    camera.open()
+    first = camera.latch_clock()
+    time.sleep(0.2)
+    second = camera.latch_clock()
+    assert first is not None
+    assert second is not None
+    assert first.host_before_ns < first.host_after_ns < second.host_before_ns < second.host_after_ns
+    elapsed = second.device_time_ns - first.device_time_ns
+    assert second.host_before_ns - first.host_after_ns < elapsed * (1 + 1e-4)
+    assert elapsed * (1 - 1e-4) < second.host_after_ns - first.host_before_ns
+
+
+def test_a_read_ends_in_time_and_without_a_frame_where_none_comes(camera: Camera) -> None:
+    camera.open()
+    camera.start()
+    camera.stop()
+    began = time.monotonic()
+    assert camera.read(0.1) is None
+    assert time.monotonic() - began < 0.5
+
+
+def test_close_is_always_safe(camera: Camera) -> None:
+    camera.close()
+    camera.open()
+    camera.start()
+    camera.close()
+    camera.close()
+    with pytest.raises(CameraError, match="not open"):
+        camera.read(0.1)

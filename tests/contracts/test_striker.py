@@ -1,0 +1,91 @@
+"""What every striker must do, against the virtual servo and, with `-m hardware` and PERCUSS_STRIKER_RIG, against a real one.
+
+PERCUSS_STRIKER_RIG names a rig file. The arm moves: nothing but air may be in its way.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from acquire.clock import SystemClock
+from acquire.config import StrikerConfig, read_rig
+from acquire.errors import StrikerNotFound, StrikerRefused
+from acquire.striker.base import Striker, StrikerState
+from acquire.striker.dynamixel import DynamixelStriker
+from schemas.proto import percuss_pb2 as pb
+from tests.acquire.striker.plant import Plant
+
+
+@dataclass
+class Device:
+    config: StrikerConfig
+    samples: list[pb.StrikerSample] = field(default_factory=list)
+    events: list[pb.StrikerEvent] = field(default_factory=list)
+    clocks: list[pb.ClockSample] = field(default_factory=list)
+
+    def striker(self) -> DynamixelStriker:
+        return DynamixelStriker(self.config, self.samples.append, self.events.append, self.clocks.append, SystemClock())
+
+
+@pytest.fixture(params=["virtual", pytest.param("hardware", marks=pytest.mark.hardware)])
+def device(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Device]:
+    if request.param == "virtual":
+        with Plant(tmp_path) as plant:
+            yield Device(plant.config())
+    else:
+        yield Device(read_rig(Path(os.environ["PERCUSS_STRIKER_RIG"])).striker)
+
+
+@pytest.fixture
+def striker(device: Device) -> Iterator[Striker]:
+    striker = device.striker()
+    striker.open()
+    yield striker
+    striker.close()
+
+
+def test_the_whole_order_of_calls(striker: Striker, device: Device) -> None:
+    assert striker.state is StrikerState.DISARMED
+    striker.home()
+    assert striker.state is StrikerState.HOMED
+    for number in range(2):
+        striker.arm()
+        assert striker.state is StrikerState.ARMED
+        striker.cock()
+        assert striker.state is StrikerState.SETTLED
+        outcome = striker.strike(f"s{number}", 0.3)
+        assert striker.state is StrikerState.DISARMED
+        assert outcome.contacts == 1
+        assert outcome.contact_time_ns is not None
+        assert outcome.released_ns < outcome.contact_time_ns
+        assert outcome.tip_speed_m_s == pytest.approx(0.3, rel=0.05)
+    times = [(s.host_before_ns, s.host_after_ns) for s in device.samples]
+    assert all(before < after for before, after in times)
+    assert times == sorted(times)
+    assert all(event.host_time_ns > 0 for event in device.events)
+
+
+def test_nothing_moves_without_its_permission(striker: Striker) -> None:
+    for forbidden in (striker.arm, striker.cock, lambda: striker.strike("s", 0.3)):
+        with pytest.raises(StrikerRefused):
+            forbidden()
+    striker.home()
+    striker.arm()
+    striker.stop()
+    with pytest.raises(StrikerRefused):
+        striker.cock()
+
+
+def test_a_port_has_one_owner_and_close_may_be_repeated(striker: Striker, device: Device) -> None:
+    with pytest.raises(StrikerNotFound):
+        device.striker().open()
+    striker.close()
+    striker.close()
+    again = device.striker()
+    again.open()
+    again.close()

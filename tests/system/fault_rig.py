@@ -1,0 +1,287 @@
+"""A rig to break: a camera in a process, a servo with its arm in this one, the daemon with its children; and rows for a table."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.reader import make_reader
+
+from acquire.api import DaemonClient
+from acquire.errors import AcquireError, StrikerLost
+from schemas import topics
+from schemas.documents import StrikePlan, canonical_json, object_sha256, parse_object_spec
+from schemas.proto import percuss_pb2 as pb
+from tests.acquire.striker.plant import EFFECTIVE_MASS, Plant
+from tests.acquire.test_session import planned
+
+TABLE_VARIABLE = "PERCUSS_FAULT_TABLE"
+"""names the file that rows are added to, as JSON lines"""
+RATE_HZ = 120.0
+ADDRESS, OTHER_ADDRESS = "127.0.0.121", "127.0.0.122"
+OBJECT = """\
+name = "carton"
+mass_kg = 0.044
+mass_sd_kg = 0.0001
+
+[shape]
+box = { size_m = [0.08, 0.06, 0.15] }
+
+[[marker]]
+id = 3
+size_m = 0.03
+"""
+_CAMERA = Path(__file__).parents[1] / "acquire" / "camera" / "pattern_camera.py"
+
+
+def add_row(fault: str, lost: str, again: str) -> None:
+    """One row of docs/faults.md, if somebody collects them."""
+    if path := os.environ.get(TABLE_VARIABLE):
+        with Path(path).open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"fault": fault, "lost": lost, "again": again}) + "\n")
+
+
+def wait_until(condition: Callable[[], Any], timeout_s: float, pause_s: float = 0.002) -> float:
+    """Seconds until `condition` held; fails when it does not in time."""
+    start = time.monotonic()
+    while not condition():
+        assert time.monotonic() - start < timeout_s, f"not within {timeout_s} s"
+        time.sleep(pause_s)
+    return time.monotonic() - start
+
+
+def alive(pid: int) -> bool:
+    """Whether the process runs; a zombie does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def child(pid: int, word: str) -> int:
+    """The child process of `pid` whose command line holds `word`; 0: none."""
+    for children in Path(f"/proc/{pid}/task").glob("*/children"):  # each thread has its own
+        with contextlib.suppress(OSError):
+            for text in children.read_text(encoding="utf-8").split():
+                if word.encode() in Path(f"/proc/{text}/cmdline").read_bytes():
+                    return int(text)
+    return 0
+
+
+def messages(path: Path, topic: topics.Topic) -> list[tuple[int, Any]]:
+    """(log time, message) of one topic, from a whole file whose checksums are right."""
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        return [(m.log_time, topic.message.FromString(m.data)) for _, _, m in reader.iter_messages(topics=[topic.name])]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The frames of a recording."""
+
+    arrived: int
+    lost: int
+    longest_gap_s: float
+    first_ns: int
+    last_ns: int
+    """log times"""
+
+    @classmethod
+    def of(cls, path: Path) -> Frames:
+        found = messages(path, topics.frame_meta("main"))
+        times = np.array([time for time, _ in found])
+        lost = sum(meta.frames_lost_before for _, meta in found[1:])
+        return cls(len(found), lost, float(np.diff(times).max()) * 1e-9, int(times[0]), int(times[-1]))
+
+    @property
+    def unaccounted(self) -> float:
+        """Frame periods between first and last frame that are neither a frame nor counted as lost."""
+        return (self.last_ns - self.first_ns) * 1e-9 * RATE_HZ - (self.arrived - 1) - self.lost
+
+
+class Camera:
+    """The pattern camera's process."""
+
+    def __init__(self, address: str = ADDRESS, packet_loss: float = 0.0) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, str(_CAMERA), address, str(packet_loss)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        self._counts: dict[str, int] | None = None
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline() == "ready\n"
+
+    def finish(self) -> dict[str, int]:
+        """End it; its packet counts. Safe to call twice."""
+        if self._counts is None:
+            self.process.send_signal(signal.SIGCONT)
+            output, _ = self.process.communicate(timeout=20)
+            self._counts = json.loads(output) if output else {}
+        return self._counts
+
+
+class Daemon:
+    """`acquire run` as a process."""
+
+    def __init__(self, rig_file: Path, before: tuple[str, ...] = (), **environment: str) -> None:
+        self.rig_file = rig_file
+        self.socket = rig_file.with_suffix("") / "d.sock"
+        self.started = time.monotonic()
+        with rig_file.with_suffix(".err").open("ab") as errors:
+            self.process = subprocess.Popen(
+                [*before, sys.executable, "-m", "acquire", "run", str(rig_file)],
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                env=os.environ | environment,
+                start_new_session=True,
+            )
+        assert self.process.stdout is not None
+        self.ready = self.process.stdout.readline()
+        self.ready_s = time.monotonic() - self.started
+
+    @property
+    def pid(self) -> int:
+        return self.process.pid
+
+    @property
+    def complaints(self) -> str:
+        return self.rig_file.with_suffix(".err").read_text(encoding="utf-8")
+
+    @property
+    def capture(self) -> int:
+        return child(self.pid, "acquire.capture")
+
+    @property
+    def watcher(self) -> int:
+        return child(self.pid, "watch")
+
+    def client(self) -> DaemonClient:
+        return DaemonClient(self.socket)
+
+    def end(self) -> None:
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            if self.process.poll() is None:
+                self.process.send_signal(number)
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    self.process.wait(20)
+        if self.process.stdout is not None:
+            self.process.stdout.close()
+
+
+class FaultRig:
+    """Camera, servo and daemon; everything ends with it."""
+
+    def __init__(self, cleanup: contextlib.ExitStack, folder: Path) -> None:
+        self._cleanup = cleanup
+        self.folder = folder
+        self.plant = cleanup.enter_context(Plant(folder, gap=0.0))
+        self.recording = folder / "r.mcap"
+
+    def camera(self, address: str = ADDRESS, packet_loss: float = 0.0) -> Camera:
+        camera = Camera(address, packet_loss)
+        self._cleanup.callback(camera.finish)
+        return camera
+
+    def rig_file(self, name: str = "d", address: str = ADDRESS, striker: str | None = None, recorder: str = "") -> Path:
+        port = striker or f'port = "{self.plant.servo.port_path}"\neffective_mass_kg = {EFFECTIVE_MASS}\neffective_mass_sd_kg = 0.01'
+        path = self.folder / f"{name}.toml"
+        path.write_text(
+            f"""[camera]
+address = "{address}"
+frame_rate_hz = {RATE_HZ}
+[camera.calibration]
+width = 656
+height = 492
+K = [[1430, 0, 328], [0, 1430, 246], [0, 0, 1]]
+T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]
+[striker]
+{port}
+[recorder]
+disk_reserve_bytes = 0
+{recorder}
+[daemon]
+socket = "{path.with_suffix("") / "d.sock"}"
+""",
+            encoding="utf-8",
+        )
+        return path
+
+    def daemon(self, rig_file: Path | None = None, before: tuple[str, ...] = (), **environment: str) -> Daemon:
+        """Started; `before` is a command that starts it in its own place."""
+        daemon = Daemon(rig_file or self.rig_file(), before, **environment)
+        self._cleanup.callback(daemon.end)
+        return daemon
+
+    def client(self, daemon: Daemon) -> DaemonClient:
+        return self._cleanup.enter_context(contextlib.closing(daemon.client()))
+
+    def open_recording(self, client: DaemonClient, path: Path | None = None) -> int:
+        """Open a recording; its wall anchor."""
+        return int(client.call("recording.open", **recording_request(path or self.recording))["wall_anchor_ns"])
+
+    def cocked(self, client: DaemonClient) -> None:
+        """The object stands there, the arm is settled. Once more where a busy host let the virtual servo miss its answers."""
+        self.plant.restore(gap=0.0)
+        for patience in (2, 1, 0):
+            try:
+                for verb in ("home", "arm", "cock"):
+                    client.call(f"striker.{verb}")
+                return
+            except StrikerLost:
+                if not patience:
+                    raise
+
+    def strike_in_background(self, client: DaemonClient, tip_speed_m_s: float) -> None:
+        self.in_background(client, "striker.strike", strike_id="s1.1", tip_speed_m_s=tip_speed_m_s)
+
+    def in_background(self, client: DaemonClient, method: str, **params: Any) -> None:
+        """Call, and do not mind what becomes of it."""
+
+        def call() -> None:
+            with contextlib.suppress(AcquireError):
+                client.call(method, **params)
+
+        thread = threading.Thread(target=call, name=method)
+        thread.start()
+        self._cleanup.callback(thread.join)
+
+    def still_after_s(self, since_ns: int, rad_s: float = 0.1) -> float:
+        """How long after `since_ns` the arm went on moving [s]."""
+        moving = [t for t, _, omega in self.plant.history if t > since_ns and abs(omega) > rad_s]
+        return (max(moving) - since_ns) * 1e-9 if moving else 0.0
+
+    @property
+    def torque(self) -> bool:
+        return bool(self.plant.servo.registers["Torque Enable"])
+
+
+def recording_request(path: Path) -> dict[str, Any]:
+    """Parameters of recording.open."""
+    spec = parse_object_spec(OBJECT, "object")
+    plan = StrikePlan(object_name="carton", object_sha256=object_sha256(spec, None), strikes=[planned("s1")])
+    return {"path": str(path), "object_toml": OBJECT, "plan_json": canonical_json(plan)}
+
+
+@contextlib.contextmanager
+def fault_rig() -> Iterator[FaultRig]:
+    """A rig in a folder with a short name, for the sockets."""
+    with tempfile.TemporaryDirectory(prefix="pf-") as name, contextlib.ExitStack() as cleanup:
+        yield FaultRig(cleanup, Path(name))
+
+
+def contact_event(path: Path) -> pb.StrikerEvent | None:
+    """The recorded contact."""
+    found = [event for _, event in messages(path, topics.STRIKER_EVENT) if event.kind == pb.StrikerEvent.CONTACT]
+    return found[0] if found else None

@@ -1,0 +1,647 @@
+"""Whatever is put in wrongly gives one line that names the thing and the remedy, exit code 1, and leaves nothing behind."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import serial
+from click.testing import CliRunner
+
+from acquire.api import DaemonClient, wait_for_socket
+from acquire.cli import main as acquire
+from acquire.clock import SystemClock
+from acquire.recorder.image import RawImageEncoder
+from acquire.recorder.writer import McapWriter
+from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.pattern_source import PatternSource
+from analyze.cli import main as analyze
+from analyze.errors import OutputError
+from analyze.output_file import write_text
+from schemas import topics
+from schemas.documents import (
+    MANIFEST_NAME,
+    CameraCalibrationSpec,
+    ManifestCamera,
+    StrikePlan,
+    canonical_json,
+    object_sha256,
+    parse_object_spec,
+    sha256_text,
+)
+from schemas.proto import percuss_pb2 as pb
+from tests import small_recording
+from tests.acquire.striker.plant import Plant
+from tests.analyze.motion.tipping import SIZE, camera, marker, marker_poses, planned, simulate
+from tests.analyze.tracking.rendering import render
+
+ADDRESS, EMPTY_ADDRESS, TAKEN_ADDRESS = "127.0.0.62", "127.0.0.63", "127.0.0.64"
+CARTON = """\
+name = "carton"
+mass_kg = 0.044
+mass_sd_kg = 0.0001
+shell_thickness_m = 0.0025
+edge_radius_m = 0.001
+
+[shape]
+box = { size_m = [0.08, 0.06, 0.15] }
+
+[[marker]]
+id = 3
+size_m = 0.03
+T_object_marker = [[0, 0, 1, 0.04], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
+"""
+MESH = CARTON.replace("box = { size_m = [0.08, 0.06, 0.15] }", 'file = "body.stl"\nunit = "mm"')
+JUICE_STL = (Path(__file__).parents[2] / "acquire/virtual/object_data/juice.stl").read_bytes()
+
+
+def complaint(command, *arguments: object) -> str:
+    """The one line on standard error; anything else is a failure."""
+    result = CliRunner().invoke(command, [str(argument) for argument in arguments])
+    assert result.exit_code == 1, (result.output, result.exception)
+    assert result.stdout == ""
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    return one_line(result.stderr)
+
+
+def one_line(text: str) -> str:
+    assert "Traceback" not in text
+    (line,) = text.splitlines()
+    assert line.startswith(("acquire: ", "analyze: "))
+    return line
+
+
+def names_in(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+@pytest.fixture(autouse=True)
+def nothing_left(tmp_path: Path) -> Iterator[None]:
+    """No file with a temporary name outlives a complaint."""
+    yield
+    assert [path for path in tmp_path.rglob("*") if path.name.endswith(".part") or path.name.startswith(".")] == []
+
+
+def write(path: Path, data: str | bytes) -> Path:
+    path.write_bytes(data.encode() if isinstance(data, str) else data)
+    return path
+
+
+# --- object, mesh, rig and plan files ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("shell_thickness_m", "wall_thickness_m", r"unknown key 'wall_thickness_m': remove it or correct its spelling"),
+        ("mass_sd_kg", "mass_sdkg", r"unknown key 'mass_sdkg'"),
+        ("0.044", "44", r"mass_kg: 44 kg is too heavy .* in kilograms \(44 g would be 0.044\)"),
+        ("0.044", "15", r"20.*e\+04 kg/m3.*correct mass_kg \(in kilograms\)|2.08e\+04 kg/m3"),
+        ("0.0001", "0.1", r"mass_sd_kg is not below mass_kg: .* in kilograms"),
+        ("0.0001", "nan", r"mass_sd_kg: .*finite"),
+        ("[0.08, 0.06, 0.15]", "[80, 60, 150]", r"give box and cylinder in metres"),
+        ("0.0025", "2.5", r"shell_thickness_m: 2.5 m .* \(2.5 mm would be 0.0025\)"),
+        ("edge_radius_m = 0.001", "edge_radius_m = 1.0", r"edge_radius_m: 1 m .* in metres"),
+        ("0.04]", "40]", r"T_object_marker: its translation is 40 m: translations are in metres"),
+        ("[1, 0, 0, 0]", "[2, 0, 0, 0]", r"T_object_marker: .* no rotation"),
+        ("[1, 0, 0, 0]", "[-1, 0, 0, 0]", r"T_object_marker: .* right-handed"),
+        ("[0, 0, 0, 1]", "[0, 0, 0, 2]", r"T_object_marker: its last row"),
+        ("id = 3", "id = 900", r"marker.0.id: .* 586"),
+        ("name =", "name", r"not valid TOML"),
+        ("name =", "deep = " + "[" * 5000 + "\nname =", r"nested too deep|not valid TOML"),
+    ],
+)
+def test_an_object_file_with_a_mistake(tmp_path: Path, old: str, new: str, says: str) -> None:
+    path = write(tmp_path / "object.toml", CARTON.replace(old, new, 1))
+    line = complaint(analyze, "plan", path, "-o", tmp_path / "plan.json")
+    assert re.search(says, line)
+    assert names_in(tmp_path) == {"object.toml"}
+
+
+@pytest.mark.parametrize(
+    ("toml", "mesh", "says"),
+    [
+        (MESH.replace('unit = "mm"\n', ""), JUICE_STL, r"needs its unit: unit = \"mm\""),
+        (MESH.replace('"mm"', '"m"'), JUICE_STL, r"body.stl: .* did you mean unit = \"mm\"\?"),
+        (MESH.replace('"mm"', '"in"'), JUICE_STL, r"body.stl: .* did you mean unit = \"mm\"\?"),
+        (
+            MESH,
+            JUICE_STL[:80] + (57).to_bytes(4, "little") + JUICE_STL[84 : 84 + 57 * 50],
+            r"body.stl: not a closed body \(\d+ open edges\): close",
+        ),
+        (MESH, JUICE_STL[:2000], r"body.stl: cannot be read as STL: .*export it anew"),
+        (MESH, b"", r"body.stl: holds no faces"),
+        (MESH, None, r"body.stl: no such shape file: object.toml names it"),
+        (MESH.replace("body.stl", "body.step"), JUICE_STL, r"body.step: no such shape file"),
+    ],
+)
+def test_a_mesh_that_is_no_closed_body_of_known_size(tmp_path: Path, toml: str, mesh: bytes | None, says: str) -> None:
+    path = write(tmp_path / "object.toml", toml)
+    if mesh is not None:
+        write(tmp_path / "body.stl", mesh)
+    assert re.search(says, complaint(analyze, "plan", path, "-o", tmp_path / "plan.json"))
+    assert not (tmp_path / "plan.json").exists()
+
+
+def test_an_object_file_that_is_none(tmp_path: Path) -> None:
+    assert "none.toml: no such file: check the path" in complaint(analyze, "plan", tmp_path / "none.toml")
+    assert "is not a text file" in complaint(analyze, "plan", write(tmp_path / "noise.toml", bytes(range(256))))
+    assert "Is a directory" in complaint(analyze, "plan", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "no such rig file: check the path"),
+        ("[camera]\naddress = '1'\n", r"no section \[camera.calibration\]"),
+        ("camera = 5\n", "cannot be used as a rig file"),
+        ("rig : 1\n", "not valid TOML"),
+        ("table_friction = -1\n{calibration}", "table_friction = -1 is not between"),
+        ("[striker]\neffective_mass_kg = nan\n{calibration}", "effective_mass_kg = nan is not between"),
+        ("{calibration}\nfocus = 3\n", "unknown key 'focus'"),
+    ],
+)
+def test_a_rig_file_that_cannot_be_planned_with(tmp_path: Path, text: str | None, says: str) -> None:
+    calibration = "[camera.calibration]\nwidth = 656\nheight = 492\nK = [[1430, 0, 328], [0, 1430, 246], [0, 0, 1]]\n"
+    calibration += "T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]\n"
+    path = tmp_path / "rig.toml"
+    if text is not None:
+        write(path, text.replace("{calibration}", calibration))
+    line = complaint(analyze, "plan", write(tmp_path / "object.toml", CARTON), "--rig", path)
+    assert re.search(says, line)
+    assert "rig.toml" in line
+
+
+def test_an_output_without_a_place(tmp_path: Path) -> None:
+    thing = write(tmp_path / "object.toml", CARTON)
+    assert "is what is read" in complaint(analyze, "plan", thing, "-o", thing)
+    assert "create it first" in complaint(analyze, "plan", thing, "-o", tmp_path / "gone" / "p.json")
+    assert "is a folder: name a file in it" in complaint(analyze, "plan", thing, "-o", tmp_path)
+    with pytest.raises(OutputError, match=r"/proc/p.json: cannot be written: .*: choose another place"):
+        write_text(Path("/proc/p.json"), "")
+    assert thing.read_text() == CARTON
+    assert names_in(tmp_path) == {"object.toml"}
+
+
+# --- recordings ----------------------------------------------------------------------------------------------------------
+
+
+def spec_and_plan(toml: str = CARTON, **changes: object) -> tuple[str, StrikePlan]:
+    digest = object_sha256(parse_object_spec(toml, "object"), None)
+    strikes = [planned().model_copy(update={"id": f"s{number}", "pivot": pivot()}) for number in range(1, 5)]
+    known = {"object_name": "carton", "object_sha256": digest, "strikes": strikes}
+    return toml, StrikePlan.model_validate(known | changes)
+
+
+def pivot():
+    return planned().pivot.model_copy(update={"point": [0.039, 0.0, -0.074], "radius_m": 0.001})
+
+
+def record(
+    path: Path, images: list[np.ndarray], *, toml: str = CARTON, plan: StrikePlan | None = None, strikes: int = 4, **manifest: object
+) -> Path:
+    """A recording of `images`, all within each of the strikes' windows."""
+    plan = plan or spec_and_plan(toml)[1]
+    plan_json = plan.model_dump_json()
+    height, width = images[0].shape
+    lens = camera()
+    spec = parse_object_spec(toml, "object")
+    calibration = CameraCalibrationSpec(width=width, height=height, K=lens.K.tolist(), T_world_camera=lens.T_world_camera.tolist())
+    known = {
+        "object": spec,
+        "object_sha256": object_sha256(spec, None),
+        "plan_sha256": sha256_text(plan_json),
+        "cameras": [ManifestCamera(name="main", frame_rate_hz=120.0, exposure_us=1500, calibration=calibration)],
+        "hashes": {"plan.json": sha256_text(plan_json)},
+    }
+    writer = McapWriter(path)
+    writer.metadata(MANIFEST_NAME, {"json": canonical_json(small_recording.manifest(**known | manifest))})
+    writer.attachment("plan.json", "application/json", plan_json.encode())
+    encoder = RawImageEncoder("camera", width, height)
+    raw, clock, strike = (writer.add_topic(topic) for topic in (topics.raw_image("main"), topics.CLOCK_SAMPLE, topics.SESSION_STRIKE))
+    start, last = small_recording.frame_time(0), small_recording.frame_time(len(images) - 1)
+    writer.write(clock, start, pb.ClockSample(clock="camera/main").SerializeToString())
+    for number, image in enumerate(images):
+        time_ns = small_recording.frame_time(number)
+        writer.write(raw, time_ns, encoder.encode(time_ns, image), sequence=number)
+    for number in range(1, strikes + 1):
+        message = pb.StrikeRecord(strike_id=f"s{number}.1", plan_strike_id=f"s{number}", window_start_ns=start, window_end_ns=last)
+        writer.write(strike, last + number, message.SerializeToString())
+    writer.finish()
+    return path
+
+
+BLANK = [np.full((64, 96), 120, np.uint8)] * 3
+
+
+@pytest.fixture(scope="module")
+def scenes() -> dict[str, list[np.ndarray]]:
+    """Images of a resting tag: alone, and beside another one of the same id."""
+    rng = np.random.default_rng(0)
+    R, p = marker_poses(simulate(1.0, length=0.02), marker())
+    one = (3, SIZE, R[0], p[0])
+    other = (3, SIZE, R[0], p[0] + np.array([0.05, 0.0, 0.0]))
+    return {"one": [render(camera(), [one], rng)] * 3, "twice": [render(camera(), [one, other], rng)] * 3}
+
+
+@pytest.mark.parametrize("verb", ["inspect", "estimate", "score", "report", "replay", "watch"])
+def test_a_recording_that_is_none(tmp_path: Path, verb: str) -> None:
+    before = {write(tmp_path / "noise.mcap", bytes(range(256))).name}
+    assert "none.mcap: no such recording: check the path" in complaint(analyze, verb, tmp_path / "none.mcap")
+    assert "noise.mcap: is not a recording: it does not begin like an MCAP file" in complaint(analyze, verb, tmp_path / "noise.mcap")
+    assert "cannot be read: Is a directory" in complaint(analyze, verb, tmp_path)
+    assert names_in(tmp_path) == before
+
+
+@pytest.mark.parametrize("verb", ["estimate", "score", "report", "replay"])
+@pytest.mark.parametrize("name", ["cut.mcap", "cut.mcap.part"])
+def test_a_recording_that_is_cut_short(tmp_path: Path, verb: str, name: str) -> None:
+    whole = record(tmp_path / "whole.mcap", BLANK).read_bytes()
+    cut = write(tmp_path / name, whole[: len(whole) // 2])
+    assert f"{name}: ends early: it was cut short or is still being written: `acquire recover" in complaint(analyze, verb, cut)
+    empty = write(tmp_path / "empty.mcap", b"")
+    assert "empty.mcap: is empty" in complaint(analyze, verb, empty)
+    cut.unlink()
+    assert names_in(tmp_path) == {"whole.mcap", "empty.mcap"}
+
+
+@pytest.mark.parametrize("verb", ["inspect", "estimate", "score", "report", "replay", "watch"])
+def test_a_recording_of_another_major_schema(tmp_path: Path, verb: str) -> None:
+    path = record(tmp_path / "new.mcap", BLANK, schema_version="2.3")
+    assert "new.mcap: has schema version 2.3, this program reads 1.x: use a version of Percuss that writes 2.x" in complaint(
+        analyze, verb, path
+    )
+
+
+def test_a_newer_minor_schema_is_read(tmp_path: Path) -> None:
+    path = record(tmp_path / "new.mcap", BLANK, schema_version="1.7")
+    assert CliRunner().invoke(analyze, ["inspect", str(path)]).exit_code == 0
+
+
+def test_recover_refuses_what_it_cannot_save_and_what_exists(tmp_path: Path) -> None:
+    whole = record(tmp_path / "whole.mcap", BLANK)
+    assert "exists already" in complaint(acquire, "recover", whole, "-o", whole)
+    assert "no such recording: check the path" in complaint(acquire, "recover", tmp_path / "none.mcap")
+    assert "is empty" in complaint(acquire, "recover", write(tmp_path / "empty.mcap", b""))
+    assert "is not a recording" in complaint(acquire, "recover", write(tmp_path / "noise.mcap", bytes(99)))
+    assert "nothing can be saved" in complaint(acquire, "recover", write(tmp_path / "head.mcap", whole.read_bytes()[:30]))
+    assert "check the folder" in complaint(acquire, "recover", whole, "-o", tmp_path / "gone" / "new.mcap")
+    assert names_in(tmp_path) == {"whole.mcap", "empty.mcap", "noise.mcap", "head.mcap"}
+
+
+@pytest.mark.parametrize("verb", ["estimate", "report", "replay"])
+def test_a_plan_of_another_object(tmp_path: Path, verb: str) -> None:
+    path = record(tmp_path / "r.mcap", BLANK, plan=spec_and_plan(object_sha256="0" * 64)[1])
+    assert re.search(r"r.mcap: its plan is of another object .*plan this object and record again", complaint(analyze, verb, path))
+
+
+def test_too_few_good_strikes(tmp_path: Path) -> None:
+    path = record(tmp_path / "r.mcap", BLANK)
+    assert re.search(r"r.mcap: 0 good strikes of 4, 3 are needed \(s1.1 marker_lost.*strike again", complaint(analyze, "estimate", path))
+    excluded = [f"--exclude=s{number}.1" for number in (1, 2)]
+    assert "exclude fewer" in complaint(analyze, "estimate", path, *excluded)
+    line = complaint(analyze, "estimate", path, "--exclude", "s9.1")
+    assert "no strike 's9.1' to exclude: its strikes are s1.1, s2.1, s3.1, s4.1" in line
+    assert "0 good strikes of 0" in complaint(analyze, "estimate", record(tmp_path / "none.mcap", BLANK, strikes=0))
+
+
+def test_a_tag_that_is_unknown_or_seen_twice(tmp_path: Path, scenes: dict[str, list[np.ndarray]]) -> None:
+    strange = record(tmp_path / "strange.mcap", scenes["one"], toml=CARTON.replace("id = 3", "id = 7"))
+    line = complaint(analyze, "estimate", strange)
+    assert "strange.mcap: marker 3 is in view, but the object carries 7: correct the object file or the marker" in line
+    twice = record(tmp_path / "twice.mcap", scenes["twice"])
+    assert "twice.mcap: marker 3 is in view twice: cover or remove one" in complaint(analyze, "estimate", twice)
+
+
+def test_an_object_file_of_another_shape_given_afterwards(tmp_path: Path) -> None:
+    path = record(tmp_path / "r.mcap", BLANK)
+    other = write(tmp_path / "other.toml", CARTON.replace("0.15]", "0.08]"))
+    line = complaint(analyze, "estimate", path, "--object", other)
+    assert re.search(r"other.toml: is of another shape than .*r.mcap: .* mm off its surface: give a corrected file", line)
+    corrected = write(tmp_path / "corrected.toml", CARTON.replace("0.044", "0.045").replace("0.15]", "0.151]"))
+    assert "good strikes" in complaint(analyze, "estimate", path, "--object", corrected)
+    assert "gone.toml: no such file" in complaint(analyze, "estimate", path, "--object", tmp_path / "gone.toml")
+
+
+def test_no_truth_to_score_against(tmp_path: Path) -> None:
+    assert "holds no truth: only recordings of the virtual rig" in complaint(analyze, "score", record(tmp_path / "r.mcap", BLANK))
+
+
+@pytest.mark.parametrize(("verb", "option"), [("report", "-o"), ("replay", "--save"), ("replay", "--screenshot")])
+def test_a_recording_is_never_written_over(tmp_path: Path, verb: str, option: str) -> None:
+    path = record(tmp_path / "r.mcap", BLANK)
+    before = path.read_bytes()
+    assert "is what is read" in complaint(analyze, verb, path, option, path)
+    assert "create it first" in complaint(analyze, verb, path, option, tmp_path / "gone" / "out")
+    assert path.read_bytes() == before
+
+
+# --- the rig ----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Rig:
+    folder: Path
+
+    def file(self, name: str, address: str = ADDRESS, striker: str = 'kind = "manual"', socket_name: str = "d") -> Path:
+        return write(
+            self.folder / f"{name}.toml",
+            f"""[camera]
+address = "{address}"
+[camera.calibration]
+width = 656
+height = 492
+K = [[1430, 0, 328], [0, 1430, 246], [0, 0, 1]]
+T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]
+[striker]
+{striker}
+[recorder]
+disk_reserve_bytes = 0
+[daemon]
+socket = "{self.socket(socket_name)}"
+""",
+        )
+
+    def socket(self, name: str) -> Path:
+        return self.folder / name / "daemon.sock"
+
+
+@pytest.fixture(scope="module")
+def rig() -> Iterator[Rig]:
+    """A folder with a short name, for sockets, and a camera that sends a pattern."""
+    folder = Path(tempfile.mkdtemp(prefix="pc-"))
+    clock = SystemClock()
+    served = VirtualGigeCamera(ADDRESS, "BAD-INPUT", PatternSource(clock, 1), clock)
+    try:
+        yield Rig(folder)
+    finally:
+        served.close()
+        shutil.rmtree(folder)
+
+
+def daemon_complaint(rig_file: Path) -> str:
+    done = subprocess.run([sys.executable, "-m", "acquire", "run", str(rig_file)], capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    return one_line(done.stderr)
+
+
+def test_no_camera_at_the_address(rig: Rig) -> None:
+    line = daemon_complaint(rig.file("camera", EMPTY_ADDRESS))
+    assert f"no camera answers at {EMPTY_ADDRESS}" in line
+    assert "check power, cable and address" in line
+    assert not rig.socket("d").exists()
+
+
+@pytest.fixture
+def signals() -> Iterator[None]:
+    """What a daemon in this process does to the signals is undone."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    ("trouble", "says"),
+    [
+        ("missing", "no such serial port; check the cable, and `port` in the rig file"),
+        ("no terminal", "is no serial port; check the cable, and `port` in the rig file"),
+        ("silent", "no servo with id 1 answers at 1000000 bit/s; check its power, and `id` and `baud_rate` in the rig file"),
+        ("other baud rate", "no servo with id 1 answers at 57600 bit/s; check its power, and `id` and `baud_rate` in the rig file"),
+        ("held", "the port is in use by another program; `fuser"),
+    ],
+)
+@pytest.mark.usefixtures("signals")
+def test_no_servo_on_the_port(rig: Rig, tmp_path: Path, trouble: str, says: str) -> None:
+    with contextlib.ExitStack() as cleanup:
+        plant = cleanup.enter_context(Plant(tmp_path))
+        controller, terminal = os.openpty()
+        cleanup.callback(os.close, controller)
+        cleanup.callback(os.close, terminal)
+        ports = {"missing": "/dev/ttyNONE", "no terminal": "/dev/null", "silent": os.ttyname(terminal)}
+        port = ports.get(trouble, str(plant.servo.port_path))
+        if trouble == "held":
+            cleanup.enter_context(serial.Serial(port, 1_000_000, exclusive=True))
+        baud = 57_600 if trouble == "other baud rate" else 1_000_000
+        line = complaint(acquire, "run", rig.file("servo", striker=f'port = "{port}"\nbaud_rate = {baud}'))
+    assert f"{port}: {says}" in line
+    assert not rig.socket("d").exists()
+
+
+@pytest.mark.usefixtures("signals")
+def test_a_socket_that_cannot_be_ours(rig: Rig) -> None:
+    precious = rig.socket("file")
+    precious.parent.mkdir(mode=0o700)
+    write(precious, "precious")
+    assert "is no socket, and is not touched" in complaint(acquire, "run", rig.file("a", socket_name="file"))
+    assert precious.read_text() == "precious"
+    (rig.folder / "open").mkdir()
+    (rig.folder / "open").chmod(0o755)
+    assert "must belong to you alone (chmod 700)" in complaint(acquire, "run", rig.file("b", socket_name="open"))
+    write(rig.folder / "plain", "")
+    assert "set [daemon] socket elsewhere" in complaint(acquire, "run", rig.file("c", socket_name="plain"))
+    assert "may have 100 bytes" in complaint(acquire, "run", rig.file("e", socket_name="long" * 40))
+
+
+@pytest.mark.parametrize("verb", [("status",), ("stop",), ("stop", "--daemon")])
+def test_no_daemon(rig: Rig, verb: tuple[str, ...]) -> None:
+    assert "no daemon listens at" in complaint(acquire, *verb, "--rig", rig.file("nobody", socket_name="nobody"))
+    assert "no such rig file: check the path" in complaint(acquire, *verb, "--rig", rig.folder / "gone.toml")
+
+
+def test_a_rig_file_that_the_daemon_refuses(tmp_path: Path, rig: Rig) -> None:
+    bad = write(tmp_path / "rig.toml", rig.file("x").read_text().replace("kind =", "kindd ="))
+    assert "rig.toml: unknown key 'striker.kindd'" in complaint(acquire, "run", bad)
+    assert "no such rig file" in complaint(acquire, "run", tmp_path / "gone.toml")
+
+
+@pytest.fixture(scope="module")
+def daemon(rig: Rig) -> Iterator[Path]:
+    """Rig file of a daemon that runs, with a striker moved by hand."""
+    path = rig.file("running", socket_name="running")
+    process = subprocess.Popen([sys.executable, "-m", "acquire", "run", str(path)], stdout=subprocess.PIPE)
+    try:
+        wait_for_socket(rig.socket("running"), lambda: process.poll() is None)
+        assert process.stdout is not None
+        assert b"ready" in process.stdout.readline()
+        yield path
+    finally:
+        process.terminate()
+        process.communicate(timeout=20)
+
+
+def session_files(folder: Path) -> tuple[Path, Path]:
+    toml, plan = spec_and_plan()
+    return write(folder / "object.toml", toml), write(folder / "plan.json", plan.model_dump_json())
+
+
+@pytest.mark.usefixtures("signals")
+def test_a_second_daemon_on_the_socket(daemon: Path) -> None:
+    assert "a daemon already listens at" in complaint(acquire, "run", daemon)
+    assert CliRunner().invoke(acquire, ["status", "--rig", str(daemon)]).exit_code == 0
+
+
+def test_a_session_whose_recording_has_no_place(daemon: Path, tmp_path: Path) -> None:
+    given = session_files(tmp_path)
+    taken = write(tmp_path / "taken.mcap", "mine")
+    for output, says in (
+        (taken, "taken.mcap: exists already"),
+        (tmp_path / "gone" / "r.mcap", "create the folder first"),
+        (Path("/proc/r.mcap"), "/proc/r.mcap"),
+        (tmp_path, "exists already"),
+    ):
+        assert says in complaint(acquire, "session", *given, "-o", output, "--rig", daemon)
+    assert taken.read_text() == "mine"
+    assert names_in(tmp_path) == {"object.toml", "plan.json", "taken.mcap"}
+
+
+def test_a_session_with_a_plan_of_another_object(daemon: Path, tmp_path: Path) -> None:
+    thing, plan = session_files(tmp_path)
+    thing.write_text(CARTON.replace("0.044", "0.045"))
+    line = complaint(acquire, "session", thing, plan, "-o", tmp_path / "r.mcap", "--rig", daemon)
+    assert re.search(r"plan.json: made for another object .*run `analyze plan .*object.toml -o .*plan.json` anew", line)
+    write(plan, plan.read_text().replace('"schema_version":"1.0"', '"schema_version":"2.0"'))
+    line = complaint(acquire, "session", thing, plan, "-o", tmp_path / "r.mcap", "--rig", daemon)
+    assert "plan.json: has schema version 2.0, this program reads 1.x: make it anew with `analyze plan`" in line
+    assert "not valid JSON" in complaint(acquire, "session", thing, thing, "-o", tmp_path / "r.mcap", "--rig", daemon)
+    assert "gone.json: no such file" in complaint(acquire, "session", thing, tmp_path / "gone.json", "-o", tmp_path / "r.mcap")
+    assert names_in(tmp_path) == {"object.toml", "plan.json"}
+
+
+def test_a_session_that_ends_before_its_first_strike_leaves_no_file(daemon: Path, tmp_path: Path, rig: Rig) -> None:
+    given = session_files(tmp_path)
+    command = [sys.executable, "-m", "acquire", "session", *map(str, given), "-o", str(tmp_path / "r.mcap"), "--rig", str(daemon)]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with DaemonClient(rig.socket("running")) as client:
+        end = time.monotonic() + 15
+        while client.call("status")["recording"] is None and time.monotonic() < end:
+            time.sleep(0.05)
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=15)
+        assert process.returncode == 130
+        assert output == ""
+        assert errors.splitlines()[-1] == "acquire: interrupted"
+        assert "Traceback" not in errors
+        assert client.call("status")["recording"] is None
+    assert names_in(tmp_path) == {"object.toml", "plan.json"}
+
+
+# --- the demo ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_demo_that_cannot_begin(tmp_path: Path) -> None:
+    taken = write(tmp_path / "taken.mcap", "mine")
+    assert "exists already: choose another name, or give --force" in complaint(acquire, "demo", "-o", taken)
+    assert "10.0.0.1: the virtual camera lives on loopback" in complaint(
+        acquire, "demo", "-o", tmp_path / "r.mcap", "--address", "10.0.0.1"
+    )
+    assert "lives on loopback" in complaint(acquire, "demo", "-o", tmp_path / "r.mcap", "--address", "camera")
+    assert "is a folder" in complaint(acquire, "demo", "--force", "-o", tmp_path)
+    assert "cannot be made" in complaint(acquire, "demo", "-o", "/proc/x/r.mcap", "--address", "127.0.0.61")
+    assert names_in(tmp_path) == {"taken.mcap"}
+    assert taken.read_text() == "mine"
+
+
+@pytest.fixture
+def short_folder() -> Iterator[Path]:
+    folder = Path(tempfile.mkdtemp(prefix="pc-"))
+    yield folder
+    shutil.rmtree(folder)
+
+
+def start_demo(folder: Path, *more: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "acquire", "demo", "-o", str(folder / "r.mcap"), *more]
+    environment = os.environ | {"TMPDIR": str(folder)}
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True)
+
+
+def processes_of(folder: Path) -> list[str]:
+    found: list[str] = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            except OSError:
+                continue
+            if str(folder) in command:
+                found.append(command)
+    return found
+
+
+def wait_until_gone(folder: Path, patience_s: float = 6.0) -> list[str]:
+    end = time.monotonic() + patience_s
+    while (left := processes_of(folder)) and time.monotonic() < end:
+        time.sleep(0.05)
+    return left
+
+
+def test_a_taken_camera_address_ends_the_demo_with_its_older_recording_untouched(short_folder: Path) -> None:
+    older = write(short_folder / "r.mcap", "older")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind((TAKEN_ADDRESS, 3956))
+        process = start_demo(short_folder, "--force", "--address", TAKEN_ADDRESS)
+        output, errors = process.communicate(timeout=40)
+    assert process.returncode == 1
+    assert output == ""
+    (line,) = [line for line in errors.splitlines() if not line.startswith("starting: ")]
+    assert f"UDP port 3956 of {TAKEN_ADDRESS} is in use" in line
+    assert "stop it or give another address" in line
+    assert older.read_text() == "older"
+    assert names_in(short_folder) == {"r.mcap"}
+    assert processes_of(short_folder) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_demo_takes_everything_down(short_folder: Path, number: signal.Signals) -> None:
+    process = start_demo(short_folder, "--address", "127.0.0.65")
+    assert process.stderr is not None
+    while "starting: camera" not in process.stderr.readline():
+        assert process.poll() is None
+    os.killpg(process.pid, number)
+    output, errors = process.communicate(timeout=15)
+    assert process.returncode == 130
+    assert output == ""
+    assert errors.splitlines()[-1] == "acquire: interrupted"
+    assert "Traceback" not in errors
+    assert wait_until_gone(short_folder) == []
+    assert names_in(short_folder) == set()
+
+
+def test_a_killed_demo_leaves_no_process(short_folder: Path) -> None:
+    process = start_demo(short_folder, "--address", "127.0.0.66")
+    assert process.stderr is not None
+    while "starting: plan" not in process.stderr.readline():
+        assert process.poll() is None
+    process.kill()
+    process.communicate(timeout=15)
+    assert wait_until_gone(short_folder) == []
+    assert not (short_folder / "r.mcap").exists()
+
+
+def test_wrong_usage_is_code_2() -> None:
+    for command, arguments in (
+        (acquire, ["demo", "--object", "teapot", "-o", "x.mcap"]),
+        (acquire, ["demo"]),
+        (acquire, ["demo", "-o", "x.mcap", "--strikes", "2"]),
+        (analyze, ["estimate"]),
+        (analyze, ["plan", "x.toml", "--strikes", "0"]),
+        (analyze, ["divine", "x.mcap"]),
+    ):
+        result = CliRunner().invoke(command, arguments)
+        assert result.exit_code == 2
+        assert "Error: " in result.stderr

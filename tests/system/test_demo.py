@@ -1,0 +1,90 @@
+"""The whole path: plan, place, strike, film, record, estimate, score, report, replay; and what scripts rely on."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import shutil
+
+import pytest
+from click.testing import CliRunner
+
+from acquire.recorder.edit import append_topics, remove_topics
+from analyze.cli import main as analyze
+from analyze.recording import open_recording, read_truth
+from schemas import topics
+from schemas.documents import Result
+from schemas.proto import percuss_pb2 as pb
+
+pytestmark = pytest.mark.timeout(240)
+
+
+def run(*arguments: object) -> str:
+    result = CliRunner().invoke(analyze, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.stderr
+    return result.stdout
+
+
+def test_the_session_is_recorded_at_line_rate_with_every_topic(session):
+    found = json.loads(run("inspect", session.path, "--json"))
+    names = {topic["name"] for topic in found["topics"]}
+    assert {"/camera/main/image", "/camera/main/meta", "/camera/main/calibration", "/striker/sample", "/striker/event"} <= names
+    assert {"/clock/sample", "/session/state", "/session/strike", "/log", "/truth/pose", "/truth/contact", "/truth/body"} <= names
+    rate = next(topic["rate_hz"] for topic in found["topics"] if topic["name"] == "/camera/main/meta")
+    assert rate == pytest.approx(120.0, abs=0.5)
+    with open_recording(session.path) as recording:
+        frame = next(iter(recording.images()))
+        assert frame.image.shape == (492, 656)
+        assert len({record.plan_strike_id for record in recording.strikes}) == 4
+
+
+def test_the_centre_of_mass_is_right_and_its_interval_honest(session):
+    result = Result.model_validate_json(run("estimate", session.path, "--json"))
+    truth = read_truth(session.path).body
+    com = result.centre_of_mass
+    assert com.observed
+    error = math.dist(com.value, truth.com_object)
+    assert error < 0.002
+    for value, true, (low, high) in zip(com.value, truth.com_object, com.interval95, strict=True):
+        margin = high - low  # one and a half times the half width on either side: 3 sigma
+        assert low - margin / 4 <= true <= high + margin / 4, (value, true)
+
+
+def test_score_has_the_keys_that_scripts_read(session):
+    score = json.loads(run("score", session.path, "--json"))
+    strikes = len(score["strike_ids"])
+    assert score["centre_of_mass_error_m"] < 0.002
+    assert len(score["phi_error_rad"]) == len(score["i_edge_relative_error"]) == strikes
+    assert score["region_mass_error_relative"] >= 0
+
+
+def test_the_same_recording_gives_the_same_bytes_with_or_without_truth(session, tmp_path):
+    first = run("estimate", session.path, "--json")
+    assert run("estimate", session.path, "--json") == first
+    bare = tmp_path / "bare.mcap"
+    remove_topics(session.path, bare, topics.TRUTH_PREFIX)
+    assert run("estimate", bare, "--json") == first
+    lying = shutil.copyfile(bare, tmp_path / "lying.mcap")
+    body = pb.TruthBody(mass_kg=1.0, com_object=[0.5, 0.5, 0.5], inertia_com=[1.0] * 9)
+    append_topics(lying, [(topics.TRUTH_BODY, 1_700_000_000_000_000_000, body.SerializeToString())])
+    assert run("estimate", lying, "--json") == first
+    with open_recording(session.path) as a, open_recording(lying) as b:
+        assert a.content_id == b.content_id
+
+
+def test_excluding_a_strike_is_said_and_changes_the_answer(session):
+    whole = json.loads(run("estimate", session.path, "--json"))
+    used = [s["id"] for s in whole["strikes"] if s["used"]]
+    less = json.loads(run("estimate", session.path, "--json", "--exclude", used[0]))
+    assert "strikes_excluded" in {w["code"] for w in less["warnings"]}
+    assert not next(s for s in less["strikes"] if s["id"] == used[0])["used"]
+    assert less["centre_of_mass"]["value"] != whole["centre_of_mass"]["value"]
+
+
+def test_the_report_is_one_file_that_needs_nothing_else(session, tmp_path):
+    run("report", session.path, "-o", tmp_path / "r.html")
+    html = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "centre of mass" in html.lower()
+    assert not re.search(r"""(src|href)\s*=\s*["']?https?:|url\(["']?https?:|@import""", html)
+    assert 'src="data:' in html or "<svg" in html

@@ -1,0 +1,546 @@
+"""Whatever dies, is paused, unplugged or asked to end while the daemon records: what is lost, and how long until it works again.
+
+Rows of docs/faults.md (`make bench-faults`). The servo's own faults are in test_servo_faults.py, damaged files in test_recover.py.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from acquire.api import DaemonClient
+from acquire.config import RecorderConfig
+from acquire.errors import AcquireError, RecorderError
+from acquire.recorder.recover import recover
+from acquire.virtual.dynamixel_servo import HardwareError
+from schemas import topics
+from tests.system.fault_rig import (
+    ADDRESS,
+    OTHER_ADDRESS,
+    Daemon,
+    FaultRig,
+    Frames,
+    add_row,
+    alive,
+    contact_event,
+    fault_rig,
+    messages,
+    recording_request,
+    wait_until,
+)
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
+SLOW_M_S = 0.15
+FAST_M_S = 0.3
+
+
+@pytest.fixture
+def rig() -> Iterator[FaultRig]:
+    with fault_rig() as rig:
+        yield rig
+
+
+def mid_swing(rig: FaultRig) -> bool:
+    return rig.plant.omega > 1.0 and -0.5 < rig.plant.angle < -0.2
+
+
+def milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f} ms"
+
+
+def wait_for_frames(client: DaemonClient, count: int = 20, timeout_s: float = 20.0) -> float:
+    """Seconds until the camera is connected and `count` more frames came."""
+    start = client.call("status")["frames"]
+    return wait_until(lambda: (s := client.call("status"))["connected"] and s["frames"] >= start + count, timeout_s, 0.02)
+
+
+def refused(rig_file: Path) -> tuple[str, float]:
+    """The one line with which `acquire run` refuses, and how long it took [s]."""
+    start = time.monotonic()
+    done = subprocess.run([sys.executable, "-m", "acquire", "run", str(rig_file)], capture_output=True, text=True, timeout=40, check=False)
+    assert done.returncode == 1
+    (line,) = done.stderr.splitlines()
+    return line, time.monotonic() - start
+
+
+def works_again(rig: FaultRig, daemon: Daemon) -> None:
+    """A recording with a strike, from its beginning to its end."""
+    path = rig.folder / f"again-{time.monotonic_ns()}.mcap"
+    with daemon.client() as client:
+        rig.open_recording(client, path)
+        rig.cocked(client)
+        client.call("window.open")
+        assert client.call("striker.strike", strike_id="s1.1", tip_speed_m_s=FAST_M_S)["contacts"] == 1
+        assert client.call("window.close")["frames"] > 10
+        client.call("recording.close")
+    assert contact_event(path) is not None
+
+
+# --- the daemon -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("with_capture", [False, True], ids=["daemon", "daemon and capture"])
+def test_kill_9_in_mid_strike(rig: FaultRig, with_capture: bool) -> None:
+    rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    anchor = rig.open_recording(client)
+    rig.cocked(client)
+    client.call("window.open")
+    capture, watcher = daemon.capture, daemon.watcher
+    assert capture
+    assert watcher
+    rig.strike_in_background(client, SLOW_M_S)
+    wait_until(lambda: mid_swing(rig), 5.0, 0.001)
+    os.kill(daemon.pid, signal.SIGKILL)
+    killed_ns = time.monotonic_ns()
+    if with_capture:
+        os.kill(capture, signal.SIGKILL)
+    daemon.process.wait()
+    gone_s = wait_until(lambda: not alive(capture) and not alive(watcher), 10.0)
+    time.sleep(max(0.0, 0.4 - gone_s))
+    moved_s = rig.still_after_s(killed_ns)
+    assert moved_s < 0.2
+    assert rig.plant.angle < 0.0  # stopped on its way, not at the object
+    path = rig.recording
+    if with_capture:
+        assert not path.exists()
+        path = rig.folder / "recovered.mcap"
+        recover(Path(f"{rig.recording}.part"), path)
+    assert path.exists()
+    frames = Frames.of(path)
+    samples = messages(path, topics.STRIKER_SAMPLE)
+    killed = anchor + killed_ns
+    frame_s, sample_s = (killed - frames.last_ns) * 1e-9, (killed - samples[-1][0]) * 1e-9
+    assert frame_s < 0.5
+    assert sample_s < 0.5
+    assert abs(frames.unaccounted) < 1.0
+    again = rig.daemon()
+    assert "ready" in again.ready, again.complaints
+    works_again(rig, again)
+    what = "kill -9 of daemon and capture process together, in mid-strike" if with_capture else "kill -9 of the daemon in mid-strike"
+    how = "`acquire recover` saves all but the last" if with_capture else "the capture process finishes the file: all but the last"
+    add_row(
+        what,
+        f"{how} {milliseconds(max(0.0, frame_s))} of frames and {milliseconds(sample_s)} of servo samples; "
+        f"the arm stands after {milliseconds(moved_s)}; no process is left after {gone_s:.1f} s",
+        f"{again.ready_s:.1f} s after `acquire run`",
+    )
+
+
+STATES = ("disarmed", "homing", "homed", "armed", "cocking", "settled", "released", "catch", "fault")
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_sigterm_in_every_state(rig: FaultRig, state: str) -> None:
+    rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    rig.open_recording(client)
+    capture, watcher = daemon.capture, daemon.watcher
+    reach(rig, client, state)
+    sent = time.monotonic()
+    daemon.process.send_signal(signal.SIGTERM)
+    wait_until(lambda: not rig.torque, 5.0)
+    off_s = time.monotonic() - sent
+    assert daemon.process.wait(20) == 0, daemon.complaints
+    end_s = time.monotonic() - sent
+    assert off_s < 0.5
+    assert not alive(capture)
+    assert not alive(watcher)
+    assert not daemon.socket.exists()
+    assert not Path(f"{rig.recording}.part").exists()
+    frames = Frames.of(rig.recording)
+    assert frames.lost == 0
+    assert daemon.complaints == ""
+    add_row(
+        f"SIGTERM: striker {state}, recording",
+        f"nothing: torque off after {milliseconds(off_s)}, file finished, {frames.lost} frames lost, no process left",
+        f"ended after {end_s:.1f} s",
+    )
+
+
+def reach(rig: FaultRig, client: DaemonClient, state: str) -> None:
+    """Bring the striker there; `client` is busy with a verb in the states that move."""
+    verbs = {"homed": ("home",), "armed": ("home", "arm"), "cocking": ("home", "arm"), "fault": ("home",), "homing": (), "disarmed": ()}
+    for verb in verbs.get(state, ("home", "arm", "cock")):
+        client.call(f"striker.{verb}")
+    if state == "disarmed":
+        rig.plant.servo.registers["Torque Enable"] = 1  # as a daemon leaves it that was killed
+    elif state == "homing":
+        rig.in_background(client, "striker.home")
+        wait_until(lambda: rig.torque, 3.0)
+    elif state == "cocking":
+        rig.in_background(client, "striker.cock")
+        time.sleep(0.05)
+    elif state == "released":
+        rig.strike_in_background(client, SLOW_M_S)
+        wait_until(lambda: mid_swing(rig), 5.0, 0.001)
+    elif state == "catch":
+        rig.plant.restore(gap=0.0)
+        rig.strike_in_background(client, FAST_M_S)
+        wait_until(lambda: rig.plant.touches and rig.plant.angle < -0.1, 5.0, 0.001)
+    elif state == "fault":
+        rig.plant.servo.fail(HardwareError.INPUT_VOLTAGE)
+        wait_until(lambda: client.call("status")["striker"] == "fault", 3.0, 0.02)
+
+
+def test_a_second_daemon(rig: FaultRig) -> None:
+    rig.camera()
+    rig.camera(OTHER_ADDRESS)
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    rig.open_recording(client)
+    line, socket_s = refused(daemon.rig_file)
+    assert f"a daemon already listens at {daemon.socket}: stop it with" in line
+    line, port_s = refused(rig.rig_file("port", OTHER_ADDRESS))
+    assert "in use by another program; `fuser" in line
+    line, camera_s = refused(rig.rig_file("camera", ADDRESS, 'kind = "manual"'))
+    assert f"camera {ADDRESS} is controlled by another program" in line
+    rig.cocked(client)
+    assert client.call("striker.strike", strike_id="s1.1", tip_speed_m_s=FAST_M_S)["contacts"] == 1
+    client.call("recording.close")
+    frames = Frames.of(rig.recording)
+    assert frames.lost == 0
+    assert abs(frames.unaccounted) < 1.0
+    for what, seconds in (("socket", socket_s), ("serial port", port_s), ("camera", camera_s)):
+        add_row(f"second daemon on the same {what}", f"nothing: refused in one line after {seconds:.1f} s; the first records on", "at once")
+
+
+# --- the camera -------------------------------------------------------------------------------------------------------
+
+
+def recorded_gap(rig: FaultRig, client: DaemonClient) -> Frames:
+    """Close the recording; its gap is stated to the frame."""
+    report = client.call("recording.close")
+    frames = Frames.of(rig.recording)
+    assert report["lost"] == frames.lost
+    assert abs(frames.unaccounted) < 1.5
+    return frames
+
+
+def test_camera_killed_and_restarted(rig: FaultRig) -> None:
+    camera = rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    rig.open_recording(client)
+    wait_for_frames(client)
+    camera.process.kill()
+    camera.process.wait()
+    told_s = wait_until(lambda: not client.call("status")["connected"], 5.0, 0.02)
+    assert f"camera {ADDRESS} was lost" in client.call("status")["trouble"]
+    time.sleep(1.0)
+    rig.camera()
+    back_s = wait_for_frames(client)
+    assert client.call("status")["trouble"] == ""
+    frames = recorded_gap(rig, client)
+    assert any("camera lost" in log.message for _, log in messages(rig.recording, topics.LOG))
+    works_again(rig, daemon)
+    add_row(
+        "camera killed, 1 s later started again",
+        f"the frames meanwhile, {frames.lost} in {frames.longest_gap_s:.1f} s, stated to the frame; reported after {told_s:.1f} s",
+        f"{back_s:.1f} s after the camera's start; the recording goes on",
+    )
+
+
+def test_camera_paused_for_3_s(rig: FaultRig) -> None:
+    camera = rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    rig.open_recording(client)
+    wait_for_frames(client)
+    camera.process.send_signal(signal.SIGSTOP)
+    told_s = wait_until(lambda: not client.call("status")["connected"], 5.0, 0.02)
+    time.sleep(max(0.0, 3.0 - told_s))
+    camera.process.send_signal(signal.SIGCONT)
+    back_s = wait_for_frames(client)
+    frames = recorded_gap(rig, client)
+    works_again(rig, daemon)
+    add_row(
+        "camera stands still for 3 s",
+        f"{frames.lost} frames in {frames.longest_gap_s:.1f} s, stated to the frame; reported after {told_s:.1f} s",
+        f"{back_s:.1f} s after it goes on; the recording goes on",
+    )
+
+
+def test_one_packet_in_500_lost(rig: FaultRig) -> None:
+    camera = rig.camera(packet_loss=0.002)
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    rig.open_recording(client)
+    client.call("window.open")
+    time.sleep(6.0)
+    client.call("window.close")
+    client.call("recording.close")
+    frames = Frames.of(rig.recording)
+    daemon.end()
+    counts = camera.finish()
+    assert counts["dropped"] > 20, counts
+    assert counts["resent"] > 0.9 * counts["dropped"]  # what was lost after the last frame was read is nobody's
+    assert frames.lost == 0
+    assert abs(frames.unaccounted) < 1.0
+    add_row(
+        "0.2 % of the camera's packets lost",
+        f"{frames.lost} of {frames.arrived} frames: {counts['dropped']} lost packets were sent again",
+        "never stopped",
+    )
+
+
+# --- the daemon's children and clients --------------------------------------------------------------------------------
+
+
+def test_capture_process_killed(rig: FaultRig) -> None:
+    rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    anchor = rig.open_recording(client)
+    wait_for_frames(client, 60)
+    os.kill(daemon.capture, signal.SIGKILL)
+    killed_ns = time.monotonic_ns()
+    told_s = wait_until(lambda: "the recording broke off" in daemon.complaints, 5.0, 0.01)
+    with pytest.raises(RecorderError, match=r"capture process ended.*`acquire recover`"):
+        client.call("recording.state", state=1, strike_id="s1", attempt=1, text="")
+    back_s = told_s + wait_until(lambda: client.call("status")["connected"], 20.0, 0.05)
+    recovered = rig.folder / "recovered.mcap"
+    recover(Path(f"{rig.recording}.part"), recovered)
+    lost_s = (anchor + killed_ns - Frames.of(recovered).last_ns) * 1e-9
+    assert lost_s < 0.5 + RecorderConfig().pre_trigger_s  # between windows a frame waits that long to be one of the next
+    works_again(rig, daemon)
+    add_row(
+        "kill -9 of the capture process",
+        f"the recording breaks off, which is said after {milliseconds(told_s)}; "
+        f"`acquire recover` saves all but the last {milliseconds(lost_s)}",
+        f"{back_s:.1f} s: started again by the daemon",
+    )
+
+
+def test_camera_and_capture_process_killed(rig: FaultRig) -> None:
+    """The capture process starts again when there is a camera again; meanwhile the striker is as safe as ever."""
+    camera = rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    rig.cocked(client)
+    camera.process.kill()
+    camera.process.wait()
+    os.kill(daemon.capture, signal.SIGKILL)
+    wait_until(lambda: "the capture process does not start: no camera answers" in daemon.complaints, 20.0, 0.05)
+    rig.camera()
+    back_s = wait_until(lambda: "was started again" in daemon.complaints, 20.0, 0.05)
+    assert len(daemon.complaints.splitlines()) == 2, daemon.complaints
+    works_again(rig, daemon)
+    rig.cocked(client)
+    capture = daemon.capture
+    os.kill(capture, signal.SIGKILL)
+    wait_until(lambda: daemon.capture not in {0, capture}, 5.0)
+    daemon.process.send_signal(signal.SIGTERM)
+    off_s = wait_until(lambda: not rig.torque, 5.0)
+    assert off_s < 0.5
+    assert daemon.process.wait(30) == 0, daemon.complaints
+    add_row(
+        "camera and capture process killed, the camera later started again",
+        f"what each of the two loses; SIGTERM meanwhile takes the torque off after {milliseconds(off_s)}",
+        f"{back_s:.1f} s after the camera's start",
+    )
+
+
+def test_watcher_killed(rig: FaultRig) -> None:
+    rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    rig.open_recording(client)
+    wait_until(lambda: client.call("watch.latest")["event"], 20.0, 0.05)
+    os.kill(daemon.watcher, signal.SIGKILL)
+    killed = time.monotonic()
+    wait_until(lambda: "analyze watch ended and was started again" in daemon.complaints, 5.0, 0.01)
+    wait_until(lambda: client.call("watch.latest")["event"], 20.0, 0.05)
+    back_s = time.monotonic() - killed
+    for _ in range(2):
+        wait_until(lambda: daemon.watcher, 5.0)
+        os.kill(daemon.watcher, signal.SIGKILL)
+        time.sleep(0.5)
+    assert "keeps ending" in daemon.complaints
+    assert not client.call("watch.latest")["alive"]
+    report = client.call("recording.close")
+    assert report["lost"] == 0
+    works_again(rig, daemon)
+    add_row(
+        "`analyze watch` killed",
+        "no frame; a verdict that was being made. Killed three times in one recording, it stays away and strikes are kept without verdict",
+        f"{back_s:.1f} s: started again by the daemon",
+    )
+
+
+CLIENT = """
+import json, sys
+from pathlib import Path
+from acquire.api import DaemonClient
+client = DaemonClient(Path(sys.argv[1]))
+client.call("recording.open", **json.loads(sys.argv[2]))
+for verb in ("home", "arm", "cock"):
+    client.call("striker." + verb)
+client.call("window.open")
+print("cocked", flush=True)
+if sys.argv[3] == "strike":
+    client.call("striker.strike", strike_id="s1.1", tip_speed_m_s=0.15)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("where", ["cocked", "strike"])
+def test_session_client_killed(rig: FaultRig, where: str) -> None:
+    rig.camera()
+    daemon = rig.daemon()
+    given = [str(daemon.socket), json.dumps(recording_request(rig.recording)), where]
+    with subprocess.Popen([sys.executable, "-c", CLIENT, *given], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as session:
+        assert session.stdout is not None
+        assert session.stdout.readline() == "cocked\n"
+        if where == "strike":
+            wait_until(lambda: mid_swing(rig), 5.0, 0.001)
+        session.kill()
+        killed_ns = time.monotonic_ns()
+        closed_s = wait_until(rig.recording.exists, 10.0)
+    client = rig.client(daemon)
+    wait_until(lambda: client.call("status")["striker"] == "disarmed", 1.0)
+    assert client.call("status")["recording"] is None
+    moved_s = rig.still_after_s(killed_ns)
+    assert moved_s < 0.3
+    assert Frames.of(rig.recording).lost == 0
+    works_again(rig, daemon)
+    what = "the strike under way" if where == "strike" else "nothing"
+    add_row(
+        f"session client killed, striker {'in mid-swing' if where == 'strike' else 'cocked'}",
+        f"{what}: the arm stands after {milliseconds(moved_s)}, the file is finished after {closed_s:.1f} s",
+        "at once, for a new session",
+    )
+
+
+# --- the disk ---------------------------------------------------------------------------------------------------------
+
+OWN_DISK = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c", 'mount -t tmpfs -o size=100m tmpfs "$0" && exec "$@"')
+
+
+def may_mount() -> bool:
+    return shutil.which("unshare") is not None and subprocess.run([*OWN_DISK[:4], "true"], check=False, capture_output=True).returncode == 0
+
+
+@pytest.mark.skipif(not may_mount(), reason="this user may make no name space of its own")
+def test_disk_full_in_a_window(rig: FaultRig) -> None:
+    """On a disk of 100 MB that only the daemon sees, filled by somebody else in mid-window."""
+    disk = rig.folder / "disk"
+    disk.mkdir()
+    rig.camera()
+    daemon = rig.daemon(rig.rig_file(recorder="max_window_s = 1.5"), before=(*OWN_DISK, str(disk)))
+    assert daemon.ready, daemon.complaints
+    inside = Path(f"/proc/{daemon.pid}/root{disk}")
+    client = rig.client(daemon)
+    rig.open_recording(client, disk / "r.mcap")
+    rig.cocked(client)
+    client.call("window.open")
+    state = os.statvfs(inside)
+    ballast = inside / "ballast"
+    with ballast.open("wb") as file:
+        os.posix_fallocate(file.fileno(), 0, state.f_bavail * state.f_frsize - 16_000_000)
+    assert client.call("striker.strike", strike_id="s1.1", tip_speed_m_s=FAST_M_S)["contacts"] == 1
+    with pytest.raises(RecorderError, match=r"cannot be written.*free space on this disk, finish, and start a new one"):
+        client.call("window.close")
+    assert "cannot be written" in client.call("status")["trouble"]
+    with pytest.raises(RecorderError, match="free"):
+        client.call("window.open")
+    report = client.call("recording.close")
+    metas = [meta for _, meta in messages(inside / "r.mcap", topics.frame_meta("main"))]
+    images = sum(meta.image_recorded for meta in metas)
+    assert images > 20
+    assert report["lost"] > 10
+    assert contact_event(inside / "r.mcap") is not None
+    ballast.unlink()
+    again = disk / "again.mcap"
+    rig.open_recording(client, again)
+    client.call("window.open")
+    time.sleep(0.3)
+    assert client.call("window.close")["lost"] == 0
+    client.call("recording.close")
+    add_row(
+        "disk full in mid-window",
+        f"{report['lost']} images of the window, counted and said; the file is whole: {images} images, every servo sample and event",
+        "with the next recording, once there is space",
+    )
+
+
+# --- clocks -----------------------------------------------------------------------------------------------------------
+
+WALL_CLOCK = """
+# Steps the wall clock of every Python process that finds this on its path; the machine's own stays as it is.
+import os, time
+_time, _time_ns = time.time, time.time_ns
+def _shift():
+    try:
+        with open(os.environ["FAULT_WALL_SHIFT"]) as file:
+            return int(file.read() or 0)
+    except (OSError, ValueError):
+        return 0
+time.time = lambda: _time() + _shift()
+time.time_ns = lambda: _time_ns() + _shift() * 10**9
+"""
+
+
+def test_wall_clock_steps_by_an_hour(rig: FaultRig) -> None:
+    shift = rig.folder / "shift"
+    shift.write_text("0")
+    (rig.folder / "site").mkdir()
+    (rig.folder / "site" / "sitecustomize.py").write_text(WALL_CLOCK)
+    rig.camera()
+    daemon = rig.daemon(PYTHONPATH=str(rig.folder / "site"), FAULT_WALL_SHIFT=str(shift))
+    client = rig.client(daemon)
+    anchor = rig.open_recording(client)
+    begun_ns = time.monotonic_ns()
+    errors = []
+    for step in (3600, -3600):
+        rig.cocked(client)
+        client.call("window.open")
+        shift.write_text(str(step))
+        outcome = client.call("striker.strike", strike_id="s1.1", tip_speed_m_s=FAST_M_S)
+        window = client.call("window.close")
+        assert outcome["contacts"] == 1
+        assert window["lost"] == 0
+        errors.append((outcome["contact_time_ns"] - rig.plant.touches[0].time_ns) * 1e-6)
+        assert window["start_ns"] < anchor + outcome["contact_time_ns"] < window["end_ns"]
+    client.call("recording.close")
+    ended_ns = time.monotonic_ns()
+    frames = Frames.of(rig.recording)
+    assert frames.lost == 0
+    assert abs(frames.unaccounted) < 1.0
+    assert anchor + begun_ns - 1_000_000_000 < frames.first_ns
+    assert frames.last_ns < anchor + ended_ns
+    add_row(
+        "wall clock set 1 h ahead, then 1 h back, while striking",
+        f"nothing: {frames.lost} frames lost, contact times off by {', '.join(f'{error:+.2f}' for error in errors)} ms as ever",
+        "never stopped",
+    )
+
+
+def test_status_survives_whatever_the_camera_does(rig: FaultRig) -> None:
+    """A camera that stays away: the daemon answers, and ends when asked."""
+    camera = rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    rig.open_recording(client)
+    camera.process.kill()
+    camera.process.wait()
+    wait_until(lambda: not client.call("status")["connected"], 5.0, 0.02)
+    start = time.monotonic()
+    daemon.process.send_signal(signal.SIGTERM)
+    assert daemon.process.wait(30) == 0
+    end_s = time.monotonic() - start
+    assert rig.recording.exists()
+    with pytest.raises(AcquireError):
+        client.call("status")
+    add_row("camera gone for good, then SIGTERM", "nothing more: file finished, torque off", f"ended after {end_s:.1f} s")
