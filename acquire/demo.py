@@ -10,23 +10,21 @@ import ipaddress
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
-import threading
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from acquire.api import DaemonClient, wait_for_socket
 from acquire.config import read_rig
-from acquire.errors import AcquireError, ConfigError, RecorderError, SessionError
+from acquire.errors import ConfigError, RecorderError, SessionError
 from acquire.session_runner import Progress, SessionInput, SessionReport, SessionRunner
 from acquire.virtual.objects import VirtualObject, load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink
+from acquire.virtual.processes import interruptible, started
 from acquire.virtual.station import calibration_sheet
 from acquire.virtual.truth import merge_truth
 
@@ -88,13 +86,14 @@ def run_demo(object_name: str, seed: int, output: DemoOutput, *, address: str, s
     if not os.access(output.path.parent, os.W_OK | os.X_OK):
         raise RecorderError(f"{output.path}: its folder is not yours to write in: choose another place")
     folder = Path(tempfile.mkdtemp(prefix="percuss-"))
+    kept_truth = folder / "kept-truth.bin"
     try:
-        with _ended_by_signals(), contextlib.ExitStack() as cleanup:
-            report, truth = _session(object_name, seed, output, address, strikes, progress, folder, cleanup)
-        progress("adding the truth: to the recording", 1, 1)
-        merge_truth(report.path, truth)
-        return report
+        with interruptible(), contextlib.ExitStack() as cleanup:
+            return _session(object_name, seed, output, address, strikes, progress, kept_truth, cleanup)
     finally:
+        if kept_truth.exists() and output.path.exists():
+            progress("adding the truth: to the recording", 1, 1)
+            merge_truth(output.path, kept_truth)
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -105,24 +104,25 @@ def _session(
     address: str,
     strikes: int,
     progress: Progress,
-    folder: Path,
+    kept_truth: Path,
     cleanup: contextlib.ExitStack,
-) -> tuple[SessionReport, Path]:
+) -> SessionReport:
+    folder = kept_truth.parent
     thing = load_object(object_name, seed)
     object_path, plan_path, rig_path = folder / "object.toml", folder / "plan.json", folder / "rig.toml"
     _write_object(thing, object_path)
 
     progress("starting: world", 0, 1)
     common = ["--object", object_name, "--seed", str(seed), "--dir", str(folder), "--parent", str(os.getpid())]
-    world_ready = cleanup.enter_context(_started("world", folder, "acquire.virtual.world_process", *common))
+    world_ready = cleanup.enter_context(started("world", folder, "acquire.virtual.world_process", *common))
     rig_path.write_text(rig_toml(calibration_sheet(seed), address, world_ready["port"], folder / "run" / "daemon.sock"), encoding="utf-8")
     progress("starting: camera", 0, 1)
-    cleanup.enter_context(_started("camera", folder, "acquire.virtual.camera_process", *common, "--address", address))
+    cleanup.enter_context(started("camera", folder, "acquire.virtual.camera_process", *common, "--address", address))
     progress("starting: plan", 0, 1)
     _plan(object_path, plan_path, rig_path, strikes)
     progress("starting: daemon", 0, 1)
     socket = read_rig(rig_path).daemon.socket_path()
-    cleanup.enter_context(_started("daemon", folder, "acquire", "run", str(rig_path), "--json", "--parent", str(os.getpid())))
+    cleanup.enter_context(started("daemon", folder, "acquire", "run", str(rig_path), "--json", "--parent", str(os.getpid())))
     wait_for_socket(socket, lambda: True, START_TIMEOUT_S)
 
     world = cleanup.enter_context(contextlib.closing(OperatorLink(folder / "world.sock")))
@@ -130,11 +130,10 @@ def _session(
     cleanup.enter_context(contextlib.closing(VirtualOperator(socket, world, seed)))
     for older in output.replaced:
         older.unlink(missing_ok=True)
-    report = SessionRunner(client, SessionInput(object_path, plan_path), output.path, progress).run()
-    truth = Path(world.truth())
-    kept = folder / "kept-truth.bin"
-    shutil.copyfile(truth, kept)
-    return report, kept
+    try:
+        return SessionRunner(client, SessionInput(object_path, plan_path), output.path, progress).run()
+    finally:  # a session that ends half-way leaves a recording too
+        shutil.copyfile(world.truth(), kept_truth)
 
 
 def rig_toml(sheet: dict[str, Any], address: str, port: str, socket: Path) -> str:
@@ -211,70 +210,3 @@ def _refuse_other_address(address: str) -> None:
         fits = False
     if not fits:
         raise ConfigError(f"{address}: the virtual camera lives on loopback: give an address from 127.0.0.1 to 127.255.255.254")
-
-
-@contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM (`timeout`, `kill`) and SIGHUP (a closed terminal) end a demo as Ctrl-C does: with everything taken down."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-@contextlib.contextmanager
-def _started(name: str, folder: Path, module: str, *arguments: str) -> Iterator[dict[str, Any]]:
-    """A process of the virtual rig, from its ready line to its end.
-
-    In a session of its own: a terminal's Ctrl-C is ours to handle, in the right order. It ends by itself when we are gone.
-    """
-    complaints = folder / f"{name}.err"
-    with complaints.open("wb") as errors:
-        process = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=errors,
-            text=True,
-            start_new_session=True,
-        )
-    ready = False
-    try:
-        assert process.stdout is not None  # noqa: S101 - opened with PIPE
-        line = process.stdout.readline()
-        if not line:
-            last = [text for text in _text_of(complaints).splitlines() if text.strip()][-1:]
-            reason = last[0].removeprefix("acquire: ") if last else f"it ended with code {process.wait(5.0)}"
-            raise AcquireError(f"the {name} did not start: {reason}")
-        ready = True
-        yield json.loads(line)
-    finally:
-        _end(process)
-        if ready:
-            sys.stderr.write(_text_of(complaints))
-
-
-def _text_of(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return ""
-
-
-def _end(process: subprocess.Popen[str], patience_s: float = 10.0) -> None:
-    """Terminate, and read what it still says, so that a last line does not meet a closed pipe."""
-    process.terminate()
-    try:
-        process.communicate(timeout=patience_s)
-    except (subprocess.TimeoutExpired, ValueError, OSError):
-        process.kill()
-        process.wait()

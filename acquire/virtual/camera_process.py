@@ -27,6 +27,8 @@ from acquire.virtual.gige_camera import ImageSource, StreamSettings, VirtualGige
 from acquire.virtual.pose_ring import PoseRing, PoseRingError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -74,11 +76,11 @@ class WorldSource:
         return image[settings.offset_y :, settings.offset_x :][: settings.height, : settings.width]
 
 
-def wait_for_world(path: Path, clock: Clock) -> PoseRing:
+def wait_for_world(path: Path, clock: Clock, goes_on: Callable[[], bool] = lambda: True) -> PoseRing:
     """The ring, once it holds a pose.
 
     Raises:
-        PoseRingError: the world did not start in time.
+        PoseRingError: the world did not start in time, or `goes_on` said no.
     """
     end_ns = clock.monotonic_ns() + round(WORLD_START_S * 1e9)
     while True:
@@ -86,15 +88,15 @@ def wait_for_world(path: Path, clock: Clock) -> PoseRing:
             ring = PoseRing.open(path)
             ring.latest_time_ns()
         except PoseRingError:
-            if clock.monotonic_ns() > end_ns:
+            if clock.monotonic_ns() > end_ns or not goes_on():
                 raise
             clock.sleep(0.05)
         else:
             return ring
 
 
-def serve(source: ImageSource, arguments: argparse.Namespace, clock: Clock) -> None:
-    """Be a camera until SIGTERM, SIGINT or the parent's death."""
+def serve(source: ImageSource, arguments: argparse.Namespace, clock: Clock, goes_on: Callable[[], bool]) -> None:
+    """Be a camera until SIGTERM, SIGINT or `goes_on` says no."""
     stopped = False
 
     def request_stop(*_: object) -> None:
@@ -103,13 +105,12 @@ def serve(source: ImageSource, arguments: argparse.Namespace, clock: Clock) -> N
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, request_stop)
-    parent = arguments.parent or os.getppid()  # who started us may be gone before we have come so far
     camera = VirtualGigeCamera(
         arguments.address, f"VIRTUAL-{arguments.seed}", source, clock, packet_loss=arguments.packet_loss, seed=arguments.seed
     )
     try:
         _say({"ready": True, "address": arguments.address, "pid": os.getpid()})
-        while not stopped and os.getppid() == parent:
+        while not stopped and goes_on():
             clock.sleep(0.1)
     finally:
         camera.close()
@@ -131,19 +132,24 @@ def main() -> int:
     parser.add_argument("--packet-loss", type=float, default=0.0, help="share of stream packets to lose")
     parser.add_argument("--parent", type=int, help="process id whose end is ours; default: who started us")
     arguments = parser.parse_args()
+    parent = arguments.parent or os.getppid()  # who started us may be gone before we have come so far
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     cv2.setNumThreads(1)
     clock = SystemClock()
+
+    def parent_lives() -> bool:
+        return os.getppid() == parent
+
     try:
         from acquire.virtual.objects import load_object
         from acquire.virtual.render import Renderer
         from acquire.virtual.station import station
 
-        ring = wait_for_world(arguments.dir / "pose.ring", clock)
+        ring = wait_for_world(arguments.dir / "pose.ring", clock, parent_lives)
         renderer = Renderer(load_object(arguments.object, arguments.seed), station(arguments.seed), arguments.seed)
         gc.collect()
         gc.freeze()
-        serve(WorldSource(ring, renderer), arguments, clock)
+        serve(WorldSource(ring, renderer), arguments, clock, parent_lives)
     except AcquireError as error:
         print(error, file=sys.stderr)  # noqa: T201 - this is a program
         return 1
