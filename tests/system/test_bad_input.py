@@ -583,7 +583,8 @@ def processes_of(folder: Path) -> list[str]:
     return found
 
 
-def wait_until_gone(folder: Path, patience_s: float = 6.0) -> list[str]:
+def wait_until_gone(folder: Path, patience_s: float = 40.0) -> list[str]:
+    """What still runs after a patience that suits a loaded machine: a child that is still importing ends only then."""
     end = time.monotonic() + patience_s
     while (left := processes_of(folder)) and time.monotonic() < end:
         time.sleep(0.05)
