@@ -9,36 +9,15 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable
-from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import click
 
-from acquire.errors import AcquireError
-from schemas.documents import DocumentError
+from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
+from schemas.command_line import one_line_errors
 
-
-def _one_line_errors(function: Callable[..., Any]) -> Callable[..., Any]:
-    @wraps(function)
-    def wrapped(*args: Any, **kwargs: Any) -> Any:
-        try:
-            return function(*args, **kwargs)
-        except (AcquireError, DocumentError) as error:
-            click.echo(f"acquire: {error}", err=True)
-            sys.exit(1)
-        except BrokenPipeError:
-            sys.exit(1)
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            click.echo(f"acquire: {where}{error.strerror or error}: check disk and permissions", err=True)
-            sys.exit(1)
-        except KeyboardInterrupt:
-            click.echo("acquire: interrupted", err=True)
-            sys.exit(130)
-
-    return wrapped
+_one_line_errors = one_line_errors("acquire", AcquireError)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -51,16 +30,19 @@ def main() -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors
 def discover(as_json: bool) -> None:
-    """List the GigE Vision cameras that answer."""
+    """List the GigE Vision cameras that answer. Exits with 1 when none does."""
     from acquire.camera.aravis import discover as discover_cameras
 
     cameras = discover_cameras()
     if as_json:
         click.echo(json.dumps([vars(camera) for camera in cameras]))
-    elif not cameras:
-        click.echo("no camera answers: check power, cable, and that host and camera are in one subnet")
     for camera in [] if as_json else cameras:
         click.echo(f"{camera.address:16} {camera.vendor} {camera.model} ({camera.serial})")
+    if not cameras:
+        raise CameraNotFound(
+            "no camera answers: check power and cable, that host and camera are in one subnet (`ip address`), "
+            "and that no firewall drops UDP port 3956"
+        )
 
 
 @main.command()
@@ -172,10 +154,13 @@ def stop(rig: Path | None, whole: bool) -> None:
     """Stop the striker now."""
     from acquire.api import DaemonClient
 
-    with DaemonClient(_socket(rig)) as client:
-        client.call("striker.stop")
-        if whole:
-            client.call("shutdown")
+    try:
+        with DaemonClient(_socket(rig), patience_s=2.0) as client:
+            client.call("striker.stop")
+            if whole:
+                client.call("shutdown")
+    except DaemonSilent as error:
+        raise DaemonSilent(f"NOT STOPPED: if the arm moves, cut the motor's power: {error}") from None
     click.echo("daemon stopped" if whole else "striker stopped")
 
 

@@ -29,6 +29,8 @@ from acquire.virtual.station import calibration_sheet
 from acquire.virtual.truth import merge_truth
 
 START_TIMEOUT_S = 30.0
+_FOLDER = "percuss-demo-"
+"""what a demo needs while it runs lies in /tmp/percuss-demo-<process id>-*"""
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,8 @@ def run_demo(object_name: str, seed: int, output: DemoOutput, *, address: str, s
         raise RecorderError(f"{output.path.parent}: the folder cannot be made: {error.strerror}: choose another place") from None
     if not os.access(output.path.parent, os.W_OK | os.X_OK):
         raise RecorderError(f"{output.path}: its folder is not yours to write in: choose another place")
-    folder = Path(tempfile.mkdtemp(prefix="percuss-"))
+    _remove_leftovers(Path(tempfile.gettempdir()))
+    folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER}{os.getpid()}-"))
     kept_truth = folder / "kept-truth.bin"
     try:
         with interruptible(), contextlib.ExitStack() as cleanup:
@@ -175,6 +178,16 @@ pre_trigger_s = 0.1
 [daemon]
 socket = "{socket}"
 """
+
+
+def _remove_leftovers(temporary: Path) -> None:
+    """Folders of our demos that were killed: their processes ended by themselves, their folders could not."""
+    for folder in temporary.glob(f"{_FOLDER}*-*"):
+        pid = folder.name.removeprefix(_FOLDER).partition("-")[0]
+        with contextlib.suppress(OSError):
+            ours = folder.lstat().st_uid == os.getuid() and folder.is_dir() and not folder.is_symlink()
+            if ours and pid.isdecimal() and not Path(f"/proc/{pid}").exists():
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def _write_object(thing: VirtualObject, path: Path) -> None:

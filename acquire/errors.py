@@ -14,6 +14,7 @@
     ├── RecorderError        the file cannot be written, or a path is taken
     ├── DaemonError
     │   ├── DaemonNotRunning nobody listens on the socket
+    │   ├── DaemonSilent     it is there, and does not answer
     │   └── DaemonBusy       somebody already does, or a session is open
     └── SessionError         the session cannot go on
 
@@ -75,6 +76,10 @@ class DaemonError(AcquireError):
 
 class DaemonNotRunning(DaemonError):
     """Nobody listens on the socket."""
+
+
+class DaemonSilent(DaemonError):
+    """The daemon is there and does not answer."""
 
 
 class DaemonBusy(DaemonError):

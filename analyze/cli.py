@@ -9,38 +9,19 @@ import json
 import os
 import sys
 from collections.abc import Callable
-from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from analyze.errors import AnalyzeError
-from schemas.documents import DocumentError
+from schemas.command_line import one_line_errors
 
 if TYPE_CHECKING:
     from analyze.pipeline import Estimate
 
 
-def _one_line_errors(function: Callable[..., Any]) -> Callable[..., Any]:
-    @wraps(function)
-    def wrapped(*args: Any, **kwargs: Any) -> Any:
-        try:
-            return function(*args, **kwargs)
-        except (AnalyzeError, DocumentError) as error:
-            click.echo(f"analyze: {error}", err=True)
-            sys.exit(1)
-        except BrokenPipeError:
-            sys.exit(1)
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            click.echo(f"analyze: {where}{error.strerror or error}: check disk and permissions", err=True)
-            sys.exit(1)
-        except KeyboardInterrupt:
-            click.echo("analyze: interrupted", err=True)
-            sys.exit(130)
-
-    return wrapped
+_one_line_errors = one_line_errors("analyze", AnalyzeError)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

@@ -1,0 +1,87 @@
+"""What scripts see of `acquire`: exit codes and the one line, where no rig is needed."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from acquire import demo
+from acquire.camera.base import CameraInfo
+from acquire.cli import main
+
+
+@pytest.fixture
+def cameras(monkeypatch: pytest.MonkeyPatch) -> list[CameraInfo]:
+    """What answers to `acquire discover`."""
+    pytest.importorskip("gi")
+    found: list[CameraInfo] = []
+    monkeypatch.setattr("acquire.camera.aravis.discover", lambda: found)
+    return found
+
+
+def test_discover_fails_with_the_remedy_where_no_camera_answers(cameras: list[CameraInfo]) -> None:
+    for arguments, stdout in (["discover"], ""), (["discover", "--json"], "[]\n"):
+        result = CliRunner().invoke(main, arguments)
+        assert result.exit_code == 1
+        assert result.stdout == stdout
+        (line,) = result.stderr.splitlines()
+        assert line.startswith("acquire: no camera answers: check power and cable")
+
+
+def test_discover_lists_what_answers(cameras: list[CameraInfo]) -> None:
+    cameras.append(CameraInfo("Allied", "Guppy", "7", "192.168.10.2"))
+    result = CliRunner().invoke(main, ["discover"])
+    assert (result.exit_code, result.stdout) == (0, "192.168.10.2     Allied Guppy (7)\n")
+    (camera,) = json.loads(CliRunner().invoke(main, ["discover", "--json"]).stdout)
+    assert camera["model"] == "Guppy"
+
+
+@pytest.fixture
+def hung(tmp_path: Path) -> Iterator[Path]:
+    """A rig file whose daemon takes connections and says nothing."""
+    path = tmp_path / "d.sock"
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        listener.listen(4)
+        rig = tmp_path / "rig.toml"
+        rig.write_text(
+            f"""[camera]
+address = "127.0.0.1"
+[camera.calibration]
+width = 64
+height = 48
+K = [[100, 0, 32], [0, 100, 24], [0, 0, 1]]
+T_world_camera = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+[daemon]
+socket = "{path}"
+""",
+            encoding="utf-8",
+        )
+        yield rig
+
+
+def test_a_stop_that_reaches_nobody_says_what_to_do_first(hung: Path) -> None:
+    result = CliRunner().invoke(main, ["stop", "--rig", str(hung)])
+    assert result.exit_code == 1
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("acquire: NOT STOPPED: if the arm moves, cut the motor's power: the daemon (process ")
+
+
+def test_a_demo_removes_the_folders_of_killed_ones(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", ""]) as dead:
+        dead.wait()
+    left, mine = tmp_path / f"percuss-demo-{dead.pid}-abc", tmp_path / f"percuss-demo-{os.getpid()}-abc"
+    others = [tmp_path / "percuss-demo-x-abc", tmp_path / "percuss-1000", tmp_path / f"percuss-demo-{dead.pid}-link"]
+    for folder in (left, mine, *others[:2]):
+        (folder / "run").mkdir(parents=True)
+    others[2].symlink_to(mine)
+    demo._remove_leftovers(tmp_path)
+    assert set(tmp_path.iterdir()) == {mine, *others}
