@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture soak-capture bench-striker protos lock clean
+.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-striker protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -72,6 +72,9 @@ bench-faults: setup  ## every fault there is a test for; writes the table in doc
 
 bench-striker: setup  ## swings on two virtual objects at three speeds against the truth: contact time, speed, impulse (two minutes)
 	@$(BIN)/python tests/benchmarks/striker.py
+
+bench-clock: setup  ## recorded frame times against the truth at drifts of -50, 0 and +50 ppm (a minute)
+	@PYTHONPATH=. $(BIN)/python tests/benchmarks/clock.py
 
 protos: setup  ## regenerate schemas/proto/percuss_pb2.py(.pyi)
 	@$(BIN)/python -m grpc_tools.protoc -I schemas/proto --python_out=schemas/proto --pyi_out=schemas/proto schemas/proto/percuss.proto

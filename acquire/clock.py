@@ -4,18 +4,24 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from acquire.clock_bounds import LineBounds, lines_between
+
 if TYPE_CHECKING:
     from acquire.camera.base import ClockReading
 
+DRIFT_LIMIT = 3e-4
+"""greatest rate between two clocks: twice a poor crystal's 100 ppm, and what NTP slews the host's by"""
 DRIFT_PRIOR_SD = 1e-4
 """1 sigma of a crystal's rate before anything is known: 100 ppm"""
-READING_SD_FLOOR_NS = 2_000.0
-"""no reading of a clock over a wire is trusted beyond this"""
+BURST_NS = 20_000_000
+"""of readings closer than this only the quickest counts: the others bound the same line less tightly"""
+MAPPING_SD_FLOOR_NS = 2_000.0
+"""no clock that is read over a wire is known better than this"""
 
 
 class Clock(Protocol):
@@ -82,12 +88,12 @@ class _Line:
 class DeviceClockMapper:
     """Maps a device's clock to the host's monotonic clock: offset and drift over a sliding window.
 
-    Each `ClockReading` bounds the device's clock between two of the host's. The midpoints are fitted with a straight line, the drift
-    held by a prior of 100 ppm until the window is long enough to tell. The shortest round trip bounds the error tightest (Cristian
-    1989, "Probabilistic clock synchronization"), so a reading's sd grows with the square of its round trip; picking the best half
-    instead would fit nothing but a burst of quick readings, all taken at once. That fixes the rate. The offset then goes to the
-    middle of what *all* bounds leave open (Marzullo 1984): the quickest way there and the quickest way back need not belong to one
-    reading, and one slow direction does not bias it.
+    Each `ClockReading` holds the device's clock between two of the host's: a bound that no delay on the wire can break (Cristian 1989,
+    "Probabilistic clock synchronization"). All straight lines between all bounds (Marzullo 1984) are a convex polygon in offset and
+    drift; none of them is more probable than another, so the mapping is their mean and its uncertainty their spread. A slow machine
+    or a queue in one direction makes the polygon larger, never wrong. The marginal of a uniform polygon ends within 2.83 sd of its
+    mean (a triangle's tip): **while the drift is steady, the error is below 3 sd, always.** Where no line fits, the drift was not
+    steady (the device was warmed up, the host's clock was slewed) and the oldest readings are given up.
 
     Where the device cannot latch, `add_arrival` takes the frames themselves: the least delay in each half second stands for the
     bin (queues only ever add delay), and the result lags the truth by the constant least delay, which is `least_delay_ns` if known.
@@ -115,6 +121,16 @@ class DeviceClockMapper:
         return bool(self._readings)
 
     @property
+    def span_s(self) -> float:
+        """Time between the oldest and the newest reading in use; 0 = none."""
+        return (self._readings[-1].host_after_ns - self._readings[0].host_after_ns) * 1e-9 if self._readings else 0.0
+
+    @property
+    def shortest_round_trip_ns(self) -> int:
+        """Of the readings in use; 0 = none."""
+        return min((_round_trip_ns(reading) for reading in self._readings), default=0)
+
+    @property
     def drift(self) -> float:
         """Rate of the device clock against the host's, minus 1 (37e-6: it gains 37 us per second)."""
         return 0.0 if self._line is None else -self._line.rate / (1.0 + self._line.rate)
@@ -122,17 +138,27 @@ class DeviceClockMapper:
     @property
     def sd_ns(self) -> int:
         """1 sigma of the mapping at the newest time fed [ns]; 0 = nothing known yet."""
-        return 0 if self._line is None else round(self._line.sd_ns(self._newest_device_ns))
+        return self.sd_at(self._newest_device_ns)
+
+    def sd_at(self, device_time_ns: int) -> int:
+        """1 sigma of the mapping at a device time [ns]; it grows with the time since the last reading. 0 = nothing known yet."""
+        return 0 if self._line is None else round(max(MAPPING_SD_FLOOR_NS, self._line.sd_ns(device_time_ns)))
 
     def add(self, reading: ClockReading) -> None:
         """Take a reading of the device's clock. A clock that ran backwards (device restarted) empties the window."""
         if self._readings and reading.device_time_ns < self._readings[-1].device_time_ns:
             self._readings.clear()
+        self._newest_device_ns = reading.device_time_ns
+        if self._readings and reading.device_time_ns - self._readings[-1].device_time_ns < BURST_NS:
+            if _round_trip_ns(reading) >= _round_trip_ns(self._readings[-1]):
+                return
+            self._readings.pop()
         self._readings.append(reading)
         while self._readings[0].host_after_ns < reading.host_after_ns - self._window_ns:
             self._readings.popleft()
-        self._newest_device_ns = reading.device_time_ns
-        self._line = _centred(_fit(_midpoints(self._readings)), self._readings)
+        while (lines := lines_between(self._readings, DRIFT_LIMIT)) is None:
+            self._readings.popleft()
+        self._line = _mean_line(lines, reading)
 
     def add_arrival(self, device_time_ns: int, host_time_ns: int) -> None:
         """Take a frame's device time and its arrival; used only while there is no clock reading."""
@@ -166,33 +192,17 @@ class DeviceClockMapper:
         return self._line.host_ns(device_time_ns)
 
 
-def _midpoints(readings: deque[ClockReading]) -> list[_Point]:
-    shortest = min(max(1, reading.host_after_ns - reading.host_before_ns) for reading in readings)
-    points = []
-    for reading in readings:
-        length = max(1, reading.host_after_ns - reading.host_before_ns)
-        # The true instant lies anywhere in the round trip: a uniform distribution's sd, length / sqrt(12). What makes a trip longer
-        # than the shortest mostly delays one direction.
-        sd_ns = max(READING_SD_FLOOR_NS, length / 12.0**0.5) * length / shortest
-        points.append(_Point(reading.device_time_ns, (reading.host_before_ns + reading.host_after_ns) // 2, sd_ns))
-    return points
+def _round_trip_ns(reading: ClockReading) -> int:
+    return reading.host_after_ns - reading.host_before_ns
 
 
-def _centred(line: _Line, readings: deque[ClockReading]) -> _Line:
-    """The line moved to the middle of the bounds; unmoved where its rate is too uncertain for them to agree."""
-    latest_lower = max(reading.host_before_ns - line.host_ns(reading.device_time_ns) for reading in readings)
-    earliest_upper = min(reading.host_after_ns - line.host_ns(reading.device_time_ns) for reading in readings)
-    width = earliest_upper - latest_lower
-    if width <= 0:
-        return line
-    var_offset, cov, var_rate = line.covariance
-    # Replace the fit's own variance at its mean by that of a uniform distribution over the interval.
-    var_mean = var_offset - cov * cov / var_rate
-    centred_variance = max(READING_SD_FLOOR_NS, width / 12.0**0.5) ** 2
-    return replace(
-        line,
-        offset_ns=line.offset_ns + 0.5 * (latest_lower + earliest_upper),
-        covariance=(var_offset - var_mean + centred_variance, cov, var_rate),
+def _mean_line(lines: LineBounds, newest: ClockReading) -> _Line:
+    return _Line(
+        device0_ns=newest.device_time_ns,
+        host0_ns=newest.host_before_ns,
+        offset_ns=lines.offset_ns,
+        rate=lines.rate,
+        covariance=lines.covariance,
     )
 
 

@@ -17,9 +17,16 @@ if TYPE_CHECKING:
     from acquire.config import CameraConfig
 
 LATCH_S: Final = 0.5
+FIRST_LATCH_S: Final = 0.1
+"""between latches while the readings span less than `SPAN_S`: the drift is known only as well as they lie apart"""
+SPAN_S: Final = 2.0
+FIRST_LATCHES: Final = 10
+"""before the first frame"""
+LATCH_TRIES: Final = 4
+"""one after the other, until one is about as quick as the quickest (Cristian 1989)"""
+QUICK: Final = 1.3
 RETRY_S: Final = 0.5
 READ_TIMEOUT_S: Final = 0.1
-FIRST_LATCHES: Final = 4
 
 
 @dataclass(frozen=True)
@@ -202,7 +209,7 @@ class CameraStream:
             # Nobody counted while the camera was away: the gap in time does.
             lost = max(0, round((mid - self._recent[-1]) / self._period_ns) - 1)
         self._recent.append(mid)
-        timed = TimedFrame(frame, self._sequence, mid, mapper.sd_ns, lost)
+        timed = TimedFrame(frame, self._sequence, mid, mapper.sd_at(frame.device_time_ns), lost)
         self._sequence += 1
         self._lost += lost
         return timed
@@ -211,15 +218,19 @@ class CameraStream:
 
     def _latch(self) -> None:
         while not self._stopping.is_set():
-            self._latch_now.wait(LATCH_S)
+            self._latch_now.wait(LATCH_S if self._mapper.span_s > SPAN_S else FIRST_LATCH_S)
             self._latch_now.clear()
             camera, mapper = self._camera, self._mapper
-            if camera is None or self._stopping.is_set():
-                continue
-            try:
-                reading = camera.latch_clock()
-            except CameraError:
-                continue  # the acquisition thread notices by itself, by the frames that stay away
-            if reading is not None:
+            for _ in range(LATCH_TRIES):
+                if camera is None or self._stopping.is_set():
+                    break
+                try:
+                    reading = camera.latch_clock()
+                except CameraError:
+                    break  # the acquisition thread notices by itself, by the frames that stay away
+                if reading is None:
+                    break
                 mapper.add(reading)
                 self._on_clock(reading)
+                if reading.host_after_ns - reading.host_before_ns <= QUICK * mapper.shortest_round_trip_ns:
+                    break

@@ -1,4 +1,7 @@
-"""A virtual camera with the test pattern in a process of its own: `pattern_camera.py ADDRESS [PACKET_LOSS]`, until its input closes."""
+"""A virtual camera with the test pattern in a process of its own, until its input closes.
+
+pattern_camera.py ADDRESS [PACKET_LOSS [DRIFT]]
+"""
 
 from __future__ import annotations
 
@@ -6,14 +9,15 @@ import json
 import sys
 
 from acquire.clock import SystemClock
-from acquire.virtual.gige_camera import VirtualGigeCamera
+from acquire.virtual.gige_camera import DRIFT, VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource
 
 if __name__ == "__main__":
     sys.setswitchinterval(5e-4)
     clock = SystemClock()
     loss = float(sys.argv[2]) if len(sys.argv) > 2 else 0.0
-    camera = VirtualGigeCamera(sys.argv[1], "PATTERN", PatternSource(clock, 7), clock, packet_loss=loss, seed=3)
+    drift = float(sys.argv[3]) if len(sys.argv) > 3 else DRIFT
+    camera = VirtualGigeCamera(sys.argv[1], "PATTERN", PatternSource(clock, 7), clock, drift=drift, packet_loss=loss, seed=3)
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     sys.stdin.read()

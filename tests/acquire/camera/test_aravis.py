@@ -58,7 +58,7 @@ def test_frames_are_byte_exact_periodic_and_none_is_lost_at_120_fps(pattern_came
             assert reading.host_before_ns < reading.host_after_ns
             mapper.add(reading)
         camera.start()
-        times, numbers, ids, errors_ns = [], [], [], []
+        times, numbers, ids, sigmas = [], [], [], []
         for count in range(300):
             frame = next_frame(camera)
             start_ns, number = read_stamp(frame.image)
@@ -72,7 +72,7 @@ def test_frames_are_byte_exact_periodic_and_none_is_lost_at_120_fps(pattern_came
             ids.append(frame.frame_id)
             if count % 30 == 0 and (again := camera.latch_clock()) is not None:
                 mapper.add(again)
-            errors_ns.append(mapper.to_host(frame.device_time_ns) - start_ns)
+            sigmas.append((mapper.to_host(frame.device_time_ns) - start_ns) / mapper.sd_at(frame.device_time_ns))
             camera.release(frame)
         camera.stop()
         camera.close()
@@ -81,7 +81,7 @@ def test_frames_are_byte_exact_periodic_and_none_is_lost_at_120_fps(pattern_came
     assert max(ids) == 65535
     assert min(ids) == 1  # the ids wrapped past 0
     assert camera.incomplete_frames == 0
-    assert np.max(np.abs(errors_ns[100:])) <= 30_000
+    assert np.max(np.abs(sigmas)) < 3.0  # a slow machine reads the clock slowly and says so; what a quiet one does: make bench-clock
 
 
 def test_stop_and_start_again_loses_nothing(pattern_camera, camera_config) -> None:
