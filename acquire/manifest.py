@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import hashlib
-import subprocess
 import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +31,7 @@ from schemas.documents import (
     parse_strike_plan,
     sha256_text,
 )
+from schemas.software import software_version
 
 MAPPING_SD_NS = 30_000
 """1 sigma of the camera-to-host clock mapping with a latched clock (docs/hardware.md)"""
@@ -134,16 +132,3 @@ def calibration_message(spec: CameraCalibrationSpec) -> CameraCalibration:
     message.P.extend(value for row in spec.K for value in (*row, 0.0))
     message.R.extend([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
     return message
-
-
-def software_version() -> str:
-    """Package version, and the git commit where the code runs from a checkout."""
-    root = Path(__file__).resolve().parent.parent
-    commit = ""
-    if (root / ".git").exists():
-        with contextlib.suppress(OSError, subprocess.SubprocessError):
-            done = subprocess.run(
-                ["git", "-C", str(root), "describe", "--always", "--dirty"], capture_output=True, text=True, check=True, timeout=5
-            )
-            commit = f"+{done.stdout.strip()}"
-    return f"percuss {version('percuss')}{commit}"

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -166,11 +167,15 @@ def render_inspection(found: dict[str, Any], console: Console | None = None) -> 
         f"by {found['software']}, schema {found['schema_version']}",
         highlight=False,
     )
-    table = Table("topic", "type", "messages", "per second", "longest gap [s]")
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    # The name is what a reader copies: it stays whole where the terminal is narrow, the type gives way.
+    table.add_column("topic", no_wrap=True)
+    table.add_column("type", overflow="fold")
+    for heading in ("messages", "per second", "gap [s]"):
+        table.add_column(heading, justify="right")
     for topic in found["topics"]:
-        table.add_row(
-            topic["name"], topic["schema"], str(topic["count"]), _number(topic["rate_hz"], ".2f"), _number(topic["longest_gap_s"], ".3f")
-        )
+        kind = topic["schema"].rpartition(".")[2]
+        table.add_row(topic["name"], kind, str(topic["count"]), _number(topic["rate_hz"], ".2f"), _number(topic["longest_gap_s"], ".3f"))
     console.print(table)
     for camera in found["cameras"]:
         delay_ms = None if camera["arrival_delay_s"] is None else camera["arrival_delay_s"] * 1e3
@@ -187,7 +192,7 @@ def render_inspection(found: dict[str, Any], console: Console | None = None) -> 
             highlight=False,
         )
     if found["strikes"]:
-        strikes = Table("strike", "images", "missing", "speed [m/s]", "verdict", "reason")
+        strikes = Table("strike", "images", "missing", "speed [m/s]", "verdict", "reason", box=SIMPLE_HEAD, pad_edge=False)
         for strike in found["strikes"]:
             strikes.add_row(
                 strike["strike_id"],

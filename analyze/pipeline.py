@@ -15,9 +15,10 @@ from analyze.estimation.equiplane import equiplane, equiplane_from_fit
 from analyze.estimation.inertia import Scale, inertia_prior, inertial_parameters
 from analyze.estimation.paper import PaperCentre, PaperRegions, paper_centre_of_mass, paper_regions
 from analyze.estimation.regions import mass_distribution
-from analyze.geometry.object_model import ObjectModel, load_object_model, object_files
+from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.object_files import object_files
 from analyze.recording import Recording, open_recording
 from analyze.results.document import build_result, result_json
 from analyze.results.summary import render_summary
@@ -37,10 +38,10 @@ from schemas.documents import (
     sha256_text,
 )
 from schemas.proto import percuss_pb2 as pb
+from schemas.software import software_version
 
 __all__ = ["Estimate", "EstimateOptions", "Evidence", "estimate_evidence", "estimate_recording", "render_summary"]
 
-SOFTWARE = "percuss 0.1.0"
 CELLS = 4000
 LEAST_STRIKES = 3
 USABLE = (Verdict.GOOD, Verdict.ROCKED_BACK)
@@ -83,6 +84,8 @@ class Evidence:
     object_path_used: bool = False
     frames_lost: Mapping[str, int] = field(default_factory=dict)
     """in each strike's window, by strike id"""
+    software: str = "percuss"
+    """the program that read the recording"""
 
     def planned(self, motion: TipMotion) -> PlannedStrike:
         """The plan's entry for a strike."""
@@ -177,6 +180,7 @@ def read_evidence(path: Path, options: EstimateOptions, progress: Progress | Non
             tracking,
             options.object_path is not None,
             {record.strike_id: _frames_lost(recording, record) for record in recording.strikes},
+            software_version(),
         )
 
 
@@ -315,5 +319,5 @@ def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:
         object_sha256=evidence.object_sha256,
         plan_sha256=evidence.manifest.plan_sha256,
         configuration_sha256=sha256_text(settings),
-        software=SOFTWARE,
+        software=evidence.software,
     )

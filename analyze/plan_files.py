@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.errors import PlanError
-from analyze.geometry.object_model import load_object_model, object_files
+from analyze.geometry.object_model import load_object_model
+from analyze.object_files import object_files
 from analyze.output_file import write_text
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import FRICTION, make_plan

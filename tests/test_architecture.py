@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -20,8 +21,33 @@ OWNERS = {
     "mcap": {"acquire/recorder/", "analyze/recording.py"},
     "mujoco": {"acquire/virtual/"},
 }
-PURE = ("analyze/geometry", "analyze/planning", "analyze/tracking", "analyze/motion", "analyze/estimation")
-PURE_FORBIDDEN = {"time", "datetime", "socket", "subprocess", "random", "os", "logging", "mcap", "rerun", "matplotlib", "requests"}
+STDLIB = {"__future__", "collections", "dataclasses", "enum", "functools", "itertools", "math", "typing"}
+FOUNDATION = STDLIB | {"numpy", "scipy", "analyze.errors", "analyze.types", "schemas.documents"}
+"""what every pure package may use; `schemas.documents` for its types"""
+PURE = {
+    "analyze/geometry": FOUNDATION | {"analyze.geometry", "trimesh", "io.BytesIO", "pathlib.PurePath"},
+    "analyze/planning": FOUNDATION | {"analyze.planning", "analyze.geometry"},
+    "analyze/tracking": FOUNDATION | {"analyze.tracking", "cv2"},
+    "analyze/motion": FOUNDATION | {"analyze.motion", "analyze.tracking"},
+    "analyze/estimation": FOUNDATION | {"analyze.estimation", "analyze.geometry"},
+}
+"""package -> all that it may import; what is not listed has a clock, a file, a device or a later stage behind it"""
+IMPURE_CALLS = {
+    "open",
+    "print",
+    "input",
+    "exec",
+    "eval",
+    "__import__",
+    "default_rng",
+    "fromfile",
+    "tofile",
+    "loadtxt",
+    "savetxt",
+    "imread",
+    "imwrite",
+}
+"""what reads, writes or draws by chance without an import of its own"""
 CV2_ALLOWED = (
     "analyze/tracking",
     "analyze/geometry",
@@ -31,17 +57,39 @@ CV2_ALLOWED = (
     "analyze/results",
     "acquire/",
 )
+MADE_AT_RUN_TIME = "a name made at run time"
 VIRTUAL_USERS = ("acquire/virtual/", "acquire/demo.py")
 
 
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def _imports(path: Path) -> list[tuple[int, str]]:
+    """(line, full name) of everything imported, also inside functions: of `from a import b` it is a.b, relative names are made whole."""
+    package = path.relative_to(ROOT).parent.parts
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(_tree(path)):
         if isinstance(node, ast.Import):
             found += [(node.lineno, alias.name) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            found.append((node.lineno, node.module))
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else ()
+            module = ".".join([*above, *([node.module] if node.module else [])])
+            found += [(node.lineno, f"{module}.{alias.name}") for alias in node.names]
+        elif isinstance(node, ast.Call) and _called(node) in {"import_module", "__import__"}:
+            name = node.args[0] if node.args else None
+            found.append((node.lineno, str(name.value) if isinstance(name, ast.Constant) else MADE_AT_RUN_TIME))
     return found
+
+
+def _called(node: ast.Call) -> str:
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+
+
+def _within(name: str, *packages: str) -> bool:
+    return any(name == package or name.startswith(f"{package}.") for package in packages)
 
 
 def _violations(rule) -> list[str]:
@@ -66,6 +114,10 @@ def test_the_two_packages_never_import_each_other():
     assert not _violations(lambda path, module: path.startswith("analyze/") and _top(module) == "acquire")
 
 
+def test_every_import_can_be_read_off_the_code():
+    assert not _violations(lambda path, module: module == MADE_AT_RUN_TIME)
+
+
 def test_nothing_imports_tests():
     assert not _violations(lambda path, module: _top(module) == "tests")
 
@@ -78,13 +130,46 @@ def test_a_library_has_its_owner(module):
 
 def test_production_code_does_not_know_the_virtual_rig():
     def rule(path, module):
-        return module.startswith("acquire.virtual") and not path.startswith(VIRTUAL_USERS)
+        return _within(module, "acquire.virtual") and not path.startswith(VIRTUAL_USERS)
 
     assert not _violations(rule)
 
 
+@pytest.mark.parametrize("package", sorted(PURE))
+def test_a_pure_package_imports_only_what_is_listed(package):
+    assert not _violations(lambda path, module: path.startswith(package) and not _within(module, *PURE[package]))
+    assert not _violations(lambda path, module: path.startswith(package) and module.startswith("schemas.documents.read_"))
+
+
 def test_the_estimators_are_pure():
-    assert not _violations(lambda path, module: path.startswith(PURE) and _top(module) in PURE_FORBIDDEN)
+    assert not [
+        f"{path.relative_to(ROOT)}:{node.lineno}: calls {_called(node)}"
+        for path in SOURCES
+        for node in ast.walk(_tree(path))
+        if path.relative_to(ROOT).as_posix().startswith(tuple(PURE)) and isinstance(node, ast.Call) and _called(node) in IMPURE_CALLS
+    ]
+
+
+@pytest.mark.parametrize(
+    ("line", "name"),
+    [
+        ("import acquire.virtual.world", "acquire.virtual.world"),
+        ("from acquire import virtual", "acquire.virtual"),
+        ("from acquire.virtual.world import World", "acquire.virtual.world.World"),
+        ("from . import virtual", "acquire.virtual"),
+        ("from .virtual import world", "acquire.virtual.world"),
+        ("from ..acquire import virtual", "acquire.virtual"),
+        ("def f():\n    import acquire.virtual", "acquire.virtual"),
+        ("importlib.import_module('acquire.virtual')", "acquire.virtual"),
+        ("importlib.import_module(name)", MADE_AT_RUN_TIME),
+    ],
+)
+def test_no_way_of_importing_is_overlooked(line, name, tmp_path, monkeypatch):
+    monkeypatch.setattr("tests.test_architecture.ROOT", tmp_path)
+    (tmp_path / "acquire").mkdir()
+    path = tmp_path / "acquire" / "daemon.py"
+    path.write_text(line, encoding="utf-8")
+    assert [found for _, found in _imports(path)] == [name]
 
 
 def test_only_named_modules_use_opencv():
@@ -96,7 +181,7 @@ def test_pickle_and_shells_are_not_used():
     shells = [
         f"{path.relative_to(ROOT)}:{node.lineno}: shell=True"
         for path in SOURCES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(_tree(path))
         if isinstance(node, ast.keyword) and node.arg == "shell" and isinstance(node.value, ast.Constant) and node.value.value is True
     ]
     assert not shells
@@ -107,4 +192,4 @@ def test_no_file_is_called_utils():
 
 
 def test_every_module_says_what_it_is():
-    assert not [str(p.relative_to(ROOT)) for p in SOURCES if ast.get_docstring(ast.parse(p.read_text(encoding="utf-8"))) is None]
+    assert not [str(p.relative_to(ROOT)) for p in SOURCES if ast.get_docstring(_tree(p)) is None]

@@ -5,10 +5,10 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from io import BytesIO
+from pathlib import PurePath
 
 import numpy as np
 import trimesh
@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, QhullError
 from analyze.errors import ShapeError
 from analyze.geometry import distance, polyhedron
 from analyze.types import Array, IntArray
-from schemas.documents import Box, Cylinder, DocumentError, LengthUnit, ObjectSpec, object_sha256, read_object_spec
+from schemas.documents import Box, Cylinder, LengthUnit, ObjectSpec
 
 CYLINDER_SIDES = 128
 SMALLEST_EXTENT = 0.005
@@ -107,39 +107,6 @@ class ObjectModel:
         return distance.surface_index(self.vertices, self.faces)
 
 
-@dataclass(frozen=True)
-class ObjectFiles:
-    """An object as its files give it."""
-
-    spec: ObjectSpec
-    shape_bytes: bytes | None
-    """None: a primitive"""
-    shape_name: str
-    sha256: str
-
-
-def object_files(spec_path: Path) -> ObjectFiles:
-    """Read an ObjectSpec (TOML) and the shape file beside it.
-
-    Raises:
-        ShapeError: either is missing or cannot be read, or the specification holds an entry that cannot be used.
-    """
-    try:
-        spec = read_object_spec(spec_path)
-    except DocumentError as error:
-        raise ShapeError(str(error)) from None
-    if spec.shape.file is None:
-        return ObjectFiles(spec, None, spec_path.name, object_sha256(spec, None))
-    shape_path = spec_path.parent / spec.shape.file
-    try:
-        data = shape_path.read_bytes()
-    except FileNotFoundError:
-        raise ShapeError(f"{shape_path}: no such shape file: {spec_path.name} names it, put it beside it") from None
-    except OSError as error:
-        raise ShapeError(f"{shape_path}: cannot be read: {error.strerror}") from None
-    return ObjectFiles(spec, data, shape_path.name, object_sha256(spec, data))
-
-
 def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> ObjectModel:
     """Exterior of `spec`.
 
@@ -202,11 +169,11 @@ def _model(spec: ObjectSpec, vertices: Array, faces: IntArray, primitive: Box | 
 
 
 def _read_mesh(data: bytes, name: str) -> tuple[Array, IntArray]:
-    suffix = Path(name).suffix.lower().removeprefix(".")
+    suffix = PurePath(name).suffix.lower().removeprefix(".")
     if suffix not in FORMATS:
         raise ShapeError(f"{name}: shape files are {', '.join(FORMATS).upper()}: convert it")
     try:
-        mesh = trimesh.load_mesh(io.BytesIO(data), file_type=suffix, process=False)
+        mesh = trimesh.load_mesh(BytesIO(data), file_type=suffix, process=False)
         raw_vertices = np.asarray(mesh.vertices, dtype=np.float64)
         raw_faces = np.asarray(mesh.faces, dtype=np.int64)
     except Exception:  # trimesh's readers raise whatever the damaged byte leads to

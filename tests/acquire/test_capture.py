@@ -339,9 +339,9 @@ def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(tmp_path
         assert (killed_ns - found[-1].log_time) * 1e-9 < 0.5
 
 
+@pytest.mark.usefixtures("aravis")
 def test_a_gige_camera_on_real_wires(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     """Aravis, GVSP on loopback, full size and rate, striker samples at 1 kHz beside it: nothing is lost."""
-    pytest.importorskip("gi")
     calibration = CALIBRATION.model_copy(update={"width": 656, "height": 492})
     camera = CameraConfig(address="127.0.0.41", receive_buffer_bytes=8 << 20, calibration=calibration)
     source = Path(__file__).parent / "camera" / "pattern_camera.py"

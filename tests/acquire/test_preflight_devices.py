@@ -68,8 +68,8 @@ def _check(rig: Path) -> tuple[dict[str, dict], set[str]]:
     return checks, {name for name, check in checks.items() if check["outcome"] != "pass"}
 
 
+@pytest.mark.usefixtures("aravis")
 def test_a_rig_of_virtual_devices(tmp_path: Path) -> None:
-    pytest.importorskip("gi")
     rig = tmp_path / "rig.toml"
     with Plant(tmp_path) as plant, _camera():
         rig.write_text(RIG.format(address=ADDRESS, port=plant.servo.port_path, folder=tmp_path), encoding="utf-8")
@@ -81,8 +81,8 @@ def test_a_rig_of_virtual_devices(tmp_path: Path) -> None:
     assert checks["camera clock"]["measured"]["value"] < 1e-3
 
 
+@pytest.mark.usefixtures("aravis")
 def test_a_daemon_is_asked_and_tells_its_service_manager(tmp_path: Path) -> None:
-    pytest.importorskip("gi")
     rig = tmp_path / "rig.toml"
     text = RIG.format(address=ADDRESS, port="none", folder=tmp_path).replace("[striker]", '[striker]\nkind = "manual"')
     rig.write_text(text, encoding="utf-8")

@@ -51,6 +51,16 @@ def test_a_cut_recording_is_inspected_and_named_so(tmp_path: Path) -> None:
     assert "/camera/main/image" in text.getvalue()
 
 
+def test_names_stay_whole_on_a_terminal_of_80_columns(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap")
+    found = inspect_recording(tmp_path / "a.mcap")
+    text = io.StringIO()
+    render_inspection(found, Console(file=text, width=80))
+    for topic in found["topics"]:
+        assert f" {topic['name']} " in text.getvalue()
+    assert "…" not in text.getvalue()
+
+
 def test_an_empty_session_is_inspected(tmp_path: Path) -> None:
     from acquire.recorder.writer import McapWriter
 

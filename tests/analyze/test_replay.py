@@ -1,18 +1,12 @@
 from __future__ import annotations
 
 import dataclasses
-import subprocess
-import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.writer import CompressionType, Writer
-
-sys.path.insert(0, str(Path(__file__).parent))
-from simulated_session import carton, manifest, session
 
 from acquire.virtual.lens import Lens
 from acquire.virtual.objects import load_object
@@ -26,6 +20,7 @@ from analyze.types import MarkerTrack
 from schemas import topics
 from schemas.documents import MANIFEST_NAME, TimeSource
 from schemas.proto import percuss_pb2 as pb
+from tests.analyze.simulated_session import carton, manifest, session
 
 STATION = station(1)
 SHOWN = 3
@@ -120,13 +115,6 @@ def content_spec():
     return load_object("carton", 1).spec
 
 
-def vulkan_device():
-    try:
-        return subprocess.run(["vulkaninfo", "--summary"], capture_output=True, timeout=20, check=False).returncode == 0
-    except FileNotFoundError:
-        return any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
-
-
 # --- what is drawn ------------------------------------------------------------------------------------------------
 
 
@@ -200,7 +188,7 @@ def test_motions_without_a_result_can_be_replayed(recording, content, tmp_path):
     assert moment_of(bare) == pytest.approx(0.2)
 
 
-@pytest.mark.skipif(not vulkan_device(), reason="no Vulkan device: install mesa-vulkan-drivers")
+@pytest.mark.usefixtures("vulkan")
 def test_a_view_rendered_without_a_screen_is_not_blank(rrd, content, tmp_path):
     picture = tmp_path / "replay.png"
     screenshot(rrd, picture, moment_of(content))

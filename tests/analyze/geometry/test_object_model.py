@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import ShapeError
-from analyze.geometry.object_model import load_object_model, object_files
+from analyze.geometry.object_model import load_object_model
 from tests.analyze.geometry.shapes import box_triangles, obj, spec_of, stl
 
 SIZE = np.array([60.0, 50.0, 200.0])
@@ -143,18 +143,6 @@ def test_unreadable_files_are_refused_in_one_line(name, data):
 def test_box_in_millimetres_is_refused():
     with pytest.raises(ShapeError, match="in metres"):
         load_object_model(spec_of({"box": {"size_m": [60, 50, 200]}}), None, "")
-
-
-def test_files_are_read_with_the_shape_beside(tmp_path):
-    text = 'name = "b"\nmass_kg = 0.05\nmass_sd_kg = 0.0001\nshape = { file = "b.stl", unit = "mm" }\n[[marker]]\nid = 1\nsize_m = 0.03\n'
-    (tmp_path / "b.toml").write_text(text)
-    with pytest.raises(ShapeError, match=r"b\.stl: no such shape file"):
-        object_files(tmp_path / "b.toml")
-    (tmp_path / "b.stl").write_bytes(stl(box_triangles(SIZE)))
-    files = object_files(tmp_path / "b.toml")
-    assert load_object_model(files.spec, files.shape_bytes, files.shape_name).name == "b"
-    with pytest.raises(ShapeError, match="no such file"):
-        object_files(tmp_path / "c.toml")
 
 
 def test_ray_meets_the_near_side():

@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import PlanError
-from analyze.geometry.object_model import load_object_model, object_files
+from analyze.geometry.object_model import load_object_model
+from analyze.object_files import object_files
 from analyze.planning import design
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import ImpactPoint, StrikerModel, best_impact, free_motion, impact_points
