@@ -205,6 +205,9 @@ class Capture:
             raise
         self._error = ""
         self._recording = recording
+        for text in (*stream.status().warnings, stream.status().trouble):
+            if text:
+                self._on_text(text)
         stream.latch()
         return {}
 
@@ -231,7 +234,7 @@ class Capture:
         stream = self._started()[1]
         status, recording = stream.status(), self._recording
         frames = recording.frames if recording is not None else None
-        error = str(frames.error) if frames is not None and frames.error is not None else self._error
+        error = str(frames.error) if frames is not None and frames.error is not None else self._error or status.trouble
         now = self._clock.monotonic_ns()
         return {
             "frames": status.frames,
@@ -246,6 +249,7 @@ class Capture:
             "clock_latched": status.latched,
             "last_frame_age_s": (now - status.last_frame_ns) * 1e-9 if status.last_frame_ns is not None else None,
             "error": error,
+            "warnings": status.warnings,
         }
 
     def _close_recording(self, *_: object) -> dict[str, Any]:
@@ -300,7 +304,6 @@ class Capture:
             self._write_quietly(recording, topics.CLOCK_SAMPLE, middle, sample.SerializeToString())
 
     def _on_text(self, text: str) -> None:
-        self._error = text if "lost" in text else ""
         if (recording := self._recording) is not None:
             now = self._clock.monotonic_ns()
             message = Log(level=Log.Level.WARNING, message=text, name="capture")

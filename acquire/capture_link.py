@@ -50,6 +50,8 @@ class CaptureStatus:
     last_frame_age_s: float | None
     error: str
     """what went wrong last, empty when all is well"""
+    warnings: tuple[str, ...]
+    """what works less well than it could"""
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,7 @@ class CaptureProcess:
         reply = self._call({"op": "status"})
         reply["recording"] = Path(reply["recording"]) if reply["recording"] is not None else None
         reply["camera"] = CameraInfo(**reply["camera"]) if reply["camera"] is not None else None
+        reply["warnings"] = tuple(reply["warnings"])
         return CaptureStatus(**reply)
 
     def close_recording(self) -> RecordingReport:

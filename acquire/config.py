@@ -26,9 +26,15 @@ class CameraConfig(_Section):
     height: int = Field(default=492, gt=0)
     offset_x: int = Field(default=0, ge=0)
     offset_y: int = Field(default=0, ge=0)
-    frame_rate_hz: float = Field(default=120.0, gt=0)
+    pixel_format: Literal["Mono8"] = Field(default="Mono8", description="the only one that recorder and tracking take")
+    frame_rate_hz: float = Field(default=120.0, gt=0, description="with a trigger: the rate of its pulses")
     exposure_us: float = Field(default=1500.0, gt=0)
     gain_db: float = Field(default=0.0, ge=0)
+    trigger: str = Field(
+        default="off",
+        pattern=r"^(off|Line[0-9]+)$",
+        description="off: the camera times itself; else its input whose rising edge is a frame",
+    )
     packet_size: int = Field(default=8192, ge=576, le=9000)
     receive_buffer_bytes: int = Field(default=16 << 20, gt=0)
     buffers: int = Field(default=64, ge=8)

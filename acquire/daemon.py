@@ -369,6 +369,7 @@ class Daemon:
             "camera": {"vendor": self._camera.vendor, "model": self._camera.model, "serial": self._camera.serial},
             "connected": capture.get("connected", False),
             "trouble": capture["error"],
+            "warnings": list(capture.get("warnings", ())),
             "watching": (watcher := self._watcher) is not None and watcher.alive,
         }
 

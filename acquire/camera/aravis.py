@@ -27,6 +27,7 @@ _LATCH, _LATCH_HIGH, _LATCH_LOW, _TICKS_HIGH, _TICKS_LOW = 0x944, 0x948, 0x94C, 
 _LATCH_NOW = 2
 _POP_US = 100_000
 _DRAIN_US = 10_000
+_ARAVIS_RETENTION_US, _LONGEST_RETENTION_US = 100_000, 300_000
 _CLOSE_JOIN_S = 1.0
 _HEARTBEAT_TIMEOUT_S = 3.2
 _CLOCK_JUMP_S = 5.0
@@ -112,8 +113,12 @@ class AravisCamera(Camera):
         """effective size of the stream's socket buffer; 0 before open"""
         self.incomplete_frames = 0
         """frames that arrived with packets missing; they are counted as lost too"""
-        self.warnings: list[str] = []
-        """what works less well than it could, one line each"""
+        self._warnings: list[str] = []
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What works less well than it could, one line each."""
+        return tuple(self._warnings)
 
     def open(self) -> CameraInfo:
         """Connect, write every setting, read it back and compare.
@@ -223,7 +228,7 @@ class AravisCamera(Camera):
     def _no_latch(self) -> None:
         if not self._latched_once:
             self._ticks_hz = 0
-            self.warnings.append(f"camera {self._config.address} cannot latch its clock: frame times come from their arrival")
+            self._warnings.append(f"camera {self._config.address} cannot latch its clock: frame times come from their arrival")
 
     def stop(self) -> None:
         """Stop streaming; frames that were not read are dropped."""
@@ -259,7 +264,8 @@ class AravisCamera(Camera):
         stalled_s = (now_ns - self._last_frame_ns) * 1e-9
         if stalled_s > self._config.stall_s:
             incomplete = f" ({self.incomplete_frames} frames arrived incomplete: raise the receive buffer or lower packet_size)"
-            raise self._lost_error(f"no frame for {stalled_s:.1f} s{incomplete if self.incomplete_frames else ''}")
+            pulses = f" (trigger = {self._config.trigger}: do its pulses come?)" if self._config.trigger != "off" else ""
+            raise self._lost_error(f"no frame for {stalled_s:.1f} s{incomplete if self.incomplete_frames else pulses}")
 
     def _frame(self, connection: _Connection, buffer: Any, now_ns: int) -> Frame | None:
         Aravis, _ = _gi()
@@ -313,21 +319,22 @@ class AravisCamera(Camera):
         if camera.is_gain_auto_available():
             camera.set_gain_auto(Aravis.Auto.OFF)
         for setting in settings_of(camera, config):
-            asked = f"camera {config.address}: {setting.name} = {setting.wanted:g} {setting.unit}"
+            asked = f"camera {config.address}: {setting.name} = {setting.text(setting.wanted)}"
             try:
                 setting.write(setting.wanted)
                 got = setting.read()
             except GLib.Error as error:
                 raise CameraSettingError(f"{asked} was refused ({_reason(error)}): correct the rig file") from None
-            if abs(got - setting.wanted) > setting.tolerance:
-                raise CameraSettingError(f"{asked} was asked, {got:g} read back: correct the rig file")
-        self._exposure_us, self._frame_rate_hz = camera.get_exposure_time(), camera.get_frame_rate()
+            if not setting.agrees(got):
+                raise CameraSettingError(f"{asked} was asked, {setting.text(got)} read back: correct the rig file")
+        self._exposure_us = camera.get_exposure_time()
+        self._frame_rate_hz = camera.get_frame_rate() if config.trigger == "off" else config.frame_rate_hz
 
     def _read_ticks_hz(self, device: Any) -> int:
         """Device clock's frequency [Hz]; 0: not known. Aravis then silently gives system time as the device's (Aravis #153)."""
         ticks_hz = (device.read_register(_TICKS_HIGH) << 32) | device.read_register(_TICKS_LOW)
         if ticks_hz == 0:
-            self.warnings.append(f"camera {self._config.address} does not say its clock's frequency: frame times come from their arrival")
+            self._warnings.append(f"camera {self._config.address} does not say its clock's frequency: frame times come from their arrival")
         return ticks_hz
 
     def _connect_stream(self, camera: Any, device: Any, handler: int) -> _Connection:
@@ -339,10 +346,11 @@ class AravisCamera(Camera):
         if stream is None:
             raise CameraError(f"camera {self._config.address}: no stream could be made: check that UDP is not blocked by a firewall")
         stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
+        stream.set_property("frame-retention", self._retention_us())
         stream.set_property("socket-buffer-size", 0)  # hands off: else it is set again with every frame (Aravis #994)
         self.receive_buffer_bytes = enlarge_receive_buffer(stream.get_port(), self._config.receive_buffer_bytes)
         if self.receive_buffer_bytes < self._config.receive_buffer_bytes:
-            self.warnings.append(
+            self._warnings.append(
                 f"the socket's receive buffer is {self.receive_buffer_bytes} B instead of {self._config.receive_buffer_bytes} B: "
                 f"frames may be lost; try sysctl -w net.core.rmem_max={self._config.receive_buffer_bytes}"
             )
@@ -352,6 +360,14 @@ class AravisCamera(Camera):
         for buffer in buffers:
             stream.push_buffer(buffer)
         return _Connection(camera, device, stream, handler, buffers, memory)
+
+    def _retention_us(self) -> int:
+        """How long an incomplete frame waits for packets that were asked for again.
+
+        Aravis's 100 ms are too short on a busy computer, and the frames behind it wait in buffers meanwhile: half of those at most.
+        """
+        held_us = 1e6 * self._config.buffers / self._config.frame_rate_hz
+        return round(min(_LONGEST_RETENTION_US, max(_ARAVIS_RETENTION_US, 0.5 * held_us)))
 
     def _close_in_background(self, connection: _Connection) -> None:
         """Closing a dead camera blocks 7.5 s, three GVCP time-outs: never on the caller's thread."""

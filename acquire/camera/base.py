@@ -54,6 +54,11 @@ class Frame:
 class Camera(ABC):
     """A camera that streams mono8 frames. Order of calls: open, start, (read, release)*, stop, close; close is always safe."""
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What works less well than it could, one line each; known after `open`."""
+        return ()
+
     @abstractmethod
     def open(self) -> CameraInfo:
         """Connect, write every setting, read it back and compare.

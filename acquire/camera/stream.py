@@ -25,6 +25,7 @@ FIRST_LATCHES: Final = 10
 LATCH_TRIES: Final = 4
 """one after the other, until one is about as quick as the quickest (Cristian 1989)"""
 QUICK: Final = 1.3
+TELL_LOSSES_NS: Final = 1_000_000_000
 RETRY_S: Final = 0.5
 READ_TIMEOUT_S: Final = 0.1
 
@@ -55,12 +56,17 @@ class StreamStatus:
     receive_buffer_bytes: int
     latched: bool
     """times are mapped from the camera's own clock; else they are arrival times"""
+    trouble: str
+    """why there are no frames; empty while the camera is there"""
+    warnings: tuple[str, ...]
+    """the camera's"""
 
 
 class CameraStream:
     """Two threads: one pops frames, one latches the clock, because a latch waits for an answer on the wire.
 
-    `on_frame` is called on the first for every complete frame, `on_clock` on the second, `on_text` on either.
+    `on_frame` is called on the first for every complete frame, `on_clock` on the second, `on_text` on the first: the camera's warnings,
+    its loss and return, and frames lost in between (gathered, once a second).
     """
 
     def __init__(
@@ -86,7 +92,10 @@ class CameraStream:
         self._connected = False
         self._mapper = DeviceClockMapper()
         self._sequence = 0
-        self._lost = 0
+        self._lost = self._lost_told = 0
+        self._told_ns = 0
+        self._trouble = ""
+        self._warnings: tuple[str, ...] = ()
         self._recent: deque[int] = deque(maxlen=round(config.frame_rate_hz) + 1)
         self._threads: list[threading.Thread] = []
 
@@ -132,6 +141,8 @@ class CameraStream:
             last_frame_ns=recent[-1] if recent else None,
             receive_buffer_bytes=int(getattr(self._camera, "receive_buffer_bytes", 0)),
             latched=self._mapper.latched,
+            trouble=self._trouble,
+            warnings=self._warnings,
         )
 
     # --- acquisition thread ---
@@ -148,7 +159,9 @@ class CameraStream:
             try:
                 self._stream()
             except CameraLost as error:
-                self._on_text(f"camera lost: {error}")
+                self._trouble = f"camera lost: {error}"
+                self._tell_losses()
+                self._on_text(self._trouble)
                 self._disconnect()
                 self._reconnect()
         self._disconnect()
@@ -167,6 +180,7 @@ class CameraStream:
             raise
         self._mapper = mapper
         self._info, self._camera, self._connected = info, camera, True
+        self._trouble, self._warnings = "", camera.warnings
 
     def _disconnect(self) -> None:
         camera, self._camera, self._connected = self._camera, None, False
@@ -182,6 +196,8 @@ class CameraStream:
             except CameraError:
                 continue
             self._on_text("camera is back")
+            for warning in self._warnings:
+                self._on_text(warning)
             self._latch_now.set()
             return
 
@@ -192,6 +208,8 @@ class CameraStream:
         first = True
         while not self._stopping.is_set():
             frame = camera.read(READ_TIMEOUT_S)
+            if self._lost > self._lost_told and self._clock.monotonic_ns() > self._told_ns + TELL_LOSSES_NS:
+                self._tell_losses()
             if frame is None:
                 continue
             try:
@@ -199,6 +217,11 @@ class CameraStream:
             finally:
                 camera.release(frame)
             first = False
+
+    def _tell_losses(self) -> None:
+        if lost := self._lost - self._lost_told:
+            self._on_text(f"{lost} frames lost before frame {self._sequence}, {self._lost} in all")
+            self._lost_told, self._told_ns = self._lost, self._clock.monotonic_ns()
 
     def _timed(self, frame: Frame, *, first: bool) -> TimedFrame:
         mapper = self._mapper

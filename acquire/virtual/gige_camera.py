@@ -116,7 +116,9 @@ class DeviceClock:
 
 
 class VirtualGigeCamera:
-    """A camera at a loopback address. Does not model: optics (the source's part), chunk data, PTP, hardware triggers, jumbo-frame limits.
+    """A camera at a loopback address, with a generator of `pulses_hz` at its trigger input (0: nothing is connected).
+
+    Does not model: optics (the source's part), chunk data, PTP, a trigger's delay and jitter, jumbo-frame limits.
 
     Raises:
         CameraError: the control port is taken, or libaravis is missing.
@@ -131,11 +133,13 @@ class VirtualGigeCamera:
         drift: float = DRIFT,
         packet_loss: float = 0.0,
         seed: int = 0,
+        pulses_hz: float = 0.0,
     ) -> None:
         self.device_clock = DeviceClock(clock, drift)
         self._address, self._source, self._clock = address, source, clock
         self._condition = threading.Condition()
         self._slots: deque[_Slot] = deque()
+        self._pulses_hz = pulses_hz
         self._streaming = self._closed = False
         self._run = 0
         self._frames = self._rendered = self._late = self._latest_ns = 0
@@ -149,7 +153,7 @@ class VirtualGigeCamera:
             raise
         self._fake: int = self._library.gv_fake_get_fake(self._gv_fake)
         self._write_registers(packet_loss)
-        self._relay = ControlRelay(control, inner, self.device_clock.now_ns, 8333, self._on_acquisition)
+        self._relay = ControlRelay(control, inner, self.device_clock.now_ns, 8333, self._on_acquisition, has_pulses=pulses_hz > 0.0)
         self._stream = StreamRelay(packet_loss, random.Random(seed)) if packet_loss > 0 else None  # noqa: S311 - packet loss is no secret
         self._fill_pattern = aravis_ctypes.FILL_PATTERN(self._fill)
         self._library.fake_set_fill_pattern(self._fake, self._fill_pattern, None)
@@ -239,6 +243,8 @@ class VirtualGigeCamera:
                 run = self._run
             settings = self._settings()
             period_ns = self._relay.period_us * 1000
+            if self._relay.triggered:
+                period_ns = round(1e9 / self._pulses_hz)
             exposure_ns = round(settings.exposure_us * 1e3)
             device_time_ns = self.device_clock.now_ns()
             while self._is_wanted(run):

@@ -4,7 +4,8 @@ The interposer owns UDP port 3956 of the camera's address and relays control pac
 relay socket per client so that the fake still tells its controller from others. On the way it
 
 - answers the timestamp latch (registers 0x944, 0x948, 0x94c) itself, at once;
-- keeps a shadow of the frame period (0x138): the client reads back what it wrote, the fake gets a period of its own;
+- keeps a shadow of the frame period (0x138), and where pulses come of the trigger mode (0x300): the client reads back what it wrote,
+  the fake runs freely with a period of its own, because our images set the pace;
 - tells when acquisition starts and stops (0x124).
 
 With packet loss asked for it relays the stream (GVSP) too, drops packets by a seeded generator, and serves PACKET_RESEND.
@@ -38,12 +39,14 @@ LOOPBACK = "127.0.0.1"
 _READREG, _READREG_ACK, _WRITEREG, _WRITEREG_ACK = 0x80, 0x81, 0x82, 0x83
 _READMEM, _READMEM_ACK, _WRITEMEM, _WRITEMEM_ACK = 0x84, 0x85, 0x86, 0x87
 _PACKET_RESEND = 0x40
-_ACQUISITION, _FRAME_PERIOD = 0x124, 0x138
+_ACQUISITION, _FRAME_PERIOD, _TRIGGER_MODE = 0x124, 0x138, 0x300
+_OF_THE_FAKE = {_FRAME_PERIOD: 1, _TRIGGER_MODE: 0}
+"""what the fake gets instead of what the client wrote"""
 _LATCH, _LATCH_HIGH, _LATCH_LOW = 0x944, 0x948, 0x94C
 _STREAM_PORT, _STREAM_ADDRESS = 0xD00, 0xD18
 _SO_RCVBUFFORCE = 33
 _RELAYS = 64
-_RESEND_FRAMES = 8
+_RESEND_FRAMES = 32
 
 HEARTBEAT_READ = bytes.fromhex("4201008000040001") + struct.pack(">I", 0x938)
 """READREG of the heartbeat time-out: changes nothing, wakes the fake's poll"""
@@ -133,11 +136,13 @@ class ControlRelay:
         device_now_ns: Callable[[], int],
         period_us: int,
         on_acquisition: Callable[[bool], None],
+        *,
+        has_pulses: bool = False,
     ) -> None:
         self._control, self._inner = control, inner
         self._inner_address: Address = inner.getsockname()
         self._device_now_ns, self._on_acquisition = device_now_ns, on_acquisition
-        self._period_us = period_us
+        self._shadows = {_FRAME_PERIOD: period_us} | ({_TRIGGER_MODE: 0} if has_pulses else {})
         self._latched_ns = 0
         self._stream_address, self._stream_port = "", 0
         self._pending: OrderedDict[tuple[Address, int], tuple[int, int]] = OrderedDict()
@@ -153,7 +158,12 @@ class ControlRelay:
     @property
     def period_us(self) -> int:
         """Frame period as the client set it [us]."""
-        return self._period_us
+        return max(1, self._shadows[_FRAME_PERIOD])
+
+    @property
+    def triggered(self) -> bool:
+        """Whether there are pulses and the client wants a frame for each."""
+        return self._shadows.get(_TRIGGER_MODE, 0) != 0
 
     def start(self, stream: StreamRelay | None) -> None:
         """Start relaying, through `stream` where packets are to be lost."""
@@ -217,21 +227,21 @@ class ControlRelay:
         self._relay_of(client).sendto(packet, self._inner_address)
 
     def _rewrite(self, packet: bytearray, register: int) -> None:
-        if register == _FRAME_PERIOD:
-            struct.pack_into(">I", packet, 12, 1)
+        if register in self._shadows:
+            struct.pack_into(">I", packet, 12, _OF_THE_FAKE[register])
         elif register == _STREAM_PORT and self._stream is not None:
             struct.pack_into(">I", packet, 12, self._stream.port)
 
     def _from_fake(self, packet: bytearray, client: Address) -> None:
         acknowledged, _, identity = struct.unpack_from(">HHH", packet, 2)
         register, value = self._pending.pop((client, identity), (0, 0))
-        if register == _FRAME_PERIOD:
+        if register in self._shadows:
             if acknowledged in (_WRITEREG_ACK, _WRITEMEM_ACK):
-                self._period_us = max(value, 1)
+                self._shadows[register] = value
             elif acknowledged == _READREG_ACK:
-                struct.pack_into(">I", packet, 8, self._period_us)
+                struct.pack_into(">I", packet, 8, self._shadows[register])
             elif acknowledged == _READMEM_ACK:
-                struct.pack_into(">I", packet, 12, self._period_us)
+                struct.pack_into(">I", packet, 12, self._shadows[register])
         elif acknowledged in (_WRITEREG_ACK, _WRITEMEM_ACK):
             if register == _ACQUISITION:
                 self._on_acquisition(value != 0)

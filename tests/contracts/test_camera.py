@@ -1,14 +1,10 @@
-"""What every Camera promises (acquire/camera/base.py), run against the virtual camera and, with `-m hardware`, a real one.
-
-The real one is at the address in PERCUSS_CAMERA.
-"""
+"""What every Camera promises (acquire/camera/base.py), run against the virtual camera and, with `-m hardware`, the one of PERCUSS_RIG."""
 
 from __future__ import annotations
 
-import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -16,7 +12,7 @@ import pytest
 from acquire.camera.aravis import AravisCamera
 from acquire.camera.base import Camera, Frame
 from acquire.clock import SystemClock
-from acquire.config import CameraConfig
+from acquire.config import CameraConfig, RigConfig
 from acquire.errors import CameraError
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource
@@ -24,21 +20,27 @@ from schemas.documents import CameraCalibrationSpec
 
 ADDRESS = "127.0.0.61"
 CLOSE_S = 12.0
+BUFFERS = 16
 
 
 def config(address: str) -> CameraConfig:
     calibration = CameraCalibrationSpec(
         width=656, height=492, K=[[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]], T_world_camera=np.eye(4).tolist()
     )
-    return CameraConfig(address=address, buffers=16, calibration=calibration)
+    return CameraConfig(address=address, buffers=BUFFERS, calibration=calibration)
 
 
 @pytest.fixture(params=["virtual", pytest.param("real", marks=pytest.mark.hardware)])
-def camera(request: pytest.FixtureRequest) -> Iterator[Camera]:
+def camera_config(request: pytest.FixtureRequest, real_rig: Callable[[], RigConfig]) -> CameraConfig:
+    return config(ADDRESS) if request.param == "virtual" else real_rig().camera.model_copy(update={"buffers": BUFFERS})
+
+
+@pytest.fixture
+def camera(camera_config: CameraConfig) -> Iterator[Camera]:
     before = set(threading.enumerate())
     clock = SystemClock()
-    server = VirtualGigeCamera(ADDRESS, "CONTRACT", PatternSource(clock, 1), clock) if request.param == "virtual" else None
-    device = AravisCamera(config(ADDRESS if server is not None else os.environ["PERCUSS_CAMERA"]), clock)
+    server = VirtualGigeCamera(ADDRESS, "CONTRACT", PatternSource(clock, 1), clock) if camera_config.address == ADDRESS else None
+    device = AravisCamera(camera_config, clock)
     try:
         yield device
     finally:
@@ -64,13 +66,13 @@ def test_it_says_who_it_is(camera: Camera) -> None:
     assert info.serial
 
 
-def test_frames_are_numbered_and_their_clocks_run_forward(camera: Camera) -> None:
+def test_frames_are_numbered_and_their_clocks_run_forward(camera: Camera, camera_config: CameraConfig) -> None:
     camera.open()
     camera.start()
     previous = next_frame(camera)
     assert previous.sequence == 0
     assert previous.lost_before == 0
-    assert previous.image.shape == (492, 656)
+    assert previous.image.shape == (camera_config.height, camera_config.width)
     assert previous.image.dtype == np.uint8
     for _ in range(60):
         camera.release(previous)
@@ -78,7 +80,7 @@ def test_frames_are_numbered_and_their_clocks_run_forward(camera: Camera) -> Non
         assert frame.sequence == previous.sequence + 1
         assert frame.device_time_ns > previous.device_time_ns
         assert frame.host_time_ns > previous.host_time_ns
-        assert frame.exposure_us == pytest.approx(1500.0, abs=20.0)
+        assert frame.exposure_us == pytest.approx(camera_config.exposure_us, rel=0.02, abs=20.0)
         previous = frame
     camera.release(previous)
     camera.stop()
@@ -98,7 +100,7 @@ def test_a_held_frame_is_not_overwritten(camera: Camera) -> None:
 def test_frames_that_are_never_released_end_in_silence_not_in_overwriting(camera: Camera) -> None:
     camera.open()
     camera.start()
-    held = [next_frame(camera) for _ in range(16)]
+    held = [next_frame(camera) for _ in range(BUFFERS)]
     assert camera.read(0.3) is None
     for frame in held:
         camera.release(frame)

@@ -1,19 +1,18 @@
-"""What every striker must do, against the virtual servo and, with `-m hardware` and PERCUSS_STRIKER_RIG, against a real one.
+"""What every striker must do, against the virtual servo and, with `-m hardware`, against the one of PERCUSS_RIG.
 
-PERCUSS_STRIKER_RIG names a rig file. The arm moves: nothing but air may be in its way.
+The arm moves: nothing but air may be in its way.
 """
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
 from acquire.clock import SystemClock
-from acquire.config import StrikerConfig, read_rig
+from acquire.config import RigConfig, StrikerConfig
 from acquire.errors import StrikerNotFound, StrikerRefused
 from acquire.striker.base import Striker, StrikerState
 from acquire.striker.dynamixel import DynamixelStriker
@@ -33,12 +32,12 @@ class Device:
 
 
 @pytest.fixture(params=["virtual", pytest.param("hardware", marks=pytest.mark.hardware)])
-def device(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Device]:
+def device(request: pytest.FixtureRequest, tmp_path: Path, real_rig: Callable[[], RigConfig]) -> Iterator[Device]:
     if request.param == "virtual":
         with Plant(tmp_path) as plant:
             yield Device(plant.config())
     else:
-        yield Device(read_rig(Path(os.environ["PERCUSS_STRIKER_RIG"])).striker)
+        yield Device(real_rig().striker)
 
 
 @pytest.fixture

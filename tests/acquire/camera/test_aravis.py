@@ -116,6 +116,45 @@ def test_region_exposure_gain_and_rate_are_set(pattern_camera, camera_config) ->
         camera.close()
 
 
+def test_pulses_at_an_input_make_the_frames_where_the_rig_file_says_so(camera_config) -> None:
+    clock = SystemClock()
+    server = VirtualGigeCamera("127.0.0.46", "V", PatternSource(clock, SEED), clock, pulses_hz=80.0)
+    camera = AravisCamera(camera_config("127.0.0.46", trigger="Line0", frame_rate_hz=80.0), clock)
+    try:
+        camera.open()
+        camera.start()
+        times = []
+        for _ in range(10):
+            frame = next_frame(camera)
+            assert frame.lost_before == 0
+            times.append(frame.device_time_ns)
+            camera.release(frame)
+        assert set(np.diff(times)) == {12_500_000}
+    finally:
+        camera.close()
+        server.close()
+
+
+def test_without_pulses_the_trigger_is_named_and_a_free_camera_is_set_free(camera_config) -> None:
+    clock = SystemClock()
+    server = VirtualGigeCamera("127.0.0.47", "V", PatternSource(clock, SEED), clock)
+    waiting = AravisCamera(camera_config("127.0.0.47", trigger="Line0", stall_s=0.3), clock)
+    free = AravisCamera(camera_config("127.0.0.47"), clock)
+    try:
+        waiting.open()
+        waiting.start()
+        with pytest.raises(CameraLost, match=r"no frame for 0\.\d s \(trigger = Line0: do its pulses come\?\)"):
+            read_for_ever(waiting)
+        waiting.close()
+        free.open()  # the camera still has the other's settings
+        free.start()
+        next_frame(free)
+    finally:
+        waiting.close()
+        free.close()
+        server.close()
+
+
 def test_an_absent_camera_is_named_in_time(camera_config) -> None:
     began = time.monotonic()
     camera = AravisCamera(camera_config("127.0.0.34"), SystemClock())
@@ -127,7 +166,12 @@ def test_an_absent_camera_is_named_in_time(camera_config) -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"), [({"width": 5000}, "Width = 5000 px was refused"), ({"gain_db": 2.5}, "gain = 2.5 dB was asked, 2 read back")]
+    ("changes", "message"),
+    [
+        ({"width": 5000}, "Width = 5000 px was refused"),
+        ({"gain_db": 2.5}, "gain = 2.5 dB was asked, 2 dB read back: correct the rig file"),
+        ({"trigger": "Line7"}, "TriggerSource = Line7 was refused .*'Line7' not an entry.*: correct the rig file"),
+    ],
 )
 def test_settings_the_camera_cannot_take_are_refused(pattern_camera, camera_config, changes, message) -> None:
     with pattern_camera("127.0.0.35"):

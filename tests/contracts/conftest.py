@@ -1,0 +1,28 @@
+"""The rig that `-m hardware` runs the contracts against: PERCUSS_RIG names its file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from acquire.config import RigConfig, read_rig
+from acquire.errors import ConfigError
+
+
+@pytest.fixture
+def real_rig() -> Callable[[], RigConfig]:
+    """Reads the rig file; a test that needs none does not ask."""
+
+    def read() -> RigConfig:
+        path = os.environ.get("PERCUSS_RIG")
+        if not path:
+            pytest.fail("no rig given: PERCUSS_RIG=rig.toml pytest tests/contracts -m hardware (docs/hardware.md)", pytrace=False)
+        try:
+            return read_rig(Path(path))
+        except ConfigError as error:
+            pytest.fail(f"PERCUSS_RIG={path}: {error}", pytrace=False)
+
+    return read
