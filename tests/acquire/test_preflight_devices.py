@@ -59,7 +59,7 @@ def _check(rig: Path) -> tuple[dict[str, dict], set[str]]:
     """All lines by name, and the names of those that did not pass; exit code and verdict agree with them, and nothing is left."""
     before = sorted(rig.parent.iterdir())
     command = [sys.executable, "-m", "acquire", "check", str(rig), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
     assert sorted(rig.parent.iterdir()) == before
     report = json.loads(done.stdout)
     failed = any(check["outcome"] == "fail" for check in report["checks"])

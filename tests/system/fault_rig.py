@@ -126,7 +126,7 @@ class Camera:
         """End it; its packet counts. Safe to call twice."""
         if self._counts is None:
             self.process.send_signal(signal.SIGCONT)
-            output, _ = self.process.communicate(timeout=20)
+            output, _ = self.process.communicate(timeout=60)
             self._counts = json.loads(output) if output else {}
         return self._counts
 

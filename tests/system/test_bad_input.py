@@ -393,7 +393,7 @@ def rig() -> Iterator[Rig]:
 
 
 def daemon_complaint(rig_file: Path) -> str:
-    done = subprocess.run([sys.executable, "-m", "acquire", "run", str(rig_file)], capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run([sys.executable, "-m", "acquire", "run", str(rig_file)], capture_output=True, text=True, timeout=90, check=False)
     assert done.returncode == 1
     assert done.stdout == ""
     return one_line(done.stderr)
@@ -475,13 +475,13 @@ def daemon(rig: Rig) -> Iterator[Path]:
     path = rig.file("running", socket_name="running")
     process = subprocess.Popen([sys.executable, "-m", "acquire", "run", str(path)], stdout=subprocess.PIPE)
     try:
-        wait_for_socket(rig.socket("running"), lambda: process.poll() is None)
+        wait_for_socket(rig.socket("running"), lambda: process.poll() is None, 90.0)
         assert process.stdout is not None
         assert b"ready" in process.stdout.readline()
         yield path
     finally:
         process.terminate()
-        process.communicate(timeout=20)
+        process.communicate(timeout=60)
 
 
 def session_files(folder: Path) -> tuple[Path, Path]:
@@ -532,7 +532,7 @@ def test_a_session_that_ends_before_its_first_strike_leaves_no_file(daemon: Path
             time.sleep(0.05)
         time.sleep(0.5)
         process.send_signal(signal.SIGINT)
-        output, errors = process.communicate(timeout=15)
+        output, errors = process.communicate(timeout=60)
         assert process.returncode == 130
         assert output == ""
         assert errors.splitlines()[-1] == "acquire: interrupted"
@@ -596,7 +596,7 @@ def test_a_taken_camera_address_ends_the_demo_with_its_older_recording_untouched
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind((TAKEN_ADDRESS, 3956))
         process = start_demo(short_folder, "--force", "--address", TAKEN_ADDRESS)
-        output, errors = process.communicate(timeout=40)
+        output, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert output == ""
     (line,) = [line for line in errors.splitlines() if not line.startswith("starting: ")]
@@ -614,7 +614,7 @@ def test_an_interrupted_demo_takes_everything_down(short_folder: Path, number: s
     while "starting: camera" not in process.stderr.readline():
         assert process.poll() is None
     os.killpg(process.pid, number)
-    output, errors = process.communicate(timeout=15)
+    output, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert output == ""
     assert errors.splitlines()[-1] == "acquire: interrupted"
@@ -629,7 +629,7 @@ def test_a_killed_demo_leaves_no_process(short_folder: Path) -> None:
     while "starting: plan" not in process.stderr.readline():
         assert process.poll() is None
     process.kill()
-    process.communicate(timeout=15)
+    process.communicate(timeout=60)
     assert wait_until_gone(short_folder) == []
     assert not (short_folder / "r.mcap").exists()
 

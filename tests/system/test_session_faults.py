@@ -41,7 +41,7 @@ def _started(module: str, *arguments: str) -> subprocess.Popen[str]:
 
 def _ended(process: subprocess.Popen[str]) -> None:
     process.terminate()
-    process.communicate(timeout=20)
+    process.communicate(timeout=60)
 
 
 @dataclass

@@ -40,7 +40,13 @@ class Touch:
 
 
 class Plant:
-    """`gap`: where the object's face stands, m beyond the tip at angle 0; None: no object."""
+    """`gap`: where the object's face stands, m beyond the tip at angle 0; None: no object.
+
+    A real arm moves whether or not the computer has time for it. This one is late when its thread is: `latest_ns` tells by how much.
+    """
+
+    latest_ns = 0
+    """greatest delay of a step of any plant since a test began, see tests/conftest.py"""
 
     def __init__(self, folder: Path, gap: float | None = None, seed: int = 0, baud_rate: int = 1_000_000) -> None:
         self.angle, self.omega = -0.52, 0.0  # gear friction holds it there
@@ -94,6 +100,7 @@ class Plant:
                 with self._wire:
                     self._serve((next_ns - now) * 1e-9)
                 continue
+            Plant.latest_ns = max(Plant.latest_ns, now - next_ns)
             while next_ns <= now:
                 self._step(next_ns, 0.001)
                 next_ns += 1_000_000

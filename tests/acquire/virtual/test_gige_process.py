@@ -62,7 +62,7 @@ def test_it_is_ready_serves_and_ends_on_sigterm_with_its_statistics(world: PoseR
         assert info is not None
         assert info.serial == "VIRTUAL-1"
         process.send_signal(signal.SIGTERM)
-        output, errors = process.communicate(timeout=10)
+        output, errors = process.communicate(timeout=60)
         assert process.returncode == 0, errors
     assert {"frames", "render_ms_mean", "late"} <= json.loads(output).keys()
     assert json.loads((tmp_path / STATISTICS_FILE).read_text())["frames"] == 0
@@ -72,7 +72,7 @@ def test_a_port_in_use_ends_it_with_one_line(world: PoseRing, tmp_path: Path) ->
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind(("127.0.0.76", 3956))
         with start(tmp_path, "127.0.0.76") as process:
-            output, errors = process.communicate(timeout=20)
+            output, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert output == ""
     assert "UDP port 3956 of 127.0.0.76 is in use" in errors

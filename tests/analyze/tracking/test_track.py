@@ -17,6 +17,8 @@ SIZE = 0.03
 FACING = np.diag([1.0, -1.0, -1.0])
 FRAME_NS = 8_333_333
 K = np.array([[1430.0, 0, 327.5], [0, 1430.0, 245.5], [0, 0, 1]])
+LOOP = 60_000
+"""turns of an empty loop, 0.9 ms on the machine that takes 1.5 ms for a frame"""
 CAMERA = CameraModel(656, 492, K, np.array([-0.12, 0.05, 3e-4, -2e-4, 0.0]), np.eye(4))
 
 
@@ -36,18 +38,22 @@ def turning():
 def test_every_frame_of_a_tip_is_tracked_cheaply(camera, turning):
     pixel_map(camera)
     follower = MarkerFollower(camera, [Marker(7, SIZE, None)])
-    costs = []
+    costs, loops = [], []
     for frame in turning:
         start = time.thread_time()
         follower.add(frame)
         costs.append(time.thread_time() - start)
+        start = time.thread_time()
+        for _ in range(LOOP):
+            pass
+        loops.append(time.thread_time() - start)
     report = follower.report()
     (track,) = report.tracks
     assert len(track.time_ns) == 26
     assert not report.gaps
     assert track.corner_sd_px.mean() < 0.02
-    # The median, because a busy machine disturbs single frames; 1.5 ms is the target on a free one.
-    assert np.median(costs[1:]) < 0.003
+    # The target is 1.5 ms on a free machine. A busy one shares caches and cores: the same thread's empty loops tell how much.
+    assert np.median(costs[1:]) < 4.0 * np.median(loops)
 
 
 def test_pose_turns_with_the_tag_and_never_flips(camera, turning):
