@@ -2,19 +2,20 @@
 
 The contact is the first touch: what the images can be compared with. A touch lasts a few milliseconds and the object is light, so that the
 arm loses 5-30 % of its speed: in the reads the beginning itself does not show, only the course of the loss as two registers tell it. It is
-fitted with a touch of a shape that the restitution gives and a duration known to half a millisecond; at 1 kHz the first touch comes out to
-0.2-0.3 ms, most of it the read's own time and that duration. An elastic (half-sine) touch would put it 0.4 ms earlier.
+fitted with touches of two shapes (a damped linear spring; a ball on a flat), whose damping the restitution gives, and of a duration known
+to half a millisecond; at 1 kHz the first touch comes out to 0.2 ms, most of it that duration, the shape and where in a read the sample is.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acquire.striker.velocity_register import FINE_S, VELOCITY_SD, Reads, RegisterModel, filtered, learn_register
+from acquire.striker.velocity_register import FINE_S, TAKEN_SD, VELOCITY_SD, Reads, RegisterModel, filtered, learn_register
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,19 +28,24 @@ CONTACT_SD_M = 0.001
 """where the tip touches, against angle 0 (the stand is set by hand)"""
 TOUCH_S, TOUCH_SD_S = 0.003, 0.0005
 """how long a touch of a hard tip with a package lasts"""
-SHAPE_SD_S = 2e-4
-"""what the shape of the touch leaves open, at the same restitution"""
 TOUCH_GRID = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
 """durations tried, in sd"""
+FORCE_EXPONENTS = (1.0, 1.5)
+"""of depth: a spring; a ball on a flat"""
+SHAPE_SD_S = 1e-4
+"""what shapes other than these two leave open"""
+SPRING_STEP, SPRING_STEPS = 0.02, 1000
 BEFORE_S = 0.04
 """of even speed before the touch that is fitted"""
 GRID_BEFORE_S = 0.02
 """from here on a touch is looked for"""
-RECOVERY_PER_S, RECOVERY_SD_PER_S = 120.0, 40.0
+RECOVERY_PER_S, RECOVERY_SD_PER_S = 150.0, 40.0
 """how fast the servo makes up for a loss of speed: acceleration = this times the loss (XM430 with 0.0025 kg m2: 149 by its data sheet)"""
 TYPICAL_DROP = 0.2
 """of the speed"""
 GRID_S = 1e-4
+LEAST_NOISE = 0.4
+"""of what the fit allows for (registers' rounding, and as much again for a servo that differs), as variance: less is chance"""
 SIGNIFICANT = 9.0
 """chi-square by which a touch must beat an even speed"""
 FEWEST_READS = 8
@@ -89,19 +95,22 @@ def fit_contact(samples: Sequence[Sample], turned_ns: int, arm_length: float, re
     models = learn_register(samples, turned_ns)
     fits = _touches(reads, models, restitution)
     line = _even(reads)
-    scale = max(1.0, float(fits.chi2.min()) / max(1, 2 * len(near) - 4))
+    noise = max(LEAST_NOISE, float(fits.chi2.min()) / max(1, 2 * len(near) - 4))
+    scale = max(1.0, noise)
     log_weight = fits.log_prior - 0.5 * fits.chi2 / scale + 0.5 * np.linalg.slogdet(fits.covariance)[1]
     log_weight = log_weight - np.log1p((fits.solution[:, 0] * arm_length / CONTACT_SD_M) ** 2)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     mean = weight @ fits.solution
     spread = np.einsum("g,gij->ij", weight, fits.covariance * scale) + (fits.solution - mean).T @ ((fits.solution - mean) * weight[:, None])
-    read_sd = float(np.median(reads.width)) / np.sqrt(12)
+    read_sd = TAKEN_SD * float(np.median(reads.width))
     lag_sd = sum(model.weight * model.lag_sd for model in models)
     best = int(np.argmax(log_weight))
     if (line.chi2 - fits.chi2[best]) / scale > SIGNIFICANT and mean[2] > 0:
         when = float(weight @ fits.time)
-        when_sd = float(np.sqrt(weight @ (fits.time - when) ** 2 + GRID_S**2 / 12 + read_sd**2 + SHAPE_SD_S**2 + lag_sd**2))
+        when_sd = float(
+            np.sqrt(min(1.0, noise) * (weight @ (fits.time - when) ** 2) + GRID_S**2 / 12 + read_sd**2 + SHAPE_SD_S**2 + lag_sd**2)
+        )
         velocity_sd, drop_sd = np.sqrt(np.diag(spread)[1:3])
         return Contact(origin_ns + round(when * 1e9), when_sd * 1e9, float(mean[1]), float(velocity_sd), float(mean[2]), float(drop_sd))
     if line.velocity <= 0 or not arrived:
@@ -162,15 +171,15 @@ class _Touches:
 
 def _touches(reads: Reads, models: Sequence[RegisterModel], restitution: float) -> _Touches:
     """Every hypothesis fitted. A touch after the last read cannot be told from none; one too early leaves no speed to compare with."""
-    tc = np.arange(max(-GRID_BEFORE_S, 0.67 * reads.time[0]), 0.0, GRID_S)
+    tc = np.arange(max(-GRID_BEFORE_S, 0.67 * reads.time[0]), reads.time[-1], GRID_S)
     u = reads.time[None, :] - tc[:, None]
     one, zero = np.ones_like(u), np.zeros_like(u)
     x_sd = reads.position_sd
     recovery_sd = RECOVERY_SD_PER_S * TYPICAL_DROP * max(float(np.median(reads.velocity)), VELOCITY_SD)
     recovery = np.broadcast_to(np.array([0.0, 0.0, 0.0, 1.0]) / recovery_sd, (len(u), 1, 4))
     parts: list[_Touches] = []
-    for z in TOUCH_GRID:
-        courses = _courses(restitution, TOUCH_S + float(z) * TOUCH_SD_S, -float(reads.time[0]))
+    for z, exponent in itertools.product(TOUCH_GRID, FORCE_EXPONENTS):
+        courses = _courses(_force(restitution, exponent), TOUCH_S + float(z) * TOUCH_SD_S, -float(reads.time[0]))
         way = [_at(np.cumsum(course) * FINE_S, u) for course in courses]
         from_position = np.stack([one, u, -way[0], -way[1]], -1) / x_sd[None, :, None]
         for model in models:
@@ -195,9 +204,11 @@ def _at(course: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float
     return np.interp(u.ravel(), np.arange(len(course)) * FINE_S, course, left=0.0).reshape(u.shape)
 
 
-def _courses(restitution: float, duration: float, length: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _courses(
+    force_course: tuple[NDArray[np.float64], NDArray[np.float64]], duration: float, length: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """From first touch in steps of FINE_S for `length` [s]: share of the drop that is lost, and its derivative by the rate of recovery."""
-    force = np.interp(np.arange(0.0, length + FINE_S, FINE_S) / duration, *_force(restitution), right=0.0)
+    force = np.interp(np.arange(0.0, length + FINE_S, FINE_S) / duration, *force_course, right=0.0)
     taken = (np.cumsum(force) - 0.5 * force) / force.sum()
     slower, lost, faster = (
         taken - filtered(taken, 1.0 / rate)
@@ -207,25 +218,30 @@ def _courses(restitution: float, duration: float, length: float) -> tuple[NDArra
 
 
 @cache
-def _force(restitution: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Force of a touch over its duration (0-1): a damped linear spring, cut where it would pull (Kelvin and Voigt; Nagurka and Huang 2004).
+def _force(restitution: float, exponent: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Force of a touch over its duration (0-1), zero where it would pull.
 
-    x'' = -x - 2 zeta x' from x = 0, x' = 1; zeta is halved in until x' at the end is minus the restitution. A touch of
-    Hunt and Crossley's shape (1975) with the same restitution is put 0.2 ms too early: SHAPE_SD_S.
+    x'' = -x^n (1 + c x') for a ball on a flat, n = 1.5 (Hunt and Crossley 1975); x'' = -x - c x' for a linear spring and damper, n = 1
+    (Kelvin and Voigt; Nagurka and Huang 2004); from x = 0, x' = 1. The damping c is halved in until x' at the end is minus the restitution.
     """
-    low, high = 0.0, 1.0
-    for _ in range(30):
-        zeta = 0.5 * (low + high)
-        low, high = (zeta, high) if -_spring(zeta)[2] > restitution else (low, zeta)
-    return _spring(0.5 * (low + high))[:2]
+    low, high = 0.0, 20.0
+    for _ in range(24):
+        damping = 0.5 * (low + high)
+        low, high = (damping, high) if -_spring(damping, exponent)[2] > restitution else (low, damping)
+    return _spring(0.5 * (low + high), exponent)[:2]
 
 
-def _spring(zeta: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    t = np.linspace(0.0, np.pi / np.sqrt(max(1e-9, 1 - min(zeta, 0.999) ** 2)), 400)
-    omega = np.sqrt(1 - min(zeta, 0.999) ** 2)
-    decay = np.exp(-zeta * t)
-    x = decay * np.sin(omega * t) / omega
-    v = decay * (np.cos(omega * t) - zeta / omega * np.sin(omega * t))
-    force = x + 2 * zeta * v
-    end = next((k for k in range(1, len(t)) if force[k] <= 0), len(t) - 1)
-    return t[: end + 1] / t[end], np.maximum(force[: end + 1], 0.0), float(v[end])
+def _spring(damping: float, exponent: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Time over duration, force, and the speed at the end (semi-implicit, in steps of SPRING_STEP)."""
+    x, v = 0.0, 1.0
+    force = [0.0]
+    while len(force) < SPRING_STEPS:
+        now = x + damping * v if exponent == 1.0 else x**exponent * (1.0 + damping * v)
+        if x > 0.0 and now <= 0.0:
+            break
+        force.append(max(0.0, now))
+        v -= now * SPRING_STEP
+        x = max(0.0, x + v * SPRING_STEP)
+        if x == 0.0:
+            break
+    return np.linspace(0.0, 1.0, len(force)), np.array(force), v

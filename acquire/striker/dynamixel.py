@@ -30,6 +30,10 @@ IDLE_S = 0.1
 APPROACH_S = 0.01
 """between reads while the arm moves slowly or settles"""
 SWING_NS = 1_000_000
+DITHER_NS = 600_000
+"""reads of a swing are spread over this much of their period: the servo renews its registers at 1 kHz too, and in step with it every read
+could fall on a renewal, so that none would say which of two values it holds"""
+GOLDEN = 0.6180339887498949
 SLOW_RAD_S = 0.8
 SLOW_RAD_S2 = 8.0
 SETTLED_TICKS = 4.5
@@ -215,14 +219,15 @@ class DynamixelStriker(Striker):
         finally:
             for sample in samples:
                 self._publish(sample)
+        self._set(StrikerState.CATCH)
+        self._settle(2.5)
+        self._servo.unguard()
+        # The fit takes a tenth of a second, as long as the watchdog waits: the arm stands by now.
         contact = fit_contact(samples, turned_ns, self._config.arm_length_m, self._config.restitution) if reached else None
         outcome = self._outcome(contact, samples, released_ns, turned_ns)
         missed = "this host stood still for 100 ms, and the watchdog stopped the arm; take load off it" if stalled else _NOT_REACHED
         self._announce(outcome, missed)
-        self._set(StrikerState.CATCH)
-        self._settle(2.5)
         self._set(StrikerState.VERIFY, _Event.CAUGHT)
-        self._servo.unguard()
         self._servo.raise_hardware_error()
         if outcome.contacts == 1:
             self._emit(_Event.VERIFIED)
@@ -232,6 +237,7 @@ class DynamixelStriker(Striker):
     def _swing(self, samples: list[Sample], ended: Callable[[Sample], bool]) -> bool:
         """Read at 1 kHz until `ended`; False when the guard's time is up first."""
         heard_ns = next_ns = self._clock.monotonic_ns()
+        spread = 0.0
         while not overdue(self._status, heard_ns):
             if self._stop_requested:
                 raise _Stopped
@@ -245,7 +251,8 @@ class DynamixelStriker(Striker):
             elif now_ns - heard_ns > SILENCE_NS:
                 raise StrikerLost(f"{self._config.port}: the servo fell silent in the swing; its watchdog stops it; check power and cable")
             next_ns = max(next_ns + SWING_NS, now_ns)  # a slow bus is not caught up with
-            time.sleep(max(0, next_ns - now_ns) * 1e-9)
+            spread = (spread + GOLDEN) % 1.0
+            time.sleep(max(0, next_ns + int(spread * DITHER_NS) - now_ns) * 1e-9)
         return False
 
     def _settle(self, timeout_s: float) -> None:

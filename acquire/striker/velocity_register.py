@@ -42,8 +42,10 @@ AFTER_TURN_NS = 2_000_000
 KNOT_S = 0.004
 ROUGHNESS = 3.0
 """weight of third differences between knots: only holds what no read holds"""
-WITHIN_READ = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
-"""where in a read the sample may have been taken"""
+TAKEN, TAKEN_SD = 0.35, 0.2
+"""where in a read the sample is taken, as a share of it: the request (14 bytes) comes before, the answer (27 bytes, and what the adapter
+holds it back) after"""
+WITHIN_READ = TAKEN + np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
 NEGLIGIBLE = 0.01
 FEWEST_READS = 16
 
@@ -65,7 +67,7 @@ class RegisterModel:
 
 @dataclass(frozen=True)
 class Reads:
-    """Reads as arrays (n,), times in s since `origin_ns`."""
+    """Reads as arrays (n,), times of the samples in s since `origin_ns`."""
 
     origin_ns: int
     time: NDArray[np.float64]
@@ -79,7 +81,7 @@ class Reads:
         """From samples, in order."""
         return cls(
             origin_ns,
-            np.array([(s.time_ns - origin_ns) * 1e-9 for s in samples]),
+            np.array([(s.host_before_ns - origin_ns + TAKEN * (s.host_after_ns - s.host_before_ns)) * 1e-9 for s in samples]),
             np.array([s.position_rad for s in samples]),
             np.array([s.velocity_rad_s for s in samples]),
             np.array([(s.host_after_ns - s.host_before_ns) * 1e-9 for s in samples]),
@@ -94,7 +96,7 @@ class Reads:
         """How old the velocity shown is [s] (n,), and its sd: since the last renewal. None: 0 (the lag holds its mean), as uncertain."""
         if phase_ns is None:
             return np.zeros_like(self.time), np.hypot(UNKNOWN_AGE_SD_S, self.width / math.sqrt(12))
-        taken = self.time[:, None] + (WITHIN_READ - 0.5) * (self.width[:, None] + 0.5 * PHASE_STEP_S)
+        taken = self.time[:, None] + (WITHIN_READ - TAKEN) * (self.width[:, None] + 0.5 * PHASE_STEP_S)
         since = (taken - ((phase_ns - self.origin_ns) % PERIOD_NS) * 1e-9) % (PERIOD_NS * 1e-9)
         # The age is linear in the instant but where a renewal falls into the read.
         renewed = taken - since

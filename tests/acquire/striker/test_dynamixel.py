@@ -218,13 +218,15 @@ def test_a_host_that_stood_still_on_the_way_back_goes_on(plant: Plant, heard: An
         striker.arm()
         striker.cock()
 
-        def stand_still(event: Any) -> None:
-            heard.events.append(event)
-            if heard.kinds()[-1] == "CONTACT":
-                time.sleep(0.2)
+        def stand_still(sample: Any) -> None:
+            heard.samples.append(sample)
+            if striker.state is StrikerState.CONTACT and not stood_still:
+                stood_still.append(time.sleep(0.2))
 
-        striker._event_sink = stand_still
+        stood_still: list[None] = []
+        striker._sample_sink = stand_still
         striker.strike("s", 0.3)
+        assert stood_still
         assert abs(plant.angle - plant.config().cocked_angle_rad) < 0.01
         assert striker.state is StrikerState.DISARMED
     finally:
