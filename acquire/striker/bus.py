@@ -31,9 +31,12 @@ ATTEMPTS = 3
 QUIET_S = 0.02
 """of silence on the line after a time-out, before anything is asked again: longer than FTDI's own 16 ms latency"""
 LATE_NS = 200_000_000
+GLANCE_S = 0.001
+"""how often a wait for an answer looks whether it is still wanted"""
 _ID, _LENGTH, _INSTRUCTION, _PARAMETERS = 4, 5, 7, 8
 """places in a packet; a status packet has its error where an instruction has its first parameter"""
-_PING, _READ = 1, 2
+_PING, _READ, _SYNC_WRITE = 1, 2, 0x83
+_ALL = 0xFE
 _STATUS_TEXT = {
     1: "could not carry it out",
     2: "does not know the instruction",
@@ -53,6 +56,10 @@ class MonotonicClock(Protocol):
         ...
 
 
+def _never() -> bool:
+    return False
+
+
 class BlockingPort(PortHandler):
     """The SDK's port, but it sleeps while it waits, and its time-outs count monotonic time.
 
@@ -64,6 +71,8 @@ class BlockingPort(PortHandler):
         super().__init__(port_name)
         self.baudrate = baud_rate
         self.ser: Any = None
+        self.interrupted: Callable[[], bool] = _never
+        """asked while an answer is waited for; True ends the wait as if the time were up"""
         self._received = b""
 
     def setupPort(self, cflag_baud: int) -> Literal[True]:  # noqa: N802 - the SDK's name
@@ -89,14 +98,20 @@ class BlockingPort(PortHandler):
         descriptor = self.ser.fileno()
         while len(self._received) < length:
             left_s = (self.packet_timeout - self.getTimeSinceStart()) * 1e-3
-            if left_s <= 0 or not select.select([descriptor], [], [], left_s)[0]:
+            if left_s <= 0 or self.interrupted():
                 break
+            if not select.select([descriptor], [], [], min(left_s, GLANCE_S))[0]:
+                continue
             data = os.read(descriptor, 1024)
             if not data:
                 raise OSError(errno.EIO, "the port hung up")
             self._received += data
         result, self._received = self._received[:length], self._received[length:]
         return result
+
+    def isPacketTimeout(self) -> bool:  # noqa: N802 - the SDK's name
+        """Whether to wait no longer."""
+        return self.interrupted() or bool(super().isPacketTimeout())
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802 - the SDK's name
         """Start the clock for an answer of this many bytes."""
@@ -208,40 +223,67 @@ class ServoBus:
         """Whether the port is ours."""
         return self._port is not None
 
-    def _exchange(self, method: Callable[..., Any], *arguments: Any) -> Any:
+    @property
+    def descriptor(self) -> int:
+        """Of the open port, for a process that inherits it.
+
+        Raises:
+            StrikerLost: the port is closed.
+        """
+        if self._port is None:
+            raise StrikerLost(f"{self.port}: the port is closed; home the striker again")
+        return int(self._port.ser.fileno())
+
+    def _exchange(self, method: Callable[..., Any], *arguments: Any, waits: bool = True, interrupted: Callable[[], bool] = _never) -> Any:
         with self._lock:
             if self._port is None:
                 raise StrikerLost(f"{self.port}: the port is closed; home the striker again")
             try:
-                if self._unanswered:
-                    self._wait_for_quiet(self._port)
+                if self._unanswered and waits:
+                    self._wait_for_quiet(self._port, interrupted)
                 answer = method(self._port, *arguments)
-                self._unanswered = COMM_SUCCESS not in answer[-2:-1]
+                if waits:
+                    self._unanswered = COMM_SUCCESS not in answer[-2:-1]
                 return answer
             except (OSError, termios.error, TypeError) as error:  # TypeError: pyserial closes its descriptor under us
                 self._port.is_using = False  # else COMM_PORT_BUSY for ever
                 raise StrikerLost(f"{self.port}: the port failed ({error}); plug the adapter in again and restart") from None
 
-    def _wait_for_quiet(self, port: BlockingPort) -> None:
+    def _wait_for_quiet(self, port: BlockingPort, interrupted: Callable[[], bool]) -> None:
         """After a time-out: its answer may still come, and must not be taken for the next one's."""
-        end_ns = self._clock.monotonic_ns() + LATE_NS
-        while port.ser is not None and self._clock.monotonic_ns() < end_ns:
-            ready, _, _ = select.select([port.ser.fileno()], [], [], QUIET_S)
-            if not ready:
-                return
-            port.ser.read(4096)
+        now_ns = quiet_since_ns = self._clock.monotonic_ns()
+        end_ns = now_ns + LATE_NS
+        while port.ser is not None and now_ns < end_ns and now_ns - quiet_since_ns < QUIET_S * 1e9 and not interrupted():
+            ready, _, _ = select.select([port.ser.fileno()], [], [], GLANCE_S)
+            now_ns = self._clock.monotonic_ns()
+            if ready:
+                port.ser.read(4096)
+                quiet_since_ns = now_ns
 
-    def read_block(self, address: int, size: int) -> Block | None:
+    def read_block(self, address: int, size: int, interrupted: Callable[[], bool] = _never) -> Block | None:
         """Consecutive bytes; None when no whole answer came in time (nothing is repeated: the next sample is as good).
 
         A plain read: sync and fast reads throw the status error away, and with it ALERT.
 
+        Args:
+            address: of the first byte.
+            size: bytes.
+            interrupted: True ends the wait for the answer.
+
         Raises:
             StrikerLost: the port failed.
         """
+
+        def read(port: BlockingPort) -> Any:
+            port.interrupted = interrupted
+            try:
+                return self._handler.readTxRx(port, self.servo_id, address, size)
+            finally:
+                port.interrupted = _never
+
         with self._lock:
             before_ns = self._clock.monotonic_ns()
-            data, result, error = self._exchange(self._handler.readTxRx, self.servo_id, address, size)
+            data, result, error = self._exchange(read, interrupted=interrupted)
             after_ns = self._clock.monotonic_ns()
         if result != COMM_SUCCESS or len(data) != size or error & ~ALERT:  # removeStuffing loses a byte of rare payloads: count them
             return None
@@ -282,6 +324,38 @@ class ServoBus:
                     raise StrikerError(f"{self.port}: writing {register.name} = {value}: the servo {reason}")
                 return
         raise StrikerLost(f"{self.port}: the servo does not answer when told {register.name} = {value}; check its power and cable")
+
+    def shout(self, register: Register, value: int) -> None:
+        """Write one register twice and wait for nothing, not even for the answer to what was asked before.
+
+        A sync write to this one servo: no servo answers to it, so that it can be repeated at once and a lost frame costs no time.
+
+        Raises:
+            StrikerLost: the port failed.
+        """
+        packet = list(self.last_words(register, value))
+
+        def send(port: BlockingPort) -> None:
+            for _ in range(2):
+                self._handler.txPacket(port, list(packet))
+                port.is_using = False
+
+        self._exchange(send, waits=False)
+
+    def last_words(self, register: Register, value: int) -> bytes:
+        """The packet that writes one register and is not answered, for whoever has to send it without this class.
+
+        Raises:
+            StrikerRefused: the SDK cannot send these bytes.
+        """
+        data = [register.address & 0xFF, register.address >> 8, register.size & 0xFF, register.size >> 8, self.servo_id]
+        data += register.encode(value)
+        if b"\xff\xff\xfd" in bytes(data):
+            raise StrikerRefused(f"{register.name} = {value} cannot be sent: the SDK does not stuff FF FF FD; choose a neighbouring value")
+        size = len(data) + 3
+        packet = [0xFF, 0xFF, 0xFD, 0, _ALL, size & 0xFF, size >> 8, _SYNC_WRITE, *data, 0, 0]
+        crc = self._handler.updateCRC(0, packet, len(packet) - 2)
+        return bytes([*packet[:-2], crc & 0xFF, crc >> 8])
 
     def reboot(self, timeout_s: float) -> None:
         """Restart the servo, which clears a hardware error, and wait until it answers.

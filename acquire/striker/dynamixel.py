@@ -9,6 +9,7 @@ import contextlib
 import math
 import threading
 import time
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerRefused
@@ -43,8 +44,14 @@ RETRACT_RAD = 0.15
 """the first, fast part of the way back"""
 SILENCE_NS = 80_000_000
 """without an answer in a swing: the watchdog stops the servo at 100 ms"""
-BRAKE_S = 0.004
-"""an arm that is stopped runs on for its speed times this: aimed at, so that it does not spring back"""
+VELOCITY_LAG_S = 0.003
+"""what the velocity register shows is this old, within a millisecond or two (see velocity_register.py)"""
+REST_RAD_S = 0.3
+"""slower needs no brake"""
+DAMPED_S = 0.02
+"""a stopped arm is given to come to rest before its place is held"""
+GLANCE_S = 0.002
+"""pauses end at a stop within this"""
 MIN_VELOCITY_RAD_S = 0.5
 RUN_UP_S = 0.06
 """the servo follows its profile within 1 % after this"""
@@ -76,6 +83,7 @@ class DynamixelStriker(Striker):
         self._ticks = TickClock(clock_sink)
         self._status = StrikerStatus(StrikerState.DISARMED, clock.monotonic_ns())
         self._strike_id = ""
+        self._recent: deque[Sample] = deque(maxlen=3)
         self._stop_requested = False  # a plain flag: setting it is all that a signal handler may do
         self._verb = threading.Lock()  # not re-entrant: a signal handler in the middle of a verb must not get in
         self._closing = threading.Event()
@@ -240,12 +248,14 @@ class DynamixelStriker(Striker):
         spread = 0.0
         while not overdue(self._status, heard_ns):
             if self._stop_requested:
+                self._brake()
                 raise _Stopped
-            sample = self._servo.sample()
+            sample = self._servo.sample(self._stop_is_requested)
             now_ns = self._clock.monotonic_ns()
             if sample is not None:
                 heard_ns = now_ns
                 samples.append(sample)
+                self._recent.append(sample)
                 if ended(sample):
                     return True
             elif now_ns - heard_ns > SILENCE_NS:
@@ -262,8 +272,14 @@ class DynamixelStriker(Striker):
         angle = math.nan
         while self._clock.monotonic_ns() < end_ns:
             if self._stop_requested:
+                self._brake()
                 raise _Stopped
-            sample = self._servo.require_sample()
+            sample = self._servo.sample(self._stop_is_requested)
+            if sample is None:
+                if self._stop_requested:
+                    continue
+                sample = self._servo.require_sample()
+            self._recent.append(sample)
             self._publish(sample)
             angle = sample.position_rad
             there = abs(angle - self._config.cocked_angle_rad) <= SETTLED_TICKS * TICK_RAD
@@ -274,7 +290,9 @@ class DynamixelStriker(Striker):
                 self._servo.go(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
             if settled >= SETTLED_READS:
                 return
-            time.sleep(APPROACH_S)
+            next_ns = self._clock.monotonic_ns() + int(APPROACH_S * 1e9)
+            while not self._stop_requested and self._clock.monotonic_ns() < next_ns:
+                time.sleep(GLANCE_S)
         raise StrikerFault(
             f"{self._config.port}: the arm does not come to rest at the cocked angle of {self._config.cocked_angle_rad:.3f} rad "
             f"(it is at {angle:.3f}); check that it moves freely, and current_limit_a"
@@ -354,11 +372,8 @@ class DynamixelStriker(Striker):
         """End the motion here and now, torque on."""
         self._stop_requested = False
         try:
-            sample = self._servo.require_sample()
-            angle = sample.position_rad + BRAKE_S * sample.velocity_rad_s
-            low, high = self._config.cocked_angle_rad - 0.25, RUN_THROUGH_RAD
-            self._servo.go(min(high, max(low, angle)), 0.0, 0.0)
-            time.sleep(0.03)
+            time.sleep(DAMPED_S)
+            self._servo.hold()
             self._servo.unguard()
         except StrikerError as error:
             self._fault(error)
@@ -366,6 +381,27 @@ class DynamixelStriker(Striker):
         finally:
             self._emit(_Event.STOPPED)
         self._status = unhomed(self._clock.monotonic_ns())
+
+    def _stop_is_requested(self) -> bool:
+        return self._stop_requested
+
+    def _brake(self) -> None:
+        """Bring a moving arm to rest, waiting for as little as can be; `_hold` makes sure of it.
+
+        The last reads tell how fast it is, and the current cap how long full reverse current takes it to rest: so no answer is needed on
+        the way, late or lost.
+        """
+        now_ns = self._clock.monotonic_ns()
+        if not self._recent or now_ns - self._recent[-1].time_ns > SILENCE_NS:
+            return
+        first, last = self._recent[0], self._recent[-1]
+        most = self._servo.full_acceleration_rad_s2
+        slope = (last.velocity_rad_s - first.velocity_rad_s) / max(1e-3, (last.time_ns - first.time_ns) * 1e-9)
+        age_s = (now_ns - last.time_ns) * 1e-9
+        velocity = last.velocity_rad_s + min(most, max(-most, slope)) * (VELOCITY_LAG_S + min(age_s, VELOCITY_LAG_S))
+        if abs(velocity) > REST_RAD_S:
+            time.sleep(self._servo.push_back(last.position_rad + velocity * age_s, velocity))
+        self._servo.damp()
 
     def _consume_stop(self) -> None:
         """A stop that came while nothing moved: arming is void, the arm stays."""

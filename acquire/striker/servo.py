@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerNotFound
 from acquire.striker.bus import Block, MonotonicClock, ServoBus
 from acquire.striker.control_table import MODEL_FILES, MODEL_NAMES, Register, control_table
+from acquire.striker.deadman import DeadMan
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from acquire.config import StrikerConfig
 
 TICK_RAD = 2 * math.pi / 4096
@@ -26,6 +29,15 @@ WATCHDOG_UNITS = 5
 WATCHDOG_TRIPPED = 0xFF
 POSITION_P_GAIN = 1600
 """twice the default: the arm's weight then shifts it by 2 ticks, and it follows a swing within 10 ms"""
+DAMPING_D_GAIN = 4000
+"""of a stopped arm, instead of a position to hold: what speed is left is gone in some 5 ms, and nothing pulls it back"""
+BRAKE_BEHIND_RAD = 0.1
+"""the goal of a brake lies this far behind the arm: at our P gain that asks for more than any current limit gives; should this host fall
+silent now, the arm comes to rest there"""
+BRAKE_SHARE = 0.87
+"""of the time that the cap alone would need: drag brakes too, and an arm that runs on a little stops sooner than one thrown back"""
+TORQUE_PER_AMPERE = {1020: 4.1 / 2.3, 1030: 3.0 / 2.3}
+"""N m/A by model number (data sheets: stall torque and current at 12 V)"""
 TICK_WRAP = 32768
 RUN_THROUGH_RAD = 0.35
 """a swing aims this far beyond the impact point, so that it is at constant speed there"""
@@ -77,6 +89,8 @@ class Servo:
         self._config = config
         self._bus = ServoBus(config.port, config.baud_rate, config.id, clock)
         self._table: dict[str, Register] = {}
+        self._dead_man: DeadMan | None = None
+        self._model = 0
 
     # --- open and close ---------------------------------------------------------------------------------------------
 
@@ -95,12 +109,17 @@ class Servo:
             self._table = control_table(model)
             self._bus.write(self._table["Bus Watchdog"], 0)  # torque stays on over a restart, and so does a watchdog that tripped
             self._write_limits()
+            self._model = model
+            self._dead_man = DeadMan(self._bus.descriptor, self._bus.last_words(self._table["Torque Enable"], 0))
         except Exception:
             self._bus.close()
             raise
 
     def close(self) -> None:
         """Release the port. Always safe."""
+        dead_man, self._dead_man = self._dead_man, None
+        if dead_man is not None:
+            dead_man.dismiss()
         self._bus.close()
 
     @property
@@ -139,15 +158,18 @@ class Servo:
         """Position register of an arm angle [rad]."""
         return self._config.zero_position + self._config.direction * round(angle / TICK_RAD)
 
-    def sample(self) -> Sample | None:
+    def sample(self, interrupted: Callable[[], bool] = lambda: False) -> Sample | None:
         """Read tick, current, velocity and position at one instant; None when the answer is lost or makes no sense.
+
+        Args:
+            interrupted: True ends the wait for the answer.
 
         Raises:
             StrikerFault: the servo reports a hardware error.
             StrikerLost: the port failed.
         """
         first = self._table["Realtime Tick"].address
-        block: Block | None = self._bus.read_block(first, _BLOCK.size)
+        block: Block | None = self._bus.read_block(first, _BLOCK.size, interrupted)
         if block is None:
             return None
         if block.alert:
@@ -207,8 +229,7 @@ class Servo:
     def torque_on(self) -> None:
         """Hold the arm where it is, with our gains and current cap."""
         self._bus.write(self._table["Bus Watchdog"], 0)
-        self._bus.write(self._table["Position P Gain"], POSITION_P_GAIN)  # RAM: lost with every reboot
-        self._bus.write(self._table["Position D Gain"], 0)
+        self._bus.write(*self._gains(POSITION_P_GAIN, 0))  # RAM: lost with every reboot
         self._bus.write(self._table["Goal Current"], self._limits()["Current Limit"])
         self._bus.write(self._table["Torque Enable"], 1)
 
@@ -236,6 +257,16 @@ class Servo:
         One write: Profile Acceleration, Profile Velocity and Goal Position are neighbours, so that a retraction costs one transaction.
         The goal is checked here, because the servo's position limits do not bind in mode 5.
         """
+        goal, value = self._goal(angle, velocity, acceleration)
+        try:
+            self._bus.write(goal, value)
+        except StrikerError:
+            if not self.tripped():
+                raise
+            self.guard()
+            self._bus.write(goal, value)
+
+    def _goal(self, angle: float, velocity: float, acceleration: float) -> tuple[Register, int]:
         ticks = self.ticks(angle)
         limits = self._limits()
         if not limits["Min Position Limit"] <= ticks <= limits["Max Position Limit"]:
@@ -246,11 +277,47 @@ class Servo:
         rate = max(1, round(acceleration / ACCELERATION_UNIT_RAD_S2)) if acceleration else 0
         first = self._table["Profile Acceleration"]
         value = int.from_bytes(struct.pack("<IIi", rate, speed, ticks), "little")
-        goal = Register(f"Profile and Goal Position ({angle:.3f} rad)", first.address, 12)
-        try:
-            self._bus.write(goal, value)
-        except StrikerError:
-            if not self.tripped():
-                raise
-            self.guard()
-            self._bus.write(goal, value)
+        return Register(f"Profile and Goal Position ({angle:.3f} rad)", first.address, 12), value
+
+    # --- stopping ---------------------------------------------------------------------------------------------------
+
+    @property
+    def full_acceleration_rad_s2(self) -> float:
+        """What the current cap does to the arm."""
+        inertia = self._config.effective_mass_kg * self._config.arm_length_m**2
+        return TORQUE_PER_AMPERE.get(self._model, TORQUE_PER_AMPERE[1030]) * self._config.current_limit_a / inertia
+
+    def push_back(self, angle: float, velocity: float) -> float:
+        """Brake an arm that is at `angle` [rad] with `velocity` [rad/s] with all the current that is allowed; for how long to do so [s].
+
+        Waits for no answer. A real servo in this mode can do no more: its current is capped by Goal Current, here the limit itself.
+
+        Raises:
+            StrikerLost: the port failed.
+        """
+        low, high = self._config.cocked_angle_rad - 0.29, RUN_THROUGH_RAD + 0.14
+        behind = angle - math.copysign(BRAKE_BEHIND_RAD, velocity)
+        self._bus.shout(*self._goal(min(high, max(low, behind)), 0.0, 0.0))
+        return BRAKE_SHARE * abs(velocity) / self.full_acceleration_rad_s2
+
+    def damp(self) -> None:
+        """Hold no position any more, only slow the arm down; waits for no answer.
+
+        Raises:
+            StrikerLost: the port failed.
+        """
+        self._bus.shout(*self._gains(0, DAMPING_D_GAIN))
+
+    def hold(self) -> None:
+        """Hold the arm where it is.
+
+        Raises:
+            StrikerFault, StrikerLost: hardware error; no answer.
+        """
+        self.go(self.require_sample().position_rad, 0.0, 0.0)
+        self._bus.write(*self._gains(POSITION_P_GAIN, 0))
+
+    def _gains(self, proportional: int, derivative: int) -> tuple[Register, int]:
+        first = self._table["Position D Gain"]
+        value = int.from_bytes(struct.pack("<HHH", derivative, 0, proportional), "little")
+        return Register("Position D, I and P Gain", first.address, 6), value

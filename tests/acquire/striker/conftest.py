@@ -1,6 +1,7 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,6 +27,14 @@ class Heard:
 
     def striker(self, config: StrikerConfig) -> DynamixelStriker:
         return DynamixelStriker(config, self.samples.append, self.events.append, self.clocks.append, SystemClock())
+
+
+def wait_for(condition: Callable[[], bool], timeout_s: float, pause_s: float = 0.005) -> bool:
+    """Whether it came true in time."""
+    end = time.monotonic() + timeout_s
+    while not condition() and time.monotonic() < end:
+        time.sleep(pause_s)
+    return condition()
 
 
 @pytest.fixture

@@ -6,6 +6,7 @@ The touch is Hunt and Crossley's (1975): force = k depth^1.5 (1 + a rate), k suc
 from __future__ import annotations
 
 import math
+import os
 import select
 import threading
 import time
@@ -13,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from acquire.config import StrikerConfig
-from acquire.virtual.dynamixel_servo import DynamixelServo
+from acquire.virtual.dynamixel_protocol import HEADER
+from acquire.virtual.dynamixel_servo import DynamixelServo, WireTime
 
 ARM_INERTIA = 0.0025
 ARM_LENGTH = 0.12
@@ -58,6 +60,8 @@ class Plant:
         self._closing = 1.0
         self._end = threading.Event()
         self.frozen = threading.Event()
+        self.frames_to_lose = 0
+        """requests that the servo does not hear"""
         self._wire = threading.Lock()
         self._plugged = True
         self._thread = threading.Thread(target=self._run, name="plant")
@@ -108,8 +112,25 @@ class Plant:
     def _serve(self, seconds: float) -> None:
         if not self._plugged:
             time.sleep(seconds)
-        elif select.select([self.servo.fd], [], [], seconds)[0] and not self.frozen.is_set():
+            return
+        due_ns = self.servo.next_answer_ns
+        if due_ns is not None:
+            seconds = min(seconds, max(0, due_ns - time.monotonic_ns()) * 1e-9)
+        heard = bool(select.select([self.servo.fd], [], [], seconds)[0])
+        if self.frozen.is_set():
+            return
+        if heard and self.frames_to_lose:
+            first, *others = os.read(self.servo.fd, 4096).split(HEADER)
+            lost = min(len(others), self.frames_to_lose)
+            self.frames_to_lose -= lost
+            self.servo._receive(first + b"".join(HEADER + frame for frame in others[lost:]), time.monotonic_ns())
             self.servo.service(time.monotonic_ns())
+        elif heard or due_ns is not None:
+            self.servo.service(time.monotonic_ns())
+
+    def answers_come_late(self, seconds: float) -> None:
+        """From now on, by the adapter."""
+        self.servo._wire = WireTime(round(seconds * 1e9)) if seconds else None
 
     def _step(self, now_ns: int, dt: float) -> None:
         torque = self.servo.torque(self.angle, self.omega, now_ns)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,14 +13,8 @@ import pytest
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerRefused
 from acquire.striker.base import StrikerState
 from acquire.virtual.dynamixel_servo import HardwareError
+from tests.acquire.striker.conftest import wait_for
 from tests.acquire.striker.plant import ARM_LENGTH, Plant
-
-
-def wait_for(condition: Callable[[], bool], timeout_s: float) -> bool:
-    end = time.monotonic() + timeout_s
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.005)
-    return condition()
 
 
 def test_a_strike_is_one_contact_at_the_commanded_speed_and_a_known_time(plant: Plant, heard: Any) -> None:
@@ -127,39 +120,6 @@ def test_interlocks(plant: Plant, heard: Any) -> None:
         striker.stop()
         assert striker.state is StrikerState.DISARMED
         assert not any(kind == "RELEASED" for kind in heard.kinds())
-    finally:
-        striker.close()
-
-
-def test_stop_ends_a_swing(plant: Plant, heard: Any) -> None:
-    striker = heard.striker(plant.config())
-    striker.open()
-    try:
-        striker.home()
-        striker.arm()
-        striker.cock()
-        stopped_ns = 0
-
-        def stop_in_mid_swing() -> None:
-            nonlocal stopped_ns
-            wait_for(lambda: plant.omega > 2.0, 2.0)
-            stopped_ns = time.monotonic_ns()
-            striker.stop()
-
-        thread = threading.Thread(target=stop_in_mid_swing)
-        thread.start()
-        with pytest.raises(StrikerRefused, match="stopped on request"):
-            striker.strike("s", 0.36)
-        thread.join()
-        assert striker.state is StrikerState.DISARMED
-        time.sleep(0.1)
-        after = [omega for t, _, omega in plant.history if t > stopped_ns + 25_000_000]  # 20 ms, and a busy host's
-        assert max(abs(omega) for omega in after) < 0.5
-        assert plant.angle < -0.02
-        with pytest.raises(StrikerRefused, match="home"):
-            striker.arm()
-        striker.home()
-        assert "STOPPED" in heard.kinds()
     finally:
         striker.close()
 

@@ -1,0 +1,31 @@
+"""How late this host wakes a thread: what a limit in real time has to allow for on a busy machine."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+PERIOD_S = 0.001
+
+
+class Lateness:
+    """Measures while it is entered."""
+
+    def __init__(self) -> None:
+        self.worst_s = 0.0
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="lateness")
+
+    def __enter__(self) -> Lateness:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._end.is_set():
+            before = time.monotonic()
+            time.sleep(PERIOD_S)
+            self.worst_s = max(self.worst_s, time.monotonic() - before - PERIOD_S)

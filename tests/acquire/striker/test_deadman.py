@@ -1,0 +1,81 @@
+"""The striker's process is killed: nobody is left to say so, and the torque goes off all the same."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from acquire.clock import SystemClock
+from acquire.errors import StrikerNotFound
+from acquire.striker.bus import ServoBus
+from acquire.striker.control_table import control_table
+from acquire.striker.deadman import DeadMan
+from tests.acquire.striker.conftest import wait_for
+from tests.acquire.striker.lateness import Lateness
+from tests.acquire.striker.plant import Plant
+
+OWNER = """
+import sys
+from acquire.clock import SystemClock
+from acquire.striker.bus import ServoBus
+from acquire.striker.control_table import control_table
+from acquire.striker.deadman import DeadMan
+bus = ServoBus(sys.argv[1], 1_000_000, 1, SystemClock())
+bus.open()
+torque = control_table(1030)["Torque Enable"]
+bus.write(torque, 1)
+dead_man = DeadMan(bus.descriptor, bus.last_words(torque, 0))
+print("there", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_killed_owner_lets_go_within_200_ms(plant: Plant) -> None:
+    """The whole striker in every state, and the daemon round it: tests/system/test_striker_faults.py."""
+    command = [sys.executable, "-c", OWNER, str(plant.servo.port_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as owner:
+        assert owner.stdout is not None
+        assert owner.stdout.readline() == "there\n"
+        assert plant.servo.registers["Torque Enable"] == 1
+        with Lateness() as lateness:
+            owner.kill()
+            killed = time.monotonic()
+            assert wait_for(lambda: plant.servo.registers["Torque Enable"] == 0, 3.0, pause_s=0.001)
+            off_s = time.monotonic() - killed
+        assert off_s < 0.2 + 5 * lateness.worst_s
+    assert wait_for(lambda: free(ServoBus(str(plant.servo.port_path), 1_000_000, 1, SystemClock())), 2.0)
+
+
+def free(bus: ServoBus) -> bool:
+    """Whether nobody holds the port: until the dead man has ended, he does."""
+    try:
+        bus.open()
+    except StrikerNotFound:
+        return False
+    bus.close()
+    return True
+
+
+def test_dismissed_it_does_nothing_and_it_ignores_what_ends_the_owner(plant: Plant) -> None:
+    bus = ServoBus(str(plant.servo.port_path), 1_000_000, 1, SystemClock())
+    bus.open()
+    table = control_table(1030)
+    try:
+        bus.write(table["Torque Enable"], 1)
+        dead_man = DeadMan(bus.descriptor, bus.last_words(table["Torque Enable"], 0))
+        time.sleep(0.1)
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            os.kill(dead_man.pid, number)
+        time.sleep(0.1)
+        assert Path(f"/proc/{dead_man.pid}").exists()
+        dead_man.dismiss()
+        assert not Path(f"/proc/{dead_man.pid}").exists()
+        time.sleep(0.2)
+        assert bus.read(table["Torque Enable"]) == 1
+        bus.write(table["Torque Enable"], 0)
+    finally:
+        bus.close()
