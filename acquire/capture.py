@@ -29,9 +29,11 @@ from acquire.camera.stream import CameraStream, TimedFrame
 from acquire.clock import Clock, SystemClock
 from acquire.config import CameraConfig, RigConfig
 from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
+from acquire.recorder.block_memory import BlockMemory
+from acquire.recorder.direct_file import can_write_directly
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
-from acquire.recorder.frame_recorder import Arrival, FrameRecorder
+from acquire.recorder.frame_recorder import Arrival, FrameRecorder, backlog_bytes
 from acquire.recorder.writer import McapWriter
 from schemas import topics
 from schemas.documents import MANIFEST_NAME, SessionManifest, canonical_json
@@ -60,8 +62,13 @@ class _Recording:
             for name, media_type, content in attachments:
                 writer.attachment(name, media_type, content, log_time_ns)
 
-        rotation = Rotation(config.rotate_bytes, config.keep_files) if config.mode == "continuous" else Rotation()
-        self.files = FileSeries(path, write_head, rotation, self._disk)
+        rotation, memory = Rotation(), None
+        if config.mode == "continuous":
+            rotation = Rotation(config.rotate_bytes, config.keep_files)
+            # Windows go through the page cache: `analyze watch` reads them a moment later.
+            if config.image_format == "raw" and can_write_directly(path.parent):
+                memory = BlockMemory(backlog_bytes(rig.camera.width, rig.camera.height, rig.camera.frame_rate_hz))
+        self.files = FileSeries(path, write_head, rotation, self._disk, memory)
         self.frames: FrameRecorder | None = None
         self._small = wire.small_topics(self.camera)
         self._sequences: Counter[str] = Counter()

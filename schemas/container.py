@@ -8,6 +8,7 @@ each length against what is there and raises `ContainerError`, so that a damaged
 from __future__ import annotations
 
 import hashlib
+import itertools
 import struct
 import zlib
 from collections.abc import Iterator
@@ -76,6 +77,13 @@ def message_head(channel_id: int, sequence: int, log_time_ns: int, publish_time_
 def chunk_head(start_ns: int, end_ns: int, size: int, crc: int) -> bytes:
     """Everything of an uncompressed chunk record that stands before its `size` bytes of messages."""
     return struct.pack("<BQQQQIIQ", CHUNK, 40 + size, start_ns, end_ns, size, crc, 0, size)
+
+
+def message_index(channel_id: int, entries: list[tuple[int, int]]) -> bytes:
+    """Message index record of one channel in one chunk: log time [ns] and offset in the chunk of each message."""
+    size = 16 * len(entries)
+    numbers = itertools.chain.from_iterable(sorted(entries))
+    return struct.pack(f"<BQHI{2 * len(entries)}Q", MESSAGE_INDEX, 6 + size, channel_id, size, *numbers)
 
 
 # --- parsing ------------------------------------------------------------------------------------------------------
@@ -277,6 +285,10 @@ def _decompressed(chunk: ChunkRecord) -> memoryview:
 # --- identity -----------------------------------------------------------------------------------------------------
 
 
+_TIME_AND_SIZE: Final = struct.Struct("<QQ")
+_TIME_SIZE_CRC: Final = struct.Struct("<QQI")
+
+
 class ContentHash:
     """The `content_id` of schemas/README.md: BLAKE2b over every message outside /truth/, per topic, in file order."""
 
@@ -290,11 +302,10 @@ class ContentHash:
         digest = self._topics.get(topic)
         if digest is None:
             digest = self._topics[topic] = hashlib.blake2b(digest_size=32)
-        digest.update(struct.pack("<QQ", log_time_ns, size))
         if size < LARGE_MESSAGE:
-            digest.update(data)
+            digest.update(_TIME_AND_SIZE.pack(log_time_ns, size) + data)
         else:
-            digest.update(struct.pack("<I", zlib.crc32(data) if crc is None else crc))
+            digest.update(_TIME_SIZE_CRC.pack(log_time_ns, size, zlib.crc32(data) if crc is None else crc))
 
     def hexdigest(self) -> str:
         """Identity of what was taken in so far."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from acquire.errors import RecorderError
@@ -18,14 +19,14 @@ def refuse_taken(path: Path) -> None:
         raise RecorderError(f"{path}: exists already: choose another name or move it away")
 
 
-def create_part(part_path: Path) -> int:
-    """Open `part_path`, which must not exist, for writing.
+def create_part(part_path: Path, flags: int = 0) -> int:
+    """Open `part_path`, which must not exist, for writing; `flags` are open(2)'s.
 
     Raises:
         RecorderError: it exists, or the folder cannot be written.
     """
     try:
-        return os.open(part_path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        return os.open(part_path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | flags, 0o644)
     except FileExistsError:
         raise RecorderError(f"{part_path}: left by a recording that did not finish: `acquire recover` it or move it away") from None
     except OSError as error:
@@ -46,7 +47,7 @@ def reserve(folder: Path, size: int) -> int | None:
     return fd
 
 
-def write_all(fd: int, buffers: list[Buffer]) -> int:
+def write_all(fd: int, buffers: Sequence[Buffer]) -> int:
     """Write every byte of `buffers` without joining them; returns their number.
 
     Raises:
@@ -58,14 +59,15 @@ def write_all(fd: int, buffers: list[Buffer]) -> int:
         taken = os.writev(fd, buffers[:_IOV_MAX])
         left -= taken
         if left:
-            buffers = _behind(buffers, taken)
+            buffers = behind(buffers, taken)
     return total
 
 
-def _behind(buffers: list[Buffer], taken: int) -> list[Buffer]:
+def behind(buffers: Sequence[Buffer], taken: int) -> list[memoryview]:
+    """What is left of `buffers` when their first `taken` bytes are written."""
     for number, buffer in enumerate(buffers):
         if taken < len(buffer):
-            return [memoryview(buffer)[taken:], *buffers[number + 1 :]]
+            return [memoryview(buffer)[taken:], *map(memoryview, buffers[number + 1 :])]
         taken -= len(buffer)
     return []
 

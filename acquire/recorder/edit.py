@@ -104,7 +104,7 @@ def _copy_without(data: memoryview, layout: Layout, prefix: str, writer: Rewrite
         if container.parse_channel(_body(whole)).id in kept:
             writer.declare(whole, writer.summary.channels)
     digest = ContentHash()
-    chunks = {entry.offset: entry for entry in layout.summary.chunks}
+    chunks = {entry.offset: entry for entry in map(ChunkEntry.parse, map(_body, layout.summary.chunks))}
     for opcode, at, body in container.walk(data[: layout.data_end], len(container.MAGIC)):
         whole = data[at : at + container.RECORD_HEAD + len(body)]
         if opcode == container.ATTACHMENT:

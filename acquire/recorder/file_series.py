@@ -1,7 +1,8 @@
 """A recording in one file, or in a row of numbered files, each a recording by itself, with no message lost between two.
 
-The next file is open, with its head and topics, before the last takes its end: every message goes to the one or to the other, and
-the old file's fsync runs on a thread of its own. An image and the meta written after it stand in the same file.
+The next file is open, with its head and topics, before the last takes its end: every message goes to the one or to the other. Both
+the making of the new one and the old one's end run on a thread of their own, because a busy disk lets either wait; meanwhile the old
+file grows on. An image and the meta written after it stand in the same file.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from acquire.errors import RecorderError
+from acquire.recorder.block_memory import BlockMemory
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.writer import Channel, ImageMessage, McapWriter, Seal
 from schemas.container import Buffer
@@ -38,8 +41,17 @@ class FileSeries:
         RecorderError: a path is taken, or the disk refuses or has no room for the next file; the current one can still be finished.
     """
 
-    def __init__(self, path: Path, write_head: Callable[[McapWriter, int], None], rotation: Rotation, disk: DiskSpace) -> None:
+    def __init__(
+        self,
+        path: Path,
+        write_head: Callable[[McapWriter, int], None],
+        rotation: Rotation,
+        disk: DiskSpace,
+        memory: BlockMemory | None = None,
+    ) -> None:
+        """`memory`: see McapWriter."""
         self._path = path
+        self._memory = memory
         self._write_head = write_head
         self._rotation = rotation
         self._disk = disk
@@ -48,8 +60,12 @@ class FileSeries:
         self._part = 1
         self._written = 0
         self._kept: deque[Path] = deque()
-        self._closer: threading.Thread | None = None
+        self._turner: threading.Thread | None = None
+        self._next: McapWriter | None = None
+        self._refused: RecorderError | None = None
+        """why there is no next file"""
         self._error: RecorderError | None = None
+        """why a full file could not be finished"""
         self._writer = self._begin(1)
 
     @property
@@ -67,6 +83,11 @@ class FileSeries:
         """Bytes written so far, to all files."""
         return self._written + self._writer.size
 
+    @property
+    def never_waits(self) -> bool:
+        """Whether `write_images` returns without waiting for the disk."""
+        return self._memory is not None
+
     def add_topic(self, topic: Topic) -> Channel:
         """Make a channel; the same topic again gives the same channel, and so does every file."""
         with self._lock:
@@ -79,16 +100,17 @@ class FileSeries:
             self._writer.write(channel, log_time_ns, data, sequence)
 
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images together, to the next file where this one is full."""
+        """Write images together, to the next file where this one is full and that one is ready."""
         with self._lock:
             if 0 < self._rotation.rotate_bytes <= self._writer.size:
-                self._rotate()
+                self._turn()
             self._writer.write_images(channel, messages)
 
     def flush(self) -> None:
-        """Hand small topics to the file now."""
+        """Hand small topics to the file now; on return others can read in it what was written before."""
         with self._lock:
-            self._writer.flush()
+            writer = self._writer
+        writer.flush()
 
     def finish(self) -> Seal:
         """Finish the last file.
@@ -96,53 +118,67 @@ class FileSeries:
         Raises:
             RecorderError: it, or one before it, could not be finished; `acquire recover` reads the `.part` file.
         """
+        self._join()
         with self._lock:
+            # The next file has taken nothing yet if it came too late.
+            _discard(self._next)
             seal = self._writer.finish()
-            self._join()
             if self._error is not None:
                 raise self._error
             return seal
 
     def abandon(self) -> None:
         """Leave nothing of the current file behind."""
+        self._join()
         with self._lock:
-            self._writer.abort()
-            self._join()
-            self._writer.part_path.unlink(missing_ok=True)
+            _discard(self._next)
+            _discard(self._writer)
 
     # --- under the lock ---
+
+    def _turn(self) -> None:
+        """Go over to the next file if it is ready; if nobody makes it, have it made."""
+        if (error := self._error or self._refused) is not None:
+            raise error
+        if self._next is not None:
+            full, self._writer, self._next = self._writer, self._next, None
+            for topic in self._topics.values():  # those that came while it was made
+                self._writer.add_topic(topic)
+            self._part += 1
+            self._written += full.size
+            self._start(self._finish, full)
+        elif self._turner is None or not self._turner.is_alive():
+            self._start(self._prepare, self._part + 1)
+
+    def _start(self, work: Callable[[Any], None], argument: object) -> None:
+        self._turner = threading.Thread(target=work, args=(argument,), name="recorder-turn")
+        self._turner.start()
+
+    # --- helper thread ---
+
+    def _join(self) -> None:
+        while (turner := self._turner) is not None and turner.is_alive():
+            turner.join()
 
     def _begin(self, part: int) -> McapWriter:
         path = self._path if part == 1 else self._path.with_name(f"{self._path.stem}-{part:04d}{self._path.suffix}")
         self._disk.require(self._rotation.rotate_bytes, f"recording {path.name}")
-        writer = McapWriter(path)
+        writer = McapWriter(path, self._memory)
         try:
             self._write_head(writer, part)
-            for topic in self._topics.values():
+            for topic in list(self._topics.values()):
                 writer.add_topic(topic)
             writer.flush()
         except BaseException:
-            writer.abort()
-            writer.part_path.unlink(missing_ok=True)
+            _discard(writer)
             raise
         return writer
 
-    def _rotate(self) -> None:
-        self._join()  # a disk that is two files behind stops the writing thread here; the ring of images holds 2 s
-        if self._error is not None:
-            raise self._error
-        full, self._writer = self._writer, self._begin(self._part + 1)
-        self._part += 1
-        self._written += full.size
-        self._closer = threading.Thread(target=self._finish, args=(full,), name="recorder-finish")
-        self._closer.start()
-
-    def _join(self) -> None:
-        if self._closer is not None:
-            self._closer.join()
-            self._closer = None
-
-    # --- helper thread ---
+    def _prepare(self, part: int) -> None:
+        try:
+            self._next = self._begin(part)
+        except (RecorderError, OSError) as error:
+            self._refused = error if isinstance(error, RecorderError) else RecorderError(f"{self._path}: {error.strerror}")
 
     def _finish(self, writer: McapWriter) -> None:
         try:
@@ -151,3 +187,9 @@ class FileSeries:
                 self._kept.popleft().unlink(missing_ok=True)
         except (RecorderError, OSError) as error:
             self._error = error if isinstance(error, RecorderError) else RecorderError(f"{writer.path}: {error.strerror}")
+
+
+def _discard(writer: McapWriter | None) -> None:
+    if writer is not None:
+        writer.abort()
+        writer.part_path.unlink(missing_ok=True)

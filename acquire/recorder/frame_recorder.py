@@ -2,8 +2,10 @@
 
 In continuous mode every frame goes straight to the file, and a window only says what of it belongs to a strike.
 
-A frame enters the delay line and leaves it `pre_trigger_s` later, as meta alone or as a preview; a window that opens takes the
-whole line with it. So images and meta reach the file in the order of their exposure, and `image_recorded` is always true to it.
+A frame enters the delay line and leaves it `pre_trigger_s` later; a window that opens takes the whole line with it. Its meta, and a
+preview, do not wait longer than META_WAIT_S: a killed process must not have kept back more. So images and meta reach the file in the
+order of their exposure, and `image_recorded` is always true to it, where `pre_trigger_s` is no longer than that. Where it is longer, the
+images that a window takes from the line come behind newer metas, which said that they are not recorded.
 """
 
 from __future__ import annotations
@@ -11,38 +13,32 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
-from acquire.recorder.image import RawImageEncoder, png_message
-from acquire.recorder.ring import ImageRing
-from acquire.recorder.writer import Channel, ImageMessage
-from schemas import topics
-from schemas.container import Buffer
+from acquire.recorder.block_memory import BLOCK_BYTES
+from acquire.recorder.frame_queue import AtOnce, FrameFile, FrameQueue, ImageSink, Queued
 from schemas.proto import percuss_pb2 as pb
 
 BACKLOG_S: Final = 2.0
 """how long the disk may stand still before images are dropped"""
+META_WAIT_S: Final = 0.25
+"""how long a frame's meta may wait for a trigger"""
 LATE_FRAME_S: Final = 0.25
 """how long a closing window waits for frames that were exposed before it closed"""
-BATCH_BYTES: Final = 3 << 19
-BATCH_S: Final = 0.02
-"""Frames go to the file together, up to this size and no later than this: one wake-up, one chunk, one system call.
-
-A buffered write of 1.3 MB takes a fifth less CPU per byte than one of 0.3 MB; above 2 MB ext4 (Linux 6.18) takes twice as much.
-"""
-FRAME_ID: Final = "camera"
-"""Foxglove's name for C; the calibration carries the same"""
 
 
-@dataclass(frozen=True)
-class Arrival:
+def backlog_bytes(width: int, height: int, frame_rate_hz: float) -> int:
+    """Memory for a recording that is written past the page cache."""
+    return math.ceil(BACKLOG_S * frame_rate_hz * width * height) + 4 * BLOCK_BYTES
+
+
+class Arrival(NamedTuple):
     """A frame with its times on the host's clock. `image` need only be valid during the call it is given to."""
 
     image: NDArray[np.uint8]
@@ -69,10 +65,13 @@ class WindowReport:
     """frames that should be in the window and are not: lost on the way from the camera, or dropped before a slow disk"""
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Stored:
     meta: pb.FrameMeta
+    image: bool
+    """it is in the file, on its way there, or can still be written"""
     slot: int | None
+    """of the image in the ring, while it is ours"""
 
 
 @dataclass
@@ -86,28 +85,8 @@ class _Window:
     lost: int = 0
 
 
-class ImageSink(Protocol):
-    """Where messages go: one file, or a row of them."""
-
-    def add_topic(self, topic: topics.Topic) -> Channel:
-        """Make a channel."""
-        ...
-
-    def write(self, channel: Channel, log_time_ns: int, data: Buffer, sequence: int = 0) -> None:
-        """Write one small message."""
-        ...
-
-    def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images together."""
-        ...
-
-    def flush(self) -> None:
-        """Hand small topics to the file now."""
-        ...
-
-
 class FrameRecorder:
-    """Between the acquisition thread (`add`) and the file; its own thread writes. Windows are opened and closed from a third.
+    """Between the acquisition thread (`add`) and the file. Windows are opened and closed from another thread.
 
     Raises:
         RecorderError: from `open_window` and `close_window`, when the file can take no images.
@@ -118,44 +97,57 @@ class FrameRecorder:
     ) -> None:
         self.frames = 0
         self.lost = 0
-        self.dropped = 0
-        self.error: RecorderError | None = None
-        self._writer = writer
         self._config = config
         self._continuous = config.mode == "continuous"
         self._anchor = wall_anchor_ns
         self._period_ns = 1e9 / frame_rate_hz
         self._pre_trigger_ns = int(config.pre_trigger_s * 1e9)
+        self._meta_wait_ns = min(self._pre_trigger_ns, int(META_WAIT_S * 1e9))
         self._preview_ns = 1e9 / config.preview_hz if config.preview_hz > 0 else math.inf
         self._next_preview_ns = 0.0 if config.preview_hz > 0 else math.inf
-        self._ring = ImageRing(math.ceil(frame_rate_hz * (config.pre_trigger_s + BACKLOG_S)) + 2, height, width)
-        self._raw = RawImageEncoder(FRAME_ID, width, height) if config.image_format == "raw" else None
-        self._images = writer.add_topic(topics.raw_image(camera) if self._raw else topics.compressed_image(camera))
-        self._metas = writer.add_topic(topics.frame_meta(camera))
-        self._batch_frames = max(1, min(32, BATCH_BYTES // (width * height)))
+        raw = config.image_format == "raw"
+        self._file = FrameFile(writer, camera, (width, height) if raw else None, wall_anchor_ns)
+        # PNG takes longer than a frame may: the thread of the queue does it.
+        self._way: AtOnce | FrameQueue
+        if self._continuous and raw and writer.never_waits:
+            self._way = AtOnce(self._file)
+        else:
+            self._way = FrameQueue(self._file, math.ceil(frame_rate_hz * (config.pre_trigger_s + BACKLOG_S)) + 2, height, width)
+        self._queue = self._way if isinstance(self._way, FrameQueue) else None
+        self._dropped = 0
         self._lock = threading.Lock()
         self._passed = threading.Condition(self._lock)
-        """a frame went by, or the queue ran dry"""
-        self._queued = threading.Condition(self._lock)
+        """a frame went by"""
         self._line: deque[_Stored] = deque()
         """frames that may still become part of a window; in continuous mode they are in the file, or on their way, already"""
-        self._queue: deque[tuple[_Stored, bool]] = deque()
-        self._writing = False
+        self._told = 0
+        """of the line, how many of the oldest have their meta in the file, or on its way"""
         self._ending = False
         self._window: _Window | None = None
         self._newest_ns = 0
-        self._thread = threading.Thread(target=self._write_queue, name="recorder-write")
-        self._thread.start()
+
+    @property
+    def dropped(self) -> int:
+        """Images that should be in the file and are not, because the disk was too slow or full."""
+        return self._dropped + self._way.dropped
+
+    @property
+    def waiting(self) -> int:
+        """Frames in the queue before the disk; see BlockMemory for those that are written at once."""
+        return 0 if self._queue is None else self._queue.waiting
+
+    @property
+    def error(self) -> RecorderError | None:
+        """Why the file takes no more images."""
+        return self._way.error
 
     def add(self, arrival: Arrival) -> None:
         """Take a frame in; its image is copied. Called from the acquisition thread; never waits for the disk."""
-        slot = self._ring.take(arrival.image)
-        if slot is None:
-            slot = self._reclaim(arrival.image)
-        stored = _Stored(_meta(arrival), slot)
+        if self._ending:
+            return
+        meta = _meta(arrival)
+        stored = self._take(meta, arrival.image)
         with self._lock:
-            if self._ending:
-                return
             self.frames += 1
             self.lost += arrival.lost_before
             self._newest_ns = mid = arrival.mid_exposure_ns
@@ -167,8 +159,10 @@ class FrameRecorder:
             else:
                 if self._continuous:
                     self._keep(stored)
+                    self._told += 1
                 self._line.append(stored)
-                self._age(mid - self._pre_trigger_ns)
+                self._tell(mid - self._meta_wait_ns)
+                self._let_go(mid - self._pre_trigger_ns)
             self._passed.notify_all()
 
     def open_window(self, now_ns: int) -> int:
@@ -179,13 +173,16 @@ class FrameRecorder:
             if self.error is not None:
                 raise self.error
             self._window = window = _Window(start_ns=now_ns - self._pre_trigger_ns)
-            self._age(window.start_ns)
-            while self._line:
-                stored = self._line.popleft()
+            self._let_go(window.start_ns)
+            for stored in self._line:
                 window.lost += stored.meta.frames_lost_before if window.frames else 0
                 self._count(window, stored)
-                if not self._continuous:
+                told, self._told = self._told > 0, max(0, self._told - 1)
+                if not told:
                     self._keep(stored)
+                elif stored.slot is not None:
+                    self._put(stored, with_meta=False)
+            self._line.clear()
             return self._anchor + window.start_ns
 
     def close_window(self, now_ns: int) -> WindowReport:
@@ -201,21 +198,40 @@ class FrameRecorder:
             silent_ns = min(now_ns, window.start_ns + self._max_window_ns()) - max(self._newest_ns, window.start_ns)
             if self._newest_ns <= now_ns:
                 window.lost += max(0, math.floor(silent_ns / self._period_ns - 0.5))
-            self._passed.wait_for(lambda: not self._queue and not self._writing, 30.0)
-            if self.error is not None:
-                raise self.error
-        self._writer.flush()
+        if self._queue is not None:
+            self._queue.wait_until_written(30.0)
+        if self.error is not None:
+            raise self.error
+        self._file.flush()
         first_ns, last_ns = (window.first_ns, window.last_ns) if window.frames else (window.start_ns, now_ns)
         return WindowReport(self._anchor + first_ns, self._anchor + last_ns, window.frames, window.lost)
 
     def close(self) -> None:
-        """Write what waits, meta of the delay line included, and end the thread. Safe to call twice."""
+        """Write what waits, meta of the delay line included. Safe to call twice."""
         with self._lock:
             if not self._ending:
                 self._ending = True
-                self._age(self._newest_ns + 1)
-                self._queued.notify_all()
-        self._thread.join()
+                self._tell(self._newest_ns + 1)
+        if self._queue is not None:
+            self._queue.close()
+
+    def _take(self, meta: pb.FrameMeta, image: NDArray[np.uint8]) -> _Stored:
+        if isinstance(self._way, AtOnce):
+            return _Stored(meta, self._way.write(meta, image), None)
+        slot = self._way.ring.take(image)
+        if slot is None and not self._continuous:
+            self._reclaim()
+            slot = self._way.ring.take(image)
+        return _Stored(meta, slot is not None, slot)
+
+    def _reclaim(self) -> None:
+        """All slots wait for the disk: the oldest in the delay line gives up its image."""
+        with self._lock:
+            while self._line and self._line[0].slot is None:
+                self._let_go(self._line[0].meta.mid_exposure_host_ns + 1)
+            if self._line:
+                self._line[0].image = False
+                self._let_go(self._line[0].meta.mid_exposure_host_ns + 1)
 
     # --- under the lock ---
 
@@ -227,97 +243,43 @@ class FrameRecorder:
         return int(self._config.max_window_s * 1e9) + self._pre_trigger_ns
 
     def _count(self, window: _Window, stored: _Stored) -> None:
-        if stored.slot is None:
-            window.lost += 1
-        else:
+        if stored.image:
             window.frames += 1
             window.last_ns = stored.meta.mid_exposure_host_ns
             window.first_ns = window.first_ns or window.last_ns
+        else:
+            window.lost += 1
 
     def _keep(self, stored: _Stored) -> None:
-        self.dropped += stored.slot is None
-        self._enqueue(stored, image=stored.slot is not None)
+        if self._queue is not None:
+            self._dropped += not stored.image
+            self._put(stored)
 
-    def _age(self, before_ns: int) -> None:
+    def _put(self, stored: _Stored, *, with_meta: bool = True) -> None:
+        """Hand the frame over, its slot with it."""
+        if self._queue is not None:
+            self._queue.put(Queued(stored.meta, stored.slot, with_meta))
+            stored.slot = None
+
+    def _tell(self, before_ns: int) -> None:
+        """Write the meta of frames in the line that were exposed before `before_ns`, and what of them is due as a preview."""
+        while self._told < len(self._line) and (stored := self._line[self._told]).meta.mid_exposure_host_ns < before_ns:
+            mid = stored.meta.mid_exposure_host_ns
+            self._told += 1
+            if mid >= self._next_preview_ns and stored.image:
+                self._next_preview_ns = mid + self._preview_ns
+                self._put(stored)
+            elif self._queue is not None:
+                self._queue.put(Queued(stored.meta, None))
+
+    def _let_go(self, before_ns: int) -> None:
         """Let frames out of the delay line that were exposed before `before_ns`."""
+        self._tell(before_ns)
         while self._line and self._line[0].meta.mid_exposure_host_ns < before_ns:
             stored = self._line.popleft()
-            if self._continuous:
-                continue
-            mid = stored.meta.mid_exposure_host_ns
-            preview = mid >= self._next_preview_ns and stored.slot is not None
-            if preview:
-                self._next_preview_ns = mid + self._preview_ns
-            self._enqueue(stored, image=preview)
-
-    def _enqueue(self, stored: _Stored, *, image: bool) -> None:
-        if not image and stored.slot is not None:
-            self._ring.give_back(stored.slot)
-        self._queue.append((stored, image))
-        if len(self._queue) == self._batch_frames:
-            self._queued.notify()
-
-    def _reclaim(self, image: NDArray[np.uint8]) -> int | None:
-        """All slots wait for the disk: the oldest in the delay line gives up its image."""
-        with self._lock:
-            if not self._line or self._continuous:
-                return None
-            oldest = self._line.popleft()
-            self._enqueue(oldest, image=False)
-        return self._ring.take(image)
-
-    # --- writing thread ---
-
-    def _write_queue(self) -> None:
-        while not self._ended():
-            batch = self._next_batch()
-            kept = [stored for stored, image in batch if image]
-            try:
-                if kept and self.error is None:
-                    self._write_images(kept)
-            except RecorderError as error:
-                self.error = error
-            if self.error is not None:
-                self.dropped += len(kept)
-            for stored, _ in batch:
-                self._write_meta(stored)
-            for stored in kept:
-                if stored.slot is not None:
-                    self._ring.give_back(stored.slot)
-
-    def _ended(self) -> bool:
-        with self._lock:
-            self._writing = False
-            if not self._queue:
-                self._passed.notify_all()
-            return self._ending and not self._queue
-
-    def _next_batch(self) -> list[tuple[_Stored, bool]]:
-        """Frames that are written together; none where none came for `BATCH_S`."""
-        with self._lock:
-            # At line rate a wake-up and a chunk for each frame would cost more than the frame: let a few gather.
-            self._queued.wait_for(lambda: len(self._queue) >= self._batch_frames or self._ending, BATCH_S)
-            self._writing = bool(self._queue)
-            return [self._queue.popleft() for _ in range(min(len(self._queue), self._batch_frames))]
-
-    def _write_images(self, kept: list[_Stored]) -> None:
-        messages: list[ImageMessage] = []
-        for stored in kept:
-            if stored.slot is not None:
-                log_time = self._anchor + stored.meta.mid_exposure_host_ns
-                image = self._ring.image(stored.slot)
-                data: list[Buffer] = self._raw.encode(log_time, image) if self._raw else [png_message(FRAME_ID, log_time, image)]
-                messages.append(ImageMessage(log_time, data, stored.meta.sequence))
-        self._writer.write_images(self._images, messages)
-        for stored in kept:
-            stored.meta.image_recorded = True
-
-    def _write_meta(self, stored: _Stored) -> None:
-        log_time = self._anchor + stored.meta.mid_exposure_host_ns
-        try:
-            self._writer.write(self._metas, log_time, stored.meta.SerializeToString(), sequence=stored.meta.sequence)
-        except RecorderError as error:
-            self.error = error
+            self._told -= 1
+            if stored.slot is not None and self._queue is not None:
+                self._queue.ring.give_back(stored.slot)
 
 
 def _meta(arrival: Arrival) -> pb.FrameMeta:

@@ -11,6 +11,7 @@ from typing import Any
 
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
+from acquire.recorder.direct_file import PAGE
 from acquire.recorder.edit import copy_chunk
 from acquire.recorder.rewrite import Rewriter, mapped, read_layout
 from schemas import container
@@ -111,12 +112,13 @@ class _Salvage:
     def run(self) -> None:
         """Copy what is whole, then the seal."""
         at = len(container.MAGIC)
-        while at < len(self._data) and not self._report.ended_properly:
+        end = self._without_padding()
+        while at < end and not self._report.ended_properly:
             at = self._walk(at)
             if not self._report.ended_properly:
                 saved = self._salvage_cut_chunk(at)
-                following = self._next_chunk(at + 1)
-                self._report.skipped_bytes += following - at - saved
+                following = min(end, self._next_chunk(at + 1))
+                self._report.skipped_bytes += max(0, following - at - saved)
                 at = following
         self._writer.flush()
         counts = self._writer.summary.message_counts
@@ -124,6 +126,11 @@ class _Salvage:
             if counts[number]:
                 self._report.topics[topic] = self._report.topics.get(topic, 0) + counts[number]
         self._writer.metadata(SEAL_NAME, {"content_id": self._digest.hexdigest(), **self._manifest_hash})
+
+    def _without_padding(self) -> int:
+        """Where the bytes end: a recording that was written past the page cache fills its last page with zeros."""
+        padding = bytes(self._data[-PAGE:])
+        return len(self._data) - (len(padding) - len(padding.rstrip(b"\0")))
 
     def _walk(self, start: int) -> int:
         """Take whole records; returns where they end."""

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
-from acquire.recorder.summary import ChunkEntry, Summary, pack_chunk, pack_topic
+from acquire.recorder.summary import Summary, pack_chunk, pack_topic
 from schemas import container
 from schemas.container import Buffer, ChannelRecord, ContainerError
 from schemas.topics import Topic
@@ -92,7 +92,7 @@ def _layout(data: memoryview, section: memoryview, data_end: int) -> Layout:
             channels[channel.id] = channel
             summary.channels.append(whole)
         elif opcode == container.CHUNK_INDEX:
-            summary.chunks.append(ChunkEntry.parse(body))
+            summary.chunks.append(whole)
         elif opcode == container.ATTACHMENT_INDEX:
             summary.attachments.append(whole)
         elif opcode == container.METADATA_INDEX:

@@ -1,12 +1,11 @@
 """Writes a recording: images as chunks of their own without copying, small topics in chunks of theirs, renamed only when whole.
 
 While it is written the file is called `<name>.part`. Whatever ends the process, what reached the file can be read by
-`acquire recover`; what is still in memory is at most 0.5 s of small topics.
+`acquire recover`; what is still in memory is at most 0.5 s of small topics, and with a DirectFile 0.2 s of images while the disk keeps up.
 """
 
 from __future__ import annotations
 
-import os
 import struct
 import threading
 import zlib
@@ -14,11 +13,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Final
+from typing import Final, NamedTuple
 
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
+from acquire.recorder.block_memory import BlockMemory
 from acquire.recorder.checksum import checksums
+from acquire.recorder.data_file import DataFile
+from acquire.recorder.direct_file import DirectFile
+from acquire.recorder.page_cache_file import PageCacheFile
 from acquire.recorder.summary import Summary, pack_chunk, pack_topic
 from schemas import container
 from schemas.container import Buffer, ContentHash
@@ -27,11 +30,17 @@ from schemas.topics import Topic
 
 PART_SUFFIX: Final = ".part"
 SMALL_CHUNK_BYTES: Final = 64 << 10
-FLUSH_S: Final = 0.2
-"""a frame's meta waits `pre_trigger_s` (0.25 s) in the delay line before it comes here: together below 0.5 s"""
+CHUNK_EXTRA: Final = 128
+"""more than what stands around a chunk's messages takes, and more than a message's line in the index"""
+FLUSH_S: Final = 0.1
+"""a frame's meta waits up to 0.25 s for a trigger before it comes here, and a DirectFile 0.1 s for more: together below 0.5 s"""
 SYNC_BYTES: Final = 32 << 20
-RESERVE_BYTES: Final = 8 << 20
-"""kept from other writers on the disk, so that a full disk still lets the summary be written"""
+SMALL_BYTES: Final = 2 << 20
+"""of small topics that wait for a full disk to be finished with"""
+
+
+class DiskBehind(RecorderError):
+    """What waits for the disk fills the memory there is: this image was not taken, a later one may be."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +51,7 @@ class Channel:
     topic: Topic
 
 
-@dataclass(frozen=True)
-class ImageMessage:
+class ImageMessage(NamedTuple):
     """One image to be written; `parts` are views of bytes that stay as they are until they are written."""
 
     log_time_ns: int
@@ -73,14 +81,17 @@ class McapWriter:
         RecorderError: the path is taken, its folder is missing, or the disk refuses.
     """
 
-    def __init__(self, path: Path, flush_s: float = FLUSH_S, sync_bytes: int = SYNC_BYTES) -> None:
+    def __init__(self, path: Path, memory: BlockMemory | None = None, flush_s: float = FLUSH_S, sync_bytes: int = SYNC_BYTES) -> None:
+        """Through the page cache, or with `memory` past it (where `can_write_directly`)."""
         self.path = path
         self.part_path = path.with_name(path.name + PART_SUFFIX)
         atomic.refuse_taken(path)
-        self._fd = atomic.create_part(self.part_path)
-        self._reserve = atomic.reserve(path.parent, RESERVE_BYTES)
+        self._file: DataFile = (
+            PageCacheFile(self.part_path, sync_bytes) if memory is None else DirectFile(self.part_path, memory, sync_bytes)
+        )
         self._flush_s = flush_s
         self._sync_bytes = sync_bytes
+        self._pushed = 0
         self._lock = threading.Lock()
         self._summary = Summary()
         self._hash = ContentHash()
@@ -88,8 +99,6 @@ class McapWriter:
         self._channels: dict[str, Channel] = {}
         self._small = bytearray()
         self._small_index: dict[int, list[tuple[int, int]]] = {}
-        self._size = 0
-        self._synced = 0
         self._closed = False
         self._full: RecorderError | None = None
         self._wake = threading.Event()
@@ -100,7 +109,12 @@ class McapWriter:
     @property
     def size(self) -> int:
         """Bytes written so far."""
-        return self._size
+        return self._file.size
+
+    @property
+    def never_waits(self) -> bool:
+        """Whether `write_images` returns without waiting for the disk."""
+        return self._file.never_waits
 
     def metadata(self, name: str, entries: dict[str, str]) -> None:
         """Write named strings."""
@@ -117,7 +131,7 @@ class McapWriter:
             self._flush_small()
             head = container.string(name) + container.string(media_type)
             body = struct.pack("<QQ", log_time_ns, log_time_ns) + head + struct.pack("<Q", len(data)) + data
-            offset = self._size
+            offset = self._file.size
             length = self._put([container.record(container.ATTACHMENT, body + struct.pack("<I", zlib.crc32(body)))])
             self._summary.add_attachment(offset, length, container.AttachmentRecord(name, media_type, log_time_ns, b""), len(data))
 
@@ -147,13 +161,12 @@ class McapWriter:
         sequence: int = 0,
         publish_time_ns: int | None = None,
     ) -> None:
-        """Write one message, given whole or in parts. An image is in the file (page cache) on return; its buffer may be used again.
+        """Write one message, given whole or in parts. Its buffer may be used again; an image is as safe as `write_images` makes it.
 
         Raises:
             RecorderError: the disk is full or failing, the recording is finished, or the time is 0 (1970: a clock nobody set).
         """
-        given = data if isinstance(data, Sequence) and not isinstance(data, bytes | bytearray | memoryview) else [data]
-        parts: list[Buffer] = [memoryview(part) for part in given]
+        parts: Sequence[Buffer] = (memoryview(data),) if isinstance(data, bytes | bytearray | memoryview) else data
         if channel.topic.image:
             self.write_images(channel, [ImageMessage(log_time_ns, parts, sequence, publish_time_ns)])
             return
@@ -163,7 +176,7 @@ class McapWriter:
         head = container.message_head(channel.id, sequence, log_time_ns, publish, len(body))
         with self._lock:
             self._open()
-            if self._full is not None and len(self._small) > RESERVE_BYTES // 4:
+            if self._full is not None and len(self._small) > SMALL_BYTES:
                 raise self._full
             self._small_index.setdefault(channel.id, []).append((log_time_ns, len(self._small)))
             self._small += head
@@ -173,9 +186,10 @@ class McapWriter:
                 self._flush_small()
 
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images as one chunk with one system call, without copying them. On return they are in the file (page cache), or none is.
+        """Write images as one chunk, all or none. On return they are in the page cache; or copied, and soon on the disk.
 
         Raises:
+            DiskBehind: there is no memory for them now; only where `never_waits`.
             RecorderError: as from `write`.
         """
         buffers: list[Buffer] = []
@@ -200,15 +214,20 @@ class McapWriter:
             self._open()
             if self._full is not None:
                 raise self._full
-            self._chunk(buffers, at, crc, {channel.id: index})
+            if not self._file.has_room(at + CHUNK_EXTRA * (1 + len(index)), image=True):
+                raise DiskBehind(f"{self.part_path}: the disk is too slow: {at} bytes more have no room in memory")
+            self._chunk(buffers, at, crc, {channel.id: index}, image=True)
             for time_ns, size, data, data_crc in identity:
                 self._hash.add(channel.topic.name, time_ns, size, data, data_crc)
 
     def flush(self) -> None:
-        """Hand small topics to the file now."""
+        """Hand small topics to the file now; on return others can read in it what was written before. `finish` does it too."""
         with self._lock:
-            self._open()
+            if self._closed:
+                return
             self._flush_small()
+            size = self._file.size
+        self._file.wait_until(size)
 
     def finish(self) -> Seal:
         """Write what is in memory, the seal and the summary; fsync; give the file its name.
@@ -219,30 +238,30 @@ class McapWriter:
         with self._lock:
             self._open()
             self._closed = True
-            self._release_reserve()
-            try:
-                self._flush_small()
-                content_id = self._hash.hexdigest()
-                self._metadata(SEAL_NAME, {"content_id": content_id, **self._manifest_hash})
-                self._put([self._summary.pack(self._size)])
-                os.fsync(self._fd)
-            except OSError as error:
-                raise self._disk_error(error) from None
-            finally:
-                os.close(self._fd)
-                self._wake.set()
         self._join()
+        self._file.release_reserve()
+        try:
+            self._flush_small()
+            content_id = self._hash.hexdigest()
+            self._metadata(SEAL_NAME, {"content_id": content_id, **self._manifest_hash})
+            self._put([self._summary.pack(self._file.size)])
+        except BaseException:
+            self._file.abort()
+            raise
+        try:
+            self._file.finish()
+        except OSError as error:
+            raise self._disk_error(error) from None
         atomic.publish(self.part_path, self.path)
-        return Seal(self.path, content_id, self._summary.message_counts.total(), self._size)
+        return Seal(self.path, content_id, self._summary.message_counts.total(), self._file.size)
 
     def abort(self) -> None:
         """Stop writing; the `.part` file stays as it is."""
         with self._lock:
-            if not self._closed:
-                self._closed = True
-                self._release_reserve()
-                os.close(self._fd)
-        self._join()
+            closed, self._closed = self._closed, True
+        if not closed:
+            self._join()
+            self._file.abort()
 
     def __enter__(self) -> McapWriter:
         return self
@@ -266,50 +285,43 @@ class McapWriter:
 
     def _metadata(self, name: str, entries: dict[str, str]) -> None:
         self._flush_small()
-        offset = self._size
+        offset = self._file.size
         length = self._put([container.record(container.METADATA, container.string(name) + container.string_map(entries))])
         self._summary.add_metadata(offset, length, name)
 
     def _flush_small(self) -> None:
-        if self._small:
+        # Without room they stay in memory; a recording that ends has the time to wait for the disk.
+        if self._small and (self._closed or self._file.has_room(len(self._small) + SMALL_CHUNK_BYTES, image=False)):
             self._chunk([self._small], len(self._small), zlib.crc32(self._small), self._small_index)
             self._small, self._small_index = bytearray(), {}
 
-    def _chunk(self, buffers: list[Buffer], size: int, crc: int, index: dict[int, list[tuple[int, int]]]) -> None:
-        packed = pack_chunk(self._size, size, crc, index)
-        self._put([packed.head, *buffers, packed.indexes])
+    def _chunk(self, buffers: list[Buffer], size: int, crc: int, index: dict[int, list[tuple[int, int]]], *, image: bool = False) -> None:
+        packed = pack_chunk(self._file.size, size, crc, index)
+        self._put([packed.head, *buffers, packed.indexes], image=image)
         self._summary.chunks.append(packed.entry)
         for number, entries in index.items():
             self._summary.message_counts[number] += len(entries)
 
-    def _put(self, buffers: list[Buffer]) -> int:
+    def _put(self, buffers: list[Buffer], *, image: bool = False) -> int:
         try:
-            length = atomic.write_all(self._fd, buffers)
+            length = self._file.append(buffers, image=image)
         except OSError as error:
-            # Take back the half-written record: the file stays a sequence of whole records.
-            os.ftruncate(self._fd, self._size)
-            os.lseek(self._fd, self._size, os.SEEK_SET)
             # From here on no more images; the space held back is for small topics, the seal and the summary.
             self._full = self._disk_error(error)
-            self._release_reserve()
+            self._file.release_reserve()
             raise self._full from None
-        self._size += length
-        if self._size - self._synced >= self._sync_bytes:
+        if self._file.size - self._pushed >= self._sync_bytes:
+            self._pushed = self._file.size
             self._wake.set()
         return length
 
     def _disk_error(self, error: OSError) -> RecorderError:
         return RecorderError(f"{self.part_path}: cannot be written: {error.strerror}: free space on this disk, finish, and start a new one")
 
-    def _release_reserve(self) -> None:
-        if self._reserve is not None:
-            os.close(self._reserve)
-            self._reserve = None
-
     # --- helper thread ---
 
     def _keep(self) -> None:
-        """Flush small topics twice a second, and push bytes to the disk so that the kernel never has seconds of them to write."""
+        """Flush small topics ten times a second, and have bytes pushed to the disk."""
         while True:
             self._wake.wait(self._flush_s)
             with self._lock:
@@ -320,17 +332,7 @@ class McapWriter:
                     self._flush_small()
                 except RecorderError:  # the next caller of write or finish meets the full disk itself
                     continue
-                due = self._size - self._synced >= self._sync_bytes
-                if due:
-                    self._synced = self._size
-                fd = os.dup(self._fd) if due else None
-            if fd is not None:
-                try:
-                    os.fdatasync(fd)
-                except OSError:  # reported again by the fsync in finish
-                    pass
-                finally:
-                    os.close(fd)
+            self._file.sync()
 
     def _join(self) -> None:
         self._wake.set()

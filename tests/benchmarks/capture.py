@@ -30,7 +30,9 @@ from rich.progress import track
 from rich.table import Table
 
 from acquire.config import RecorderConfig
-from acquire.recorder.frame_recorder import BATCH_BYTES, Arrival, FrameRecorder
+from acquire.recorder.block_memory import BlockMemory
+from acquire.recorder.frame_queue import BATCH_BYTES
+from acquire.recorder.frame_recorder import Arrival, FrameRecorder, backlog_bytes
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.writer import SYNC_BYTES, ImageMessage, McapWriter
 from schemas import topics
@@ -81,7 +83,7 @@ def recorder_writer(path: Path, frames: Frames) -> Calls:
 
 def whole_recorder(path: Path, frames: Frames) -> Calls:
     """All of this recorder: copy into its memory, queue, writing thread, and each frame's meta."""
-    writer = McapWriter(path)
+    writer = McapWriter(path, BlockMemory(backlog_bytes(WIDTH, HEIGHT, RATE_HZ)))
     recorder = FrameRecorder(writer, "main", WIDTH, HEIGHT, RATE_HZ, RecorderConfig(mode="continuous"), T0_NS)
     yield 0.0
     begun = time.perf_counter()

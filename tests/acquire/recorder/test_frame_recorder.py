@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 
 from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
-from acquire.recorder.frame_recorder import Arrival, FrameRecorder
+from acquire.recorder.frame_recorder import META_WAIT_S, Arrival, FrameRecorder
 from acquire.recorder.writer import McapWriter
 from schemas.proto import percuss_pb2 as pb
 
@@ -42,6 +42,11 @@ class Rig:
             self.recorder.add(Arrival(IMAGE, self.next, 1, mid, mid, mid, 1000, 1500.0, lost))
             self.next += 1
             lost = 0
+
+    def settle(self) -> None:
+        """What is to be written now is with the writer."""
+        assert self.recorder._queue is not None
+        self.recorder._queue.wait_until_written(10.0)
 
     def finish(self) -> tuple[list[int], list[pb.FrameMeta]]:
         """Sequences of the images, and all meta, in the file's order."""
@@ -94,6 +99,37 @@ def test_a_window_reaches_back_and_ends_when_it_is_closed(rig: Rig) -> None:
     assert (report.frames, report.lost) == (last - first + 1, 0)
     assert images == sorted(images)
     assert len(metas) == 105
+
+
+@pytest.mark.parametrize("pre_trigger_s", [0.1, 0.25, 3.0])
+def test_meta_and_previews_never_wait_longer_than_a_quarter_second(tmp_path: Path, pre_trigger_s: float) -> None:
+    """What a killed process has not handed to the file, however far a window may reach back; the rest is the writer's 0.1 s."""
+    rig = Rig(tmp_path / "a.mcap", pre_trigger_s=pre_trigger_s)
+    written: dict[str, list[int]] = {"/camera/main/image": [], "/camera/main/meta": []}
+    write, write_images = rig.writer.write, rig.writer.write_images
+    rig.writer.write = lambda channel, *rest, sequence: (written[channel.topic.name].append(sequence), write(channel, *rest, sequence))  # type: ignore[method-assign]
+    rig.writer.write_images = lambda channel, messages: (  # type: ignore[method-assign]
+        written[channel.topic.name].extend(message.sequence for message in messages),
+        write_images(channel, messages),
+    )
+    rig.feed(400)
+    rig.settle()
+    waits = int(min(pre_trigger_s, META_WAIT_S) * 100)
+    assert written["/camera/main/meta"] == list(range(1, 400 - waits))
+    assert written["/camera/main/image"] == list(range(1, 400 - waits, 20))
+    rig.recorder.open_window(rig.now_ns)
+    rig.settle()
+    assert written["/camera/main/meta"] == list(range(1, 401))
+    reaches = int(pre_trigger_s * 100)
+    assert set(range(401 - reaches, 401)) <= set(written["/camera/main/image"])
+    rig.feed(20)
+    report = rig.recorder.close_window(rig.now_ns - PERIOD_NS)
+    assert (report.frames, report.lost) == (reaches + 20, 0)
+    rig.recorder.close()
+    rig.writer.finish()
+    with rig.path.open("rb") as file:
+        images = [message.sequence for _, _, message in make_reader(file).iter_messages(topics=["/camera/main/image"])]
+    assert images == sorted(set(written["/camera/main/image"])), "in the order of their times, none twice"
 
 
 def test_loss_counts_in_the_window_it_fell_into(rig: Rig) -> None:

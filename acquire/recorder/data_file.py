@@ -1,0 +1,55 @@
+"""The file under a recording that is being written: bytes are appended, in order, and it is finished or given up."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Protocol
+
+from schemas.container import Buffer
+
+
+class DataFile(Protocol):
+    """PageCacheFile or DirectFile. `append` comes from one thread at a time; `sync` and `wait_until` may come beside it."""
+
+    @property
+    def size(self) -> int:
+        """Bytes taken in so far."""
+        ...
+
+    never_waits: ClassVar[bool]
+    """whether `append` of what there is room for returns without waiting for the disk"""
+
+    def has_room(self, size: int, *, image: bool) -> bool:
+        """Whether `size` bytes can be taken in now; images leave some room for the rest."""
+        ...
+
+    def append(self, buffers: list[Buffer], *, image: bool = False) -> int:
+        """Take in `buffers`, all or none, and return their size. The buffers may be used again. Waits where there is no room.
+
+        Raises:
+            OSError: the disk is full or failing. Of a full disk some is kept back, which images do not get.
+        """
+        ...
+
+    def release_reserve(self) -> None:
+        """From now on the space kept back is for everything: the recording takes no more images."""
+        ...
+
+    def wait_until(self, size: int) -> None:
+        """Wait until the first `size` bytes can be read from the file by others, or the disk failed."""
+        ...
+
+    def sync(self) -> None:
+        """Push bytes to the disk if enough have gathered; called every now and then. May take long."""
+        ...
+
+    def finish(self) -> None:
+        """Everything is on the disk, and the file is closed.
+
+        Raises:
+            OSError: the disk refuses; the file is closed all the same.
+        """
+        ...
+
+    def abort(self) -> None:
+        """Close; what was taken in is in the file as far as the disk allows."""
+        ...
