@@ -60,7 +60,7 @@ format: setup  ## let ruff rewrite the files
 bench-sessions: setup  ## seeds 1-5 of each virtual object: whole sessions, scored (half an hour)
 	@$(BIN)/python tests/benchmarks/sessions.py
 
-bench-capture: setup  ## what writing a recording costs, beside other writers and plain write() (half a minute)
+bench-capture: setup  ## what writing a recording costs, beside other writers and plain write() (two minutes)
 	@$(BIN)/python tests/benchmarks/capture.py
 
 SOAK_SECONDS ?= 600

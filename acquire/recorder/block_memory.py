@@ -20,11 +20,12 @@ class BlockMemory:
         self._memory = mmap.mmap(-1, self.blocks * BLOCK_BYTES)
         if hasattr(mmap, "MADV_HUGEPAGE"):
             self._memory.madvise(mmap.MADV_HUGEPAGE)
-        try:
-            self._memory.madvise(_POPULATE_WRITE)
-        except OSError:  # an older kernel: touch each page
-            for at in range(0, len(self._memory), mmap.PAGESIZE):
-                self._memory[at] = 0
+        for start in range(0, len(self._memory), BLOCK_BYTES):  # madvise keeps the interpreter: not for long at a time
+            try:
+                self._memory.madvise(_POPULATE_WRITE, start, BLOCK_BYTES)
+            except OSError:  # an older kernel: touch each page
+                for at in range(start, start + BLOCK_BYTES, mmap.PAGESIZE):
+                    self._memory[at] = 0
         whole = memoryview(self._memory)
         self._free = deque(whole[at : at + BLOCK_BYTES] for at in range(0, len(whole), BLOCK_BYTES))
 

@@ -83,6 +83,15 @@ def _read(path: Path) -> dict[str, list]:
     return found
 
 
+def _sleep(seconds: float) -> float:
+    """Sleep; returns how long this machine held a thread up meanwhile, at most: what a busy one does to the process under test as well."""
+    end, held_up_s = time.monotonic() + seconds, 0.0
+    while (before := time.monotonic()) < end:
+        time.sleep(0.01)
+        held_up_s = max(held_up_s, time.monotonic() - before - 0.01)
+    return held_up_s
+
+
 def _number(message) -> int:
     """Which frame of the camera this image is."""
     data = RawImage.FromString(message.data).data
@@ -350,6 +359,31 @@ def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(tmp_path
 
 
 @pytest.mark.usefixtures("aravis")
+@pytest.mark.parametrize("pre_trigger_s", [0.0, 0.25, 1.5])
+def test_a_kill_between_windows_costs_less_than_half_a_second(
+    tmp_path: Path, environment: pytest.MonkeyPatch, pre_trigger_s: float
+) -> None:
+    """However far a window would have reached back: meta and previews do not wait for it."""
+    capture = CaptureProcess(_rig(pre_trigger_s=pre_trigger_s, preview_hz=RATE / 2), COMMAND)
+    capture.start()
+    process = capture._process
+    assert process is not None
+    try:
+        manifest = _manifest()
+        capture.open_recording(tmp_path / "a.mcap", manifest, [])
+        held_up_s = _sleep(1.2)
+        killed_ns = manifest.wall_anchor_ns + time.monotonic_ns()
+        process.kill()
+    finally:
+        capture.stop()
+    assert recover(tmp_path / "a.mcap.part", tmp_path / "b.mcap").has_manifest
+    found = _read(tmp_path / "b.mcap")
+    sequences = [message.sequence for message in found["/camera/main/meta"]]
+    assert sequences == list(range(sequences[0], sequences[-1] + 1))
+    for topic in ("/camera/main/image", "/camera/main/meta"):
+        assert (killed_ns - found[topic][-1].log_time) * 1e-9 < 0.5 + held_up_s
+
+
 def test_a_gige_camera_on_real_wires(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     """Aravis, GVSP on loopback, full size and rate, striker samples at 1 kHz beside it: nothing is lost."""
     calibration = CALIBRATION.model_copy(update={"width": 656, "height": 492})

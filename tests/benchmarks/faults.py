@@ -18,7 +18,7 @@ PAGE = """\
 # What goes wrong, what is lost, and how long until it works again
 
 Measured by `make bench-faults` ({cores} cores, {system}); each row is a test in `tests/system`, which fails where a limit is
-exceeded: 0.5 s of a recording in a strike's window (between windows 0.5 s and the pre-trigger time), 200 ms until the arm stands when
+exceeded: 0.5 s of a recording, whatever its pre-trigger time, 200 ms until the arm stands when
 the daemon dies or the servo is cut off, 300 ms when a client leaves. The camera speaks GigE Vision over loopback at 120 fps, the servo
 the Dynamixel protocol over a pty; the arm's motion is the simulated arm's own, not what the servo reports. Nothing here was tried on
 real devices.

@@ -143,9 +143,7 @@ def _rig(address: str, rate_hz: float, rotate_bytes: int) -> RigConfig:
     calibration = CameraCalibrationSpec(
         width=WIDTH, height=HEIGHT, K=[[1430, 0, 328], [0, 1430, 246], [0, 0, 1]], T_world_camera=np.eye(4).tolist()
     )
-    camera = CameraConfig(
-        address=address, frame_rate_hz=rate_hz, exposure_us=1000.0, buffers=256, receive_buffer_bytes=32 << 20, calibration=calibration
-    )
+    camera = CameraConfig(address=address, frame_rate_hz=rate_hz, exposure_us=1000.0, calibration=calibration)
     return RigConfig(camera=camera, recorder=RecorderConfig(mode="continuous", rotate_bytes=rotate_bytes, keep_files=8))
 
 
