@@ -1,7 +1,8 @@
 """The capture process: reads the camera and writes the recording, nothing else. `python -m acquire.capture --fd N`.
 
-The daemon tells it what to do over a socket pair (capture_link.py is the other end). It finishes the recording by itself when it
-is terminated and when the daemon dies. Ctrl-C in a terminal reaches every process there; this one leaves it to the daemon.
+The daemon tells it what to do over a socket pair (capture_link.py is the other end), and hears that it lives (heart.py). It finishes
+the recording by itself when it is terminated and when the daemon dies. Ctrl-C in a terminal reaches every process there; this one
+leaves it to the daemon.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from acquire.camera.stream import CameraStream, TimedFrame
 from acquire.clock import Clock, SystemClock
 from acquire.config import CameraConfig, RigConfig
 from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
+from acquire.heart import Heart
 from acquire.recorder.block_memory import BlockMemory
 from acquire.recorder.direct_file import can_write_directly
 from acquire.recorder.disk_space import DiskSpace
@@ -38,6 +40,11 @@ from acquire.recorder.writer import McapWriter
 from schemas import topics
 from schemas.documents import MANIFEST_NAME, SessionManifest, canonical_json
 from schemas.proto import percuss_pb2 as pb
+
+COMMAND_S = 180.0
+"""a command that takes longer hangs; the longest waits for a slow disk"""
+STUCK_S = 5.0
+"""beyond the stall time: by then a camera that sends nothing was taken for lost, unless its thread is stuck"""
 
 MakeCamera = Callable[[CameraConfig, Clock], Camera]
 
@@ -57,7 +64,7 @@ class _Recording:
         self._disk = DiskSpace(path.parent, config.disk_reserve_bytes)
 
         def write_head(writer: McapWriter, part: int) -> None:
-            own = manifest if part == 1 else manifest.model_copy(update={"part": part})
+            own = manifest if part == manifest.part else manifest.model_copy(update={"part": part})
             writer.metadata(MANIFEST_NAME, {"json": canonical_json(own)})
             for name, media_type, content in attachments:
                 writer.attachment(name, media_type, content, log_time_ns)
@@ -68,8 +75,10 @@ class _Recording:
             # Windows go through the page cache: `analyze watch` reads them a moment later.
             if config.image_format == "raw" and can_write_directly(path.parent):
                 memory = BlockMemory(backlog_bytes(rig.camera.width, rig.camera.height, rig.camera.frame_rate_hz))
-        self.files = FileSeries(path, write_head, rotation, self._disk, memory)
+        self.files = FileSeries(path, write_head, rotation, self._disk, memory, manifest.part)
         self.frames: FrameRecorder | None = None
+        self.first_frame_ns: int | None = None
+        """log time"""
         self._small = wire.small_topics(self.camera)
         self._sequences: Counter[str] = Counter()
 
@@ -132,6 +141,9 @@ class Capture:
         self._info: CameraInfo | None = None
         self._recording: _Recording | None = None
         self._error = ""
+        self._begun_ns: int | None = None
+        """host monotonic, when the command under work came"""
+        self._started_ns = 0
         self._commands: dict[str, Callable[[dict[str, Any], bytes], dict[str, Any] | None]] = {
             "start": self._start,
             "open_recording": self._open_recording,
@@ -159,12 +171,25 @@ class Capture:
                 if self._stream is not None:
                     self._stream.stop()
 
+    def well(self) -> bool:
+        """Whether the threads that matter turn: the one that serves commands, and the one that reads the camera."""
+        now, begun = self._clock.monotonic_ns(), self._begun_ns
+        if begun is not None and now - begun > COMMAND_S * 1e9:
+            return False
+        rig, stream = self._rig, self._stream
+        if rig is None or stream is None:
+            return True
+        status = stream.status()
+        newest_ns = max(status.last_frame_ns or 0, self._started_ns)
+        return not status.connected or now - newest_ns < (rig.camera.stall_s + STUCK_S) * 1e9
+
     def _serve_one(self) -> bool:
         ready, _, _ = select.select([self._connection, self._wake_fd], [], [])
         if self._wake_fd in ready:
             return False
         header, payload = wire.receive(self._connection)
         command = header.get("op", "")
+        self._begun_ns = self._clock.monotonic_ns()
         try:
             reply = self._commands[command](header, payload)
         except AcquireError as error:
@@ -176,6 +201,7 @@ class Capture:
                 self._error = reply["message"]
         else:
             wire.send(self._connection, {"id": header.get("id"), **(reply or {})})
+        self._begun_ns = None
         return command != "stop"
 
     # --- commands -------------------------------------------------------------------------------------------------
@@ -191,6 +217,7 @@ class Capture:
             lambda: self._make_camera(rig.camera, self._clock), rig.camera, self._clock, self._on_frame, self._on_clock, self._on_text
         )
         self._info = self._stream.start()
+        self._started_ns = self._clock.monotonic_ns()
         return asdict(self._info)
 
     def _open_recording(self, header: dict[str, Any], payload: bytes) -> dict[str, Any]:
@@ -249,6 +276,7 @@ class Capture:
             "dropped": frames.dropped if frames is not None else 0,
             "fps": status.fps,
             "recording": str(recording.path) if recording is not None else None,
+            "first_frame_ns": recording.first_frame_ns if recording is not None else None,
             "bytes_written": recording.files.size if recording is not None else 0,
             "receive_buffer_bytes": status.receive_buffer_bytes,
             "camera": asdict(self._info) if self._info is not None else None,
@@ -285,6 +313,8 @@ class Capture:
         recording = self._recording
         if recording is not None and recording.frames is not None:
             frame = timed.frame
+            if recording.first_frame_ns is None:
+                recording.first_frame_ns = recording.anchor + timed.mid_exposure_ns
             recording.frames.add(
                 Arrival(
                     image=frame.image,
@@ -323,8 +353,8 @@ class Capture:
             recording.write(topic.name, recording.anchor + host_ns, data)
 
 
-def serve(fd: int, make_camera: MakeCamera) -> None:
-    """Run the capture process on socket `fd`, in the main thread."""
+def serve(fd: int, heart_fd: int, make_camera: MakeCamera) -> None:
+    """Run the capture process on socket `fd`, in the main thread; signs of life go to the pipe `heart_fd`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     wake_read, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     for number in (signal.SIGTERM, signal.SIGHUP):
@@ -333,17 +363,23 @@ def serve(fd: int, make_camera: MakeCamera) -> None:
     # The camera's thread must get the interpreter soon after a frame came, whatever else runs; the default is 5 ms.
     sys.setswitchinterval(0.0005)
     with socket.socket(fileno=fd) as connection:
-        Capture(connection, make_camera, SystemClock(), wake_read).run()
+        capture = Capture(connection, make_camera, SystemClock(), wake_read)
+        heart = Heart(heart_fd, capture.well)
+        try:
+            capture.run()
+        finally:
+            heart.stop()
 
 
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description="Capture process of the daemon; not meant to be started by hand.")
     parser.add_argument("--fd", type=int, required=True, help="inherited socket to take commands from")
+    parser.add_argument("--heart", type=int, required=True, help="inherited pipe to give signs of life on")
     arguments = parser.parse_args()
     from acquire.camera.aravis import AravisCamera
 
-    serve(arguments.fd, AravisCamera)
+    serve(arguments.fd, arguments.heart, AravisCamera)
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
 import subprocess
 import sys
@@ -15,7 +16,8 @@ from typing import Any, Final
 from acquire import errors, wire
 from acquire.camera.base import CameraInfo
 from acquire.config import RigConfig
-from acquire.errors import AcquireError, RecorderError
+from acquire.errors import AcquireError, CaptureGone, RecorderError
+from acquire.heart import SILENCE_S, Listener
 from acquire.recorder.frame_recorder import WindowReport
 from schemas.documents import SessionManifest, canonical_json
 
@@ -41,6 +43,8 @@ class CaptureStatus:
     """images a slow disk could not take, in this recording"""
     fps: float
     recording: Path | None
+    first_frame_ns: int | None
+    """log time of this recording's first frame, None before it"""
     bytes_written: int
     receive_buffer_bytes: int
     camera: CameraInfo | None
@@ -68,7 +72,8 @@ class CaptureProcess:
     """The capture process as an object. Methods may be called from any thread; every one but `write` waits for the answer.
 
     Raises:
-        AcquireError: the same subclass and text as raised in the process; RecorderError when the process itself is gone.
+        AcquireError: the same subclass and text as raised in the process; CaptureGone when the process itself is gone. One that
+            gives no sign of life is ended, whoever waits for it.
     """
 
     def __init__(self, rig: RigConfig, command: Sequence[str] = (sys.executable, "-m", "acquire.capture")) -> None:
@@ -85,6 +90,8 @@ class CaptureProcess:
         self._number = 0
         self._stopping = threading.Event()
         self._sender: threading.Thread | None = None
+        self._heart: Listener | None = None
+        self._hung = False
         self.dropped_messages = 0
 
     @property
@@ -93,18 +100,45 @@ class CaptureProcess:
         process = self._process
         return process is not None and process.poll() is None
 
+    @property
+    def end(self) -> str:
+        """How the process ended, as a part of a sentence; for one that did."""
+        if self._hung:
+            return f"gave no sign of life for {SILENCE_S:g} s and was ended"
+        code = None
+        if self._process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = self._process.wait(1.0)
+        return f"ended (exit code {code})"
+
     def start(self) -> CameraInfo:
         """Start the process, open the camera, stream."""
         here, there = socket.socketpair()
-        with there:
-            self._process = subprocess.Popen([*self._command, "--fd", str(there.fileno())], pass_fds=(there.fileno(),))
+        hear, beat = os.pipe()
+        try:
+            fds = (there.fileno(), beat)
+            self._process = process = subprocess.Popen([*self._command, "--fd", str(fds[0]), "--heart", str(fds[1])], pass_fds=fds)
+        except OSError:
+            os.close(hear)
+            here.close()
+            raise
+        finally:
+            there.close()
+            os.close(beat)
+        self._hung = False
+        self._heart = Listener(hear, lambda: self._end_hung(process))
+        with self._batch_lock:  # what was meant for the process before this one belongs to no recording of this one
+            self._batch.clear()
+            self._batch_topics.clear()
         self._socket = here
         self._stopping.clear()
         self._sender = threading.Thread(target=self._send_batches, name="capture-batches")
         self._sender.start()
         try:
             return CameraInfo(**self._call({"op": "start", "rig": self._rig.model_dump_json()}, timeout_s=START_S))
-        except AcquireError:
+        except AcquireError as error:
+            if isinstance(error, RecorderError):  # no answer at all: it will give none to `stop` either
+                process.kill()
             self.stop()
             raise
 
@@ -179,7 +213,13 @@ class CaptureProcess:
                 break
             except subprocess.TimeoutExpired:
                 continue
+        if self._heart is not None:
+            self._heart.join()
         self._process = None
+
+    def _end_hung(self, process: subprocess.Popen[bytes]) -> None:
+        self._hung = True
+        process.kill()  # SIGTERM would have to be handled by the very interpreter that does not run
 
     # --- transport ------------------------------------------------------------------------------------------------
 
@@ -187,7 +227,7 @@ class CaptureProcess:
         with self._call_lock:
             connection = self._socket
             if connection is None:
-                raise RecorderError("the capture process is not running: the daemon starts it again, see `acquire status`")
+                raise CaptureGone("the capture process is not running: the daemon starts it again, see `acquire status`")
             self._number += 1
             number = self._number
             try:
@@ -202,17 +242,13 @@ class CaptureProcess:
             except TimeoutError:
                 raise RecorderError(f"the capture process gave no answer to {header['op']!r} within {timeout_s:g} s") from None
             except wire.WireClosed:
-                raise RecorderError(self._obituary()) from None
+                raise CaptureGone(self._obituary()) from None
         if "raised" in reply:
             raise errors.by_name(reply["raised"])(reply["message"])
         return reply
 
     def _obituary(self) -> str:
-        code = None
-        if self._process is not None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                code = self._process.wait(1.0)
-        return f"the capture process ended (exit code {code}): the daemon starts it again; `acquire recover` reads what it left as *.part"
+        return f"the capture process {self.end}: the daemon starts it again; `acquire recover` reads what it left as *.part"
 
     def _flush(self, connection: socket.socket) -> None:
         with self._send_lock:

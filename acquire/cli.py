@@ -188,9 +188,10 @@ def _socket(rig: Path | None) -> Path:
 
 def _print_session(report: Any, as_json: bool) -> None:
     if as_json:
-        click.echo(json.dumps({"path": str(report.path), "strikes": report.strikes, "frames": report.frames, "lost": report.lost}))
+        numbers = {"strikes": report.strikes, "frames": report.frames, "lost": report.lost}
+        click.echo(json.dumps({"path": str(report.path), "files": [str(path) for path in report.files], **numbers}))
     else:
-        click.echo(f"{report.path}: {report.strikes} strikes, {report.frames} frames, {report.lost} lost")
+        click.echo(f"{', '.join(map(str, report.files))}: {report.strikes} strikes, {report.frames} frames, {report.lost} lost")
     if report.aborted:
         click.echo(f"acquire: the session ended early: {report.text}", err=True)
     if report.aborted or report.lost:

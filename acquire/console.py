@@ -34,7 +34,11 @@ class SessionProgress:
         """Show `text`; without a terminal, print the lines that tell of a strike's end or a step of the set-up."""
         self._progress.update(self._task, description=text, completed=done, total=max(total, 1))
         if ":" in text:
-            self._console.print(text, highlight=False, soft_wrap=True)
+            self.say(text)
+
+    def say(self, text: str) -> None:
+        """Print a line of its own."""
+        self._console.print(text, highlight=False, soft_wrap=True)
 
     def ask(self, text: str) -> str:
         """Ask on the terminal; the bar pauses."""
@@ -53,7 +57,7 @@ class SessionProgress:
 
 
 class ConsoleOperator:
-    """Puts the daemon's questions to the person at the terminal."""
+    """Puts the daemon's questions to the person at the terminal, and tells of its troubles."""
 
     def __init__(self, socket: Path, progress: SessionProgress) -> None:
         self._socket = socket
@@ -71,6 +75,8 @@ class ConsoleOperator:
     def _run(self) -> None:
         with contextlib.suppress(AcquireError, OSError), DaemonClient(self._socket) as answers:
             for event in self._listener.events():
+                if event["event"] == "trouble":
+                    self._progress.say(f"trouble: {event['text']}")
                 if event["event"] != "prompt":
                     continue
                 hint = f"[{event['hint']}] " if event.get("hint") else ""

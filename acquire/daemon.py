@@ -1,7 +1,8 @@
 """The daemon: owns camera, striker and recorder, and does what its clients ask over the local socket (api.py).
 
 Capture (camera and file) is a process of its own; striker, API and watcher live here and can fail without losing a frame. What dies
-of the child processes is started again, and said: as an event, in the recording's log, on standard error and in `status`.
+of the child processes, or hangs and is ended, is started again, and said: as an event, in the recording's log, on standard error and in
+`status`. The recording itself is in live_recording.py.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -23,14 +23,13 @@ from acquire.api import ApiServer, Connection
 from acquire.capture_link import CaptureProcess
 from acquire.clock import SystemClock
 from acquire.config import RigConfig
-from acquire.errors import AcquireError, DaemonBusy, RecorderError, SessionError, StrikerRefused
-from acquire.manifest import CameraAtHand, calibration_message, session_files, session_manifest
+from acquire.errors import AcquireError, SessionError, StrikerRefused
+from acquire.live_recording import LiveRecording
 from acquire.prompts import Prompts
 from acquire.service import ServiceManager
 from acquire.striker.base import Striker
 from acquire.striker.dynamixel import DynamixelStriker
 from acquire.striker.manual import ManualStriker
-from acquire.watcher import Watcher
 from schemas import topics
 from schemas.documents import JudgeRequest, WatchEvent
 from schemas.proto import percuss_pb2 as pb
@@ -38,33 +37,25 @@ from schemas.proto import percuss_pb2 as pb
 TICK_S = 0.1
 """how often signals, the parent and the child processes are looked after"""
 CAPTURE_RETRY_S = 1.0
-WATCHER_LIVES = 3
-"""an `analyze watch` that died this often in one recording is not started again"""
 
 
 class Daemon:
     """One rig. `run` blocks until a signal or a client asks it to stop; everything is released on the way out."""
 
-    def __init__(self, config: RigConfig, rig_toml: str) -> None:
+    def __init__(self, config: RigConfig, rig_toml: str, capture: CaptureProcess | None = None) -> None:
         self._config = config
-        self._rig_toml = rig_toml
         self._clock = SystemClock()
         self._stop_asked = False  # a plain flag: a signal handler that took a lock could wait for the very code it interrupts
         self._ending = False
-        self._capture = CaptureProcess(config)
+        self._capture = capture or CaptureProcess(config)
+        self._recording = LiveRecording(config, rig_toml, self._capture, self._clock, self._on_watch, self._complain)
         self._striker = self._make_striker()
         self._striker_lock = threading.Lock()
+        self._stopped = False
+        """somebody said stop: nothing is armed before it is homed again"""
         self._prompts = Prompts(self._publish)
         self._server: ApiServer | None = None
-        self._watcher: Watcher | None = None
-        self._wall_anchor_ns: int | None = None
-        self._owner: Connection | None = None
-        self._session_lock = threading.RLock()
-        self._broken_off = ""
-        """why the last recording ended, where nobody asked for its end"""
         self._stopped_for: Connection | None = None
-        self._watcher_lives = 0
-        self._expected = ""
         self._reviver: threading.Thread | None = None
 
     def run(self, on_ready: Any = None, goes_on: Callable[[], bool] = lambda: True) -> None:
@@ -113,7 +104,7 @@ class Daemon:
             "recording.strike": self._write_strike,
             "window.open": self._open_window,
             "window.close": self._close_window,
-            "striker.home": self._striker_call("home"),
+            "striker.home": self._home,
             "striker.arm": self._arm,
             "striker.cock": self._striker_call("cock"),
             "striker.strike": self._strike,
@@ -128,85 +119,43 @@ class Daemon:
     # --- recording ------------------------------------------------------------------------------------------------
 
     def _open_recording(self, connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        with self._session_lock:
-            if self._wall_anchor_ns is not None:
-                raise DaemonBusy("a recording is open already: end that session first, or see `acquire status`")
-            path = Path(params["path"])
-            files = session_files(params, self._rig_toml)
-            anchor = self._clock.wall_ns() - self._clock.monotonic_ns()
-            camera = CameraAtHand(self._camera, self._capture.status().clock_latched)
-            manifest = session_manifest(self._config, camera, files, anchor)
-            self._capture.open_recording(path, manifest, list(files.attachments))
-            self._wall_anchor_ns, self._broken_off = anchor, ""
-            self._owner = connection
-            connection.on_close.append(lambda: self._owner_left(connection))
-            camera_config = self._config.camera
-            self._write(topics.camera_calibration(camera_config.name), calibration_message(camera_config.calibration))
-            self._watcher_lives, self._expected = WATCHER_LIVES, ""
-            self._watcher = Watcher(Path(f"{path}.part"), self._on_watch)
-            return {"recording_id": manifest.recording_id, "wall_anchor_ns": anchor}
+        manifest = self._recording.open(connection, params, self._camera)
+        connection.on_close.append(lambda: self._owner_left(connection))
+        return {"recording_id": manifest.recording_id, "wall_anchor_ns": manifest.wall_anchor_ns}
 
     def _close_recording(self, *_: object) -> dict[str, Any]:
-        self._require_recording()
-        return self._end_recording() or {}
+        return self._recording.close()
 
-    def _require_recording(self) -> None:
-        if self._wall_anchor_ns is None:
-            raise RecorderError(self._broken_off) if self._broken_off else SessionError("no recording is open")
-
-    def _end_recording(self) -> dict[str, Any] | None:
-        with self._session_lock:
-            if self._wall_anchor_ns is None:
-                return None
-            self._forget_recording()
-            report = self._capture.close_recording()
-            return {"path": str(report.path), "frames": report.frames, "lost": report.lost, "content_id": report.content_id}
-
-    def _forget_recording(self) -> None:
-        self._wall_anchor_ns, self._owner = None, None
-        watcher, self._watcher = self._watcher, None
-        if watcher is not None:
-            watcher.close()
+    def _end_recording(self) -> None:
+        if self._recording.owner is not None:
+            with contextlib.suppress(SessionError):  # its client was faster
+                self._recording.close()
 
     def _owner_left(self, connection: Connection) -> None:
         """The session's client is gone: nothing moves any more, and what was recorded is kept."""
-        if self._owner is connection:
+        if self._recording.owner is connection:
             self._striker.stop()
             with contextlib.suppress(AcquireError):
-                self._end_recording()
+                self._recording.close()
 
     def _open_window(self, *_: object) -> dict[str, Any]:
-        self._require_recording()
-        return {"start_ns": self._capture.open_window()}
+        return {"start_ns": self._recording.open_window()}
 
     def _close_window(self, *_: object) -> dict[str, Any]:
-        self._require_recording()
-        return asdict(self._capture.close_window())
-
-    def _write(self, topic: topics.Topic, message: Any, host_time_ns: int | None = None) -> None:
-        if (anchor := self._wall_anchor_ns) is not None:
-            host_time_ns = self._clock.monotonic_ns() if host_time_ns is None else host_time_ns
-            self._capture.write(topic.name, anchor + host_time_ns, message.SerializeToString())
+        return self._recording.close_window()
 
     def _write_state(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        self._require_recording()
+        self._recording.present()
         message = pb.SessionState(**params)
-        self._write(topics.SESSION_STATE, message)
+        self._recording.write(topics.SESSION_STATE, message)
         name = pb.SessionState.State.Name(message.state)
-        self._log(f"{name} {message.strike_id} {message.text}".strip())
+        self._recording.log(f"{name} {message.strike_id} {message.text}".strip())
         self._publish("state", {"state": name, "strike_id": message.strike_id, "attempt": message.attempt, "text": message.text})
         return {}
 
     def _write_strike(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        self._require_recording()
-        self._write(topics.SESSION_STRIKE, pb.StrikeRecord(**params))
+        self._recording.write_strike(pb.StrikeRecord(**params))
         return {}
-
-    def _log(self, text: str, level: Any = Log.Level.INFO) -> None:
-        now = self._clock.monotonic_ns()
-        message = Log(level=level, message=text, name="acquire")
-        message.timestamp.FromNanoseconds((self._wall_anchor_ns or 0) + now)
-        self._write(topics.LOG, message, now)
 
     # --- striker --------------------------------------------------------------------------------------------------
 
@@ -219,9 +168,14 @@ class Daemon:
 
         return call
 
+    def _home(self, *arguments: object) -> dict[str, Any]:
+        self._stopped = False
+        return self._striker_call("home")(*arguments)
+
     def _arm(self, *arguments: object) -> dict[str, Any]:
-        if self._wall_anchor_ns is not None:
-            self._capture.require_space()  # no strike without room to record it
+        if self._stopped:
+            raise StrikerRefused("the striker was stopped on request: home it to go on")
+        self._recording.require_space()  # no strike without room to record it
         return self._striker_call("arm")(*arguments)
 
     def _refuse_at_the_end(self) -> None:
@@ -249,19 +203,20 @@ class Daemon:
         return asdict(outcome)
 
     def _stop_striker(self, *_: object) -> dict[str, Any]:
+        self._stopped = True
         self._striker.stop()
-        self._log("striker stopped on request", Log.Level.WARNING)
+        self._recording.log("striker stopped on request", Log.Level.WARNING)
         return {"state": self._striker.state.value}
 
     def _on_sample(self, message: pb.StrikerSample) -> None:
-        self._write(topics.STRIKER_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2)
+        self._recording.write(topics.STRIKER_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2)
 
     def _on_event(self, message: pb.StrikerEvent) -> None:
-        self._write(topics.STRIKER_EVENT, message, message.host_time_ns)
+        self._recording.write(topics.STRIKER_EVENT, message, message.host_time_ns)
         self._publish("striker", {"kind": pb.StrikerEvent.Kind.Name(message.kind), "text": message.text})
 
     def _on_clock(self, message: pb.ClockSample) -> None:
-        self._write(topics.CLOCK_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2)
+        self._recording.write(topics.CLOCK_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2)
 
     # --- watch ----------------------------------------------------------------------------------------------------
 
@@ -269,45 +224,36 @@ class Daemon:
         self._publish("watch", event.model_dump(mode="json"))
 
     def _latest(self, *_: object) -> dict[str, Any]:
-        watcher = self._watcher
+        watcher = self._recording.watcher
         event = watcher.latest if watcher is not None else None
         return {"event": event.model_dump(mode="json") if event else None, "alive": watcher is not None and watcher.alive}
 
     def _expect(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        self._expected = str(params["plan_strike_id"])
-        if (watcher := self._watcher) is not None:
-            watcher.expect(self._expected)
-        return {"now_ns": (self._wall_anchor_ns or 0) + self._clock.monotonic_ns()}
+        self._recording.expect(str(params["plan_strike_id"]))
+        return {"now_ns": (self._recording.anchor_ns or 0) + self._clock.monotonic_ns()}
 
     def _judge(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         timeout = float(params.pop("timeout_s", 10.0))
-        watcher = self._watcher
+        watcher = self._recording.watcher
         verdict = watcher.judge(JudgeRequest(kind="judge", **params), timeout) if watcher is not None else None
         return {"verdict": verdict.model_dump(mode="json") if verdict else None}
 
     # --- clients and child processes that are gone ------------------------------------------------------------------
 
     def _supervise(self) -> None:
-        owner = self._owner
-        if owner is not None and owner is not self._stopped_for and owner.gone:
+        owner = self._recording.owner
+        if isinstance(owner, Connection) and owner is not self._stopped_for and owner.gone:
             self._stopped_for = owner
             self._striker.stop()  # a strike under way keeps the owner's own thread; the rest is done by _owner_left
         if self._capture.alive:
-            if self._session_lock.acquire(blocking=False):
-                try:
-                    self._revive_watcher()
-                finally:
-                    self._session_lock.release()
+            self._recording.revive_watcher()
         elif self._reviver is None or not self._reviver.is_alive():
             self._reviver = threading.Thread(target=self._revive_capture, name="revive-capture")
             self._reviver.start()  # a camera that is away takes its time, and so does one whose last client died
 
     def _revive_capture(self) -> None:
-        with self._session_lock:
-            if self._wall_anchor_ns is not None:
-                self._broken_off = "the recording broke off: the capture process ended; `acquire recover` reads what it left as *.part"
-                self._complain(self._broken_off)
-                self._forget_recording()
+        ended = self._capture.end
+        self._recording.broke_off(ended)
         said = ""
         while not self._ending:
             self._capture.stop()
@@ -319,30 +265,17 @@ class Daemon:
                     self._complain(f"the capture process does not start: {said}")
                 time.sleep(CAPTURE_RETRY_S)
             else:
-                self._complain("the capture process ended and was started again")
+                self._complain(f"the capture process {ended}; it was started again")
+                self._recording.go_on()
                 return
 
     def _join_reviver(self) -> None:
         if self._reviver is not None:
             self._reviver.join()
 
-    def _revive_watcher(self) -> None:
-        watcher = self._watcher
-        if watcher is None or watcher.alive or self._watcher_lives == 0:
-            return
-        self._watcher_lives -= 1
-        watcher.close()
-        if self._watcher_lives == 0:
-            self._complain("analyze watch keeps ending: the recording goes on without verdicts")
-            return
-        self._watcher = Watcher(watcher.recording, self._on_watch)
-        if self._expected:
-            self._watcher.expect(self._expected)
-        self._complain("analyze watch ended and was started again")
-
     def _complain(self, text: str) -> None:
         """Tell everybody who may listen."""
-        self._log(text, Log.Level.WARNING)
+        self._recording.log(text, Log.Level.WARNING)
         self._publish("trouble", {"text": text})
         with contextlib.suppress(OSError):
             sys.stderr.write(f"acquire: {text}\n")
@@ -370,7 +303,7 @@ class Daemon:
             "connected": capture.get("connected", False),
             "trouble": capture["error"],
             "warnings": list(capture.get("warnings", ())),
-            "watching": (watcher := self._watcher) is not None and watcher.alive,
+            "watching": (watcher := self._recording.watcher) is not None and watcher.alive,
         }
 
     def _shutdown(self, *_: object) -> dict[str, Any]:

@@ -12,6 +12,8 @@
     │   ├── StrikerFault     the servo reports a hardware error
     │   └── StrikerRefused   an interlock said no
     ├── RecorderError        the file cannot be written, or a path is taken
+    │   ├── CaptureGone      the process that writes it died or was ended
+    │   └── RecordingBroken  what was asked about lies in a file that broke off
     ├── DaemonError
     │   ├── DaemonNotRunning nobody listens on the socket
     │   ├── DaemonSilent     it is there, and does not answer
@@ -68,6 +70,14 @@ class StrikerRefused(StrikerError):
 
 class RecorderError(AcquireError):
     """The recording cannot be written."""
+
+
+class CaptureGone(RecorderError):
+    """The capture process died, or hung and was ended; the daemon starts it again."""
+
+
+class RecordingBroken(RecorderError):
+    """What was asked about lies in a file that broke off; the recording goes on in the next."""
 
 
 class DaemonError(AcquireError):

@@ -94,7 +94,14 @@ class StrikerFailed:
     text: str
 
 
-Event = StrikerFailed | Started | Placed | PoseChecked | Ready | Struck | Recorded | Judged | StopRequested
+@dataclass(frozen=True)
+class BrokenOff:
+    """The file that held this strike's images broke off; the recording goes on in the next."""
+
+    text: str
+
+
+Event = BrokenOff | StrikerFailed | Started | Placed | PoseChecked | Ready | Struck | Recorded | Judged | StopRequested
 
 # --- actions ------------------------------------------------------------------------------------------------------
 
@@ -199,6 +206,8 @@ class SessionMachine:
         self._command = 0.0
         self._struck: Struck | None = None
         self._recorded: Recorded | None = None
+        self._judged_at = (0, 1)
+        """index and attempt of the strike judged last"""
 
     @property
     def strike(self) -> PlannedStrike:
@@ -244,6 +253,11 @@ class SessionMachine:
                 if self._faults > self.settings.max_faults:
                     return self.handle(StopRequested(text))
                 return [self._announce(text), ClearFault(), *self._place("the striker was reset")]
+            case BrokenOff(text=text), State.ARMING | State.STRIKING | State.RECORDING | State.JUDGING:
+                return self._strike_again(text)
+            case BrokenOff(text=text), State.PLACING | State.FINISHED:  # it had been judged, and could not be kept
+                self._index, self._attempt = self._judged_at
+                return self._strike_again(text)
             case Struck(), State.STRIKING:
                 self.state = State.RECORDING
                 self._struck = event
@@ -266,6 +280,13 @@ class SessionMachine:
         self.state = State.PLACING
         return [self._announce(hint), AskToPlace(self.strike, hint)]
 
+    def _strike_again(self, text: str) -> list[Action]:
+        """The same strike once more: what came of it is lost, through no fault of its own."""
+        self._faults += 1
+        if self._faults > self.settings.max_faults:
+            return self.handle(StopRequested(text))
+        return [self._announce(text), *self._place("again: its images were lost")]
+
     def _place_again(self, text: str) -> list[Action]:
         self._placements += 1
         if self._placements >= self.settings.max_placements:
@@ -276,6 +297,7 @@ class SessionMachine:
         struck, recorded = self._struck, self._recorded
         assert struck is not None  # noqa: S101 - set on the way into JUDGING
         assert recorded is not None  # noqa: S101 - set on the way into JUDGING
+        self._judged_at = (self._index, self._attempt)
         keep = Keep(self.strike, self.strike_id, self._attempt, self._command, struck, recorded, verdict)
         speed = struck.tip_speed_m_s or self._command
         good = False

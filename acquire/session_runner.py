@@ -12,7 +12,7 @@ from typing import Any
 
 from acquire import session as s
 from acquire.api import DaemonClient
-from acquire.errors import SessionError, StrikerError, StrikerRefused
+from acquire.errors import RecordingBroken, SessionError, StrikerError, StrikerRefused
 from acquire.striker.base import StrikerState
 from schemas.documents import (
     DocumentError,
@@ -77,6 +77,8 @@ class SessionReport:
     """What a session leaves behind."""
 
     path: Path
+    files: tuple[Path, ...]
+    """more than one where the capture process died on the way"""
     strikes: int
     frames: int
     lost: int
@@ -124,29 +126,41 @@ class SessionRunner:
         try:
             self._client.call("striker.home")
             while True:
-                actions = self._machine.handle(event)
-                for action in actions:
+                for action in self._machine.handle(event):
                     if isinstance(action, s.Finish):
                         return self._finish(action)
-                    answer = self._carry_out(action)
+                    answer = self._carried_out(action)
                     if answer is not None:
                         event = answer
+                    if isinstance(answer, s.BrokenOff):
+                        break  # what was to follow is done after the strike that has to be made again
         except BaseException:
             with contextlib.suppress(Exception), self._client.another() as client:
                 client.call("striker.stop")
-                self._keep_or_discard(Path(client.call("recording.close")["path"]))
+                self._keep_or_discard([Path(path) for path in client.call("recording.close")["files"]])
             raise
 
-    def _keep_or_discard(self, path: Path) -> None:
+    def _keep_or_discard(self, files: list[Path]) -> None:
         """After a failure: a recording without a single strike is of no use to anybody."""
         if self._kept:
-            self._progress(f"kept: {self._kept} strikes in {path}", *self._machine.progress)
-        else:
+            self._progress(f"kept: {self._kept} strikes in {', '.join(map(str, files))}", *self._machine.progress)
+            return
+        for path in files:
             path.unlink(missing_ok=True)
 
     def _finish(self, action: s.Finish) -> SessionReport:
         report = self._client.call("recording.close")
-        return SessionReport(Path(report["path"]), self._kept, int(report["frames"]), int(report["lost"]), action.aborted, action.text)
+        files = tuple(Path(path) for path in report["files"])
+        return SessionReport(
+            Path(report["path"]), files, self._kept, int(report["frames"]), int(report["lost"]), action.aborted, action.text
+        )
+
+    def _carried_out(self, action: s.Action) -> s.Event | None:
+        try:
+            return self._carry_out(action)
+        except RecordingBroken as error:
+            self._progress(f"{error}: strike again", *self._machine.progress)
+            return s.BrokenOff(str(error))
 
     def _carry_out(self, action: s.Action) -> s.Event | None:
         match action:
@@ -239,7 +253,8 @@ class SessionRunner:
         try:
             outcome = self._client.call("striker.strike", strike_id=action.strike_id, tip_speed_m_s=action.tip_speed_m_s)
         except StrikerError as error:
-            self._client.call("window.close")
+            with contextlib.suppress(RecordingBroken):  # there is nothing in it that is needed
+                self._client.call("window.close")
             return self._striker_failed(error)
         return s.Struck(outcome["contact_time_ns"], outcome["contact_time_sd_ns"], outcome["tip_speed_m_s"], outcome["contacts"])
 

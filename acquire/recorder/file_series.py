@@ -32,10 +32,15 @@ class Rotation:
     """files there may be, the one being written among them; older ones are deleted. 0: all are kept"""
 
 
+def part_path(path: Path, part: int) -> Path:
+    """Of file number `part` in the row that begins with `path`."""
+    return path if part == 1 else path.with_name(f"{path.stem}-{part:04d}{path.suffix}")
+
+
 class FileSeries:
     """Writes to `path`, then to `<stem>-0002.mcap`, `<stem>-0003.mcap`, ... Every method may be called from any thread.
 
-    `write_head(writer, part)` writes manifest and attachments of part 1, 2, ...
+    `write_head(writer, part)` writes manifest and attachments of part 1, 2, ... A series that broke off goes on with `first_part`.
 
     Raises:
         RecorderError: a path is taken, or the disk refuses or has no room for the next file; the current one can still be finished.
@@ -48,6 +53,7 @@ class FileSeries:
         rotation: Rotation,
         disk: DiskSpace,
         memory: BlockMemory | None = None,
+        first_part: int = 1,
     ) -> None:
         """`memory`: see McapWriter."""
         self._path = path
@@ -57,16 +63,16 @@ class FileSeries:
         self._disk = disk
         self._lock = threading.Lock()
         self._topics: dict[str, Topic] = {}
-        self._part = 1
+        self._part = first_part
         self._written = 0
-        self._kept: deque[Path] = deque()
+        self._kept = deque(earlier for part in range(1, first_part) if (earlier := part_path(path, part)).exists())
         self._turner: threading.Thread | None = None
         self._next: McapWriter | None = None
         self._refused: RecorderError | None = None
         """why there is no next file"""
         self._error: RecorderError | None = None
         """why a full file could not be finished"""
-        self._writer = self._begin(1)
+        self._writer = self._begin(first_part)
 
     @property
     def path(self) -> Path:
@@ -75,7 +81,7 @@ class FileSeries:
 
     @property
     def parts(self) -> int:
-        """Files begun so far."""
+        """Number of the newest file."""
         return self._part
 
     @property
@@ -161,7 +167,7 @@ class FileSeries:
             turner.join()
 
     def _begin(self, part: int) -> McapWriter:
-        path = self._path if part == 1 else self._path.with_name(f"{self._path.stem}-{part:04d}{self._path.suffix}")
+        path = part_path(self._path, part)
         self._disk.require(self._rotation.rotate_bytes, f"recording {path.name}")
         writer = McapWriter(path, self._memory)
         try:

@@ -1,15 +1,19 @@
 """A camera made of arithmetic, to test what is behind a camera: it models no wire, no packets, no device settings.
 
 Its clock runs 50 ppm fast from an arbitrary origin. The first four pixels of an image hold its number, so that a test can tell
-which frame an image was. `CAMERA_FAULTS=lose:N,die:N` loses every Nth frame, or falls silent for good measure once after frame N.
+which frame an image was. `CAMERA_FAULTS=lose:N,die:N` loses every Nth frame, or falls silent for good measure once after frame N;
+`stick:N` never returns from reading frame N, `freeze:N` neither, and holds the interpreter meanwhile, as a library with a fault does.
+A file that `CAMERA_FAULTS_ONCE` names is removed by the first process that is to stick or freeze: the next one does not.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
 import sys
 import time
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -26,11 +30,20 @@ DRIFT = 50e-6
 class Faults:
     lose_every: int = 0
     die_after: int = 0
+    stick_at: int = 0
+    freeze_at: int = 0
 
     @classmethod
     def from_environment(cls) -> Faults:
         entries = dict(entry.split(":") for entry in os.environ.get("CAMERA_FAULTS", "").split(",") if entry)
-        return cls(lose_every=int(entries.get("lose", 0)), die_after=int(entries.get("die", 0)))
+        once = os.environ.get("CAMERA_FAULTS_ONCE")
+        if once is not None:
+            try:
+                Path(once).unlink()
+            except FileNotFoundError:
+                entries = {}
+        numbers = {name: int(entries.get(name, 0)) for name in ("lose", "die", "stick", "freeze")}
+        return cls(numbers["lose"], numbers["die"], numbers["stick"], numbers["freeze"])
 
 
 @dataclass
@@ -65,6 +78,10 @@ class SyntheticCamera(Camera):
         if self.faults.die_after and self._next >= self.faults.die_after:
             self.faults.die_after = 0
             raise CameraLost("camera synthetic: no frame for 1 s: check power and cable")
+        if self.faults.stick_at and self._next == self.faults.stick_at:
+            time.sleep(1000.0)
+        if self.faults.freeze_at and self._next == self.faults.freeze_at:
+            ctypes.PyDLL(None).sleep(1000)
         exposed = self._start_ns + round(self._next * 1e9 / self.config.frame_rate_hz)
         ready = exposed + round(self.config.exposure_us * 1000) + 500_000
         wait = (ready - self.clock.monotonic_ns()) * 1e-9
@@ -113,4 +130,5 @@ def make(config: CameraConfig, clock: Clock) -> Camera:
 if __name__ == "__main__":
     from acquire.capture import serve
 
-    serve(int(sys.argv[sys.argv.index("--fd") + 1]), make)
+    fd, heart_fd = (int(sys.argv[sys.argv.index(name) + 1]) for name in ("--fd", "--heart"))
+    serve(fd, heart_fd, make)

@@ -146,3 +146,55 @@ def test_speeds_stay_within_the_plan():
     speed = SpeedController()
     speed.learn(planned("s1"), 0.4, 100.0)
     assert speed.tip_speed(planned("s1")) == 0.1
+
+
+def carried_to(machine: s.SessionMachine, state) -> None:
+    """Answer as a smooth session would until `state`."""
+    events: list[s.Event] = [
+        s.Started(),
+        s.Placed(),
+        s.PoseChecked(good=True),
+        s.Ready(),
+        s.Struck(1, 1.0, 0.4, 1),
+        s.Recorded(1, 2, 3, 0),
+    ]
+    for event in events:
+        if machine.state == state:
+            return
+        machine.handle(event)
+    assert machine.state == state
+
+
+@pytest.mark.parametrize("state", [s.State.ARMING, s.State.STRIKING, s.State.RECORDING, s.State.JUDGING])
+def test_a_strike_whose_file_broke_off_is_made_again(state):
+    machine = s.SessionMachine(plan(planned("s1"), planned("s2")))
+    carried_to(machine, state)
+    actions = machine.handle(s.BrokenOff("the window was cut off"))
+    assert isinstance(actions[-1], s.AskToPlace)
+    assert machine.strike_id == "s1.1"
+    assert "the window was cut off" in actions[0].text
+
+
+@pytest.mark.parametrize("strikes", [1, 2])
+def test_a_strike_that_was_judged_and_could_not_be_kept_is_made_again(strikes):
+    """Also the last one: the session had ended already."""
+    machine = s.SessionMachine(plan(*(planned(f"s{i + 1}") for i in range(strikes))))
+    carried_to(machine, s.State.JUDGING)
+    actions = machine.handle(s.Judged(verdict(Verdict.GOOD, 1.2)))
+    assert isinstance(actions[0], s.Keep)
+    assert machine.state == (s.State.FINISHED if strikes == 1 else s.State.PLACING)
+    actions = machine.handle(s.BrokenOff("the capture process ended"))
+    assert isinstance(actions[-1], s.AskToPlace)
+    assert machine.strike_id == "s1.1"
+
+
+def test_files_that_break_off_again_and_again_end_the_session():
+    machine = s.SessionMachine(plan(planned("s1")), s.SessionSettings(max_faults=2))
+    carried_to(machine, s.State.STRIKING)
+    for _ in range(2):
+        assert isinstance(machine.handle(s.BrokenOff("x"))[-1], s.AskToPlace)
+        machine.handle(s.Placed())
+        machine.handle(s.PoseChecked(good=True))
+    actions = machine.handle(s.BrokenOff("x"))
+    assert isinstance(actions[-1], s.Finish)
+    assert actions[-1].aborted

@@ -13,7 +13,12 @@ from pathlib import Path
 from tests.system.fault_rig import TABLE_VARIABLE
 
 ROOT = Path(__file__).resolve().parents[2]
-TESTS = ("tests/system/test_servo_faults.py", "tests/system/test_faults.py", "tests/system/test_session_faults.py")
+TESTS = (
+    "tests/system/test_servo_faults.py",
+    "tests/system/test_faults.py",
+    "tests/system/test_capture_faults.py",
+    "tests/system/test_session_faults.py",
+)
 PAGE = """\
 # What goes wrong, what is lost, and how long until it works again
 
@@ -33,8 +38,14 @@ How it is done:
 
 - The capture process owns camera and file. It finishes the file by itself when the daemon dies, and reconnects to a camera that was
   lost; the gap is in `FrameMeta.frames_lost_before` of the next frame, in `/log` and in `acquire status` (`connected`, `trouble`).
-- The daemon looks after its children ten times a second: a capture process that died is started again (its recording ends there, and
-  every client is told; the camera gives control back 3 s after a client's sudden death), `analyze watch` up to twice in a recording.
+- The capture process gives a sign of life every quarter second while its threads turn. The daemon ends one that gives none for 3 s of
+  the daemon's own time, and starts another for one that died; the camera gives control back 3 s after a client's sudden death. The
+  recording goes on in the next numbered file (same `recording_id`, `part` counts); what the dead process left is rebuilt beside it as by
+  `acquire recover`, and the gap is said in the next file's `/log`, to every client and on standard error. A strike that was in the
+  making is made again by the session. Waiting clients wait up to 30 s.
+- `analyze watch` is started again up to twice in a recording.
+- The daemon says to a waiting client once a second that it is at work; 6 s of silence are a hang, said in one line. Its own loop
+  feeds systemd's watchdog (docs/percuss.service), which ends and restarts a daemon whose loop hangs.
 - While the arm moves, the servo's bus watchdog (100 ms) runs: whatever silences the host stops the motor. When it does not move, the
   watchdog is off and the servo holds its place, also after the daemon's death, until the next start or until its power is cut.
 - On SIGTERM the torque goes off first, then files are finished. A client that leaves in mid-swing stops the arm.

@@ -19,7 +19,6 @@ from pathlib import Path
 import pytest
 
 from acquire.api import DaemonClient
-from acquire.config import RecorderConfig
 from acquire.errors import AcquireError, RecorderError
 from acquire.recorder.recover import recover
 from acquire.virtual.dynamixel_servo import HardwareError
@@ -308,60 +307,6 @@ def test_one_packet_in_500_lost(rig: FaultRig) -> None:
 
 
 # --- the daemon's children and clients --------------------------------------------------------------------------------
-
-
-def test_capture_process_killed(rig: FaultRig) -> None:
-    rig.camera()
-    daemon = rig.daemon()
-    client = rig.client(daemon)
-    anchor = rig.open_recording(client)
-    wait_for_frames(client, 60)
-    os.kill(daemon.capture, signal.SIGKILL)
-    killed_ns = time.monotonic_ns()
-    told_s = wait_until(lambda: "the recording broke off" in daemon.complaints, 5.0, 0.01)
-    with pytest.raises(RecorderError, match=r"capture process ended.*`acquire recover`"):
-        client.call("recording.state", state=1, strike_id="s1", attempt=1, text="")
-    back_s = told_s + wait_until(lambda: client.call("status")["connected"], 20.0, 0.05)
-    recovered = rig.folder / "recovered.mcap"
-    recover(Path(f"{rig.recording}.part"), recovered)
-    lost_s = (anchor + killed_ns - Frames.of(recovered).last_ns) * 1e-9
-    assert lost_s < 0.5 + RecorderConfig().pre_trigger_s  # between windows a frame waits that long to be one of the next
-    works_again(rig, daemon)
-    add_row(
-        "kill -9 of the capture process",
-        f"the recording breaks off, which is said after {milliseconds(told_s)}; "
-        f"`acquire recover` saves all but the last {milliseconds(lost_s)}",
-        f"{back_s:.1f} s: started again by the daemon",
-    )
-
-
-def test_camera_and_capture_process_killed(rig: FaultRig) -> None:
-    """The capture process starts again when there is a camera again; meanwhile the striker is as safe as ever."""
-    camera = rig.camera()
-    daemon = rig.daemon()
-    client = rig.client(daemon)
-    rig.cocked(client)
-    camera.process.kill()
-    camera.process.wait()
-    os.kill(daemon.capture, signal.SIGKILL)
-    wait_until(lambda: "the capture process does not start: no camera answers" in daemon.complaints, 20.0, 0.05)
-    rig.camera()
-    back_s = wait_until(lambda: "was started again" in daemon.complaints, 20.0, 0.05)
-    assert len(daemon.complaints.splitlines()) == 2, daemon.complaints
-    works_again(rig, daemon)
-    rig.cocked(client)
-    capture = daemon.capture
-    os.kill(capture, signal.SIGKILL)
-    wait_until(lambda: daemon.capture not in {0, capture}, 5.0)
-    daemon.process.send_signal(signal.SIGTERM)
-    off_s = wait_until(lambda: not rig.torque, 5.0)
-    assert off_s < 0.5
-    assert daemon.process.wait(30) == 0, daemon.complaints
-    add_row(
-        "camera and capture process killed, the camera later started again",
-        f"what each of the two loses; SIGTERM meanwhile takes the torque off after {milliseconds(off_s)}",
-        f"{back_s:.1f} s after the camera's start",
-    )
 
 
 def test_watcher_killed(rig: FaultRig) -> None:
