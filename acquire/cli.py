@@ -9,6 +9,7 @@ import json
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -51,16 +52,25 @@ def discover(as_json: bool) -> None:
 @_one_line_errors
 def check(rig: Path, as_json: bool) -> None:
     """Check all that can be wrong before a session with RIG. Exits with 1 when anything fails."""
+    from rich.console import Console
+
     from acquire.preflight.check import Outcome
+    from acquire.preflight.picture import CheckPicture
     from acquire.preflight.session import check_rig, real_probes
 
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)  # as Ctrl-C: what was started ends, what was written goes
-    checks = []
+    console = Console(highlight=False)
+    picture = CheckPicture(console) if console.is_terminal and not as_json else None
+    checks, began = [], time.monotonic()
     for line in check_rig(rig, real_probes()):
         checks.append(line)
-        if not as_json:
+        if picture is not None:
+            picture.show(line)
+        elif not as_json:
             click.echo(line.text())
+    if picture is not None:
+        picture.verdict(time.monotonic() - began)
     good = all(line.outcome is not Outcome.FAIL for line in checks)
     if as_json:
         click.echo(json.dumps({"passed": good, "checks": [line.as_dict() for line in checks]}))

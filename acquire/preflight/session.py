@@ -31,8 +31,8 @@ from acquire.preflight.film import DaemonCapture, Filming, OwnCapture
 from acquire.preflight.servo import SERVO_LINES, ReadServo, check_held_servo, check_servo, read_servo
 
 LINES = (
-    *("rig file", "daemon", "daemon socket", "serial port", "port lock", "USB latency", "receive buffer", "packet size"),
-    *("disk space", "disk speed", "level", *SERVO_LINES, *CAMERA_LINES),
+    *("rig file", "daemon", "daemon socket", "level", "serial port", "port lock", "USB latency", "receive buffer", "packet size"),
+    *("disk space", "disk speed", *SERVO_LINES, *CAMERA_LINES),
 )
 
 
@@ -101,9 +101,9 @@ def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
         else:
             yield _check_daemon(rig, daemon)
         yield check_socket(probes.computer, rig.daemon.socket_path())
+        yield check_level(rig)
         yield from _check_wires(probes.computer, rig, daemon)
         yield from check_disk(probes.disk, rig)
-        yield check_level(rig)
         if daemon is None:
             yield from check_servo(probes.servo, rig.striker)
             yield from check_camera(probes.capture(rig), rig.camera, _film_folder(rig))

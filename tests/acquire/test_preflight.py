@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import io
 import os
+import re
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -12,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from acquire.config import RigConfig
 from acquire.errors import CameraNotFound, CameraSettingError, RecorderError, StrikerNotFound
@@ -19,6 +22,7 @@ from acquire.preflight.check import Check, Outcome, failed_as
 from acquire.preflight.computer import FolderState, LinuxComputer, PortState, ReceiveBuffer, Route
 from acquire.preflight.disk import RealDisk
 from acquire.preflight.film import Film, FilmContent
+from acquire.preflight.picture import CheckPicture
 from acquire.preflight.servo import ServoState
 from acquire.preflight.session import LINES, Probes, RunningDaemon, check_rig
 from schemas.documents import SeenMarker, WatchEvent
@@ -320,6 +324,24 @@ def test_an_error_gives_its_remedy() -> None:
     assert (line.found, line.remedy) == ("/data: is full", "free some space")
     assert failed_as("x", RecorderError("boom")).found == "boom"
     assert "FAIL" in line.text()
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_picture_fits_the_terminal_and_ends_in_a_verdict(bench: Bench, width: int) -> None:
+    bench.filming.film = replace(FILM, lost=3, event=None)
+    output = io.StringIO()
+    picture = CheckPicture(Console(file=output, width=width, force_terminal=False))
+    for line in bench.lines().values():
+        picture.show(line)
+    picture.verdict(9.0)
+    rows = output.getvalue().splitlines()
+    assert max(map(len, rows)) <= width
+    assert [row for row in rows if re.fullmatch("[a-z]+", row)] == ["rig", "computer", "servo", "camera", "scene"]
+    assert sum(row.lstrip().startswith("\u2717") for row in rows) == 2
+    assert rows[-1] == f"not ready: frames, marker  ({len(LINES) - 3} passed, 2 failed, 1 not checked; 9 s)"
+    good = CheckPicture(Console(file=output, width=width))
+    good.verdict(1.0)
+    assert "ready  (0 passed; 1 s)" in output.getvalue()
 
 
 # --- the real probes ----------------------------------------------------------------------------------------------

@@ -1,0 +1,74 @@
+"""`acquire check` on a terminal: lines in groups as they are known, wrapped to its width, and a verdict in the end."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from acquire.preflight.check import Check, Outcome
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+GROUPS = {
+    "rig file": "rig",
+    "serial port": "computer",
+    "receive buffer": "computer",
+    "servo": "servo",
+    "camera": "camera",
+    "light": "scene",
+}
+"""a group begins with the first of these lines"""
+MARKS = {
+    Outcome.PASS: Text("\u2713", "green"),
+    Outcome.FAIL: Text("\u2717", "bold red"),
+    Outcome.NOT_CHECKED: Text("\u2013", "dim"),
+}
+NAME_WIDTH = 17
+
+
+class CheckPicture:
+    """Prints checks one by one; nothing is held back."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._group = ""
+        self._outcomes: Counter[Outcome] = Counter()
+        self._failures: list[str] = []
+
+    def show(self, check: Check) -> None:
+        """One check, under its group's heading."""
+        group = GROUPS.get(check.name, self._group)
+        if group != self._group:
+            self._console.print(Text(f"\n{group}" if self._group else group, "bold"))
+            self._group = group
+        self._outcomes[check.outcome] += 1
+        if check.outcome is Outcome.FAIL:
+            self._failures.append(check.name)
+        self._console.print(_line(check))
+
+    def verdict(self, seconds: float) -> None:
+        """What became of all of them."""
+        counts = ", ".join(
+            f"{self._outcomes[outcome]} {word}"
+            for outcome, word in ((Outcome.PASS, "passed"), (Outcome.FAIL, "failed"), (Outcome.NOT_CHECKED, "not checked"))
+            if self._outcomes[outcome] or outcome is Outcome.PASS
+        )
+        text = Text(f"\nnot ready: {', '.join(self._failures)}", "bold red") if self._failures else Text("\nready", "bold green")
+        self._console.print(text.append(f"  ({counts}; {seconds:.0f} s)", "not bold default"))
+
+
+def _line(check: Check) -> RenderableType:
+    table = Table.grid(padding=(0, 1), pad_edge=False)
+    table.add_column(width=2, justify="right")
+    table.add_column(width=NAME_WIDTH, no_wrap=True)
+    table.add_column(overflow="fold")
+    found = Text(f"not checked: {check.found}", "dim") if check.outcome is Outcome.NOT_CHECKED else Text(check.found)
+    table.add_row(MARKS[check.outcome], Text(check.name, "bold" if check.outcome is Outcome.FAIL else ""), found)
+    if check.remedy:
+        table.add_row("", "", Text(f"\u2192 {check.remedy}", "yellow"))
+    return table
