@@ -46,7 +46,7 @@ _LATCH, _LATCH_HIGH, _LATCH_LOW = 0x944, 0x948, 0x94C
 _STREAM_PORT, _STREAM_ADDRESS = 0xD00, 0xD18
 _SO_RCVBUFFORCE = 33
 _RELAYS = 64
-_RESEND_FRAMES = 32
+_RESEND_FRAMES = 64
 
 HEARTBEAT_READ = bytes.fromhex("4201008000040001") + struct.pack(">I", 0x938)
 """READREG of the heartbeat time-out: changes nothing, wakes the fake's poll"""

@@ -276,8 +276,8 @@ def test_a_taken_path_and_a_full_disk_are_refused_without_a_trace(tmp_path: Path
 def test_a_window_without_room_is_refused_before_the_striker_is_armed(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     disk = os.statvfs(tmp_path)
     free = disk.f_bavail * disk.f_frsize
-    # 64 x 48 at 120 fps for a day and more: the recording may begin, the window not.
-    capture = CaptureProcess(_rig(max_window_s=free / (64 * 48 * RATE)), COMMAND)
+    # 64 x 48 at 120 fps for days: the recording may begin, the window not, and if others free some space meanwhile.
+    capture = CaptureProcess(_rig(max_window_s=4 * free / (64 * 48 * RATE)), COMMAND)
     capture.start()
     try:
         capture.open_recording(tmp_path / "a.mcap", _manifest(), [])

@@ -21,18 +21,20 @@ from schemas.documents import CameraCalibrationSpec
 ADDRESS = "127.0.0.61"
 CLOSE_S = 12.0
 BUFFERS = 16
+STALL_S = 10.0
+"""a loaded machine may pause"""
 
 
 def config(address: str) -> CameraConfig:
     calibration = CameraCalibrationSpec(
         width=656, height=492, K=[[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]], T_world_camera=np.eye(4).tolist()
     )
-    return CameraConfig(address=address, buffers=BUFFERS, calibration=calibration)
+    return CameraConfig(address=address, buffers=BUFFERS, stall_s=STALL_S, calibration=calibration)
 
 
 @pytest.fixture(params=["virtual", pytest.param("real", marks=pytest.mark.hardware)])
 def camera_config(request: pytest.FixtureRequest, real_rig: Callable[[], RigConfig]) -> CameraConfig:
-    return config(ADDRESS) if request.param == "virtual" else real_rig().camera.model_copy(update={"buffers": BUFFERS})
+    return config(ADDRESS) if request.param == "virtual" else real_rig().camera.model_copy(update={"buffers": BUFFERS, "stall_s": STALL_S})
 
 
 @pytest.fixture
@@ -54,7 +56,7 @@ def camera(camera_config: CameraConfig) -> Iterator[Camera]:
 
 
 def next_frame(camera: Camera) -> Frame:
-    frame = camera.read(2.0)
+    frame = camera.read(20.0)
     assert frame is not None
     return frame
 
@@ -126,7 +128,7 @@ def test_a_read_ends_in_time_and_without_a_frame_where_none_comes(camera: Camera
     camera.stop()
     began = time.monotonic()
     assert camera.read(0.1) is None
-    assert time.monotonic() - began < 0.5
+    assert time.monotonic() - began < 2.0
 
 
 def test_close_is_always_safe(camera: Camera) -> None:

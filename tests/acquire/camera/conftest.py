@@ -21,14 +21,14 @@ CLOSE_S = 12.0
 
 @pytest.fixture
 def camera_config() -> Callable[..., CameraConfig]:
-    """Makes a CameraConfig for an address; keywords replace its other entries. A loaded machine may pause for 1.6 s and lose nothing."""
+    """Makes a CameraConfig for an address; keywords replace its other entries. A loaded machine may pause for a second."""
 
     def make(address: str, **changes: object) -> CameraConfig:
         calibration = CameraCalibrationSpec(
             width=656, height=492, K=[[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]], T_world_camera=np.eye(4).tolist()
         )
         return CameraConfig.model_validate(
-            {"address": address, "calibration": calibration, "receive_buffer_bytes": 64 << 20, "buffers": 256, **changes}
+            {"address": address, "calibration": calibration, "receive_buffer_bytes": 64 << 20, "buffers": 256, "stall_s": 10.0, **changes}
         )
 
     return make
