@@ -254,7 +254,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         gravity_tilt_sd=manifest.gravity_tilt_sd_rad, scale_sd=spec.shape.scale_sd, edge_radius_sd=spec.edge_radius_sd_m
     )
     com = centre_of_mass(planes, systematic, ComPrior.from_bounds(model.bounds[0], model.bounds[1]))
-    scale = Scale(spec.mass_kg, spec.mass_sd_kg, manifest.g_m_s2, manifest.g_sd_m_s2, spec.edge_radius_sd_m)
+    scale = Scale(spec.mass_kg, spec.mass_sd_kg, manifest.g_m_s2, manifest.g_sd_m_s2)
     cells = cells_from_voxels(voxelise(model, (model.volume / CELLS) ** (1 / 3), wall_thickness(spec, model)))
     inertial = inertial_parameters(planes, com, scale, inertia_prior(spec.mass_kg, com.position, cells))
     distribution = mass_distribution(inertial, cells, np.random.default_rng(options.seed))

@@ -84,6 +84,8 @@ class TipAngle:
     """(n,) rad, rotation about other axes: wobble and twist"""
     slip: Array
     """(n,) m, displacement of the pivot point along the table, 0 where the full pose is not known"""
+    zero_sd: float = 0.0
+    """rad, 1 sigma of where 0 lies: shared by all frames, so that no number of them averages it out"""
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ class MotionFit:
     k: float | None
     """rad/s^2"""
     covariance: Array
-    """(2, 2) of (phi, k); k's row is 0 where k is None"""
+    """(2, 2) of (phi, k), with what all frames of the strike share; k's row is 0 where k is None"""
     theta0: float
     omega0: float
     time0_ns: int
@@ -185,6 +187,10 @@ class CentreOfMass:
     """(3, strikes) m^2, between c and R"""
     robust: Array
     """(strikes,) 1 = as good as its sd says, towards 0 = an outlier that was given little weight"""
+    edge_radius_variance: float = 0.0
+    """m^2, of the edges' rounding, by the strikes and what was stated"""
+    edge_radius_distance_covariance: Array = field(default_factory=lambda: np.zeros(0))
+    """(strikes,) m^2, between it and R: a larger radius brings the centre line nearer to c"""
 
 
 @dataclass(frozen=True)

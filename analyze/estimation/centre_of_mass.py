@@ -20,6 +20,7 @@ UNOBSERVED_FRACTION = 0.15
 SMALLEST_DISTANCE = 1e-3
 GLOBAL_TERMS = 4
 AXIS_TERMS = 3
+RADIUS_TERM = 6
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def centre_of_mass(planes: Sequence[EquiPlane], systematic: SystematicErrors, pr
     freedom = float(weight.sum()) - _effective(precision, design, weight / sd**2)
     birge = max(1.0, float(np.sum(weight * (residual / sd) ** 2)) / freedom) if freedom >= 1.0 else 1.0
     covariance: Array = np.linalg.inv(precision + design.T @ (design * (weight / sd**2 / birge)[:, None])).astype(np.float64)
-    return _result(terms, solution, covariance, weight, sd, prior)
+    return _result(terms, solution, covariance, weight, sd, prior, systematic.edge_radius_sd)
 
 
 def _step(terms: _Terms, precision: Array, start: Array, solution: Array, weight: Array) -> Array:
@@ -136,7 +137,7 @@ class _Terms:
             first = 3 + GLOBAL_TERMS + AXIS_TERMS * axes.index(plane.axis_id)
             self._shift[i, :, 5] = plane.point * systematic.scale_sd
             # A larger radius moves the centre line inwards: up and away from the tip.
-            self._shift[i, :, 6] = (plane.up - forward) * systematic.edge_radius_sd
+            self._shift[i, :, RADIUS_TERM] = (plane.up - forward) * systematic.edge_radius_sd
             self._shift[i, :, first] = forward * plane.edge_sd
             self._shift[i, :, first + 1] = plane.up * plane.edge_sd
             self._turn[i, 3] = np.cos(plane.heading) * systematic.gravity_tilt_sd
@@ -178,7 +179,7 @@ class _Terms:
         return rows
 
 
-def _result(terms: _Terms, solution: Array, covariance: Array, weight: Array, sd: Array, prior: ComPrior) -> CentreOfMass:
+def _result(terms: _Terms, solution: Array, covariance: Array, weight: Array, sd: Array, prior: ComPrior, radius_sd: float) -> CentreOfMass:
     position = solution[:3]
     information = covariance[:3, :3] / np.outer(prior.sd, prior.sd)
     values, vectors = np.linalg.eigh((information + information.T) / 2)
@@ -200,6 +201,8 @@ def _result(terms: _Terms, solution: Array, covariance: Array, weight: Array, sd
         distance_covariance=arms @ covariance @ arms.T,
         position_distance_covariance=covariance[:3] @ arms.T,
         robust=weight,
+        edge_radius_variance=float(covariance[RADIUS_TERM, RADIUS_TERM]) * radius_sd**2,
+        edge_radius_distance_covariance=arms @ covariance[:, RADIUS_TERM] * radius_sd,
     )
 
 

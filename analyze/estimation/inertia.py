@@ -26,7 +26,6 @@ class Scale:
     mass_sd: float
     gravity: float
     gravity_sd: float
-    edge_radius_sd: float = 0.0
     k_relative_sd: float = 2e-3
     """error of k that the strikes on one axis share: air, play of the edge"""
 
@@ -124,10 +123,13 @@ def _per_strike(
     same = np.array([[planes[i].axis_id == planes[j].axis_id for j in used] for i in used])
     k_covariance = k_variance + same * np.outer(k, k) * scale.k_relative_sd**2
     R_covariance = com.distance_covariance[np.ix_(used, used)]
+    R_rho = com.edge_radius_distance_covariance[used]
 
     def propagate(by_m: Array, by_g: Array, by_R: Array, by_k: Array, by_rho: Array) -> Array:
         shared = np.outer(by_m, by_m) * scale.mass_sd**2 + np.outer(by_g, by_g) * scale.gravity_sd**2
-        radius = np.outer(by_rho, by_rho) * scale.edge_radius_sd**2
+        # The edge's radius moves R as well: neither is wrong alone.
+        across = np.outer(by_rho, by_R * R_rho)
+        radius = np.outer(by_rho, by_rho) * com.edge_radius_variance + across + across.T
         return shared + radius + by_R[:, None] * R_covariance * by_R + by_k[:, None] * k_covariance * by_k
 
     by_k = -edge / k

@@ -3,7 +3,8 @@
 Levenberg-Marquardt with exact derivatives; Huber's loss by re-weighting (Huber 1964), because a wrong frame is no Gaussian error.
 The covariance is that of the linearised fit, scaled by the residuals' own variance and by their correlation from frame to frame, so
 that it stays honest where the camera's noise was guessed wrong or the contact is not quite a hinge. Where it makes phi uncertain by more
-than 0.3 deg it is no longer believed, and stretched to the profile likelihood's interval.
+than 0.3 deg it is no longer believed, and stretched to the profile likelihood's interval. The uncertain zero of theta moves phi by
+as much as itself, and is added at the end.
 """
 
 from __future__ import annotations
@@ -74,11 +75,13 @@ def _fit(angle: TipAngle, window: tuple[int, int], parameters: int, start: Array
     phi, k, theta0, omega0 = (float(x) for x in solution.parameters[:4])
     if not (0.0 < phi < 2.5 and 0.5 < k < 5000.0):
         raise EstimationError(f"the motion is no tip over an edge (phi {math.degrees(phi):.1f} deg, k {k:.1f} rad/s^2): look at the images")
+    covariance = _covariance(solution, time, theta, sd)[:2, :2]
+    covariance[0, 0] += angle.zero_sd**2
     return MotionFit(
         estimator="pivot_fit" if parameters == 4 else "pivot_fit_with_drag",
         phi=phi,
         k=k,
-        covariance=_covariance(solution, time, theta, sd)[:2, :2],
+        covariance=covariance,
         theta0=theta0,
         omega0=omega0,
         time0_ns=time0,

@@ -24,8 +24,8 @@ _TILT_SD = 0.02
 """rad, of placement and marker mounting together"""
 _DIRECTION_SD = 0.3
 """rad in the marker's plane, which the image shows well by itself"""
-_MODEL_PX = 0.01
-"""px, floor of the mean corners' sd: lens model and rendering of the code, which do not average out"""
+MODEL_PX = 0.01
+"""px, floor of the mean corners' sd: lens model and printing of the code, which do not average out"""
 
 
 def rest_pose(
@@ -52,7 +52,7 @@ def rest_pose(
         best = int(np.argmax(turns))
         return pair.R_camera_marker[best], pair.p_camera_marker[best]
     R_nominal = camera.T_world_camera[:3, :3].T @ R_world_object @ marker.T_object_marker[:3, :3]
-    sd = max(_MODEL_PX, float(np.median(track.corner_sd_px[still])) / np.sqrt(max(1, np.count_nonzero(still))))
+    sd = max(MODEL_PX, float(np.median(track.corner_sd_px[still])) / np.sqrt(max(1, np.count_nonzero(still))))
     prior_sd = np.array([_TILT_SD, _TILT_SD, _DIRECTION_SD])
     points = marker_corners(marker.size)
     turn, p = R_nominal.copy(), p_start.copy()

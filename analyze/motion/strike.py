@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError, TrackingError
+from analyze.motion.contact import ContactErrors, with_contact_errors
 from analyze.motion.free_motion import jump, longest_clean_fit, settled_fit
 from analyze.motion.pendulum import energy_ratio
 from analyze.motion.phases import Course, WindowLimits, find_course, free_window, phases_of
@@ -48,6 +49,7 @@ class MotionSettings:
 
     window: WindowLimits = field(default_factory=WindowLimits)
     verdict: VerdictLimits = field(default_factory=VerdictLimits)
+    contact: ContactErrors = field(default_factory=ContactErrors)
     smoothing_points: int = 5
     """of the paper's sign_change"""
 
@@ -95,6 +97,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         fit, kick = _fit(angle, course, task.planned.phi_predicted_rad, settings)
     except EstimationError as error:
         return _result(task, judgement or _unfitted(angle, course, str(error)), angle, course, None, ())
+    fit = with_contact_errors(fit, task.planned.rolls, settings.contact)
     top = float(np.max(angle.theta[course.released : course.ended]))
     vague = judge_vague(fit, course, top, settings.verdict)
     if vague is not None:

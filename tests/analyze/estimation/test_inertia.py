@@ -12,20 +12,23 @@ SIZE = (0.08, 0.06, 0.15)
 BODY = box_body(SIZE, (0.026, 0.014, 0.004), 0.005, (0.5, -0.35, 0.79), pitch=0.01)
 PRIOR = ComPrior.from_bounds(-np.array(SIZE) / 2, np.array(SIZE) / 2)
 ERRORS = SystematicErrors(gravity_tilt_sd=1e-3, edge_radius_sd=2e-4)
-SCALE = Scale(BODY.mass, 1e-4, GRAVITY, 1e-3, 2e-4, 2e-3)
+SCALE = Scale(BODY.mass, 1e-4, GRAVITY, 1e-3, 2e-3)
 
 
 def estimate(rng, noise=1.0, scale=SCALE):
-    tilt, radius = noise * rng.normal(0, 1, 2) * (1e-3, 2e-4)
+    """Every error drawn that the estimators allow for: of the table, of all edges, of each edge, and of each strike."""
+    tilt, radius, gravity = noise * rng.normal(0, 1, 3) * (ERRORS.gravity_tilt_sd, ERRORS.edge_radius_sd, SCALE.gravity_sd / GRAVITY)
     planes = []
     for axis in SIX_AXES:
         strike = planned_strike(BODY, *axis)
         forward, up = np.array(strike.R_world_object)[0], np.array(strike.R_world_object)[2]
         moved = noise * 2e-4 * (rng.normal() * forward + rng.normal() * up) + radius * (up - forward)
         phi, k = tip(BODY, strike, moved, BODY.edge_radius + radius)
-        k *= 1 + noise * rng.normal(0, 2e-3)
+        k *= 1 + gravity + noise * rng.normal(0, SCALE.k_relative_sd)
+        phi += tilt + noise * rng.normal(0, ERRORS.axis_angle_sd)
         for repeat in range(2):
-            fit = fit_of(phi + tilt + noise * rng.normal(0, 5e-4), k * (1 + noise * rng.normal(0, 3e-3)), 5e-4, 3e-3 * k)
+            scatter = np.hypot(5e-4, ERRORS.strike_angle_sd)
+            fit = fit_of(phi + noise * rng.normal(0, scatter), k * (1 + noise * rng.normal(0, 3e-3)), 5e-4, 3e-3 * k)
             planes.append(equiplane_from_fit(f"{strike.id}.{repeat}", strike, fit))
     com = centre_of_mass(planes, ERRORS, PRIOR)
     return planes, inertial_parameters(planes, com, scale, inertia_prior(scale.mass, com.position, BODY.cells))
@@ -43,14 +46,15 @@ def test_exact_motions_give_the_exact_moments():
 def test_stated_errors_are_those_found_by_brute_force():
     rng = np.random.default_rng(1)
     z_com, relative = [], []
-    for _ in range(60):
+    for _ in range(150):
         mass = BODY.mass + rng.normal(0, 1e-4)
-        _, found = estimate(rng, scale=Scale(mass, 1e-4, GRAVITY, 1e-3, 2e-4, 2e-3))
+        _, found = estimate(rng, scale=Scale(mass, 1e-4, GRAVITY, 1e-3, 2e-3))
         for axis in found.axes:
             truth = axis.direction @ BODY.inertia @ axis.direction
             z_com.append((axis.i_com - truth) / axis.i_com_sd)
             relative.append(axis.i_com / truth - 1)
-    assert 0.90 <= np.mean(np.abs(z_com) < 1.96) <= 0.99
+    # Measured over 900 moments: 92 % inside, root mean square 1.13.
+    assert 0.90 <= np.mean(np.abs(z_com) < 1.96) <= 0.98
     assert 0.75 < np.sqrt(np.mean(np.square(z_com))) < 1.2
     assert np.sqrt(np.mean(np.square(relative))) < 0.04, "METHOD: I_c,l 8 % must, 4 % aim"
 
