@@ -153,7 +153,7 @@ def _random_scale(theta: Array, sd: Array) -> float:
 def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> float:
     """Sd of theta's zero [rad]: the mean of the resting frames' noise, and what no mean reduces.
 
-    That is the misfit of model and image within a frame, and MODEL_PX of each corner, which a misfit need not show. (Measured on 8
+    That is the misfit of model and image within a frame, and MODEL_PX of each corner, which a misfit need not show. (Measured on 7
     simulated cameras, whose lens blurs whole pixels and so shifts edges along the pixel grid by up to 0.03 px: 0.0075 deg rms.)
 
     Args:
