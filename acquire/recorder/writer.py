@@ -30,6 +30,8 @@ from schemas.topics import Topic
 
 PART_SUFFIX: Final = ".part"
 SMALL_CHUNK_BYTES: Final = 64 << 10
+SMALL_PART_BYTES: Final = 512
+"""joined to what stands before it"""
 CHUNK_EXTRA: Final = 128
 """more than what stands around a chunk's messages takes, and more than a message's line in the index"""
 FLUSH_S: Final = 0.1
@@ -206,7 +208,9 @@ class McapWriter:
             crc = sums.chunk
             index.append((time_ns, at))
             identity.append((time_ns, size, b"" if size >= container.LARGE_MESSAGE else b"".join(message.parts), sums.data))
-            buffers += (head, *message.parts)
+            small = 1 if message.parts and len(message.parts[0]) < SMALL_PART_BYTES else 0
+            buffers.append(head + message.parts[0] if small else head)
+            buffers += message.parts[small:]
             at += len(head) + size
         if not messages:
             return
@@ -297,7 +301,7 @@ class McapWriter:
 
     def _chunk(self, buffers: list[Buffer], size: int, crc: int, index: dict[int, list[tuple[int, int]]], *, image: bool = False) -> None:
         packed = pack_chunk(self._file.size, size, crc, index)
-        self._put([packed.head, *buffers, packed.indexes], image=image)
+        self._put([packed.head + buffers[0], *buffers[1:], packed.indexes], image=image)
         self._summary.chunks.append(packed.entry)
         for number, entries in index.items():
             self._summary.message_counts[number] += len(entries)

@@ -45,7 +45,7 @@ from schemas import topics
 WIDTH, HEIGHT, RATE_HZ = 656, 492, 365
 PERIOD_NS = 10**9 // RATE_HZ
 T0_NS = 1_700_000_000_000_000_000
-WAITING_BYTES = 24 << 20
+WAITING_BYTES = 12 << 20
 BATCH = BATCH_BYTES // (WIDTH * HEIGHT)
 Frames = list[NDArray[np.uint8]]
 Calls = Iterator[float]
@@ -105,7 +105,7 @@ def whole_recorder(path: Path, frames: Frames) -> Calls:
         yield time.perf_counter() - start
         # It never waits for the disk; whoever feeds it faster than the disk writes must.
         while memory.used_bytes > WAITING_BYTES:
-            time.sleep(1e-3)
+            time.sleep(5e-3)
     recorder.close()
     writer.finish()
     if recorder.dropped:
