@@ -1,0 +1,57 @@
+"""The stream of a camera whose clock drifts, while the host's wall clock is set: nothing but the wall anchor may read that."""
+
+from __future__ import annotations
+
+import threading
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from acquire.camera.stream import CameraStream, TimedFrame
+from acquire.clock import SystemClock
+from tests.acquire.synthetic_camera import Faults, SyntheticCamera
+
+FRAMES = 90
+
+
+class SteppedClock(SystemClock):
+    """A wall clock that is set while the camera runs."""
+
+    def __init__(self) -> None:
+        self.step_ns = 0
+
+    def wall_ns(self) -> int:
+        return super().wall_ns() + self.step_ns
+
+
+@pytest.mark.parametrize("hours", [1, -1])
+def test_a_step_of_the_wall_clock_changes_no_frames_time(camera_config, monkeypatch: pytest.MonkeyPatch, hours: int) -> None:
+    clock, config = SteppedClock(), camera_config("synthetic", width=64, height=48)
+    camera = SyntheticCamera(config, clock, Faults())
+    frames: list[TimedFrame] = []
+    enough = threading.Event()
+
+    def on_frame(timed: TimedFrame) -> None:
+        frames.append(timed)
+        if len(frames) == FRAMES // 3:
+            clock.step_ns = hours * 3600 * 10**9
+            monkeypatch.setattr("time.time", lambda: clock.wall_ns() * 1e-9)
+            monkeypatch.setattr("time.time_ns", clock.wall_ns)
+        if len(frames) == FRAMES:
+            enough.set()
+
+    stream = CameraStream(lambda: camera, config, clock, on_frame, lambda _reading: None, lambda _text: None)
+    stream.start()
+    try:
+        assert enough.wait(60.0)
+    finally:
+        stream.stop()
+    status = stream.status()
+    assert (status.lost, status.trouble, status.latched) == (0, "", True)
+    exposed = [timed.mid_exposure_ns - round(timed.frame.exposure_us * 500.0) for timed in frames]
+    sigmas = [
+        (camera.device_ns(host) - timed.frame.device_time_ns) / timed.mapping_sd_ns for host, timed in zip(exposed, frames, strict=True)
+    ]
+    assert np.max(np.abs(sigmas)) < 3.0
+    assert all(later > earlier for earlier, later in pairwise(exposed))
