@@ -297,6 +297,7 @@ class Daemon:
             "pid": os.getpid(),
             "socket": str(self._config.daemon.socket_path()),
             "striker": self._striker.state.value,
+            "servo": asdict(health) if (health := self._striker.health) is not None else None,
             **{name: capture.get(name, 0) for name in numbers},
             "recording": str(capture["recording"]) if capture.get("recording") else None,
             "camera": {"vendor": self._camera.vendor, "model": self._camera.model, "serial": self._camera.serial},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from acquire.errors import StrikerError
 from acquire.preflight.check import Check, Measured, failed, failed_as, not_checked, passed
@@ -76,14 +76,28 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
     return [_model(config, state), _supply(state), _temperature(config, state), _health(state)]
 
 
-def check_held_servo(config: StrikerConfig, state: str) -> list[Check]:
-    """The servo's lines while a daemon holds it: only its state is known."""
+def check_held_servo(config: StrikerConfig, state: str, health: dict[str, Any] | None) -> list[Check]:
+    """The servo's lines while a daemon holds it.
+
+    Args:
+        config: the rig file's section.
+        state: the striker's.
+        health: what the daemon last read of the servo, as in its status; None: nothing yet, or its port is lost.
+    """
     if config.kind == "manual":
         return [passed("servo", "none: a hand strikes")]
-    rest = [not_checked(name, "the daemon holds the servo") for name in SERVO_LINES[1:]]
+    first = passed("servo", f"held by the daemon, {state}")
     if state == "fault":
-        return [failed("servo", "the daemon's striker is in state fault", "see the daemon's output; the next session homes it"), *rest]
-    return [passed("servo", f"held by the daemon, {state}"), *rest]
+        first = failed("servo", "the daemon's striker is in state fault", "see the daemon's output; the next session homes it")
+    if health is None:
+        return [first, *(not_checked(name, "the daemon holds the servo and has not read it") for name in SERVO_LINES[1:])]
+    known = ServoState(
+        int(health["model"]),
+        float(health["voltage_v"]),
+        int(health["temperature_c"]),
+        health["hardware_error"] and str(health["hardware_error"]),
+    )
+    return [first, _supply(known), _temperature(config, known), _health(known)]
 
 
 def _model(config: StrikerConfig, state: ServoState) -> Check:

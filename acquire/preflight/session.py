@@ -108,7 +108,7 @@ def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
             yield from check_servo(probes.servo, rig.striker)
             yield from check_camera(probes.capture(rig), rig.camera, _film_folder(rig))
         else:
-            yield from check_held_servo(rig.striker, str(daemon.status["striker"]))
+            yield from check_held_servo(rig.striker, str(daemon.status["striker"]), daemon.status.get("servo"))
             yield from _check_held_camera(daemon, rig)
 
 

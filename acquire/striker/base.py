@@ -43,6 +43,19 @@ class StrikeOutcome:
     """host monotonic, when the swing began"""
 
 
+@dataclass(frozen=True)
+class ServoHealth:
+    """How the servo is, as it was last asked."""
+
+    read_ns: int
+    """host monotonic"""
+    model: int
+    voltage_v: float
+    temperature_c: int
+    hardware_error: str | None
+    """in words; None: all is well"""
+
+
 SampleSink = Callable[[pb.StrikerSample], None]
 EventSink = Callable[[pb.StrikerEvent], None]
 ClockSink = Callable[[pb.ClockSample], None]
@@ -55,6 +68,11 @@ class Striker(ABC):
     @abstractmethod
     def state(self) -> StrikerState:
         """Where it stands."""
+
+    @property
+    def health(self) -> ServoHealth | None:
+        """How its servo is; None: it has none, or it was not asked yet."""
+        return None
 
     @abstractmethod
     def open(self) -> None:

@@ -13,7 +13,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerRefused
-from acquire.striker.base import ClockSink, EventSink, SampleSink, StrikeOutcome, Striker, StrikerState
+from acquire.striker.base import ClockSink, EventSink, SampleSink, ServoHealth, StrikeOutcome, Striker, StrikerState
 from acquire.striker.contact import Contact, fit_contact
 from acquire.striker.detector import ContactDetector, count_contacts
 from acquire.striker.servo import RUN_THROUGH_RAD, TICK_RAD, VELOCITY_UNIT_RAD_S, Sample, Servo
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from acquire.striker.bus import MonotonicClock
 
 IDLE_S = 0.1
+HEALTH_NS = 1_000_000_000
+"""between looks at supply and temperature, while nothing moves"""
 APPROACH_S = 0.01
 """between reads while the arm moves slowly or settles"""
 SWING_NS = 1_000_000
@@ -83,6 +85,7 @@ class DynamixelStriker(Striker):
         self._ticks = TickClock(clock_sink)
         self._status = StrikerStatus(StrikerState.DISARMED, clock.monotonic_ns())
         self._strike_id = ""
+        self._health: ServoHealth | None = None
         self._recent: deque[Sample] = deque(maxlen=3)
         self._stop_requested = False  # a plain flag: setting it is all that a signal handler may do
         self._verb = threading.Lock()  # not re-entrant: a signal handler in the middle of a verb must not get in
@@ -93,6 +96,11 @@ class DynamixelStriker(Striker):
     def state(self) -> StrikerState:
         """Where it stands."""
         return self._status.state
+
+    @property
+    def health(self) -> ServoHealth | None:
+        """See Striker. Asked about once a second while nothing moves."""
+        return self._health
 
     # --- open and close ---------------------------------------------------------------------------------------------
 
@@ -432,9 +440,17 @@ class DynamixelStriker(Striker):
             try:
                 self._consume_stop()
                 self._expire()
-                if self._servo.is_open and self._status.state is not StrikerState.FAULT:
+                if not self._servo.is_open:
+                    self._health = None
+                    continue
+                if self._status.state is not StrikerState.FAULT:
                     self._publish(self._servo.require_sample())
+                if self._health is None or self._clock.monotonic_ns() - self._health.read_ns > HEALTH_NS:
+                    self._health = self._servo.health()
             except StrikerError as error:
-                self._fault(error)
+                if self._status.state is not StrikerState.FAULT:
+                    self._fault(error)
+                elif isinstance(error, StrikerLost):
+                    self._servo.close()
             finally:
                 self._verb.release()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerNotFound
+from acquire.striker.base import ServoHealth
 from acquire.striker.bus import Block, MonotonicClock, ServoBus
 from acquire.striker.control_table import MODEL_FILES, MODEL_NAMES, Register, control_table
 from acquire.striker.deadman import DeadMan
@@ -86,7 +87,7 @@ class Servo:
     """
 
     def __init__(self, config: StrikerConfig, clock: MonotonicClock) -> None:
-        self._config = config
+        self._config, self._clock = config, clock
         self._bus = ServoBus(config.port, config.baud_rate, config.id, clock)
         self._table: dict[str, Register] = {}
         self._dead_man: DeadMan | None = None
@@ -198,6 +199,15 @@ class Servo:
             if sample is not None:
                 return sample
         raise StrikerLost(f"{self._config.port}: the servo has fallen silent; check its power and cable")
+
+    def health(self) -> ServoHealth:
+        """Supply, temperature and errors.
+
+        Raises:
+            StrikerLost: no answer.
+        """
+        voltage, temperature = self._bus.read(self._table["Present Input Voltage"]), self._bus.read(self._table["Present Temperature"])
+        return ServoHealth(self._clock.monotonic_ns(), self._model, voltage * 0.1, temperature, self.hardware_error())
 
     def hardware_error(self) -> str | None:
         """What Hardware Error Status says, in words; None when all is well."""

@@ -302,8 +302,12 @@ def test_a_running_daemon_is_said_and_asked(bench: Bench) -> None:
     assert "pid 7" in lines["daemon"].found
     assert lines["marker"].outcome is Outcome.PASS
     assert lines["servo supply"].outcome is Outcome.NOT_CHECKED
-    bench.status = {**STATUS, "striker": "fault"}
-    assert bench.failures() == {"servo"}
+    servo = {"read_ns": 1, "model": 1030, "voltage_v": 9.1, "temperature_c": 65, "hardware_error": None}
+    bench.status = {**STATUS, "striker": "fault", "servo": servo}
+    assert bench.failures() == {"servo", "servo supply", "servo temperature"}
+    assert bench.lines()["servo health"].outcome is Outcome.PASS
+    bench.status = {**STATUS, "servo": {**servo, "voltage_v": 12.0, "temperature_c": 31, "hardware_error": "overload"}}
+    assert bench.failures() == {"servo health"}
     bench.status = {**STATUS, "rig": "another"}
     assert "daemon" in bench.failures()
 

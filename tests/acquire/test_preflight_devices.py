@@ -84,10 +84,9 @@ def test_a_rig_of_virtual_devices(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("aravis")
 def test_a_daemon_is_asked_and_tells_its_service_manager(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
-    text = RIG.format(address=ADDRESS, port="none", folder=tmp_path).replace("[striker]", '[striker]\nkind = "manual"')
-    rig.write_text(text, encoding="utf-8")
     notify = tmp_path / "notify"
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager, _camera():
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager, Plant(tmp_path) as plant, _camera():
+        rig.write_text(RIG.format(address=ADDRESS, port=plant.servo.port_path, folder=tmp_path), encoding="utf-8")
         manager.bind(str(notify))
         manager.settimeout(5.0)
         environment = {"NOTIFY_SOCKET": str(notify), "WATCHDOG_USEC": "20000000"}
@@ -103,3 +102,7 @@ def test_a_daemon_is_asked_and_tells_its_service_manager(tmp_path: Path) -> None
     assert failures <= THIS_COMPUTERS_OWN, {name: checks[name] for name in failures}
     assert f"pid {daemon.pid}" in checks["daemon"]["found"]
     assert checks["marker"]["measured"]["value"] == pytest.approx(EDGE_PX, abs=1.0)
+    assert checks["servo"]["found"] == "held by the daemon, disarmed"
+    assert checks["servo supply"]["measured"]["value"] == pytest.approx(12.0)
+    assert checks["servo temperature"]["measured"]["value"] == 31
+    assert checks["servo health"]["found"] == "no hardware error"
