@@ -12,7 +12,7 @@ from typing import Any
 
 from acquire import session as s
 from acquire.api import DaemonClient
-from acquire.errors import RecordingBroken, SessionError, StrikerError, StrikerRefused
+from acquire.errors import RecordingBroken, SessionError, StrikerError, StrikerLost, StrikerNotFound, StrikerRefused
 from acquire.striker.base import StrikerState
 from schemas.documents import (
     DocumentError,
@@ -32,6 +32,8 @@ WATCHER_RESTART_S = 1.5
 """for the daemon to start a dead `analyze watch` again"""
 POSE_TOLERANCE_RAD = 0.14
 """8 degrees: far above a careful placement, far below a wrong face"""
+SERVO_TIMEOUT_S, SERVO_RETRY_S = 120.0, 0.5
+"""for somebody to see to the servo's cable or supply in the middle of a session, and between two looks"""
 REST_TIMEOUT_S = 5.0
 """for the object to come to rest after a strike"""
 REST_MINIMUM_S = 0.9
@@ -174,7 +176,7 @@ class SessionRunner:
             case s.Arm():
                 return self._arm()
             case s.ClearFault():
-                self._client.call("striker.home")
+                self._clear_fault()
                 return None
             case s.Strike():
                 return self._strike(action)
@@ -240,6 +242,23 @@ class SessionRunner:
         except StrikerError as error:
             return self._striker_failed(error)
         return s.Ready()
+
+    def _clear_fault(self) -> None:
+        """Home the striker again; where its servo is away, wait until somebody has put that right."""
+        end = time.monotonic() + SERVO_TIMEOUT_S
+        said = ""
+        while True:
+            try:
+                self._client.call("striker.home")
+            except (StrikerNotFound, StrikerLost) as error:
+                if time.monotonic() > end:
+                    raise
+                if str(error) != said:
+                    said = str(error)
+                    self._progress(f"waiting for the striker: {said}", *self._machine.progress)
+                time.sleep(SERVO_RETRY_S)
+            else:
+                return
 
     def _striker_failed(self, error: StrikerError) -> s.Event:
         """A fault can be cleared; a refusal without one means that somebody stopped it, and that is an order."""

@@ -247,7 +247,7 @@ class ServoBus:
                 return answer
             except (OSError, termios.error, TypeError) as error:  # TypeError: pyserial closes its descriptor under us
                 self._port.is_using = False  # else COMM_PORT_BUSY for ever
-                raise StrikerLost(f"{self.port}: the port failed ({error}); plug the adapter in again and restart") from None
+                raise StrikerLost(f"{self.port}: the port failed ({error}); plug the adapter in again, then home the striker") from None
 
     def _wait_for_quiet(self, port: BlockingPort, interrupted: Callable[[], bool]) -> None:
         """After a time-out: its answer may still come, and must not be taken for the next one's."""

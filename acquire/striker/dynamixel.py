@@ -85,6 +85,7 @@ class DynamixelStriker(Striker):
         self._ticks = TickClock(clock_sink)
         self._status = StrikerStatus(StrikerState.DISARMED, clock.monotonic_ns())
         self._strike_id = ""
+        self._fault_text = ""
         self._health: ServoHealth | None = None
         self._recent: deque[Sample] = deque(maxlen=3)
         self._stop_requested = False  # a plain flag: setting it is all that a signal handler may do
@@ -425,12 +426,15 @@ class DynamixelStriker(Striker):
             self._set(StrikerState.DISARMED, _Event.DISARMED)
 
     def _fault(self, error: StrikerError) -> None:
+        again = self._status.state is StrikerState.FAULT and str(error) == self._fault_text  # homed in vain
+        self._fault_text = str(error)
         self._status = advance(self._status, StrikerState.FAULT, self._clock.monotonic_ns())
         with contextlib.suppress(StrikerError):
             self._servo.torque_off()
         if isinstance(error, StrikerLost):
             self._servo.close()  # only a port opened anew works again after it was unplugged
-        self._emit(_Event.FAULT, text=str(error))
+        if not again:
+            self._emit(_Event.FAULT, text=str(error))
 
     def _watch_idle(self) -> None:
         """Between the verbs: a slow look at servo and clock, and the arming's end."""

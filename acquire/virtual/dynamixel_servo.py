@@ -111,10 +111,18 @@ class DynamixelServo:
         temporary.symlink_to(os.ttyname(self._slave))
         temporary.replace(self.port_path)
 
+    @property
+    def plugged_in(self) -> bool:
+        """Whether the pty is there."""
+        return self.fd >= 0
+
     def close(self) -> None:
-        """Unplug: the pty and its link vanish."""
-        for fd in (self.fd, self._slave):
-            os.close(fd)
+        """Unplug: the pty and its link vanish. May be repeated."""
+        if self.plugged_in:
+            for fd in (self.fd, self._slave):
+                os.close(fd)
+            self.fd = self._slave = -1
+            self._answers.clear()
         self.port_path.unlink(missing_ok=True)
 
     # --- the arm's side ---------------------------------------------------------------------------------------------

@@ -61,6 +61,14 @@ class OperatorLink:
         """Path of the world's log (see truth_file), complete up to now."""
         return self._call("truth")["path"]
 
+    def servo(self, what: str) -> None:
+        """Break the servo or mend it: "unplug", "plug in", "overload" (which a restart of the servo clears).
+
+        Raises:
+            AcquireError: it cannot do that now.
+        """
+        self._call("servo", what=what)
+
     def quit(self) -> None:
         """Ask the process to end."""
         self._call("quit")

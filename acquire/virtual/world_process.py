@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from acquire.errors import AcquireError
-from acquire.virtual.dynamixel_servo import DynamixelServo
+from acquire.virtual.dynamixel_servo import DynamixelServo, HardwareError
 from acquire.virtual.objects import OBJECT_NAMES, VirtualObject, load_object
 from acquire.virtual.pose_ring import PoseRing
 from acquire.virtual.station import station
@@ -108,11 +108,12 @@ class WorldProcess:
         self.world.step_to(now_ns)
         still = self.world.at_rest and abs(self.world.arm()[1]) < _STILL_RAD_S
         due_ns = self.world.time_ns + (_IDLE_NS if still else TICK_NS)
+        bus = [self.servo.fd] if self.servo.plugged_in else []
         if self.servo.next_answer_ns is not None:
             due_ns = min(due_ns, self.servo.next_answer_ns)
         wait_s = max(0, due_ns - self._clock_ns()) * 1e-9
-        readable, _, _ = select.select([self.servo.fd, self._listener, *self._clients], [], [], wait_s)
-        if self.servo.fd in readable or self.servo.next_answer_ns is not None:
+        readable, _, _ = select.select([*bus, self._listener, *self._clients], [], [], wait_s)
+        if (bus and bus[0] in readable) or self.servo.next_answer_ns is not None:
             now_ns = self._clock_ns()
             self.world.step_to(now_ns)
             self.servo.service(now_ns)
@@ -157,15 +158,29 @@ class WorldProcess:
                     return {"path": str(self._truth.path)}
                 case "state":
                     return self._state()
+                case "servo":
+                    return self._break_servo(request["what"])
                 case "quit":
                     self.stopped = True
                     return {"ok": True}
                 case other:
-                    return {"error": f"virtual world: no method '{other}': place, truth, state and quit exist"}
+                    return {"error": f"virtual world: no method '{other}': place, truth, state, servo and quit exist"}
         except AcquireError as error:
             return {"error": str(error)}
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             return {"error": f"virtual world: request cannot be understood ({type(error).__name__}: {error})"}
+
+    def _break_servo(self, what: str) -> dict[str, Any]:
+        match what:
+            case "unplug":
+                self.servo.close()
+            case "plug in" if not self.servo.plugged_in:
+                self.servo.plug_in()
+            case "overload":
+                self.servo.fail(HardwareError.OVERLOAD)
+            case _:
+                return {"error": f"virtual world: the servo cannot '{what}' now: unplug, plug in (an unplugged one) and overload exist"}
+        return {"ok": True}
 
     def _state(self) -> dict[str, Any]:
         state = self.world.state()

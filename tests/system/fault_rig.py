@@ -27,6 +27,8 @@ from schemas.proto import percuss_pb2 as pb
 from tests.acquire.striker.plant import EFFECTIVE_MASS, Plant
 from tests.acquire.test_session import planned
 
+SLOW_M_S, FAST_M_S = 0.15, 0.3
+"""tip speeds of strikes to break and of strikes to come through"""
 TABLE_VARIABLE = "PERCUSS_FAULT_TABLE"
 """names the file that rows are added to, as JSON lines"""
 RATE_HZ = 120.0
@@ -285,3 +287,24 @@ def contact_event(path: Path) -> pb.StrikerEvent | None:
     """The recorded contact."""
     found = [event for _, event in messages(path, topics.STRIKER_EVENT) if event.kind == pb.StrikerEvent.CONTACT]
     return found[0] if found else None
+
+
+def mid_swing(rig: FaultRig) -> bool:
+    return rig.plant.omega > 1.0 and -0.5 < rig.plant.angle < -0.2
+
+
+def milliseconds(seconds: float) -> str:
+    return f"{1e3 * seconds:.0f} ms"
+
+
+def works_again(rig: FaultRig, daemon: Daemon) -> None:
+    """A recording with a strike, from its beginning to its end."""
+    path = rig.folder / f"again-{time.monotonic_ns()}.mcap"
+    with daemon.client() as client:
+        rig.open_recording(client, path)
+        rig.cocked(client)
+        client.call("window.open")
+        assert client.call("striker.strike", strike_id="s1.1", tip_speed_m_s=FAST_M_S)["contacts"] == 1
+        assert client.call("window.close")["frames"] > 10
+        client.call("recording.close")
+    assert contact_event(path) is not None

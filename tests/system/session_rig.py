@@ -1,0 +1,83 @@
+"""A whole virtual rig with a daemon, for sessions in which something breaks."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from acquire.api import DaemonClient
+from acquire.demo import rig_toml
+from acquire.session_runner import Progress, SessionInput, SessionReport, SessionRunner
+from acquire.virtual.objects import load_object
+from acquire.virtual.operator import VirtualOperator
+from acquire.virtual.operator_link import OperatorLink
+from acquire.virtual.station import calibration_sheet
+from tests.system.fault_rig import Daemon
+
+ADDRESS = "127.0.0.123"
+OBJECT, SEED = "carton", 3
+
+
+def _started(module: str, *arguments: str) -> subprocess.Popen[str]:
+    process = subprocess.Popen([sys.executable, "-m", module, *arguments], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert json.loads(process.stdout.readline())["ready"]
+    return process
+
+
+def _ended(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    process.communicate(timeout=60)
+
+
+@dataclass
+class SessionRig:
+    """The whole virtual rig, its parts at hand."""
+
+    folder: Path
+    cleanup: contextlib.ExitStack
+    said: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        thing = load_object(OBJECT, SEED)
+        (self.folder / "object.toml").write_text(thing.spec_toml)
+        self.common = ["--object", OBJECT, "--seed", str(SEED), "--dir", str(self.folder)]
+        self.cleanup.callback(_ended, _started("acquire.virtual.world_process", *self.common))
+        rig = self.folder / "d.toml"
+        sheet = calibration_sheet(SEED)
+        rig.write_text(rig_toml(sheet, ADDRESS, str(self.folder / "ttyDXL"), self.folder / "d" / "d.sock"))
+        self.camera = self.start_camera()
+        plan = [str(self.folder / "object.toml"), "-o", str(self.folder / "plan.json"), "--rig", str(rig), "--strikes", "3"]
+        subprocess.run([sys.executable, "-m", "analyze", "plan", *plan], check=True, stdout=subprocess.DEVNULL)
+        self.daemon = Daemon(rig)
+        self.cleanup.callback(self.daemon.end)
+        assert self.daemon.ready, self.daemon.complaints
+
+    def start_camera(self) -> subprocess.Popen[str]:
+        camera = _started("acquire.virtual.camera_process", *self.common, "--address", ADDRESS)
+        self.cleanup.callback(_ended, camera)
+        return camera
+
+    def session(self, progress: Progress) -> SessionReport:
+        world = self.world()
+        client = self.cleanup.enter_context(contextlib.closing(DaemonClient(self.daemon.socket)))
+        with contextlib.closing(VirtualOperator(self.daemon.socket, world, SEED)):
+            given = SessionInput(self.folder / "object.toml", self.folder / "plan.json")
+            return SessionRunner(client, given, self.folder / "r.mcap", progress).run()
+
+    def world(self) -> OperatorLink:
+        """A line of one's own to the virtual world."""
+        return self.cleanup.enter_context(contextlib.closing(OperatorLink(self.folder / "world.sock")))
+
+
+@contextlib.contextmanager
+def session_rig() -> Iterator[SessionRig]:
+    """A rig in a folder with a short name, for the sockets."""
+    with tempfile.TemporaryDirectory(prefix="ps-") as name, contextlib.ExitStack() as cleanup:
+        yield SessionRig(Path(name), cleanup)

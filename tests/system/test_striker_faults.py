@@ -1,0 +1,175 @@
+"""The daemon ends, asked to or killed, whatever the striker does at that moment. Rows of docs/faults.md (`make bench-faults`)."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from acquire.api import DaemonClient
+from acquire.recorder.recover import recover
+from acquire.virtual.dynamixel_servo import HardwareError
+from schemas import topics
+from tests.acquire.striker.lateness import Lateness
+from tests.system.fault_rig import (
+    FAST_M_S,
+    SLOW_M_S,
+    FaultRig,
+    Frames,
+    add_row,
+    alive,
+    fault_rig,
+    messages,
+    mid_swing,
+    milliseconds,
+    wait_until,
+    works_again,
+)
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
+
+
+@pytest.fixture
+def rig() -> Iterator[FaultRig]:
+    with fault_rig() as rig:
+        yield rig
+
+
+@pytest.mark.parametrize("with_capture", [False, True], ids=["daemon", "daemon and capture"])
+def test_kill_9_in_mid_strike(rig: FaultRig, with_capture: bool) -> None:
+    rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    anchor = rig.open_recording(client)
+    rig.cocked(client)
+    client.call("window.open")
+    capture, watcher = daemon.capture, daemon.watcher
+    assert capture
+    assert watcher
+    rig.strike_in_background(client, SLOW_M_S)
+    wait_until(lambda: mid_swing(rig), 5.0, 0.001)
+    os.kill(daemon.pid, signal.SIGKILL)
+    killed_ns = time.monotonic_ns()
+    if with_capture:
+        os.kill(capture, signal.SIGKILL)
+    daemon.process.wait()
+    gone_s = wait_until(lambda: not alive(capture) and not alive(watcher), 10.0)
+    time.sleep(max(0.0, 0.4 - gone_s))
+    moved_s = rig.still_after_s(killed_ns)
+    assert moved_s < 0.2
+    assert rig.plant.angle < 0.0  # stopped on its way, not at the object
+    path = rig.recording
+    if with_capture:
+        assert not path.exists()
+        path = rig.folder / "recovered.mcap"
+        recover(Path(f"{rig.recording}.part"), path)
+    assert path.exists()
+    frames = Frames.of(path)
+    samples = messages(path, topics.STRIKER_SAMPLE)
+    killed = anchor + killed_ns
+    frame_s, sample_s = (killed - frames.last_ns) * 1e-9, (killed - samples[-1][0]) * 1e-9
+    assert frame_s < 0.5
+    assert sample_s < 0.5
+    assert abs(frames.unaccounted) < 1.0
+    again = rig.daemon()
+    assert "ready" in again.ready, again.complaints
+    works_again(rig, again)
+    what = "kill -9 of daemon and capture process together, in mid-strike" if with_capture else "kill -9 of the daemon in mid-strike"
+    how = "`acquire recover` saves all but the last" if with_capture else "the capture process finishes the file: all but the last"
+    add_row(
+        what,
+        f"{how} {milliseconds(max(0.0, frame_s))} of frames and {milliseconds(sample_s)} of servo samples; "
+        f"the arm stands after {milliseconds(moved_s)}; no process is left after {gone_s:.1f} s",
+        f"{again.ready_s:.1f} s after `acquire run`",
+    )
+
+
+STATES = ("disarmed", "homing", "homed", "armed", "cocking", "settled", "released", "catch", "fault")
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_sigterm_in_every_state(rig: FaultRig, state: str) -> None:
+    rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    rig.open_recording(client)
+    capture, watcher = daemon.capture, daemon.watcher
+    reach(rig, client, state)
+    sent = time.monotonic()
+    daemon.process.send_signal(signal.SIGTERM)
+    wait_until(lambda: not rig.torque, 5.0)
+    off_s = time.monotonic() - sent
+    assert daemon.process.wait(20) == 0, daemon.complaints
+    end_s = time.monotonic() - sent
+    assert off_s < 0.5
+    assert not alive(capture)
+    assert not alive(watcher)
+    assert not daemon.socket.exists()
+    assert not Path(f"{rig.recording}.part").exists()
+    frames = Frames.of(rig.recording)
+    assert frames.lost == 0
+    assert daemon.complaints == ""
+    add_row(
+        f"SIGTERM: striker {state}, recording",
+        f"nothing: torque off after {milliseconds(off_s)}, file finished, {frames.lost} frames lost, no process left",
+        f"ended after {end_s:.1f} s",
+    )
+
+
+def reach(rig: FaultRig, client: DaemonClient, state: str) -> None:
+    """Bring the striker there; `client` is busy with a verb in the states that move."""
+    verbs = {"homed": ("home",), "armed": ("home", "arm"), "cocking": ("home", "arm"), "fault": ("home",), "homing": (), "disarmed": ()}
+    for verb in verbs.get(state, ("home", "arm", "cock")):
+        client.call(f"striker.{verb}")
+    if state == "disarmed":
+        rig.plant.servo.registers["Torque Enable"] = 1  # as a daemon leaves it that was killed
+    elif state == "homing":
+        rig.in_background(client, "striker.home")
+        wait_until(lambda: rig.torque, 3.0)
+    elif state == "cocking":
+        rig.in_background(client, "striker.cock")
+        time.sleep(0.05)
+    elif state == "released":
+        rig.strike_in_background(client, SLOW_M_S)
+        wait_until(lambda: mid_swing(rig), 5.0, 0.001)
+    elif state == "catch":
+        rig.plant.restore(gap=0.0)
+        rig.strike_in_background(client, FAST_M_S)
+        wait_until(lambda: rig.plant.touches and rig.plant.angle < -0.1, 5.0, 0.001)
+    elif state == "fault":
+        rig.plant.servo.fail(HardwareError.INPUT_VOLTAGE)
+        wait_until(lambda: client.call("status")["striker"] == "fault", 3.0, 0.02)
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_kill_9_in_every_state(rig: FaultRig, state: str) -> None:
+    rig.camera()
+    daemon = rig.daemon()
+    client = rig.client(daemon)
+    capture, watcher = daemon.capture, daemon.watcher
+    reach(rig, client, state)
+    with Lateness() as lateness:
+        killed_ns = time.monotonic_ns()
+        daemon.process.kill()
+        wait_until(lambda: not rig.torque, 5.0, 0.001)
+        off_s = (time.monotonic_ns() - killed_ns) * 1e-9
+        time.sleep(0.1)
+    allowed_s = 5 * lateness.worst_s
+    assert off_s < 0.2 + allowed_s
+    moved_s = rig.still_after_s(killed_ns)
+    assert moved_s < 0.2 + allowed_s
+    assert rig.plant.angle < 0.0
+    daemon.process.wait()
+    wait_until(lambda: not alive(capture) and not alive(watcher), 10.0)
+    again = rig.daemon()
+    assert "ready" in again.ready, again.complaints
+    rig.cocked(rig.client(again))
+    add_row(
+        f"kill -9 of the daemon: striker {state}",
+        f"torque off after {milliseconds(off_s)}; the arm moves for {milliseconds(moved_s)}",
+        f"{again.ready_s:.1f} s after `acquire run`",
+    )
