@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -27,6 +28,23 @@ class Heard:
 
     def striker(self, config: StrikerConfig) -> DynamixelStriker:
         return DynamixelStriker(config, self.samples.append, self.events.append, self.clocks.append, SystemClock())
+
+    @contextlib.contextmanager
+    def opened(self, config: StrikerConfig) -> Iterator[DynamixelStriker]:
+        """An open striker, closed in the end."""
+        striker = self.striker(config)
+        striker.open()
+        try:
+            yield striker
+        finally:
+            striker.close()
+
+
+def cocked(striker: DynamixelStriker) -> None:
+    """Homed, armed and settled at the cocked angle."""
+    striker.home()
+    striker.arm()
+    striker.cock()
 
 
 def wait_for(condition: Callable[[], bool], timeout_s: float, pause_s: float = 0.005) -> bool:

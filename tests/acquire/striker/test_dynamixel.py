@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import threading
 import time
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,18 +14,28 @@ import pytest
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerRefused
 from acquire.striker.base import StrikerState
 from acquire.virtual.dynamixel_servo import HardwareError
-from tests.acquire.striker.conftest import wait_for
+from tests.acquire.striker.conftest import Heard, cocked, wait_for
 from tests.acquire.striker.plant import ARM_LENGTH, Plant
+
+CONTACT_SD_MS = 0.3
+"""at 1 kHz"""
+WELL_READ_MS = 2.2
+"""the longest time between reads of which that is asked; by plan it is 1.4 ms and the read's own time"""
+
+
+def bracket_ms(heard: Heard, time_ns: int) -> float:
+    """The longest time about a contact from the beginning of one read to the end of the next."""
+    near = [s for s in heard.samples if -10_000_000 < s.host_before_ns - time_ns < 10_000_000]
+    gaps = [later.host_after_ns - earlier.host_before_ns for earlier, later in pairwise(near)]
+    return 1e-6 * max(gaps, default=20_000_000)
 
 
 def test_a_strike_is_one_contact_at_the_commanded_speed_and_a_known_time(plant: Plant, heard: Any) -> None:
     rng = random.Random(1)
-    striker = heard.striker(plant.config())
-    striker.open()
-    try:
+    with heard.opened(plant.config()) as striker:
         striker.home()
         assert striker.state is StrikerState.HOMED
-        error_ms, sd_ms = [], []
+        error_ms, allowed_ms = [], []
         for number, speed in enumerate((0.25, 0.3, 0.36, 0.45)):
             plant.restore(gap=rng.uniform(-0.0007, 0.0007))
             striker.arm()
@@ -37,32 +48,29 @@ def test_a_strike_is_one_contact_at_the_commanded_speed_and_a_known_time(plant: 
             assert outcome.tip_speed_m_s == pytest.approx(truth.tip_speed, rel=0.03)
             assert outcome.tip_speed_m_s == pytest.approx(speed, rel=0.03)
             assert outcome.contact_time_ns is not None
-            assert outcome.impulse_n_s is not None
-            assert abs(outcome.impulse_n_s - truth.impulse) < 4 * outcome.impulse_sd_n_s
             error_ms.append((outcome.contact_time_ns - truth.time_ns) * 1e-6)
-            sd_ms.append(outcome.contact_time_sd_ns * 1e-6)
-        # Plant and striker share one interpreter here, which a busy host stretches; `make bench-striker` has them apart: 0.3 ms rms.
-        assert np.sqrt(np.mean(np.square(error_ms))) < max(1.2, 2 * float(np.sqrt(np.mean(np.square(sd_ms)))))
+            sd_ms = outcome.contact_time_sd_ns * 1e-6
+            gap_ms = bracket_ms(heard, truth.time_ns)
+            if gap_ms < WELL_READ_MS:
+                assert sd_ms < CONTACT_SD_MS
+                assert outcome.impulse_n_s is not None
+            if outcome.impulse_n_s is not None:
+                assert abs(outcome.impulse_n_s - truth.impulse) < 4 * outcome.impulse_sd_n_s
+            allowed_ms.append(max(CONTACT_SD_MS, sd_ms, gap_ms - WELL_READ_MS))
+        # Plant and striker share one interpreter here, which a busy host stretches; `make bench-striker` has them apart.
+        assert np.sqrt(np.mean(np.square(error_ms))) < 1.5 * np.sqrt(np.mean(np.square(allowed_ms)))  # 99.7 % of four
         cycle = ["ARMED", "COCKED", "RELEASED", "CONTACT", "CAUGHT", "VERIFIED", "DISARMED"]
         assert heard.kinds() == ["HOMED", *cycle * 4]
         assert {event.strike_id for event in heard.events} == {"", "s0", "s1", "s2", "s3"}
         assert abs(plant.angle - plant.config().cocked_angle_rad) < 0.01  # parked, torque on
-    finally:
-        striker.close()
 
 
 def test_samples_and_clock_bounds_hold_the_truth(plant: Plant, heard: Any) -> None:
     plant.restore(gap=0.0)
-    striker = heard.striker(plant.config())
-    striker.open()
-    try:
-        striker.home()
-        striker.arm()
-        striker.cock()
+    with heard.opened(plant.config()) as striker:
+        cocked(striker)
         outcome = striker.strike("s", 0.3)
         time.sleep(1.1)
-    finally:
-        striker.close()
     history = np.array(plant.history)
     middle = np.array([(s.host_before_ns + s.host_after_ns) / 2 for s in heard.samples])
     position = np.array([s.position_rad for s in heard.samples])
@@ -82,26 +90,18 @@ def test_samples_and_clock_bounds_hold_the_truth(plant: Plant, heard: Any) -> No
 
 
 def test_without_an_object_it_still_turns_back(plant: Plant, heard: Any) -> None:
-    striker = heard.striker(plant.config())
-    striker.open()
-    try:
-        striker.home()
-        striker.arm()
-        striker.cock()
+    with heard.opened(plant.config()) as striker:
+        cocked(striker)
         plant.history.clear()
         outcome = striker.strike("s", 0.36)
         reached = max(angle for _, angle, _ in plant.history) * ARM_LENGTH
         assert reached < 0.012  # 2 mm beyond, and the way to brake
         assert outcome.contact_time_sd_ns > 1e6
         assert outcome.impulse_n_s is None
-    finally:
-        striker.close()
 
 
 def test_interlocks(plant: Plant, heard: Any) -> None:
-    striker = heard.striker(plant.config(arming_expires_s=0.5))
-    striker.open()
-    try:
+    with heard.opened(plant.config(arming_expires_s=0.5)) as striker:
         with pytest.raises(StrikerRefused, match="home"):
             striker.arm()
         striker.home()
@@ -120,14 +120,10 @@ def test_interlocks(plant: Plant, heard: Any) -> None:
         striker.stop()
         assert striker.state is StrikerState.DISARMED
         assert not any(kind == "RELEASED" for kind in heard.kinds())
-    finally:
-        striker.close()
 
 
 def test_an_alert_is_a_fault_and_takes_the_torque_off(plant: Plant, heard: Any) -> None:
-    striker = heard.striker(plant.config())
-    striker.open()
-    try:
+    with heard.opened(plant.config()) as striker:
         striker.home()
         plant.servo.fail(HardwareError.INPUT_VOLTAGE)  # not in Shutdown: the servo itself goes on
         assert wait_for(lambda: heard.kinds()[-1] == "FAULT", 2.0)
@@ -144,17 +140,11 @@ def test_an_alert_is_a_fault_and_takes_the_torque_off(plant: Plant, heard: Any) 
         with pytest.raises(StrikerFault, match="overload"):
             striker.strike("s", 0.3)
         assert striker.state is StrikerState.FAULT
-    finally:
-        striker.close()
 
 
 def test_silence_in_the_swing_is_a_fault_and_the_watchdog_stops_the_arm(plant: Plant, heard: Any) -> None:
-    striker = heard.striker(plant.config())
-    striker.open()
-    try:
-        striker.home()
-        striker.arm()
-        striker.cock()
+    with heard.opened(plant.config()) as striker:
+        cocked(striker)
         threading.Timer(0.06, plant.frozen.set).start()  # the cable breaks; the servo itself lives on
         with pytest.raises(StrikerLost, match="silent"):
             striker.strike("s", 0.1)
@@ -166,17 +156,11 @@ def test_silence_in_the_swing_is_a_fault_and_the_watchdog_stops_the_arm(plant: P
         time.sleep(0.05)
         striker.home()
         assert striker.state is StrikerState.HOMED
-    finally:
-        striker.close()
 
 
 def test_a_host_that_stood_still_on_the_way_back_goes_on(plant: Plant, heard: Any) -> None:
-    striker = heard.striker(plant.config())
-    striker.open()
-    try:
-        striker.home()
-        striker.arm()
-        striker.cock()
+    with heard.opened(plant.config()) as striker:
+        cocked(striker)
 
         def stand_still(sample: Any) -> None:
             heard.samples.append(sample)
@@ -189,8 +173,6 @@ def test_a_host_that_stood_still_on_the_way_back_goes_on(plant: Plant, heard: An
         assert stood_still
         assert abs(plant.angle - plant.config().cocked_angle_rad) < 0.01
         assert striker.state is StrikerState.DISARMED
-    finally:
-        striker.close()
 
 
 def test_limits_stand_in_the_eeprom_and_survive_a_second_open(plant: Plant, heard: Any) -> None:
@@ -212,11 +194,7 @@ def test_limits_stand_in_the_eeprom_and_survive_a_second_open(plant: Plant, hear
 
 
 def test_a_blocked_arm_is_a_fault(plant: Plant, heard: Any) -> None:
-    striker = heard.striker(plant.config(current_limit_a=0.005, arming_expires_s=1.0))
-    striker.open()
-    try:
+    with heard.opened(plant.config(current_limit_a=0.005, arming_expires_s=1.0)) as striker:
         with pytest.raises(StrikerError, match="moves freely"):
             striker.home()
         assert striker.state is StrikerState.FAULT
-    finally:
-        striker.close()

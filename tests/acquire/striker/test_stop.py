@@ -12,7 +12,7 @@ import pytest
 from acquire.errors import StrikerRefused
 from acquire.striker.base import StrikerState
 from acquire.striker.dynamixel import DynamixelStriker
-from tests.acquire.striker.conftest import Heard, wait_for
+from tests.acquire.striker.conftest import Heard, cocked, wait_for
 from tests.acquire.striker.lateness import Lateness
 from tests.acquire.striker.plant import ARM_LENGTH, Plant
 
@@ -50,12 +50,8 @@ def stop_when(striker: DynamixelStriker, condition: Callable[[], bool], before: 
 
 def stopped_in_the_swing(plant: Plant, heard: Heard, speed: float, trouble: Callable[[Plant], None]) -> tuple[float, float]:
     """How long the arm moved on, and how late this host was meanwhile [s]."""
-    striker = heard.striker(plant.config())
-    striker.open()
-    try:
-        striker.home()
-        striker.arm()
-        striker.cock()
+    with heard.opened(plant.config()) as striker:
+        cocked(striker)
         with Lateness() as lateness:
             when = stop_when(striker, lambda: plant.omega > 0.9 * speed / ARM_LENGTH, lambda: trouble(plant))
             with pytest.raises(StrikerRefused, match="stopped on request"):
@@ -73,8 +69,6 @@ def stopped_in_the_swing(plant: Plant, heard: Heard, speed: float, trouble: Call
         striker.home()
         assert "STOPPED" in heard.kinds()
         return moved_s, lateness.worst_s
-    finally:
-        striker.close()
 
 
 @pytest.mark.parametrize("trouble", [lambda _: None, frame_lost, answers_late], ids=["a good bus", "a frame lost", "answers 8 ms late"])
@@ -86,15 +80,13 @@ def test_a_swing_ends_within_20_ms(plant: Plant, heard: Any, speed: float, troub
 
 @pytest.mark.parametrize("motion", ["homing", "cocking", "turned back", "catch"])
 def test_every_motion_ends_within_20_ms(plant: Plant, heard: Any, motion: str) -> None:
-    striker = heard.striker(plant.config())
-    under_way = {
-        "homing": lambda: plant.omega < -0.2,
-        "cocking": lambda: striker.state is StrikerState.COCKING,  # parked there already, it need not move
-        "turned back": lambda: plant.omega < -2.0,
-        "catch": lambda: plant.omega < -0.5 and plant.angle < -0.3,
-    }
-    striker.open()
-    try:
+    with heard.opened(plant.config()) as striker:
+        under_way = {
+            "homing": lambda: plant.omega < -0.2,
+            "cocking": lambda: striker.state is StrikerState.COCKING,  # parked there already, it need not move
+            "turned back": lambda: plant.omega < -2.0,
+            "catch": lambda: plant.omega < -0.5 and plant.angle < -0.3,
+        }
         if motion != "homing":
             striker.home()
             striker.arm()
@@ -109,14 +101,10 @@ def test_every_motion_ends_within_20_ms(plant: Plant, heard: Any, motion: str) -
         assert striker.state is StrikerState.DISARMED
         assert abs(plant.omega) < 0.1
         striker.home()
-    finally:
-        striker.close()
 
 
 def test_a_stop_while_nothing_moves_moves_nothing(plant: Plant, heard: Any) -> None:
-    striker = heard.striker(plant.config())
-    striker.open()
-    try:
+    with heard.opened(plant.config()) as striker:
         striker.stop()
         assert striker.state is StrikerState.DISARMED
         striker.home()
@@ -127,5 +115,3 @@ def test_a_stop_while_nothing_moves_moves_nothing(plant: Plant, heard: Any) -> N
             striker.stop()
             assert striker.state in {StrikerState.HOMED, StrikerState.DISARMED}
             assert moving_s(plant, begun_ns, 0.1) == 0.0
-    finally:
-        striker.close()
