@@ -20,8 +20,8 @@ from acquire.heart import SILENCE_S
 from acquire.recorder.edit import read_manifest
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
-from tests.system.fault_rig import RATE_HZ, FaultRig, Frames, add_row, fault_rig, messages, wait_until
-from tests.system.test_faults import FAST_M_S, milliseconds, wait_for_frames, works_again
+from tests.system.fault_rig import FAST_M_S, RATE_HZ, FaultRig, Frames, add_row, fault_rig, messages, milliseconds, wait_until, works_again
+from tests.system.test_faults import wait_for_frames
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
 

@@ -21,7 +21,6 @@ import pytest
 
 from acquire.api import DaemonClient
 from acquire.errors import AcquireError, RecorderError
-from acquire.recorder.recover import recover
 from schemas import topics
 from tests.system.fault_rig import (
     ADDRESS,
