@@ -82,6 +82,11 @@ class Shape(Document):
     file: str | None = None
     unit: LengthUnit | None = None
     scale_sd: float = Field(default=0.0, ge=0, description="relative 1 sigma of the shape's scale")
+    surface_sd_m: float = Field(
+        default=0.0,
+        ge=0,
+        description="1 sigma of how far all of the surface may lie off together (a scanner's bias), which more points do not lessen",
+    )
     box: Box | None = None
     cylinder: Cylinder | None = None
 
@@ -92,6 +97,8 @@ class Shape(Document):
             raise ValueError(f"give exactly one of file, box, cylinder (found {', '.join(given) or 'none'})")
         if self.file is not None and self.unit is None:
             raise ValueError('a shape file needs its unit: unit = "mm" (or "m", "cm", "in")')
+        if self.surface_sd_m > THICKEST_M:
+            raise ValueError(f"surface_sd_m = {self.surface_sd_m:g} m is no scanner's error: it is in metres")
         if self.file is None and self.unit is not None:
             raise ValueError("unit belongs to a shape file; box and cylinder are in metres")
         return self

@@ -17,15 +17,19 @@ OWNERS = {
     "dynamixel_sdk": {"acquire/striker/"},
     "serial": {"acquire/striker/"},
     "rerun": {"analyze/replay"},
-    "trimesh": {"analyze/geometry/object_model.py"},
+    "trimesh": {"analyze/geometry/mesh_files.py"},
+    "laspy": {"analyze/geometry/cloud_files.py"},
+    "manifold3d": {"analyze/geometry/mesh_repair.py"},
     "mcap": {"acquire/recorder/", "analyze/recording.py"},
     "mujoco": {"acquire/virtual/"},
 }
 STDLIB = {"__future__", "collections", "dataclasses", "enum", "functools", "itertools", "math", "typing"}
 FOUNDATION = STDLIB | {"numpy", "scipy", "analyze.errors", "analyze.types", "schemas.documents"}
 """what every pure package may use; `schemas.documents` for its types"""
+SHAPE_FORMATS = {"trimesh", "manifold3d", "laspy", "json", "struct", "warnings", "zipfile.ZipFile"}
+"""what turns a shape file's bytes into arrays, in memory"""
 PURE = {
-    "analyze/geometry": FOUNDATION | {"analyze.geometry", "trimesh", "io.BytesIO", "pathlib.PurePath"},
+    "analyze/geometry": FOUNDATION | {"analyze.geometry", "io.BytesIO", "pathlib.PurePath"} | SHAPE_FORMATS,
     "analyze/planning": FOUNDATION | {"analyze.planning", "analyze.geometry"},
     "analyze/tracking": FOUNDATION | {"analyze.tracking", "cv2"},
     "analyze/motion": FOUNDATION | {"analyze.motion", "analyze.tracking"},

@@ -1,4 +1,4 @@
-"""The object's exterior in O, from a shape file or a primitive, checked and in metres. The only user of trimesh."""
+"""The object's exterior in O, from a shape file or a primitive, checked and in metres."""
 
 # scipy and trimesh are only partly typed; their unknowns are no mistakes of ours.
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from io import BytesIO
 from pathlib import PurePath
 
 import numpy as np
-import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
 from analyze.errors import ShapeError
-from analyze.geometry import distance, polyhedron
+from analyze.geometry import cloud_files, distance, mesh_files, polyhedron
+from analyze.geometry.cloud_surface import CloudSurface, cloud_surface, line_sd
+from analyze.geometry.mesh_repair import closed_mesh
 from analyze.types import Array, IntArray
 from schemas.documents import Box, Cylinder, LengthUnit, ObjectSpec
 
@@ -25,7 +25,14 @@ SMALLEST_EXTENT = 0.005
 LARGEST_EXTENT = 1.5
 DENSITIES = (2.0, 12_000.0)
 """kg/m^3, between which unit and mass are believed; lead has 11 300"""
-FORMATS = ("stl", "obj", "ply")
+LINE_SD = 5e-5
+"""m, of an edge's place across itself, in a shape that is taken as exact"""
+BARE = 0.01
+"""part of a cloud's surface without points from which it is said"""
+HOLLOW = 0.02
+"""part of a cloud's points in hollows from which it is said"""
+NOISY = 3e-4
+"""m of scatter from which a cloud's bias is worth a word"""
 CONVEX_TOLERANCE = 1e-3
 """relative difference of the hull's volume up to which a mesh counts as convex"""
 
@@ -54,6 +61,10 @@ class ObjectModel:
     primitive: Box | Cylinder | None
     warnings: tuple[str, ...]
     """what was repaired, and what looks odd"""
+    surface_sd: float = 0.0
+    """m, 1 sigma of how far all of the surface may lie off together"""
+    cloud: CloudSurface | None = None
+    """how the exterior was made of a point cloud"""
 
     @property
     def extent(self) -> Array:
@@ -84,6 +95,13 @@ class ObjectModel:
         if self._convex:
             return distance.convex_depth(self.hull_planes, points)
         return distance.mesh_depth(self._index, self.vertices, self.faces, points)
+
+    def edge_sd(self, ends: Array) -> float:
+        """1 sigma [m] of the place, across itself, of an edge of the hull with `ends` (2, 3): the fit's or `LINE_SD`, and the surface's."""
+        own = LINE_SD
+        if self.cloud is not None:
+            own = line_sd(self.cloud.planes, self.cloud.smooth_sd, self.cloud.noise.spacing, ends)
+        return float(np.hypot(max(own, LINE_SD), self.surface_sd))
 
     def uniform_inertia(self, mass: float) -> Array:
         """Inertia tensor (3, 3) about the centroid [kg m^2], if `mass` [kg] filled the volume evenly."""
@@ -132,20 +150,80 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
         return _model(spec, vertices, faces, shape.cylinder, ())
     if shape_bytes is None or shape.unit is None:
         raise ShapeError(f"{shape_name}: the shape file's content is missing: it belongs beside the object file")
-    vertices, faces = _read_mesh(shape_bytes, shape_name)
-    vertices = vertices * shape.unit.metres
-    faces, warnings = _closed_and_outward(vertices, faces, shape_name)
+    suffix = PurePath(shape_name).suffix.lower().removeprefix(".")
+    known = dict.fromkeys((*mesh_files.FORMATS, *cloud_files.FORMATS))
+    if suffix not in known:
+        raise ShapeError(f"{shape_name}: shape files are {', '.join(known).upper()}: convert it")
+    if suffix not in mesh_files.FORMATS or (suffix == "ply" and not mesh_files.ply_has_faces(shape_bytes)):
+        return _from_cloud(spec, shape_bytes, shape_name, suffix, shape.unit)
+    raw = mesh_files.read_mesh(shape_bytes, shape_name, suffix, shape.unit)
+    _refuse_size(shape_name, np.ptp(raw.vertices, axis=0) * shape.unit.metres, shape.unit)
+    mesh = closed_mesh(raw.vertices * shape.unit.metres, raw.faces, shape_name)
+    return _checked(spec, mesh.vertices, mesh.faces, shape_name, shape.unit, mesh.notes, None)
+
+
+def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: LengthUnit) -> ObjectModel:
+    points, notes = cloud_files.read_cloud(data, name, suffix)
+    points = points * unit.metres
+    # Strays lie anywhere: the size is that of the middle 98 %.
+    low, high = np.quantile(points, [0.01, 0.99], axis=0)
+    _refuse_size(name, high - low, unit)
+    try:
+        surface = cloud_surface(points)
+    except (ValueError, ArithmeticError, QhullError) as error:
+        reason = str(error).partition("\n")[0]
+        raise ShapeError(f"{name}: no exterior can be made of it ({reason}): scan the object from all sides") from None
+    return _checked(spec, surface.vertices, surface.faces, name, unit, (*notes, *_cloud_notes(surface, spec, name)), surface)
+
+
+def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str]:
+    scatter = max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
+    notes = [f"{name}: a point cloud; its exterior is the hull of {len(surface.planes)} fitted planes and smoothed curves"]
+    if surface.strays:
+        notes.append(f"{name}: {surface.strays} stray points are left out")
+    if surface.hollow_share > HOLLOW:
+        share, deep = 100 * surface.hollow_share, 1000 * surface.hollow_depth
+        notes.append(
+            f"{name}: {share:.0f} % of the points lie up to {deep:.0f} mm below the hull: hollows count as filled; give a mesh to keep them"
+        )
+    if surface.bare_share > BARE:
+        share = 100 * surface.bare_share
+        notes.append(
+            f"{name}: {share:.0f} % of the surface has no points and is closed flat: do not stand the object on it, or scan that side too"
+        )
+    if scatter > NOISY and spec.shape.surface_sd_m == 0:
+        scatter_mm = 1000 * scatter
+        notes.append(
+            f"{name}: scatters by {scatter_mm:.1f} mm; whether outwards on the whole the points cannot show: declare shape.surface_sd_m"
+        )
+    return notes
+
+
+def _checked(
+    spec: ObjectSpec,
+    vertices: Array,
+    faces: IntArray,
+    name: str,
+    unit: LengthUnit,
+    notes: tuple[str, ...],
+    cloud: CloudSurface | None,
+) -> ObjectModel:
     properties = polyhedron.mass_properties(vertices, faces)
     extent = np.ptp(vertices, axis=0)
     if properties.volume <= 1e-6 * float(extent.max()) ** 3:
-        raise ShapeError(
-            f"{shape_name}: holds no volume ({properties.volume * 1e6:.3g} cm3): it is flat or folded; export the solid's exterior"
-        )
-    _believable(shape_name, extent, properties.volume, spec.mass_kg, shape.unit)
-    return _model(spec, vertices, faces, None, warnings)
+        raise ShapeError(f"{name}: holds no volume ({properties.volume * 1e6:.3g} cm3): it is flat or folded; export the solid's exterior")
+    _believable(name, extent, properties.volume, spec.mass_kg, unit)
+    return _model(spec, vertices, faces, None, notes, cloud)
 
 
-def _model(spec: ObjectSpec, vertices: Array, faces: IntArray, primitive: Box | Cylinder | None, warnings: tuple[str, ...]) -> ObjectModel:
+def _model(
+    spec: ObjectSpec,
+    vertices: Array,
+    faces: IntArray,
+    primitive: Box | Cylinder | None,
+    warnings: tuple[str, ...],
+    cloud: CloudSurface | None = None,
+) -> ObjectModel:
     hull = ConvexHull(vertices)
     if isinstance(primitive, Cylinder):
         r, h = primitive.radius_m, primitive.height_m
@@ -165,81 +243,31 @@ def _model(spec: ObjectSpec, vertices: Array, faces: IntArray, primitive: Box | 
         unit_inertia=properties.unit_inertia,
         primitive=primitive,
         warnings=warnings,
+        surface_sd=spec.shape.surface_sd_m,
+        cloud=cloud,
     )
 
 
-def _read_mesh(data: bytes, name: str) -> tuple[Array, IntArray]:
-    suffix = PurePath(name).suffix.lower().removeprefix(".")
-    if suffix not in FORMATS:
-        raise ShapeError(f"{name}: shape files are {', '.join(FORMATS).upper()}: convert it")
-    try:
-        mesh = trimesh.load_mesh(BytesIO(data), file_type=suffix, process=False)
-        raw_vertices = np.asarray(mesh.vertices, dtype=np.float64)
-        raw_faces = np.asarray(mesh.faces, dtype=np.int64)
-    except Exception:  # trimesh's readers raise whatever the damaged byte leads to
-        raise ShapeError(f"{name}: cannot be read as {suffix.upper()}: it is damaged or of another format: export it anew") from None
-    if raw_faces.ndim != 2 or len(raw_faces) < 4 or raw_faces.max() >= len(raw_vertices):
-        raise ShapeError(f"{name}: holds no faces of a closed body: export the solid's exterior as {suffix.upper()} again")
-    if not np.isfinite(raw_vertices).all():
-        raise ShapeError(f"{name}: holds coordinates that are no numbers: export it anew")
-    # STL repeats every vertex per face, OBJ per texture seam: equal to 1e-7 of the size is the same vertex.
-    step = float(np.ptp(raw_vertices, axis=0).max()) * 1e-7
-    if step == 0:
-        raise ShapeError(f"{name}: all vertices coincide: export it anew")
-    _, first, inverse = np.unique(np.round(raw_vertices / step), axis=0, return_index=True, return_inverse=True)
-    faces = inverse.ravel()[raw_faces].astype(np.int64)
-    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    return raw_vertices[first], faces[whole]
-
-
-def _closed_and_outward(vertices: Array, faces: IntArray, name: str) -> tuple[IntArray, tuple[str, ...]]:
-    holes = polyhedron.open_edges(faces)
-    if holes:
-        raise ShapeError(f"{name}: not a closed body ({holes} open edges): close the holes, or give a primitive (box, cylinder) instead")
-    faces, body, turned = polyhedron.wound_alike(faces)
-    faces, inside_out = polyhedron.outward(vertices, faces, body)
-    warnings: list[str] = []
-    if turned:
-        warnings.append(f"{name}: {turned} faces were wound against their neighbours and have been turned")
-    if inside_out:
-        warnings.append(f"{name}: the normals pointed inwards and have been turned outwards")
-    kept = _exterior_bodies(vertices, faces, body)
-    if len(kept) < int(body.max()) + 1:
-        warnings.append(f"{name}: inner surfaces are ignored: only the exterior counts")
-        faces = faces[np.isin(body, kept)]
-    if len(kept) > 1:
-        warnings.append(f"{name}: {len(kept)} separate bodies; where they overlap, volume counts twice")
-    try:
-        ConvexHull(vertices)
-    except QhullError:
-        raise ShapeError(f"{name}: all vertices lie in one plane: export the solid's exterior") from None
-    return faces, tuple(warnings)
-
-
-def _exterior_bodies(vertices: Array, faces: IntArray, body: IntArray) -> list[int]:
-    """Bodies that do not lie inside another one."""
-    count = int(body.max()) + 1
-    if count == 1:
-        return [0]
-    probes = np.array([vertices[faces[body == index][0]].mean(axis=0) for index in range(count)])
-    buried = np.zeros(count, dtype=bool)
-    for index in range(count):
-        within = polyhedron.inside(vertices, faces[body == index], probes)
-        within[index] = False
-        buried |= within
-    return [index for index in range(count) if not buried[index]]
-
-
 def _believable(name: str, extent: Array, volume: float, mass: float, unit: LengthUnit | None) -> None:
+    _refuse_size(name, extent, unit)
     longest = float(extent.max())
-    size = " x ".join(f"{edge * 1000:.4g}" for edge in extent)
-    given = f' with unit = "{unit.value}"' if unit is not None else ""
-    if not SMALLEST_EXTENT <= longest <= LARGEST_EXTENT:
-        raise ShapeError(f"{name}: {size} mm{given} is no object to strike: {_other_unit(longest, unit)}")
+    size, given = _size(extent, unit)
     density = mass / volume
     if not DENSITIES[0] <= density <= DENSITIES[1]:
         remedy = f"{_other_unit(longest, unit)}, or correct mass_kg (in kilograms)"
-        raise ShapeError(f"{name}: {size} mm{given} at {mass:g} kg means {density:.3g} kg/m3: {remedy}")
+        raise ShapeError(f"{name}: {size}{given} at {mass:g} kg means {density:.3g} kg/m3: {remedy}")
+
+
+def _refuse_size(name: str, extent: Array, unit: LengthUnit | None) -> None:
+    longest = float(extent.max())
+    if not SMALLEST_EXTENT <= longest <= LARGEST_EXTENT:
+        size, given = _size(extent, unit)
+        raise ShapeError(f"{name}: {size}{given} is no object to strike: {_other_unit(longest, unit)}")
+
+
+def _size(extent: Array, unit: LengthUnit | None) -> tuple[str, str]:
+    scale, word = (1.0, "m") if float(extent.max()) > LARGEST_EXTENT else (1000.0, "mm")
+    return " x ".join(f"{edge * scale:.4g}" for edge in extent) + f" {word}", f' with unit = "{unit.value}"' if unit is not None else ""
 
 
 def _other_unit(longest: float, unit: LengthUnit | None) -> str:

@@ -112,7 +112,15 @@ def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array)
 
 
 def inside(vertices: Array, faces: IntArray, points: Array) -> BoolArray:
-    """Which of `points` (n, 3) lie inside, as bool (n,): signed crossings of a ray, faces sorted into a grid across it."""
+    """Which of `points` (n, 3) lie inside, as bool (n,)."""
+    return np.asarray(winding(vertices, faces, points) > 0)
+
+
+def winding(vertices: Array, faces: IntArray, points: Array) -> IntArray:
+    """How often the closed surface runs round each of `points` (n, 3): 1 inside, 0 outside; other where it runs through itself.
+
+    Signed crossings of a ray, faces sorted into a grid across it.
+    """
     turned = vertices @ RAY_TURN.T
     probe = points @ RAY_TURN.T
     corners = turned[faces]
@@ -139,7 +147,7 @@ def inside(vertices: Array, faces: IntArray, points: Array) -> BoolArray:
             point = np.repeat(chunk, many)
             offset = np.arange(len(point)) - np.repeat(np.cumsum(many) - many, many)
             np.add.at(crossings, point, _crossing(probe[point], corners[face[np.repeat(start[home], many) + offset]]))
-    return np.asarray(crossings > 0)
+    return crossings
 
 
 def _crossing(points: Array, triangles: Array) -> IntArray:

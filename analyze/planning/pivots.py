@@ -14,8 +14,6 @@ from analyze.planning.stable_planes import RestingPlane, plane_basis
 from analyze.types import Array
 from schemas.documents import ObjectSpec
 
-LINE_SD = 5e-5
-"""m, of an edge's position across itself, in a shape that is taken as exact"""
 BRIDGED_SD = 3e-4
 """m, where the edge joins two corners and no face ends there"""
 RIM_TURN = np.radians(20.0)
@@ -123,7 +121,8 @@ def _axis(
     contact = edge[0] + direction * float(direction @ (beside - edge[0]))
     level = float(contact @ plane.up)
     point = contact + plane.up * (plane.level - level + radius) - tip * inset
-    sd = LINE_SD if wall is not None else float(np.hypot(LINE_SD, BRIDGED_SD))
+    own = model.edge_sd(np.array(edge))
+    sd = own if wall is not None else float(np.hypot(own, BRIDGED_SD))
     return PivotAxis(name, plane, direction, tip, point, radius, sd, rolls)
 
 

@@ -115,7 +115,7 @@ def test_formats_and_units():
 @pytest.mark.parametrize(
     ("triangles", "unit", "says"),
     [
-        (box_triangles(SIZE)[1:], "mm", "open edges"),
+        (box_triangles(SIZE)[[1, 2, 3, 4, 6, 7, 8, 9, 10, 11]], "mm", "open edges"),
         (box_triangles(SIZE), "m", 'unit = "mm"'),
         (box_triangles(SIZE / 1000), "mm", 'unit = "m"'),
         (box_triangles(SIZE * [1, 1, 0]), "mm", "thing.stl: "),

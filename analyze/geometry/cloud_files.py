@@ -1,0 +1,193 @@
+"""Point clouds from files' bytes: PLY, PCD, XYZ, LAS and LAZ, in the file's own unit. Points that are no numbers are left out.
+
+PCD is read here: its specification is short, and the libraries for it are heavy or need a compiler.
+"""
+
+# laspy and trimesh are only partly typed; their unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
+from __future__ import annotations
+
+import struct
+import warnings
+from io import BytesIO
+
+import numpy as np
+
+from analyze.errors import ShapeError
+from analyze.geometry.mesh_files import refuse_false_ply_counts
+from analyze.types import Array
+
+FORMATS = ("ply", "pcd", "xyz", "las", "laz")
+FEWEST = 200
+"""points, from which an exterior can be made"""
+MOST = 60_000
+"""points that are used; of more, every n-th: more say nothing more of the planes"""
+MOST_UNPACKED = 100
+"""times its packed size that a LAZ file may have; it packs 5 to 20 times"""
+PCD_TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
+    (kind, size): f"<{letter}{size}" for kind, letter in (("I", "i"), ("U", "u")) for size in (1, 2, 4, 8)
+}
+PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8"} | {
+    f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint", "float") for size in (1, 2, 4, 8)
+}
+
+
+def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, ...]]:
+    """Points (n, 3) of a point cloud file, and what was left out.
+
+    Raises:
+        ShapeError: not readable, or fewer than `FEWEST` points.
+    """
+    readers = {"ply": _ply, "pcd": _pcd, "xyz": _xyz, "las": _las, "laz": _las}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            points = np.asarray(readers[suffix](data), dtype=np.float64)
+    except Exception:  # the readers raise whatever the damaged byte leads to
+        raise ShapeError(f"{name}: cannot be read as {suffix.upper()}: it is damaged or of another format: export it anew") from None
+    notes: list[str] = []
+    good = np.isfinite(points).all(axis=1) & (np.abs(points) < 1e12).all(axis=1)
+    if not good.all():
+        notes.append(f"{name}: {int(np.sum(~good))} points that are no numbers are left out")
+    points = np.unique(points[good], axis=0)
+    if len(points) < FEWEST:
+        raise ShapeError(f"{name}: {len(points)} different points are too few for an exterior: scan again, with {FEWEST} or more")
+    if len(points) > MOST:
+        step = -(-len(points) // MOST)
+        notes.append(f"{name}: of {len(points)} points one in {step} is used")
+        # Taken in the order of a golden-ratio sequence: in the order of a grid or of coordinates, every n-th would leave rows out.
+        points = points[np.argsort((np.arange(len(points)) * 0.6180339887498949) % 1)[::step]]
+    return points, tuple(notes)
+
+
+def _ply(data: bytes) -> Array:
+    refuse_false_ply_counts(data)
+    head, _, body = data.partition(b"end_header")
+    body = body[body.index(b"\n") + 1 :]
+    order, count, names, types = "", 0, [], []
+    for line in head.decode("ascii", errors="replace").splitlines():
+        words = line.split()
+        if words[:1] == ["format"]:
+            order = words[1]
+        elif words[:1] == ["element"]:
+            # The points come first, as everywhere; what follows them is not read.
+            if names:
+                break
+            count = int(words[2]) if words[1] == "vertex" else 0
+        elif words[:1] == ["property"] and count:
+            names.append(words[2])
+            types.append(PLY_TYPES[words[1]])
+    if not count:
+        raise ValueError("no vertices")
+    if order == "ascii":
+        return _table(body.split(b"\n", count)[:count])[:, [names.index(axis) for axis in "xyz"]]
+    mark = {"binary_little_endian": "<", "binary_big_endian": ">"}[order]
+    table = np.frombuffer(body, dtype=[(name, mark + kind) for name, kind in zip(names, types, strict=True)], count=count)
+    return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
+
+
+def _xyz(data: bytes) -> Array:
+    """Columns x, y, z and whatever follows, apart by blanks, commas or semicolons; a first line with the count or names is left out."""
+    text = data.replace(b",", b" ").replace(b";", b" ").replace(b"//", b"#")
+    lines = [line for line in (line.split(b"#")[0] for line in text.splitlines()) if line.strip()]
+    return _table(lines[sum(not _is_row(line) for line in lines[:2]) :])[:, :3]
+
+
+def _is_row(line: bytes) -> bool:
+    try:
+        return len([float(word) for word in line.split()]) >= 3
+    except ValueError:
+        return False
+
+
+def _table(lines: list[bytes]) -> Array:
+    """Numbers (n, k) of text lines that hold k numbers each."""
+    width = len(lines[0].split())
+    values = np.array(b" ".join(lines).split(), dtype=np.float64)
+    if width < 3 or values.size != len(lines) * width:
+        raise ValueError("lines of different lengths")
+    return values.reshape(-1, width)
+
+
+def _las(data: bytes) -> Array:
+    import laspy
+
+    if data[:4] != b"LASF" or len(data) < 227:
+        raise ValueError("not LAS")
+    minor, packed = data[25], bool(data[104] & 0x80)
+    size = struct.unpack_from("<H", data, 105)[0]
+    count = struct.unpack_from("<Q", data, 247)[0] if minor >= 4 else struct.unpack_from("<I", data, 107)[0]
+    records = struct.unpack_from("<I", data, 100)[0] * 54 + (struct.unpack_from("<I", data, 243)[0] * 60 if minor >= 4 else 0)
+    if records > len(data) or count * size > len(data) * (MOST_UNPACKED if packed else 1):
+        raise ValueError("counts larger than the file")
+    try:
+        return np.asarray(laspy.read(BytesIO(data), laz_backend=laspy.LazBackend.Lazrs).xyz)
+    except BaseException as error:  # lazrs panics on damaged bytes with an exception that is no Exception
+        raise ValueError(str(error)) from None
+
+
+def _pcd(data: bytes) -> Array:
+    """Point Cloud Library's format 0.7: ascii, binary (records) and binary_compressed (LZF, columns)."""
+    fields: dict[str, list[str]] = {}
+    offset = 0
+    while "DATA" not in fields:
+        end = data.index(b"\n", offset)
+        words = data[offset:end].decode("ascii", errors="replace").split("#")[0].split()
+        offset = end + 1
+        if words:
+            fields[words[0].upper()] = words[1:]
+    names, sizes, kinds = fields["FIELDS"], [int(size) for size in fields["SIZE"]], fields["TYPE"]
+    repeats = [int(many) for many in fields.get("COUNT", ["1"] * len(names))]
+    count = int(fields["POINTS"][0]) if "POINTS" in fields else int(fields["WIDTH"][0]) * int(fields["HEIGHT"][0])
+    columns = [sum(repeats[: names.index(axis)]) for axis in "xyz"]
+    stored = fields["DATA"][0]
+    if min(sizes) < 1 or min(repeats) < 1 or count < 1:
+        raise ValueError("no points")
+    if stored == "ascii":
+        return _table(data[offset:].split(b"\n", count)[:count])[:, columns]
+    width = sum(size * many for size, many in zip(sizes, repeats, strict=True))
+    axes = [(names.index(axis), PCD_TYPES[kinds[names.index(axis)], sizes[names.index(axis)]]) for axis in "xyz"]
+    starts = [sum(size * many for size, many in zip(sizes[:index], repeats[:index], strict=True)) for index, _ in axes]
+    if stored == "binary":
+        table = np.frombuffer(data, dtype=np.uint8, count=count * width, offset=offset).reshape(count, width)
+        return np.stack([table[:, at : at + sizes[i]].copy().view(kind)[:, 0] for at, (i, kind) in zip(starts, axes, strict=True)], axis=1)
+    packed, unpacked = struct.unpack_from("<II", data, offset)
+    if stored != "binary_compressed" or unpacked != count * width or unpacked > MOST_UNPACKED * len(data):
+        raise ValueError("sizes contradict each other")
+    block = _lzf(data[offset + 8 : offset + 8 + packed], unpacked)
+    return np.stack(
+        [np.frombuffer(block, dtype=kind, count=count, offset=at * count) for at, (_, kind) in zip(starts, axes, strict=True)], axis=1
+    )
+
+
+def _lzf(packed: bytes, size: int) -> bytes:
+    """LibLZF's decompression (Lehmann 2000): runs of literals, and copies from what is unpacked already."""
+    out = bytearray()
+    at = 0
+    while at < len(packed):
+        control = packed[at]
+        at += 1
+        if control < 32:
+            out += packed[at : at + control + 1]
+            at += control + 1
+        else:
+            length = control >> 5
+            if length == 7:
+                length += packed[at]
+                at += 1
+            start = len(out) - ((control & 0x1F) << 8) - packed[at] - 1
+            at += 1
+            if start < 0:
+                raise ValueError("copies from before the start")
+            length += 2
+            while length > 0:
+                piece = out[start : start + length]
+                out += piece
+                start += len(piece)
+                length -= len(piece)
+        if len(out) > size:
+            raise ValueError("longer than announced")
+    if len(out) != size:
+        raise ValueError("shorter than announced")
+    return bytes(out)

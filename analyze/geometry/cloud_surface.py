@@ -1,0 +1,314 @@
+"""The exterior of an object from a noisy point cloud: fitted planes meet in sharp edges, curved parts are smoothed, the hull closes it.
+
+Edges come out as the virtual sharp ones, where the fitted faces meet: their rounding is declared (`edge_radius_m`), not seen. Hollows are
+bridged and places without points are closed flat; both are measured, so that they can be said.
+"""
+
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, HalfspaceIntersection, KDTree, QhullError
+
+from analyze.geometry.hull_planes import DIRECTIONS, CloudNoise, FittedPlane, cloud_noise, even_directions, fitted_planes
+from analyze.geometry.polyhedron import BoolArray
+from analyze.types import Array, IntArray
+
+LONELY = 8.0
+"""distance to the eighth neighbour, over the median, beyond which a point is a stray"""
+SPECK = 0.02
+"""part of the points below which a separate clump is a stray"""
+ROUNDED = 0.02
+"""part of the largest extent by which a rounded corner may lie inside the virtual one"""
+EDGE_STEPS = 60
+ON_PLANE = 1e-6
+"""part of the largest extent"""
+DEPTH_SAMPLES = 4000
+MOST_SMOOTHED = 1500
+FEWEST_NEIGHBOURS, MOST_NEIGHBOURS = 24, 400
+STEEP = 0.35
+"""sine of the angle between a curved wall and a face from which their meeting is found by going on along the wall"""
+CIRCLE_SIDES = 128
+WIDEST_GAP = np.radians(60.0)
+"""of a rim without points, up to which a circle is still fitted"""
+DEEP = 0.01
+"""part of the largest extent below the hull from which a point lies in a hollow"""
+
+
+@dataclass(frozen=True, eq=False)
+class CloudSurface:
+    """A closed convex surface, and what is known of its making."""
+
+    vertices: Array
+    """(n, 3) m"""
+    faces: IntArray
+    """(f, 3), counter-clockwise from outside"""
+    planes: tuple[FittedPlane, ...]
+    noise: CloudNoise
+    smooth_sd: float
+    """m, 1 sigma of the surface where no plane is fitted"""
+    strays: int
+    """points left out"""
+    hollow_share: float
+    """part of the points that lie deep under the hull"""
+    hollow_depth: float
+    """m, of the deepest but 1 in 100"""
+    bare_share: float
+    """part of the surface that has no points near"""
+
+
+def cloud_surface(points: Array) -> CloudSurface:
+    """Exterior of `points` (n, 3) [m].
+
+    Raises:
+        ValueError: they lie in one plane or are too few.
+    """
+    kept, strays = _without_strays(points)
+    try:
+        ConvexHull(kept)
+    except QhullError:
+        raise ValueError("the points lie in one plane") from None
+    tree = KDTree(kept)
+    extent = float(np.ptp(kept, axis=0).max())
+    noise = cloud_noise(kept, tree)
+    planes = fitted_planes(kept, noise)
+    sd = max([noise.sd, *(plane.scatter for plane in planes)])
+    sharp = _corners(kept, tree, planes, sd, noise.spacing, extent)
+    smoothed, normals, smooth_sd = _smoothed(kept, planes, sharp, sd, noise.spacing, extent)
+    rims = [_rim(smoothed, normals, plane, planes, sd, noise.spacing, smooth_sd) for plane in planes]
+    try:
+        hull = ConvexHull(np.vstack([sharp, smoothed, *rims]))
+    except (QhullError, ValueError):
+        raise ValueError("the points lie in one plane") from None
+    vertices, faces = _oriented(hull)
+    equations = np.unique(np.round(hull.equations, 6), axis=0)
+    some = kept[:: max(1, len(kept) // DEPTH_SAMPLES)]
+    depth = -(some @ equations[:, :3].T + equations[:, 3]).max(axis=1)
+    deep = depth > max(4 * sd, DEEP * extent)
+    return CloudSurface(
+        vertices,
+        faces,
+        planes,
+        noise,
+        smooth_sd,
+        strays,
+        float(deep.mean()),
+        float(np.quantile(depth[deep], 0.99)) if deep.any() else 0.0,
+        _bare(vertices, faces, tree, max(4 * sd, DEEP * extent) + 2.5 * noise.spacing),
+    )
+
+
+def line_sd(planes: tuple[FittedPlane, ...], smooth_sd: float, spacing: float, ends: Array) -> float:
+    """1 sigma [m] of the place of a hull edge with `ends` (2, 3), across itself, in the worst direction.
+
+    Two fitted planes that meet in it: N x = delta with their variances there. One: its own and the smoothed wall's. None: the smoothed
+    surface's, and the spacing, as nobody knows where between two points the object ends.
+    """
+    scale = float(np.linalg.norm(ends).max()) + 1e-3
+    middle = ends.mean(axis=0, keepdims=True)
+    meeting = [plane for plane in planes if np.abs(plane.heights(ends)).max() < 10 * ON_PLANE * scale]
+    if len(meeting) >= 2:
+        first = meeting[0]
+        second = min(meeting[1:], key=lambda plane: abs(float(plane.normal @ first.normal)))
+        across = np.stack([first.normal, second.normal])
+        inverse = np.linalg.pinv(across)
+        variance = np.diag([float(plane.variance(middle)[0]) for plane in (first, second)])
+        return float(np.sqrt(np.linalg.eigvalsh(inverse @ variance @ inverse.T)[-1]))
+    if meeting:
+        return float(np.hypot(np.sqrt(meeting[0].variance(middle)[0]), smooth_sd))
+    return float(np.hypot(smooth_sd, spacing))
+
+
+def _without_strays(points: Array) -> tuple[Array, int]:
+    """Points (k, 3) without lonely ones and specks, and how many those were."""
+    if len(points) < 50:
+        raise ValueError("too few points")
+    distance, index = KDTree(points).query(points, k=9)
+    lonely = distance[:, -1] > LONELY * float(np.median(distance[:, -1]))
+    linked = (distance[:, 1:] <= LONELY * float(np.median(distance[:, -1]))) & ~lonely[:, None]
+    rows = np.repeat(np.arange(len(points)), 8)[linked.ravel()]
+    columns = index[:, 1:].ravel()[linked.ravel()]
+    _, clump = connected_components(coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(points),) * 2), directed=False)
+    size = np.asarray(np.bincount(clump))
+    keep = ~lonely & (size[clump] >= SPECK * len(points))
+    return points[keep], int(np.sum(~keep))
+
+
+def _corners(points: Array, tree: KDTree, planes: tuple[FittedPlane, ...], sd: float, spacing: float, extent: float) -> Array:
+    """Corners and supported places along the edges (k, 3) of the body that the fitted planes bound."""
+    if not planes:
+        return np.zeros((0, 3))
+    room = 5 * sd + spacing + 0.05 * extent
+    low, high = points.min(axis=0) - room, points.max(axis=0) + room
+    box = [
+        np.concatenate([sign * np.eye(3)[axis], [-sign * limit]]) for sign, end in ((1, high), (-1, low)) for axis, limit in enumerate(end)
+    ]
+    halfspaces = np.array([[*plane.normal, -plane.offset] for plane in planes] + box)
+    try:
+        body = HalfspaceIntersection(halfspaces, points.mean(axis=0))
+    except QhullError:
+        return np.zeros((0, 3))
+    vertices = body.intersections[np.isfinite(body.intersections).all(axis=1)]
+    heights = np.column_stack([plane.heights(vertices) for plane in planes])
+    on = np.abs(heights) < ON_PLANE * extent
+    reach = 4 * sd + 3 * spacing + ROUNDED * extent
+    found: list[Array] = []
+    for i in range(len(planes)):
+        for j in range(i):
+            shared = vertices[on[:, i] & on[:, j]]
+            if len(shared) < 2:
+                continue
+            along = np.cross(planes[i].normal, planes[j].normal)
+            place = shared @ along
+            start, end = shared[int(np.argmin(place))], shared[int(np.argmax(place))]
+            steps = start + np.linspace(0, 1, EDGE_STEPS + 1)[:, None] * (end - start)
+            gap = np.asarray(tree.query(steps)[0])
+            beside = (planes[i].heights(points) > -reach) & (planes[j].heights(points) > -reach)
+            if (gap < reach).any() and beside.any():
+                # No farther than the points beside the edge go; corners have their own rule.
+                first, last = np.quantile(points[beside] @ along, [0.002, 0.998])
+                within = (steps @ along >= first) & (steps @ along <= last)
+                found.append(steps[within & (gap < reach)])
+    corner = vertices[(on.sum(axis=1) >= 3)]
+    if len(corner):
+        found.append(corner[np.asarray(tree.query(corner)[0]) < reach])
+    return np.vstack(found) if found else np.zeros((0, 3))
+
+
+def _smoothed(
+    points: Array, planes: tuple[FittedPlane, ...], sharp: Array, sd: float, spacing: float, extent: float
+) -> tuple[Array, Array, float]:
+    """Points (k, 3) of the curved parts moved onto local quadrics, the normals (k, 3) there, and their 1 sigma [m] (Levin 2004)."""
+    heights = np.column_stack([plane.heights(points) for plane in planes]) if planes else np.full((len(points), 1), -np.inf)
+    rest = points[(heights < -3 * sd).all(axis=1)]
+    if len(rest) < FEWEST_NEIGHBOURS:
+        return np.zeros((0, 3)), np.zeros((0, 3)), sd
+    outer = rest[_near_hull(rest, sharp, max(5 * sd, DEEP * extent))]
+    outer = outer[:: max(1, len(outer) // MOST_SMOOTHED)]
+    many = min(int(np.clip(np.pi * (6 * sd / spacing) ** 2, FEWEST_NEIGHBOURS, MOST_NEIGHBOURS)), len(rest))
+    tree = KDTree(rest)
+    moved, normals, lever = outer, outer, np.ones(len(outer))
+    for _ in range(2):
+        # The second time around the moved points: a patch around a point that lies too far out holds more of its like.
+        moved, normals, lever = _onto_quadrics(moved, rest[tree.query(moved, k=many)[1]])
+    for plane in planes:
+        moved = moved - np.outer(np.maximum(plane.heights(moved), 0), plane.normal)
+    # Where the patch says little (a far end), the quadric runs away.
+    steady = lever < 2 * float(np.median(lever))
+    return moved[steady], normals[steady], sd * float(np.sqrt(np.median(lever)))
+
+
+def _onto_quadrics(points: Array, patches: Array) -> tuple[Array, Array, Array]:
+    """`points` (p, 3) moved onto quadrics through their patches (p, k, 3), the unit normals (p, 3), and the variance (p,) over sd^2."""
+    middle = patches.mean(axis=1, keepdims=True)
+    centred = patches - middle
+    _, frame = np.linalg.eigh(centred.transpose(0, 2, 1) @ centred)
+    frame = frame[:, :, ::-1]
+    local, own = centred @ frame, ((points[:, None] - middle) @ frame)[:, 0]
+    scale = np.abs(local[..., :2]).max(axis=(1, 2))[:, None]
+    design = _quadric(local[..., 0] / scale, local[..., 1] / scale)
+    across = design.transpose(0, 2, 1)
+    normal = across @ design + 1e-9 * np.eye(6)
+    answer = np.linalg.solve(normal, across @ local[..., 2:])[..., 0]
+    u, v = own[:, 0] / scale[:, 0], own[:, 1] / scale[:, 0]
+    row = _quadric(u, v)
+    lever = np.einsum("pi,pij,pj->p", row, np.linalg.inv(normal), row)
+    own[:, 2] = np.einsum("pi,pi->p", row, answer)
+    slope = np.stack(
+        [answer[:, 1] + 2 * answer[:, 3] * u + answer[:, 4] * v, answer[:, 2] + answer[:, 4] * u + 2 * answer[:, 5] * v], axis=1
+    )
+    upright = np.column_stack([-slope / scale, np.ones(len(own))])
+    upright /= np.linalg.norm(upright, axis=1, keepdims=True)
+    back = frame.transpose(0, 2, 1)
+    return (own[:, None] @ back)[:, 0] + middle[:, 0], (upright[:, None] @ back)[:, 0], lever
+
+
+def _quadric(u: Array, v: Array) -> Array:
+    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+
+
+def _near_hull(points: Array, others: Array, margin: float) -> BoolArray:
+    """Which points (n,) lie within `margin` [m] of the hull of all, seen along many directions."""
+    directions = even_directions(DIRECTIONS)
+    level = np.max(points @ directions.T, axis=0)
+    if len(others):
+        level = np.maximum(level, np.max(others @ directions.T, axis=0))
+    return np.asarray((points @ directions.T - level).max(axis=1) > -margin)
+
+
+def _rim(
+    smoothed: Array, normals: Array, plane: FittedPlane, planes: tuple[FittedPlane, ...], sd: float, spacing: float, smooth_sd: float
+) -> Array:
+    """Where curved walls meet `plane`, (k, 3): on from their lowest smoothed points along the wall; a circle where they lie on one."""
+    if not len(smoothed):
+        return np.zeros((0, 3))
+    height = plane.heights(smoothed)
+    towards = plane.normal - normals * (normals @ plane.normal)[:, None]
+    steepness = np.linalg.norm(towards, axis=1)
+    near = (height < 0) & (height > -(6 * sd + 4 * spacing)) & (steepness > STEEP)
+    if near.sum() < 3:
+        return np.zeros((0, 3))
+    rim = smoothed[near] - towards[near] * (height[near] / steepness[near] ** 2)[:, None]
+    for other in planes:
+        if other is not plane and abs(float(other.normal @ plane.normal)) < 0.99:
+            rim = rim[other.heights(rim) <= 0]
+    return _on_circle(rim, plane, max(2.5 * smooth_sd, 0.3 * spacing))
+
+
+def _on_circle(rim: Array, plane: FittedPlane, tolerance: float) -> Array:
+    """The rim (k, 3) as a regular polygon, if a circle goes through it all round within `tolerance` [m] (Kasa 1976, trimmed)."""
+    if len(rim) < 12:
+        return rim
+    origin = rim.mean(axis=0)
+    flat = (rim - origin) @ plane.basis.T
+    used = np.ones(len(flat), dtype=bool)
+    x = y = radius = 0.0
+    away, residual = flat, np.zeros(len(flat))
+    for _ in range(4):
+        kept = flat[used]
+        (x, y, c), *_ = np.linalg.lstsq(np.column_stack([2 * kept, np.ones(len(kept))]), np.sum(kept**2, axis=1), rcond=None)
+        radius = float(np.sqrt(max(c + x * x + y * y, 0.0)))
+        away = flat - [x, y]
+        residual = np.linalg.norm(away, axis=1) - radius
+        # Walls are followed over some noise: a few directions go astray.
+        used = np.abs(residual) <= max(3 * 1.48 * float(np.median(np.abs(residual))), 1e-3 * tolerance)
+    away, residual = away[used], residual[used]
+    angle = np.sort(np.arctan2(away[:, 1], away[:, 0]))
+    gap = float(np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())
+    if gap > WIDEST_GAP or float(np.sqrt(np.mean(residual**2))) > tolerance:
+        return rim
+    turn = np.arange(CIRCLE_SIDES) * 2 * np.pi / CIRCLE_SIDES
+    ring = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn)])
+    return origin + ring @ plane.basis
+
+
+def _oriented(hull: ConvexHull) -> tuple[Array, IntArray]:
+    used, faces = np.unique(hull.simplices, return_inverse=True)
+    vertices = hull.points[used]
+    faces = faces.reshape(-1, 3).astype(np.int64)
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    faces[inwards] = faces[inwards][:, ::-1]
+    return vertices, faces
+
+
+def _bare(vertices: Array, faces: IntArray, tree: KDTree, reach: float) -> float:
+    """Part of the surface farther than `reach` [m] from every point; sampled at about a thousandth of it each."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    many = np.maximum(1, np.round(1000 * area / area.sum())).astype(int)
+    owner = np.repeat(np.arange(len(faces)), many)
+    rank = np.arange(len(owner)) - np.repeat(np.cumsum(many) - many, many)
+    # A low-discrepancy sequence in the triangle (Basu and Owen 2015 in spirit): even, and the same every time.
+    u, v = (0.5 + rank * 0.7548776662466927) % 1, (0.5 + rank * 0.5698402909980532) % 1
+    folded = u + v > 1
+    u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
+    samples = a[owner] + u[:, None] * (b - a)[owner] + v[:, None] * (c - a)[owner]
+    bare = np.asarray(tree.query(samples)[0]) > reach
+    return float(np.sum((area / many)[owner] * bare) / area.sum())

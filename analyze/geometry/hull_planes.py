@@ -1,0 +1,451 @@
+"""Planes that a noisy point cloud rests on: found without help, fitted robustly, each with its covariance (METHOD 1.2). Lengths in m.
+
+The raw convex hull of a noisy cloud is made of the noise's extremes: at 5 mm noise its edges lie 5 mm too far out. Here a plane is fitted
+to all points of a face, and an edge is where two such planes meet. A bias of the noise (all points too far out by the same) moves the
+planes with it: the points cannot show it, the object file must declare it (`shape.surface_sd_m`).
+"""
+
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, KDTree, QhullError
+from scipy.special import ndtr
+
+from analyze.geometry.polyhedron import BoolArray
+from analyze.types import Array
+
+SEEDS = 250
+"""patches from which planes are grown"""
+SEARCHED = 5000
+"""points among which planes are searched; the fit uses all"""
+SCALES = (24, 96, 384)
+"""points of a patch, to see the noise"""
+WIDEST_PATCH = 0.15
+"""part of the largest extent"""
+BAND = 2.5
+"""sd of the noise up to which a point belongs to a plane while planes are searched"""
+FIT_BAND = 4.0
+"""the same in the last fit: wide, so that cutting the tails does not move the plane"""
+EROSION = 3.0
+"""sd of the noise by which points keep away from neighbouring faces in the last fit"""
+FINEST = 5e-4
+"""part of the largest extent: noise below this is taken as this, as faces are not flatter"""
+OUTSIDE = 0.04
+"""part of a plane's points that may lie outside its band: it is then a plane that the hull rests on"""
+COARSE = 0.02
+"""part of the largest extent; patches wider than this see a face's neighbours"""
+DIRECTIONS = 500
+MOST_PEAKS = 60
+COARSER = 4
+"""then only every fourth patch is tried"""
+LOOSE = 0.25
+"""the same while a plane still grows, and is not yet level"""
+ERODED_BANDS = 2.4
+"""margin, in bands, from a face's outline while planes are searched: the noise pushes the outline out, and neighbours reach as far in"""
+ALIKE = np.cos(np.radians(4.0))
+"""cosine of the angle within which two planes of one place are the same"""
+BLURRED = 1.35
+"""scatter of a plane over that of the others above which it is no face: a slant over an edge"""
+UNBENT = 0.5
+"""bending of a fitted face, in sd of the noise, from which it is curved"""
+STEADY = np.cos(np.radians(0.2))
+SMALLEST_SHARE = 0.004
+"""part of all points below which a group is no face"""
+FEWEST = 25
+"""points of a face"""
+FLAT = 0.45
+"""bending of a face, in bands, above which it is curved"""
+SAME = np.cos(np.radians(15.0))
+"""cosine of the angle within which a patch belongs to a face it lies in"""
+APART = np.cos(np.radians(12.0))
+"""cosine of the angle from which two planes make an edge"""
+ROUNDS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class FittedPlane:
+    """A face of the cloud's hull: n.x = offset, n unit outwards; its height over (u, v) about `centre` has `covariance`."""
+
+    normal: Array
+    """(3,)"""
+    offset: float
+    """m"""
+    centre: Array
+    """(3,) m, of the points used"""
+    basis: Array
+    """(2, 3) rows u, v in the plane"""
+    covariance: Array
+    """(3, 3) of (height [m], slope along u, slope along v)"""
+    scatter: float
+    """m, 1 sigma of the points about the plane"""
+    count: int
+    """points used"""
+    bending: float
+    """m, range of the quadratic part of their heights"""
+    bending_sd: float
+    """m"""
+
+    def heights(self, points: Array) -> Array:
+        """Heights (n,) of `points` (n, 3) over the plane [m], + outside."""
+        return np.asarray(points @ self.normal - self.offset)
+
+    def variance(self, points: Array) -> Array:
+        """Variance (n,) [m^2] of the plane's height at `points` (n, 3)."""
+        row = np.column_stack([np.ones(len(points)), (points - self.centre) @ self.basis.T])
+        return np.einsum("ni,ij,nj->n", row, self.covariance, row)
+
+
+@dataclass(frozen=True)
+class CloudNoise:
+    """How the cloud scatters about its surface, seen in small patches."""
+
+    sd: float
+    """m, across the surface"""
+    spacing: float
+    """m between neighbouring points along the surface"""
+
+
+def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
+    """Scatter of `points` (n, 3) about smooth patches: the smallest patch that is at least 4 sd wide, its flattest quarter.
+
+    Patches of too few points lie inside the noise and see too little of it; too large ones see the shape.
+    """
+    extent = float(np.ptp(points, axis=0).max())
+    seeds = points[:: max(1, len(points) // SEEDS)]
+    sd = 0.0
+    for many in SCALES:
+        if many > len(points) / 4:
+            break
+        distance, index = tree.query(seeds, k=many)
+        radius = distance[:, -1]
+        small = radius < WIDEST_PATCH * extent
+        if sd > 0 and small.mean() < 0.3:
+            break
+        residual = _patch_scatter(points[index])
+        # The flattest quarter: the others hold an edge.
+        flattest = float(np.quantile(residual, 0.25))
+        sd = max(sd, flattest)
+        if float(np.median(radius)) > 4 * sd:
+            break
+    return CloudNoise(sd, _surface_spacing(points))
+
+
+def fitted_planes(points: Array, noise: CloudNoise) -> tuple[FittedPlane, ...]:
+    """Planes that the hull of `points` (n, 3) rests on, the one with most points first; curved parts have none.
+
+    Grown from patches, kept where hardly a point lies outside; those with most points of their own first. Then each is fitted to the points
+    over its inner part, away from all neighbours by `EROSION` sd, where nothing but its own noise moves it.
+    """
+    extent = float(np.ptp(points, axis=0).max())
+    sd = max(noise.sd, FINEST * extent)
+    found = _refined(points, _searched(points, sd, noise.spacing), sd, noise.spacing)
+    if not found:
+        return ()
+    # Seen on whole faces the noise is known better than in patches.
+    sd = max(float(np.median([plane.scatter for plane in found])), FINEST * extent)
+    believed = [(plane.normal, plane.offset) for plane in found if plane.scatter < BLURRED * sd]
+    found = [plane for plane in _refined(points, believed, sd, noise.spacing) if plane.bending < UNBENT * sd + 3 * plane.bending_sd]
+    return tuple(_refined(points, [(plane.normal, plane.offset) for plane in found], sd, noise.spacing))
+
+
+def even_directions(many: int) -> Array:
+    """Unit vectors (many, 3), evenly spread (golden spiral)."""
+    i = np.arange(many) + 0.5
+    z, turn = 1 - 2 * i / many, np.pi * (1 + 5**0.5) * i
+    return np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+
+
+def _patch_scatter(patches: Array) -> Array:
+    """RMS distance (p,) of the points of each patch (p, k, 3) from a quadric over its plane."""
+    many = patches.shape[1]
+    centred = patches - patches.mean(axis=1, keepdims=True)
+    _, _, vt = np.linalg.svd(centred, full_matrices=False)
+    local = np.einsum("pki,pji->pkj", centred, vt)
+    scale = np.abs(local[..., 0]).max(axis=1)[:, None]
+    u, v, z = local[..., 0] / scale, local[..., 1] / scale, local[..., 2]
+    design = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    normal = np.einsum("pki,pkj->pij", design, design) + 1e-9 * np.eye(6)
+    answer = np.linalg.solve(normal, np.einsum("pki,pk->pi", design, z)[..., None])
+    residual = z - (design @ answer)[..., 0]
+    return np.sqrt(np.sum(residual**2, axis=1) / max(many - 6, 1))
+
+
+def _surface_spacing(points: Array) -> float:
+    """Spacing [m] if the points were spread evenly over the hull's surface."""
+    try:
+        area = float(ConvexHull(points).area)
+    except QhullError:
+        return 0.0
+    return float(np.sqrt(area / len(points)))
+
+
+def _searched(points: Array, sd: float, spacing: float) -> list[tuple[Array, float]]:
+    """(normal, offset) of each face, the one with most points of its own first."""
+    sample = points[:: max(1, len(points) // SEARCHED)]
+    centre = sample.mean(axis=0)
+    tree = KDTree(sample)
+    seeds = sample[:: max(1, len(sample) // SEEDS)]
+    band = BAND * sd
+    reach = max(4 * sd, 3 * spacing * np.sqrt(len(points) / len(sample)))
+    candidates: list[tuple[Array, float, BoolArray]] = []
+    if reach > COARSE * float(np.ptp(sample, axis=0).max()):
+        # Patches wider than the noise are hardly smaller than the faces: look along all directions instead.
+        grown = [_grown(sample, centre, start, band, np.inf, centre) for start in _peaks(sample, sd)]
+        candidates += [each for each in grown if each is not None]
+        seeds = seeds[::COARSER]
+    for seed in seeds:
+        near = np.asarray(tree.query_ball_point(seed, reach), dtype=np.int64)
+        if len(near) < 8:
+            near = np.asarray(tree.query(seed, k=min(12, len(sample)))[1])
+        start = _least_squares(sample[near], centre)
+        # A seed in the midst of a face that has been grown would grow it again.
+        if any(abs(seed @ normal - offset) < band / 2 and start[0] @ normal > SAME for normal, offset, _ in candidates):
+            continue
+        grown = _grown(sample, seed, start, band, reach, centre)
+        if grown is not None:
+            candidates.append(grown)
+    return [
+        (normal, offset)
+        for normal, offset in _chosen(sample, candidates)
+        if _bending(points[_eroded(points, np.abs(points @ normal - offset) < band, normal, ERODED_BANDS * band)], normal, band)
+        < FLAT * band
+    ]
+
+
+def _peaks(sample: Array, sd: float) -> list[tuple[Array, float]]:
+    """(normal, offset) along evenly spread directions where most points lie in one thin outer layer; best first, 15 degrees apart."""
+    directions = even_directions(DIRECTIONS)
+    heights = np.sort(sample @ directions.T, axis=0)
+    top = heights[-max(2, len(sample) // 100)]
+    counts, levels = np.zeros(DIRECTIONS), np.zeros(DIRECTIONS)
+    for depth in np.arange(0.0, 4.0, 0.5) * sd:
+        level = top - depth
+        within = [
+            np.searchsorted(column, each + sd) - np.searchsorted(column, each - sd) for column, each in zip(heights.T, level, strict=True)
+        ]
+        better = np.array(within) > counts
+        counts, levels = np.where(better, within, counts), np.where(better, level, levels)
+    taken: list[tuple[Array, float]] = []
+    for index in np.argsort(-counts):
+        if all(directions[index] @ normal < SAME for normal, _ in taken):
+            taken.append((directions[index], float(levels[index])))
+    return taken[:MOST_PEAKS]
+
+
+def _grown(
+    sample: Array, seed: Array, start: tuple[Array, float], band: float, reach: float, centre: Array
+) -> tuple[Array, float, BoolArray] | None:
+    """The plane `start` of a patch, grown outwards from the seed to all points in its band; None: it is none the hull rests on."""
+    normal, offset = start
+    distance = np.linalg.norm(sample - seed, axis=1)
+    farthest = float(distance.max())
+    inliers = np.zeros(len(sample), dtype=bool)
+    inner = np.zeros(len(sample), dtype=bool)
+    while reach < farthest:
+        reach *= 2
+        close = distance <= reach
+        height = sample @ normal - offset
+        inliers = (np.abs(height) < band) & close
+        if inliers.sum() < 8 or np.sum((height > 2 * band) & close) > LOOSE * inliers.sum() + 2:
+            return None
+        normal, offset = _least_squares(sample[inliers], centre)
+    for _ in range(4):
+        inliers = np.abs(sample @ normal - offset) < band
+        inner = _eroded(sample, inliers, normal, ERODED_BANDS * band)
+        if inner.sum() < 8:
+            return None
+        before = normal
+        normal, offset = _least_squares(sample[inner], centre)
+        if before @ normal > STEADY:
+            break
+    height = sample @ normal - offset
+    inliers = np.abs(height) < band
+    if np.sum(height > band) > OUTSIDE * inliers.sum() + 1:
+        return None
+    return normal, offset, inliers
+
+
+def _eroded(points: Array, members: BoolArray, normal: Array, margin: float) -> BoolArray:
+    """Those of `members` (n,) that lie at least `margin` [m] within their common outline, or half as deep as the deepest."""
+    flat = points[members] @ _basis(normal).T
+    kept = np.zeros(len(points), dtype=bool)
+    try:
+        outline = ConvexHull(flat)
+    except (QhullError, ValueError):
+        return kept
+    depth = -(flat @ outline.equations[:, :2].T + outline.equations[:, 2]).max(axis=1)
+    kept[np.flatnonzero(members)[depth >= min(margin, 0.5 * float(depth.max()))]] = True
+    return kept
+
+
+def _chosen(sample: Array, candidates: list[tuple[Array, float, BoolArray]]) -> list[tuple[Array, float]]:
+    """Those with most points of their own, one by one."""
+    fewest = max(SMALLEST_SHARE * len(sample), 8)
+    free = np.ones(len(sample), dtype=bool)
+    chosen: list[tuple[Array, float]] = []
+    members = np.array([inliers for _, _, inliers in candidates], dtype=np.float32) if candidates else np.zeros((0, len(sample)))
+    alive = np.ones(len(candidates), dtype=bool)
+    while alive.any():
+        own = np.where(alive, members @ free, 0)
+        best = int(np.argmax(own))
+        if own[best] < fewest:
+            break
+        alive[best] = False
+        normal, offset, inliers = candidates[best]
+        # Mostly taken by planes that explain more: a slant over an edge.
+        if own[best] < 0.15 * inliers.sum():
+            continue
+        chosen.append((normal, offset))
+        free &= ~inliers
+    return chosen
+
+
+def _bending(points: Array, normal: Array, band: float) -> float:
+    """Range [m] over the points of the quadratic part of a fit to their heights, plus what chance leaves open: 0 for a large plane."""
+    return _bent(points, normal) + 4 * band / BAND / np.sqrt(len(points))
+
+
+def _bent(points: Array, normal: Array) -> float:
+    """Range [m] over the points of the part of a quadratic fit to their heights that no plane can follow."""
+    basis = _basis(normal)
+    offset = points - points.mean(axis=0)
+    u, v = basis @ offset.T
+    scale = max(float(np.abs(u).max()), float(np.abs(v).max()), 1e-12)
+    u, v, z = u / scale, v / scale, offset @ normal
+    flat = np.column_stack([np.ones_like(u), u, v])
+    curved = np.column_stack([u * u, u * v, v * v])
+    # What of the quadratic terms no plane can follow.
+    curved -= flat @ np.linalg.solve(flat.T @ flat + 1e-9 * np.eye(3), flat.T @ curved)
+    bent = curved @ np.linalg.solve(curved.T @ curved + 1e-9 * np.eye(3), curved.T @ z)
+    return float(np.ptp(np.quantile(bent, [0.02, 0.98])))
+
+
+def _refined(points: Array, planes: list[tuple[Array, float]], sd: float, spacing: float) -> list[FittedPlane]:
+    current = list(planes)
+    centre = points.mean(axis=0)
+    fitted: list[FittedPlane] = []
+    for _ in range(ROUNDS):
+        fitted = []
+        for index in range(len(current)):
+            plane = _fit(points, face_weights(points, current, index, sd, spacing), centre)
+            if plane is not None and not any(
+                plane.normal @ other.normal > ALIKE and abs(other.heights(plane.centre[None])[0]) < BAND * sd for other in fitted
+            ):
+                fitted.append(plane)
+        following = [(plane.normal, plane.offset) for plane in fitted]
+        settled = len(following) == len(current) and all(
+            np.abs(new[0] - old[0]).max() < 1e-5 and abs(new[1] - old[1]) < 1e-2 * sd for new, old in zip(following, current, strict=True)
+        )
+        current = following
+        if settled:
+            break
+    return sorted(fitted, key=lambda plane: -plane.count)
+
+
+def face_weights(points: Array, planes: list[tuple[Array, float]], index: int, sd: float, spacing: float) -> Array:
+    """Chance (n,) that each point was seen on face `index`, and 0 near its outline.
+
+    A face evenly sampled and blurred by the noise has the density phi(d_i) * prod Phi(-d_j) at heights d over itself and its walls; a
+    point's chance of being of face i is its share of the sum over the faces (McLachlan and Peel, Finite Mixture Models, 2000, section 2.8).
+    Weighted so, points of the walls do not pull the face inwards, however near the edge.
+    """
+    heights = np.column_stack([points @ normal - offset for normal, offset in planes]) / sd
+    mine = np.abs(heights[:, index]) < FIT_BAND
+    weights = np.zeros(len(points))
+    if mine.sum() < FEWEST:
+        return weights
+    normals = np.array([normal for normal, _ in planes])
+    near = heights[mine]
+    cosine = normals @ normals.T
+    walls = (cosine > -0.99) & (cosine < APART)
+    below = ndtr(-near)
+    density = np.exp(-0.5 * near**2)
+    for face in range(len(planes)):
+        density[:, face] *= np.prod(below[:, walls[face]], axis=1)
+    weights[mine] = density[:, index] / np.maximum(density.sum(axis=1), 1e-12)
+    flat = points[mine] @ _basis(normals[index]).T
+    try:
+        outline = ConvexHull(flat)
+    except QhullError:
+        return np.zeros(len(points))
+    depth = -(flat @ outline.equations[:, :2].T + outline.equations[:, 2]).max(axis=1)
+    deepest = float(depth.max())
+    margin = float(np.clip(EROSION * sd + spacing, 0.1 * deepest, 0.25 * deepest))
+    kept = near[:, walls[index]].max(axis=1, initial=-np.inf) * sd <= -margin
+    if not _walled(planes, index):
+        # Curved neighbours have no plane: keep away from the outline, which the noise has pushed out.
+        kept &= depth >= min(2 * EROSION * sd + spacing, 0.5 * deepest)
+    selected = np.flatnonzero(mine)
+    weights[selected[~kept]] = 0.0
+    return weights
+
+
+def _walled(planes: list[tuple[Array, float]], index: int) -> bool:
+    """Whether planes bound the face on all sides, so that no curved neighbour mixes in."""
+    normal, _ = planes[index]
+    basis = _basis(normal)
+    walls = []
+    for other, (across, _) in enumerate(planes):
+        flat = basis @ across
+        if other != index and -0.99 < float(across @ normal) < APART:
+            walls.append(flat / np.linalg.norm(flat))
+    if len(walls) < 3:
+        return False
+    angle = np.sort(np.arctan2(np.array(walls)[:, 1], np.array(walls)[:, 0]))
+    gap = np.diff(np.append(angle, angle[0] + 2 * np.pi))
+    return bool(gap.max() < np.radians(150))
+
+
+def _fit(points: Array, weights: Array, inside: Array) -> FittedPlane | None:
+    """Weighted total least squares; covariance from the residuals themselves (White 1980)."""
+    used = weights > 1e-3
+    if weights.sum() < FEWEST:
+        return None
+    chosen, weight = points[used], weights[used]
+    total = float(weight.sum())
+    centre = weight @ chosen / total
+    offset = chosen - centre
+    _, vectors = np.linalg.eigh((offset * weight[:, None]).T @ offset)
+    normal = vectors[:, 0] if float(vectors[:, 0] @ (centre - inside)) > 0 else -vectors[:, 0]
+    basis = _basis(normal)
+    residual = offset @ normal
+    scatter = float(np.sqrt(weight @ residual**2 / max(total - 3, 1)))
+    row = np.column_stack([np.ones(len(chosen)), offset @ basis.T])
+    bread = np.linalg.inv((row * weight[:, None]).T @ row)
+    pull = row * (weight * residual)[:, None]
+    covariance = bread @ (pull.T @ pull) @ bread * total / max(total - 3, 1)
+    return FittedPlane(
+        normal,
+        float(normal @ centre),
+        centre,
+        basis,
+        covariance,
+        scatter,
+        round(total),
+        _bent(chosen[weight > 0.5], normal),
+        4 * scatter / np.sqrt(total),
+    )
+
+
+def _least_squares(points: Array, inside: Array) -> tuple[Array, float]:
+    """(normal, offset) of the plane with least squared distances, pointing away from `inside`."""
+    centre = points.mean(axis=0)
+    offset = points - centre
+    _, vectors = np.linalg.eigh(offset.T @ offset)
+    normal = vectors[:, 0]
+    if float(normal @ (centre - inside)) < 0:
+        normal = -normal
+    return normal, float(normal @ centre)
+
+
+def _basis(normal: Array) -> Array:
+    """(2, 3) unit rows in the plane, square to each other."""
+    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
+    u = np.cross(helper, normal)
+    u /= np.linalg.norm(u)
+    return np.stack([u, np.cross(normal, u)])

@@ -1,0 +1,166 @@
+"""Meshes from files' bytes: STL, OBJ, PLY, GLB, GLTF, 3MF, as vertices and triangles in the file's own unit. The only user of trimesh.
+
+What a header claims is compared with the file's size before a parser may believe it: a garbled count must not ask for the machine's memory.
+"""
+
+# scipy and trimesh are only partly typed; their unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
+from __future__ import annotations
+
+import json
+import struct
+import warnings
+from dataclasses import dataclass
+from io import BytesIO
+from zipfile import ZipFile
+
+import numpy as np
+import trimesh
+
+from analyze.errors import ShapeError
+from analyze.types import Array, IntArray
+from schemas.documents import LengthUnit
+
+FORMATS = ("stl", "obj", "ply", "glb", "gltf", "3mf")
+MOST_UNPACKED = 200
+"""times the size of a packed file that its content may have; XML packs 10 to 20 times"""
+SMALLEST_BOMB = 50_000_000
+"""bytes that may always be unpacked"""
+SAME_VERTEX = 1e-7
+"""part of the size within which two vertices are one: STL repeats every vertex per face, OBJ per texture seam"""
+PLY_BYTES = {"char": 1, "uchar": 1, "short": 2, "ushort": 2, "int": 4, "uint": 4, "float": 4, "double": 8} | {
+    f"{kind}{bits}": bits // 8 for kind in ("int", "uint", "float") for bits in (8, 16, 32, 64)
+}
+UNITS_3MF = {"millimeter": LengthUnit.MILLIMETRE, "centimeter": LengthUnit.CENTIMETRE, "inch": LengthUnit.INCH, "meter": LengthUnit.METRE}
+
+
+@dataclass(frozen=True)
+class RawMesh:
+    """As the file has it."""
+
+    vertices: Array
+    """(n, 3) finite, each used by a face"""
+    faces: IntArray
+    """(f, 3), none with a vertex twice"""
+
+
+def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit) -> RawMesh:
+    """Triangles of a mesh file; a scene's parts are put in their places.
+
+    Args:
+        data: the file's content.
+        name: for messages.
+        suffix: one of `FORMATS`.
+        unit: as the object file declares it; compared with what the file says of itself.
+
+    Raises:
+        ShapeError: not readable, without faces, or its own unit is another.
+    """
+    try:
+        _refuse_false_counts(data, suffix)
+        with warnings.catch_warnings():
+            # numpy's own word for a text that ends in the middle of a number.
+            warnings.filterwarnings("error", message="string or file could not be read to its end")
+            warnings.filterwarnings("ignore", category=RuntimeWarning)
+            mesh = trimesh.load_scene(BytesIO(data), file_type=suffix, process=False, skip_materials=True).to_mesh()
+        vertices = np.asarray(mesh.vertices, dtype=np.float64)
+        faces = np.asarray(mesh.faces, dtype=np.int64)
+    except _Doubtful as doubt:
+        raise ShapeError(f"{name}: {doubt}") from None
+    except Exception:  # trimesh's readers raise whatever the damaged byte leads to
+        raise ShapeError(f"{name}: cannot be read as {suffix.upper()}: it is damaged or of another format: export it anew") from None
+    if faces.ndim != 2 or len(faces) < 4 or faces.min() < 0 or faces.max() >= len(vertices):
+        raise ShapeError(f"{name}: holds no faces of a closed body: export the solid's exterior as {suffix.upper()} again")
+    if suffix == "3mf":
+        _refuse_other_unit(data, name, unit)
+    return _merged(vertices, faces, name)
+
+
+def ply_has_faces(data: bytes) -> bool:
+    """Whether a PLY's header announces faces; without, it is a point cloud."""
+    header = data[:10_000].split(b"end_header")[0].decode("ascii", errors="replace")
+    words = [line.split() for line in header.splitlines()]
+    return any(word[:1] == ["element"] and word[1:2] in (["face"], ["tristrips"]) and word[2:3] != ["0"] for word in words)
+
+
+class _Doubtful(Exception):
+    """What the file claims cannot be."""
+
+
+def _refuse_false_counts(data: bytes, suffix: str) -> None:
+    if suffix == "ply":
+        refuse_false_ply_counts(data)
+    elif suffix == "3mf":
+        with ZipFile(BytesIO(data)) as archive:
+            unpacked = sum(item.file_size for item in archive.infolist())
+        if unpacked > max(SMALLEST_BOMB, MOST_UNPACKED * len(data)):
+            raise _Doubtful(f"unpacks to {unpacked / 1e6:.0f} MB from {len(data) / 1e6:.1f} MB: no mesh packs so well: export it anew")
+    elif suffix in ("glb", "gltf"):
+        _refuse_false_accessors(data, suffix)
+
+
+def refuse_false_ply_counts(data: bytes) -> None:
+    """Raise ValueError if the header promises more than the file can hold."""
+    head, found, _ = data[:1_000_000].partition(b"end_header")
+    if not found:
+        raise ValueError("no end of header")
+    ascii_text = b"format ascii" in head
+    least, count = 0, 0
+    for line in head.decode("ascii", errors="replace").splitlines():
+        words = line.split()
+        if words[:1] == ["element"]:
+            count = int(words[2])
+            if count < 0:
+                raise ValueError("negative count")
+        elif words[:1] == ["property"]:
+            # A number and its blank take two characters at least; a list at least its length.
+            least += count * (2 if ascii_text else PLY_BYTES[words[2] if words[1] == "list" else words[1]])
+    if least > len(data) + count:
+        raise ValueError("counts larger than the file")
+
+
+def _refuse_false_accessors(data: bytes, suffix: str) -> None:
+    text = data
+    if suffix == "glb":
+        magic, _, length, json_length, kind = struct.unpack_from("<4sIII4s", data)
+        if magic != b"glTF" or kind != b"JSON" or length > len(data) or 20 + json_length > len(data):
+            raise ValueError("not a GLB, or cut")
+        text = data[20 : 20 + json_length]
+    tree = json.loads(text)
+    if any("uri" in buffer and not str(buffer["uri"]).startswith("data:") for buffer in tree.get("buffers", [])):
+        raise _Doubtful("keeps its numbers in another file: export it as GLB, which is one file")
+    if any("KHR_draco_mesh_compression" in str(primitive) for primitive in tree.get("meshes", [])):
+        raise _Doubtful("is compressed by Draco: export it without compression")
+    for accessor in tree.get("accessors", []):
+        if not 0 <= int(accessor["count"]) <= len(data):
+            raise ValueError("counts larger than the file")
+
+
+def _refuse_other_unit(data: bytes, name: str, unit: LengthUnit) -> None:
+    with ZipFile(BytesIO(data)) as archive:
+        model = next(item for item in archive.namelist() if item.lower().endswith("3dmodel.model"))
+        head = archive.read(model)[:10_000].decode("utf-8", errors="replace")
+    said = head.partition("<model")[2].partition(">")[0].partition('unit="')[2].partition('"')[0] or "millimeter"
+    own = UNITS_3MF.get(said)
+    if own is None:
+        raise ShapeError(f"{name}: is in {said}s: export it in millimetres")
+    if own is not unit:
+        raise ShapeError(
+            f'{name}: the file itself says {said}, the object file says unit = "{unit.value}": correct shape.unit to "{own.value}"'
+        )
+
+
+def _merged(vertices: Array, faces: IntArray, name: str) -> RawMesh:
+    used, faces = np.unique(faces, return_inverse=True)
+    vertices, faces = vertices[used], faces.reshape(-1, 3)
+    if not np.isfinite(vertices).all():
+        raise ShapeError(f"{name}: holds coordinates that are no numbers: export it anew")
+    largest = float(np.abs(vertices).max())
+    step = float(np.ptp(vertices, axis=0).max()) * SAME_VERTEX
+    if step == 0 or largest > 1e15 or largest / step > 1e15:
+        raise ShapeError(f"{name}: all vertices coincide, or lie absurdly far out: export it anew")
+    _, first, inverse = np.unique(np.round(vertices / step), axis=0, return_index=True, return_inverse=True)
+    faces = inverse.ravel()[faces].astype(np.int64)
+    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return RawMesh(vertices[first], faces[whole])

@@ -1,0 +1,258 @@
+"""A mesh as files have it made into one closed surface, outside out: what can be repaired well is, and is said; what cannot is refused.
+
+Flat holes are closed flat and small ones by a fan; overlapping bodies are united (manifold3d); inner surfaces are dropped. A single surface
+that runs through itself is not mended: where it does so, inside and outside are a matter of opinion.
+"""
+
+# scipy and manifold3d are only partly typed; their unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import manifold3d
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
+
+from analyze.errors import ShapeError
+from analyze.geometry import polyhedron
+from analyze.types import Array, IntArray
+
+FLAT_HOLE = 0.01
+"""part of the hole's width by which its border may leave a plane"""
+SMALL_HOLE = 0.10
+"""width of a hole, part of the largest extent, up to which it is closed whatever its shape"""
+MOST_HOLES = 200
+SPECK = 1e-5
+"""part of the largest body's volume below which a separate one is dust of the export"""
+PROBES = 4000
+TWICE = 0.002
+"""part of the volume that may lie inside twice over or inside out"""
+CRACK = 1e-5
+"""part of the largest extent up to which open edges are joined"""
+
+
+@dataclass(frozen=True)
+class ClosedMesh:
+    """A closed surface, faces counter-clockwise from outside."""
+
+    vertices: Array
+    faces: IntArray
+    notes: tuple[str, ...]
+    """what was repaired"""
+
+
+def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
+    """One closed surface from triangles (f, 3) over `vertices` (n, 3).
+
+    Raises:
+        ShapeError: the holes are too large or too crooked, the surface runs through itself, or it is flat.
+    """
+    notes: list[str] = []
+    try:
+        ConvexHull(vertices)
+    except QhullError:
+        raise ShapeError(f"{name}: all vertices lie in one plane: export the solid's exterior") from None
+    faces = _once(faces)
+    if polyhedron.open_edges(faces):
+        vertices, faces = _without_cracks(vertices, faces)
+    faces, body, turned = polyhedron.wound_alike(faces)
+    if polyhedron.open_edges(faces):
+        vertices, faces, note = _filled(vertices, faces, name)
+        notes.append(note)
+        faces, body, more = polyhedron.wound_alike(faces)
+        turned = max(turned, more)
+    faces, inside_out = polyhedron.outward(vertices, faces, body)
+    if turned:
+        notes.append(f"{name}: {turned} faces were wound against their neighbours and have been turned")
+    if inside_out:
+        notes.append(f"{name}: the normals pointed inwards and have been turned outwards")
+    vertices, faces = _exterior(vertices, faces, body, name, notes)
+    _refuse_self_crossing(vertices, faces, name)
+    return ClosedMesh(vertices, faces, tuple(notes))
+
+
+def _once(faces: IntArray) -> IntArray:
+    """Faces without repetitions of the same three vertices."""
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return faces[np.sort(first)]
+
+
+def _without_cracks(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
+    """Vertices that coincide to `CRACK` joined, if that closes edges."""
+    step = float(np.ptp(vertices, axis=0).max()) * CRACK
+    _, first, inverse = np.unique(np.round(vertices / step), axis=0, return_index=True, return_inverse=True)
+    joined = inverse.ravel()[faces].astype(np.int64)
+    whole = (joined[:, 0] != joined[:, 1]) & (joined[:, 1] != joined[:, 2]) & (joined[:, 2] != joined[:, 0])
+    joined = _once(joined[whole])
+    if polyhedron.open_edges(joined) < polyhedron.open_edges(faces):
+        return vertices[first], joined
+    return vertices, faces
+
+
+def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArray, str]:
+    """Holes closed: flat ones flat, small ones by a fan around their middle."""
+    holes = polyhedron.open_edges(faces)
+    remedy = "close the holes in a mesh editor, scan what is missing, or give a primitive (box, cylinder) instead"
+    loops = _loops(faces)
+    if loops is None or len(loops) > MOST_HOLES:
+        raise ShapeError(f"{name}: not a closed body ({holes} open edges that do not run round plain holes): {remedy}")
+    extent = float(np.ptp(vertices, axis=0).max())
+    added: list[IntArray] = [faces]
+    widest = 0.0
+    for loop in loops:
+        ring = vertices[loop]
+        centre = ring.mean(axis=0)
+        _, _, frame = np.linalg.svd(ring - centre, full_matrices=False)
+        width = float(np.ptp((ring - centre) @ frame[0]))
+        crooked = float(np.ptp((ring - centre) @ frame[-1])) > FLAT_HOLE * max(width, 1e-12)
+        if crooked and width > SMALL_HOLE * extent:
+            part = 100 * width / extent
+            raise ShapeError(f"{name}: not a closed body ({holes} open edges; one hole is {part:.0f} % of the size and not flat): {remedy}")
+        widest = max(widest, width)
+        if crooked:
+            vertices = np.vstack([vertices, centre])
+            middle = np.full(len(loop), len(vertices) - 1)
+            added.append(np.stack([np.roll(loop, -1), loop, middle], axis=1))
+        else:
+            flat = np.ascontiguousarray((ring[::-1] - centre) @ frame[:2].T)
+            if _signed_area(flat) < 0:
+                flat = flat * [1.0, -1.0]
+            added.append(loop[::-1][np.asarray(manifold3d.triangulate([flat]), dtype=np.int64)])
+    filled = np.vstack(added)
+    left = polyhedron.open_edges(filled)
+    if left:
+        raise ShapeError(f"{name}: not a closed body ({left} edges stay open): {remedy}")
+    part = 100 * widest / extent
+    many = f"{len(loops)} holes were" if len(loops) > 1 else "a hole was"
+    return vertices, filled, f"{name}: {many} closed (the widest {part:.0f} % of the size): check that nothing is missing there"
+
+
+def _loops(faces: IntArray) -> list[IntArray] | None:
+    """Vertices round each hole, in the direction of its faces; None: edges meet in no plain rings."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    key = np.sort(edges, axis=1)
+    _, inverse, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    border = edges[count[inverse.ravel()] == 1]
+    if np.any(count > 2):
+        return None
+    following = dict(zip(border[:, 0].tolist(), border[:, 1].tolist(), strict=True))
+    if len(following) != len(border):
+        return None
+    loops: list[IntArray] = []
+    while following:
+        start, at = following.popitem()
+        loop = [start]
+        while at != start:
+            loop.append(at)
+            if at not in following:
+                return None
+            at = following.pop(at)
+        loops.append(np.array(loop, dtype=np.int64))
+    return loops
+
+
+def _exterior(vertices: Array, faces: IntArray, body: IntArray, name: str, notes: list[str]) -> tuple[Array, IntArray]:
+    """The outer bodies, united where they overlap."""
+    count = int(body.max()) + 1
+    if count == 1:
+        return vertices, faces
+    volumes = np.array([_volume(vertices, faces[body == index]) for index in range(count)])
+    dust = volumes < SPECK * volumes.max()
+    buried = _buried(vertices, faces, body, dust)
+    if dust.any():
+        notes.append(f"{name}: {int(dust.sum())} specks without volume are left out")
+    if buried.any():
+        notes.append(f"{name}: inner surfaces are ignored: only the exterior counts")
+    outer = np.flatnonzero(~dust & ~buried)
+    faces, body = faces[np.isin(body, outer)], body[np.isin(body, outer)]
+    if len(outer) > 1:
+        united = _united(vertices, [faces[body == index] for index in outer])
+        if united is None:
+            notes.append(f"{name}: {len(outer)} separate bodies; where they overlap, volume counts twice")
+        else:
+            apart = float(volumes[outer].sum()) - _volume(*united)
+            if apart > 1e-6 * float(volumes.max()):
+                vertices, faces = united
+                notes.append(f"{name}: {len(outer)} bodies overlapped and have been united")
+            left = _pieces(faces)
+            if left > 1:
+                notes.append(
+                    f"{name}: {left} separate bodies: they are taken as one rigid object, joined by something the file does not show"
+                )
+    used, faces = np.unique(faces, return_inverse=True)
+    return vertices[used], faces.reshape(-1, 3).astype(np.int64)
+
+
+def _buried(vertices: Array, faces: IntArray, body: IntArray, dust: polyhedron.BoolArray) -> polyhedron.BoolArray:
+    """Which bodies lie inside another one: all of their corners do, and their middles."""
+    count = len(dust)
+    buried = np.zeros(count, dtype=bool)
+    samples = [vertices[faces[body == index]].mean(axis=1) for index in range(count)]
+    samples = [each[:: max(1, len(each) // 20)] for each in samples]
+    owner = np.repeat(np.arange(count), [len(each) for each in samples])
+    points = np.vstack(samples)
+    boxes = [
+        (np.min(vertices[faces[body == index]], axis=(0, 1)), np.max(vertices[faces[body == index]], axis=(0, 1))) for index in range(count)
+    ]
+    for index in np.flatnonzero(~dust):
+        low, high = boxes[index]
+        others = [k for k in range(count) if k != index and not dust[k] and np.all(boxes[k][0] >= low) and np.all(boxes[k][1] <= high)]
+        if not others:
+            continue
+        asked = np.isin(owner, others)
+        within = polyhedron.inside(vertices, faces[body == index], points[asked])
+        for other in others:
+            buried[other] |= bool(within[owner[asked] == other].all())
+    return buried
+
+
+def _united(vertices: Array, bodies: list[IntArray]) -> tuple[Array, IntArray] | None:
+    """Union of closed bodies; None where manifold3d does not take one as a manifold."""
+    solids: list[manifold3d.Manifold] = []
+    for faces in bodies:
+        used, local = np.unique(faces, return_inverse=True)
+        mesh = manifold3d.Mesh64(np.ascontiguousarray(vertices[used]), np.ascontiguousarray(local.reshape(-1, 3).astype(np.uint64)))
+        solid = manifold3d.Manifold(mesh)
+        if solid.status() != manifold3d.Error.NoError or solid.is_empty():
+            return None
+        solids.append(solid)
+    mesh = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add).to_mesh64()
+    return np.asarray(mesh.vert_properties)[:, :3].astype(np.float64), np.asarray(mesh.tri_verts).astype(np.int64)
+
+
+def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
+    """Points in the box are inside once or not at all; more often, or less than nought times, the surface runs through itself."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    i = np.arange(1, PROBES + 1)[:, None]
+    # Even in the box, and the same every time: the generalised golden ratio's sequence in three dimensions.
+    points = low + (high - low) * ((0.5 + i * np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])) % 1)
+    times = polyhedron.winding(vertices, faces, points)
+    inside = int(np.sum(times != 0))
+    wrong = int(np.sum((times != 0) & (times != 1)))
+    if wrong > max(TWICE * inside, 2):
+        share = 100 * wrong / max(inside, 1)
+        raise ShapeError(
+            f"{name}: the surface runs through itself ({share:.1f} % of its inside counts twice or negative): unite the parts "
+            "in the CAD program or a mesh editor, or give a primitive (box, cylinder) instead"
+        )
+
+
+def _pieces(faces: IntArray) -> int:
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
+    size = int(faces.max()) + 1
+    _, label = connected_components(coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size)), directed=False)
+    return len(np.unique(label[faces[:, 0]]))
+
+
+def _volume(vertices: Array, faces: IntArray) -> float:
+    a, b, c = np.moveaxis((vertices - vertices.mean(axis=0))[faces], 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def _signed_area(flat: Array) -> float:
+    following = np.roll(flat, -1, axis=0)
+    return float(np.sum(flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0]))
