@@ -333,7 +333,9 @@ class LiveRecording:
         self._watch(opened)
 
     def _watch(self, opened: _Open) -> None:
-        opened.watcher = Watcher(Path(f"{part_path(opened.path, opened.part)}{PART_SUFFIX}"), self._on_watch)
+        # It follows the row of files; the one before the newest is there for sure, and holds what a strike began in.
+        number = max(opened.part, _newest_part(opened.path) - 1)
+        opened.watcher = Watcher(Path(f"{part_path(opened.path, number)}{PART_SUFFIX}"), self._on_watch)
         if opened.expected:
             opened.watcher.expect(opened.expected)
 

@@ -19,6 +19,8 @@ from schemas.documents import MANIFEST_NAME, PLAN_ATTACHMENT, SHAPE_ATTACHMENT_P
 from schemas.topics import TRUTH_PREFIX
 
 PART_SUFFIX = ".part"
+_HEAD_BYTES = 1 << 24
+"""a manifest is far smaller"""
 
 
 class FollowedRecording:
@@ -78,6 +80,32 @@ class FollowedRecording:
         except (ContainerError, struct.error) as error:
             raise RecordingError(f"{self.path}: damaged: {error}") from None
         return found
+
+    def peek(self) -> SessionManifest | None:
+        """The manifest, None where it is not there yet; nothing else is read, and nothing is remembered.
+
+        Raises:
+            RecordingError: what is there is not a recording, or damaged.
+        """
+        if not self._open():
+            return None
+        size = os.fstat(self._file()).st_size
+        with mmap.mmap(self._file(), size, access=mmap.ACCESS_READ) as data:
+            at = self._at
+            while at + container.RECORD_HEAD <= size:
+                opcode, length = struct.unpack_from("<BQ", data, at)
+                body = data[at + container.RECORD_HEAD : at + container.RECORD_HEAD + min(length, _HEAD_BYTES)]
+                if len(body) < length or opcode in {0, container.CHUNK, container.DATA_END}:
+                    return None
+                if opcode == container.METADATA:
+                    try:
+                        metadata = container.parse_metadata(memoryview(body))
+                    except (ContainerError, struct.error) as error:
+                        raise RecordingError(f"{self.path}: damaged: {error}") from None
+                    if metadata.name == MANIFEST_NAME:
+                        return parse_manifest(metadata.entries.get("json", ""), str(self.path))
+                at += container.RECORD_HEAD + length
+        return None
 
     def image(self, message: RecordedMessage) -> ImageFrame:
         """The image in a message of an image topic.

@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 
 from analyze.errors import AnalyzeError
+from analyze.followed_series import FollowedSeries
 from analyze.motion.scene import at_rest, check_placement, read_scene
 from analyze.motion.strike import StrikeTask, analyse_strike
-from analyze.recording import FollowedRecording
 from analyze.tracking.camera_model import camera_from_spec, pixel_map
 from analyze.tracking.track import track_markers
 from analyze.types import Marker
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from schemas.documents import ObjectSpec, PlannedStrike, StrikePlan
 
 _LOOK_EVERY_NS = 83_000_000
+_FRESH_NS = 1_000_000_000
+"""what is older than the newest image by more is past: who comes late, or was held up, does not look at it"""
 _POLL_S = 0.04
 _KEEP_NS = 12_000_000_000
 _WAIT_FOR_FILE_S = 3.0
@@ -106,11 +108,15 @@ class Observer:
         """Compare the placement with this planned strike from now on."""
         self._expected = self._strikes.get(plan_strike_id)
 
-    def add(self, image: StoredImage) -> WatchEvent | None:
-        """Take an image in; an event where it was time to look at one."""
+    def keep(self, image: StoredImage) -> None:
+        """Take an image in that is too old to be looked at; a strike that is judged may want it."""
         self._images.append(image)
         while image.log_time_ns - self._images[0].log_time_ns > _KEEP_NS:
             self._images.popleft()
+
+    def add(self, image: StoredImage) -> WatchEvent | None:
+        """Take an image in; an event where it was time to look at one."""
+        self.keep(image)
         if 0 <= image.log_time_ns - self._looked_ns < _LOOK_EVERY_NS:
             return None
         self._looked_ns = image.log_time_ns
@@ -188,7 +194,7 @@ def _say(stdout: TextIO, document: WatchEvent | StrikeVerdict) -> bool:
 
 
 def watch(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock | None = None) -> None:
-    """Follow a recording until `stdin` ends.
+    """Follow a recording until `stdin` ends, from file to file where it is a row of them. What had been recorded before is not looked at.
 
     Args:
         path: the growing recording; it may not exist yet.
@@ -204,14 +210,14 @@ def watch(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock | None = 
     lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
     reader = threading.Thread(target=_read_lines, args=(stdin, lines), name="watch-stdin", daemon=True)
     reader.start()
-    recording = FollowedRecording(path)
+    recording = FollowedSeries(path)
     try:
         _follow(recording, lines, stdout, clock)
     finally:
         recording.close()
 
 
-def _follow(recording: FollowedRecording, lines: queue.SimpleQueue[str | None], stdout: TextIO, clock: WatchClock) -> None:
+def _follow(recording: FollowedSeries, lines: queue.SimpleQueue[str | None], stdout: TextIO, clock: WatchClock) -> None:
     observer: Observer | None = None
     topic = ""
     expected = ""
@@ -239,12 +245,16 @@ def _follow(recording: FollowedRecording, lines: queue.SimpleQueue[str | None], 
             topic = topics.raw_image(camera.name).name
             observer = Observer(camera_from_spec(camera.calibration), markers_of(recording.manifest.object), plan, recording.image)
             observer.expect(expected)
-        for message in messages:
-            if observer is None or message.topic != topic:
-                continue
-            event = observer.add(message)
-            if event is not None and not _say(stdout, event):
-                return
+        images = [message for message in messages if message.topic == topic]
+        fresh_ns = images[-1].log_time_ns - _FRESH_NS if images else 0
+        if observer is not None:
+            for message in images:
+                if message.log_time_ns < fresh_ns:
+                    observer.keep(message)
+                    continue
+                event = observer.add(message)
+                if event is not None and not _say(stdout, event):
+                    return
         while pending:
             patience, request = pending[0]
             held = observer is not None and observer.newest_ns >= request.window_end_ns
