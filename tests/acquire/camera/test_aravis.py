@@ -138,20 +138,27 @@ def test_pulses_at_an_input_make_the_frames_where_the_rig_file_says_so(camera_co
 def test_without_pulses_the_trigger_is_named_and_a_free_camera_is_set_free(camera_config) -> None:
     clock = SystemClock()
     server = VirtualGigeCamera("127.0.0.47", "V", PatternSource(clock, SEED), clock)
-    waiting = AravisCamera(camera_config("127.0.0.47", trigger="Line0", stall_s=0.3), clock)
+    waiting = AravisCamera(camera_config("127.0.0.47", trigger="Line0"), clock)
     free = AravisCamera(camera_config("127.0.0.47"), clock)
+    impatient = AravisCamera(camera_config("127.0.0.47", trigger="Line0", stall_s=0.3), clock)
     try:
         waiting.open()
         waiting.start()
-        with pytest.raises(CameraLost, match=r"no frame for \d\.\d s \(trigger = Line0: do its pulses come\?\)"):
-            read_for_ever(waiting)
+        assert waiting.read(0.3) is None
+        waiting.stop()
         waiting.close()
         free.open()  # the camera still has the other's settings
         free.start()
-        next_frame(free)
-    finally:
-        waiting.close()
+        free.release(next_frame(free))
+        free.stop()
         free.close()
+        impatient.open()
+        impatient.start()
+        with pytest.raises(CameraLost, match=r"no frame for \d\.\d s \(trigger = Line0: do its pulses come\?\)"):
+            read_for_ever(impatient)
+    finally:
+        for camera in (waiting, free, impatient):
+            camera.close()
         server.close()
 
 
