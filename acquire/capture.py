@@ -69,13 +69,14 @@ class _Recording:
             for name, media_type, content in attachments:
                 writer.attachment(name, media_type, content, log_time_ns)
 
-        rotation, memory = Rotation(), None
+        rotation = Rotation()
+        self._memory: BlockMemory | None = None
         if config.mode == "continuous":
             rotation = Rotation(config.rotate_bytes, config.keep_files)
             # Windows go through the page cache: `analyze watch` reads them a moment later.
             if config.image_format == "raw" and can_write_directly(path.parent):
-                memory = BlockMemory(backlog_bytes(rig.camera.width, rig.camera.height, rig.camera.frame_rate_hz))
-        self.files = FileSeries(path, write_head, rotation, self._disk, memory, manifest.part)
+                self._memory = BlockMemory(backlog_bytes(rig.camera.width, rig.camera.height, rig.camera.frame_rate_hz))
+        self.files = FileSeries(path, write_head, rotation, self._disk, self._memory, manifest.part)
         self.frames: FrameRecorder | None = None
         self.first_frame_ns: int | None = None
         """log time"""
@@ -85,6 +86,12 @@ class _Recording:
     @property
     def path(self) -> Path:
         return self.files.path
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Images in memory before the disk."""
+        queued = self.frames.waiting * self.rig.camera.width * self.rig.camera.height if self.frames is not None else 0
+        return queued + (self._memory.used_bytes if self._memory is not None else 0)
 
     def require_space(self) -> None:
         """Refuse a window that the disk has no room for."""
@@ -274,6 +281,7 @@ class Capture:
             "frames": status.frames,
             "lost": status.lost,
             "dropped": frames.dropped if frames is not None else 0,
+            "waiting_bytes": recording.waiting_bytes if recording is not None else 0,
             "fps": status.fps,
             "recording": str(recording.path) if recording is not None else None,
             "first_frame_ns": recording.first_frame_ns if recording is not None else None,

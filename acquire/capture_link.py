@@ -41,6 +41,8 @@ class CaptureStatus:
     """on the way from the camera, since then"""
     dropped: int
     """images a slow disk could not take, in this recording"""
+    waiting_bytes: int
+    """images in memory before the disk, in this recording"""
     fps: float
     recording: Path | None
     first_frame_ns: int | None

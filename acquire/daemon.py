@@ -291,7 +291,7 @@ class Daemon:
             capture = asdict(self._capture.status())
         except AcquireError as error:
             capture = {"error": str(error)}
-        numbers = ("frames", "lost", "dropped", "fps", "bytes_written", "receive_buffer_bytes")
+        numbers = ("frames", "lost", "dropped", "waiting_bytes", "fps", "bytes_written", "receive_buffer_bytes")
         return {
             "rig": self._config.name,
             "pid": os.getpid(),
