@@ -26,6 +26,7 @@ from acquire.camera.frame_loss import FrameLoss
 from acquire.capture_link import CaptureProcess
 from acquire.clock import SystemClock
 from acquire.config import CameraConfig, RecorderConfig, RigConfig
+from acquire.errors import RecorderError
 from acquire.recorder.rewrite import mapped, read_layout
 from acquire.virtual.pattern_source import noise, read_stamp, stamped
 from schemas import container
@@ -110,8 +111,11 @@ def read_all(first: Path, rate_hz: float) -> None:
     ended = False
     while True:
         if path.exists():
-            reader.verify(path)
-            path.unlink()
+            try:
+                reader.verify(path)
+                path.unlink()
+            except (FileNotFoundError, RecorderError):  # eight files later the ring takes it
+                reader.wrong.append(f"{path.name}: gone before it was read: this machine is too busy for the reader")
             part += 1
             path = first.with_name(f"{first.stem}-{part:04d}{first.suffix}")
         elif ended:
