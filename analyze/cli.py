@@ -48,18 +48,52 @@ def _with_estimate_options(function: Callable[..., Any]) -> Callable[..., Any]:
 @main.command()
 @click.argument("object_file", metavar="OBJECT", type=click.Path(path_type=Path))
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Where to write the plan (JSON).")
-@click.option("--rig", type=click.Path(path_type=Path), help="Rig file: camera pose and striker; defaults without it.")
-@click.option("--strikes", default=9, type=click.IntRange(3), help="How many strikes.")
+@click.option("--rig", type=click.Path(path_type=Path), help="Rig file: camera, striker, friction, gravity; defaults without it.")
+@click.option("--strikes", default=9, show_default=True, type=click.IntRange(1, 200), help="How many strikes; with --given: how many more.")
+@click.option(
+    "--target-com-mm",
+    type=click.FloatRange(0, 1000, min_open=True),
+    metavar="X",
+    help="Instead: the fewest strikes that bring the centre of mass to X mm (root mean square distance), or how near they come.",
+)
+@click.option(
+    "--given",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Plan on from strikes made: a recording (.mcap) or what `estimate --json` printed. Says if more strikes pay.",
+)
+@click.option(
+    "--method",
+    type=click.Choice(["ours", "paper"]),
+    default="ours",
+    show_default=True,
+    help="paper: the paper's own steps, first three points by force, for comparison.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the plan as JSON.")
 @_one_line_errors
-def plan(object_file: Path, output: Path | None, rig: Path | None, strikes: int, as_json: bool) -> None:
-    """Plan the strikes for OBJECT (TOML): how to place it, where to strike, how hard."""
+def plan(
+    object_file: Path,
+    output: Path | None,
+    rig: Path | None,
+    strikes: int,
+    target_com_mm: float | None,
+    given: Path | None,
+    method: str,
+    as_json: bool,
+) -> None:
+    """Plan the strikes for OBJECT (TOML): how to place it, where to strike, how hard, and how well the answer will be known."""
     from analyze.output_file import refuse_unwritable
-    from analyze.plan_files import plan_object, render_plan, write_plan
+    from analyze.plan_files import PlanOptions, plan_object, write_plan
+    from analyze.plan_table import render_plan
+    from analyze.progress import StrikeProgress
+    from schemas.documents import PlanMethod
 
+    if method == "paper" and (target_com_mm is not None or given is not None):
+        raise click.UsageError("the paper's method knows neither --target-com-mm nor --given: leave them out, or plan with ours")
     if output is not None:
-        refuse_unwritable(output, object_file, *([rig] if rig is not None else []))
-    result = plan_object(object_file, rig, strikes)
+        refuse_unwritable(output, object_file, *(path for path in (rig, given) if path is not None))
+    with StrikeProgress() as progress:
+        result = plan_object(object_file, PlanOptions(rig, strikes, target_com_mm, given, PlanMethod(method)), progress)
     if output is not None:
         write_plan(result, output)
     if as_json:

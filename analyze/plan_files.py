@@ -1,38 +1,81 @@
-"""`analyze plan`: object file (and rig file) in, plan out. The planning itself is pure and lives in planning/."""
+"""`analyze plan`: object file, rig file and results so far in, plan out. The planning itself is pure and lives in planning/."""
 
 from __future__ import annotations
 
+import json
 import tomllib
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from analyze.errors import PlanError
-from analyze.geometry.object_model import load_object_model
+from analyze.estimation.cells import cells_from_voxels
+from analyze.geometry.object_model import ObjectModel, load_object_model
+from analyze.geometry.voxels import voxelise
 from analyze.object_files import object_files
 from analyze.output_file import write_text
+from analyze.pipeline import estimate_recording, wall_thickness
+from analyze.planning import view
+from analyze.planning.examine import Bench
+from analyze.planning.fillings import Pieces
+from analyze.planning.given import Given, StrikeMade
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import FRICTION, make_plan
+from analyze.planning.information import Errors
+from analyze.planning.paper_strikes import paper_strike_plan
+from analyze.planning.plan import FRICTION, Request, finish, prepare
 from analyze.types import CameraModel
-from schemas.documents import CameraCalibrationSpec, DocumentError, StrikePlan, validate
+from schemas.documents import CameraCalibrationSpec, DocumentError, PlanMethod, Result, StrikePlan, validate
+
+CELLS = 1200
+"""pieces of the body for the prediction of region masses"""
+STRIKES = 9
+"""how many, if nobody says"""
+MOST_STRIKES = 200
+
+Progress = Callable[[str, int, int], None]
 
 
-def plan_object(object_path: Path, rig_path: Path | None, strikes: int) -> StrikePlan:
-    """Plan the strikes for an object file; `rig_path` gives the camera's pose and the striker, else nominal ones are taken.
+@dataclass(frozen=True)
+class PlanOptions:
+    """What the user asks for beside the object."""
+
+    rig_path: Path | None = None
+    strikes: int = STRIKES
+    target_com_mm: float | None = None
+    given_path: Path | None = None
+    method: PlanMethod = PlanMethod.OURS
+
+
+def plan_object(object_path: Path, options: PlanOptions, progress: Progress = lambda _text, _done, _total: None) -> StrikePlan:
+    """Plan the strikes for an object file.
 
     Raises:
         DocumentError, ShapeError: the object file or its shape cannot be used.
-        PlanError: the rig file cannot be used, or no set of strikes determines the centre of mass.
+        RecordingError, EstimationError: of the recording given as result so far.
+        PlanError: the rig file or the result so far cannot be used, or no set of strikes determines the centre of mass.
     """
+    progress("reading the shape", 0, 4)
     files = object_files(object_path)
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
-    rig = _rig(rig_path)
-    plan = make_plan(model, files.spec, files.sha256, rig.striker, rig.camera, strikes, rig.friction)
-    return plan.model_copy(update={"warnings": [*model.warnings, *plan.warnings]})
+    rig = _rig(options.rig_path)
+    given = None if options.given_path is None else _given(options.given_path, files.sha256, files.spec.mass_kg)
+    progress("trying the axes", 1, 4)
+    prepared = prepare(model, files.spec, Bench(rig.striker, rig.camera, rig.friction, rig.gravity), rig.errors, given)
+    if options.method is PlanMethod.PAPER:
+        return paper_strike_plan(prepared, files.sha256, options.strikes)
+    progress("cutting the body into pieces", 2, 4)
+    cells = _pieces(model, wall_thickness(files.spec, model))
+    progress("choosing the strikes", 3, 4)
+    target = None if options.target_com_mm is None else options.target_com_mm / 1000
+    return finish(prepared, files.sha256, Request(options.strikes, target), cells)
+
+
+def _pieces(model: ObjectModel, wall: float) -> Pieces:
+    cells = cells_from_voxels(voxelise(model, (model.volume / CELLS) ** (1 / 3), wall))
+    return Pieces(cells.points, cells.wall, cells.interior, cells.own, cells.pitch)
 
 
 def write_plan(plan: StrikePlan, path: Path) -> None:
@@ -44,54 +87,88 @@ def write_plan(plan: StrikePlan, path: Path) -> None:
     write_text(path, plan.model_dump_json(indent=1) + "\n")
 
 
-def render_plan(plan: StrikePlan) -> None:
-    """The plan as a table on the terminal."""
-    console = Console()
-    table = Table(title=f"{plan.object_name}: {len(plan.strikes)} strikes", title_justify="left")
-    for heading in ("strike", "axis"):
-        table.add_column(heading)
-    for heading in ("tips at", "strike at height", "tip speed", "tag"):
-        table.add_column(heading, justify="right")
-    for strike in plan.strikes:
-        table.add_row(
-            strike.id,
+def _given(path: Path, object_sha256: str, mass: float) -> Given:
+    """A result so far: what `analyze estimate --json` printed, or a recording, which is then estimated."""
+    if path.suffix == ".mcap":
+        result = estimate_recording(path).result
+    else:
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise PlanError(f"{path}: no such file: give a recording (.mcap) or what `analyze estimate --json` printed") from None
+        except OSError as error:
+            raise PlanError(f"{path}: cannot be read: {error.strerror}") from None
+        except (ValueError, RecursionError):
+            raise PlanError(f"{path}: is no result: give a recording (.mcap) or what `analyze estimate --json` printed") from None
+        result = validate(Result, data, str(path))
+    if result.inputs.object_sha256 != object_sha256:
+        raise PlanError(f"{path}: is of another object, or of this one before its file was changed: give a result of this object file")
+    return given_from_result(result, str(path), mass)
+
+
+def given_from_result(result: Result, name: str, mass: float) -> Given:
+    """What a Result says to the planner.
+
+    Raises:
+        PlanError: it holds no strike that was used, or no centre of mass.
+    """
+    com, inertia = result.centre_of_mass, result.inertia
+    strikes = [
+        StrikeMade(
             strike.axis_id,
-            f"{np.degrees(strike.phi_predicted_rad):.1f}° ± {np.degrees(strike.phi_predicted_sd_rad):.1f}°",
-            f"{1000 * strike.impact_height_m:.0f} mm",
-            f"{strike.tip_speed_m_s.target:.2f} m/s",
-            ", ".join(map(str, strike.visible_markers)),
+            _single(strike.phi.sd, 1e-3),
+            None if strike.k is None or strike.k.sd is None else _single(strike.k.sd, 0.0) / max(_single(strike.k.value, 1.0), 1e-9),
         )
-    console.print(table)
-    if plan.predicted_com_sd_m is not None:
-        console.print(f"predicted: centre of mass to ±{1000 * plan.predicted_com_sd_m:.2f} mm (1 sigma, worst direction)", highlight=False)
-    for warning in plan.warnings:
-        console.print(f"note: {warning}", highlight=False)
-    if plan.rejected:
-        console.print(f"{len(plan.rejected)} axes were considered and left out; the plan file says why", highlight=False)
+        for strike in result.strikes
+        if strike.used and strike.phi is not None
+    ]
+    if not strikes or com.value is None or com.covariance is None:
+        raise PlanError(f"{name}: holds no strike that was used: plan from the first strike, without --given")
+    unit_inertia = None if inertia.value is None else np.array(inertia.value, dtype=np.float64) / mass
+    return Given(name, np.array(com.value, dtype=np.float64), np.array(com.covariance), unit_inertia, tuple(strikes), _directions(result))
+
+
+def _directions(result: Result) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+    return {moment.axis_id: np.array(moment.direction, dtype=np.float64) for moment in result.moments}
+
+
+def _single(value: float | list[float] | list[list[float]] | None, otherwise: float) -> float:
+    return value if isinstance(value, float | int) else otherwise
 
 
 @dataclass(frozen=True)
 class _Rig:
     striker: StrikerModel
-    camera: CameraModel | None
+    camera: CameraModel
     friction: float
+    gravity: float
+    errors: Errors
 
 
 def _rig(path: Path | None) -> _Rig:
-    """What planning needs of a rig file, which belongs to `acquire`: [camera.calibration], [striker], table_friction."""
-    striker = StrikerModel()
+    """What planning needs of a rig file, which belongs to `acquire`: camera, striker, table_friction, gravity and its tilt."""
+    striker, errors = StrikerModel(), Errors()
     if path is None:
-        return _Rig(striker, None, FRICTION)
+        return _Rig(striker, view.default_camera(), FRICTION, 9.81, errors)
     try:
         data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
         calibration = validate(CameraCalibrationSpec, data["camera"]["calibration"], f"{path}: camera.calibration")
         given: dict[str, Any] = data.get("striker", {})
+        fastest = striker.fastest_m_s
+        if "velocity_limit_rad_s" in given and "arm_length_m" in given:
+            fastest = _between(given, "velocity_limit_rad_s", 8.0, 0.0, 100.0) * _between(given, "arm_length_m", 0.12, 0.0, 2.0)
         striker = replace(
             striker,
             effective_mass_kg=_between(given, "effective_mass_kg", striker.effective_mass_kg, 0.0, 10.0),
             restitution=_between(given, "restitution", striker.restitution, 0.0, 1.0),
+            fastest_m_s=fastest,
+            **_reach(given),
         )
         friction = _between(data, "table_friction", FRICTION, 0.0, 10.0)
+        gravity = _between(data, "g_m_s2", 9.81, 9.7, 9.9)
+        tilt = _between(data, "gravity_tilt_sd_rad", errors.tilt, -1e-12, 1.0)
+        gravity_sd = _between(data, "g_sd_m_s2", errors.gravity * gravity, -1e-12, 1.0)
+        errors = replace(errors, tilt=max(tilt, 1e-6), gravity=max(gravity_sd / gravity, 1e-7))
     except FileNotFoundError:
         raise PlanError(f"{path}: no such rig file: check the path") from None
     except OSError as error:
@@ -103,7 +180,7 @@ def _rig(path: Path | None) -> _Rig:
     except DocumentError as error:
         raise PlanError(str(error)) from None
     except (TypeError, ValueError, AttributeError) as error:
-        raise PlanError(f"{path}: cannot be used as a rig file: {error}: correct [striker] or table_friction") from None
+        raise PlanError(f"{path}: cannot be used as a rig file: {error}: correct [striker], table_friction or gravity") from None
     camera = CameraModel(
         calibration.width,
         calibration.height,
@@ -111,7 +188,17 @@ def _rig(path: Path | None) -> _Rig:
         np.array(calibration.distortion),
         np.array(calibration.T_world_camera),
     )
-    return _Rig(striker, camera, friction)
+    return _Rig(striker, camera, friction, gravity, errors)
+
+
+def _reach(section: dict[str, Any]) -> dict[str, float]:
+    """Heights [m] over the table that the striker's tip can be set to."""
+    if "reach_m" not in section:
+        return {}
+    low, high = (float(value) for value in section["reach_m"])
+    if not 0 < low < high < 2:
+        raise ValueError(f"reach_m = [{low:g}, {high:g}] is not two rising heights in metres")
+    return {"lowest_m": low, "highest_m": high}
 
 
 def _between(section: dict[str, Any], key: str, otherwise: float, low: float, high: float) -> float:

@@ -224,7 +224,9 @@ class PlannedStrike(Document):
     energy_ratio: float = Field(gt=0)
     phi_predicted_rad: float
     phi_predicted_sd_rad: float = Field(ge=0)
+    phi_measured_sd_rad: float | None = Field(default=None, ge=0, description="1 sigma expected of this strike's measurement")
     i_edge_predicted_kg_m2: float = Field(gt=0)
+    i_edge_measured_sd_kg_m2: float | None = Field(default=None, ge=0, description="the same, of I_edge")
     visible_markers: list[int]
     camera_pose: Matrix4 = Field(description="T_world_camera that looks along the pivot axis")
     friction_needed: float = Field(ge=0)
@@ -241,15 +243,65 @@ class Rejection(Document):
     text: str = ""
 
 
+class PredictedMoment(Document):
+    """Expected of the moment about the axis through c that is parallel to a pivot."""
+
+    axis_id: str
+    i_com_sd_kg_m2: float = Field(ge=0)
+    determined: bool = Field(description="known clearly better than the shape alone says")
+
+
+class PredictedRegion(Document):
+    """Expected of one region's mass; the median over fillings that are as likely."""
+
+    name: str
+    mass_sd_kg: float = Field(ge=0)
+    determined: bool
+
+
+class PredictionStep(Document):
+    """How well c would be known with so many strikes."""
+
+    strikes: int = Field(ge=1)
+    com_rms_m: float = Field(ge=0)
+
+
+class Prediction(Document):
+    """How well every result will be known, what limits it, and whether more strikes pay. 1 sigma each, in O."""
+
+    com_sd_m: Vector3
+    com_rms_m: float = Field(ge=0, description="root mean square distance from the truth")
+    target_com_m: float | None = Field(default=None, gt=0)
+    target_reached: bool | None = None
+    moments: list[PredictedMoment] = []
+    inertia_sd_kg_m2: Matrix3
+    inertia_determined: list[list[bool]]
+    regions: list[PredictedRegion] = []
+    error_sources_m: dict[str, float] = Field(default={}, description="part of com_rms_m by its cause; the squares add up")
+    curve: list[PredictionStep] = []
+    floor_m: float = Field(ge=0, description="com_rms_m with any number of strikes on these axes")
+    stop: bool = Field(description="what strikes share dominates: twice as many would gain less than a tenth")
+    advice: str
+
+
+class PlanMethod(enum.Enum):
+    """How strikes were chosen."""
+
+    OURS = "ours"
+    PAPER = "paper"
+
+
 class StrikePlan(Document):
     """How to place and strike the object, and how well the answer will be known (JSON)."""
 
     schema_version: str = SCHEMA_VERSION
+    method: PlanMethod = PlanMethod.OURS
     object_name: str
     object_sha256: str
     strikes: list[PlannedStrike] = Field(min_length=1)
     predicted_com_covariance_m2: Matrix3 | None = None
-    predicted_com_sd_m: float | None = None
+    predicted_com_sd_m: float | None = Field(default=None, description="root mean square distance of c from the truth")
+    prediction: Prediction | None = None
     rejected: list[Rejection] = []
     warnings: list[str] = []
 

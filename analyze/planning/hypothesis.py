@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
-from analyze.types import Array
+from analyze.types import Array, IntArray
 
 UNEVEN_FILLING = 0.2
 """part of the half extent by which an unknown filling may shift c"""
-SAMPLES_ACROSS = 30
-"""surface samples along the longest edge"""
+SAMPLES_ACROSS = 36
+"""surface samples along the body's size"""
 TIE = 1e-3
 """relative difference of two eigenvalues below which their directions are a free choice"""
 
@@ -56,12 +56,23 @@ def paper_hypothesis(points: Array) -> Region:
     Args:
         points: (n, 3) m, the cloud P.
     """
+    return _paper_region(points, 1.0)
+
+
+def paper_hypothesis_of_means(points: Array) -> Region:
+    """The same with means over all points in place of the sums, which does not depend on how many there are."""
+    return _paper_region(points, 1.0 / len(points))
+
+
+def _paper_region(points: Array, weight: float) -> Region:
     centre = points.mean(axis=0)
     offset = points - centre
     axes = principal_axes(offset.T @ offset / len(points))
     along = offset @ axes.T
+    # A point in the middle plane belongs to neither sum, whatever the last bit says.
+    along = np.where(np.abs(along) < 1e-12, 0.0, along)
     length = np.linalg.norm(offset, axis=1)
-    delta = np.abs([length[a < 0].sum() - length[a > 0].sum() for a in along.T]) + 0.001
+    delta = weight * np.abs([length[a < 0].sum() - length[a > 0].sum() for a in along.T]) + 0.001
     return Region(centre, axes, np.minimum(delta, np.abs(along).max(axis=0)))
 
 
@@ -81,7 +92,7 @@ def hypothesis(model: ObjectModel) -> Hypothesis:
     length = np.linalg.norm(arm, axis=1)
     asymmetry = np.abs((np.sign(along) * length[:, None]).T @ weight)
     extent = np.ptp(model.hull_vertices @ axes.T, axis=0) / 2
-    step = float(model.extent.max()) / SAMPLES_ACROSS
+    step = body_size(model) / SAMPLES_ACROSS
     half = np.minimum(asymmetry + step + UNEVEN_FILLING * extent, extent)
     shell = np.trace(second) * np.eye(3) - second
     return Hypothesis(Region(centre, axes, half), (shell + model.unit_inertia) / 2)
@@ -104,9 +115,14 @@ def principal_axes(second_moments: Array) -> Array:
     return np.array(rows)
 
 
+def body_size(model: ObjectModel) -> float:
+    """Twice the greatest distance of the surface from the centroid [m]: unlike the bounding box it does not change with the frame."""
+    return 2 * float(np.linalg.norm(model.hull_vertices - model.centroid, axis=1).max())
+
+
 def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
-    """Points (n, 3) [m] on the surface and the area (n,) [m^2] of each; about `across` along the longest edge."""
-    spacing = float(model.extent.max()) / across
+    """Points (n, 3) [m] on the surface and the area (n,) [m^2] of each; about `across` along the body's size."""
+    spacing = body_size(model) / across
     triangles = model.vertices[model.faces]
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
@@ -119,6 +135,23 @@ def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
         points.append(np.einsum("wk,fki->fwi", weights, triangles[mine]).reshape(-1, 3))
         areas.append(np.repeat(area[mine] / len(weights), len(weights)))
     return np.vstack(points), np.concatenate(areas)
+
+
+def even_cloud(model: ObjectModel, count: int) -> Array:
+    """About `count` points (n, 3) [m] at equal steps of the surface's area, whatever its triangles; the same body gives the same points.
+
+    A face's share of points follows its area; within a face they follow the R2 sequence (Roberts 2018).
+    """
+    a, b, c = np.moveaxis(model.vertices[model.faces], 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    edge = np.concatenate([[0.0], np.cumsum(area)])
+    at = (np.arange(count) + 0.5) / count * edge[-1]
+    face: IntArray = np.minimum(np.asarray(np.searchsorted(edge, at, side="right"), dtype=np.int64) - 1, len(area) - 1)
+    root = 1.32471795724474602596
+    u, v = (np.outer(np.arange(count), [1 / root, 1 / root**2]) % 1).T
+    fold = u + v > 1
+    u, v = np.where(fold, 1 - u, u), np.where(fold, 1 - v, v)
+    return a[face] + u[:, None] * (b - a)[face] + v[:, None] * (c - a)[face]
 
 
 def _subtriangles(many: int) -> Array:

@@ -15,11 +15,11 @@ GRAVITY = 9.81
 """m/s^2: plans need no better"""
 TIP_RADIUS = 0.008
 """m, of the striker's tip"""
-LOWEST = 0.015
-"""m over the table"""
 BELOW_TOP = 0.010
 """m"""
 HEIGHT_STEP = 0.001
+HAIR = 1.7e-8
+"""m"""
 PLACING = 0.004
 """m by which the height may be off and the tip still meets the same face"""
 SHIFT = 0.001
@@ -32,12 +32,14 @@ CARD = 10 / 8
 
 @dataclass(frozen=True)
 class StrikerModel:
-    """The striker as felt at its tip. Speeds [m/s] it can reach there."""
+    """The striker as felt at its tip. Speeds [m/s] and heights over the table [m] it can reach there."""
 
     effective_mass_kg: float = 0.2
     restitution: float = 0.4
     slowest_m_s: float = 0.05
     fastest_m_s: float = 0.9
+    lowest_m: float = 0.015
+    highest_m: float = 0.4
 
 
 @dataclass(frozen=True)
@@ -57,35 +59,28 @@ class ImpactPoint:
     on_card: bool
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Demands of the free motion from release to phi."""
-
-    friction: float
-    least_load: float
-    """least normal force over weight; not above 0: the edge lifts"""
-
-
-def impact_points(model: ObjectModel, axis: PivotAxis, swings: Sequence[Swing], cards: list[tuple[Array, float]]) -> list[ImpactPoint]:
+def impact_points(
+    model: ObjectModel, axis: PivotAxis, swings: Sequence[Swing], cards: list[tuple[Array, float]], striker: StrikerModel | None = None
+) -> list[ImpactPoint]:
     """Places that a tip sphere moving along +x at y = 0 meets with its foremost point, one per height step, in order of height.
 
-    Left out: where the sphere's flank would meet another part first, or where an edge lies within `PLACING`.
+    Left out: where the sphere's flank would meet another part first, where an edge lies within `PLACING`, what the striker cannot reach.
 
     Args:
         model: the body.
         axis: where it turns.
         swings: as expected, then for other places of c.
         cards: centre (3,) in O and edge [m] of each marker's square.
+        striker: its reach; default: the nominal one's.
     """
+    striker = striker or StrikerModel()
     R, p = axis.R_world_object, axis.p_world_object
     world = model.hull_vertices @ R.T + p
     start, top = float(world[:, 0].min()) - 0.1, float(world[:, 2].max())
     heights = np.arange(HEIGHT_STEP / 2, top, HEIGHT_STEP)
-    hits = [model.first_hit(R.T @ (np.array([start, 0.0, height]) - p), axis.tip) for height in heights]
-    distance = np.array([np.inf if hit is None else hit[0] for hit in hits])
-    glance = np.array([np.pi if hit is None else np.arccos(np.clip(-hit[1] @ axis.tip, -1, 1)) for hit in hits])
+    distance, glance = _profile(model, axis, heights, start)
     result: list[ImpactPoint] = []
-    for i in np.flatnonzero((heights >= LOWEST) & (heights <= top - BELOW_TOP)):
+    for i in np.flatnonzero((heights >= striker.lowest_m) & (heights <= min(top - BELOW_TOP, striker.highest_m))):
         height = float(heights[i])
         offset = np.abs(heights - height)
         flank = TIP_RADIUS - np.sqrt(np.maximum(TIP_RADIUS**2 - offset**2, 0))
@@ -99,6 +94,42 @@ def impact_points(model: ObjectModel, axis: PivotAxis, swings: Sequence[Swing], 
         near = any(np.linalg.norm(point - centre) < 0.5 * CARD * edge + TIP_RADIUS for centre, edge in cards)
         result.append(ImpactPoint(height, point, friction[0], max(friction), worst_glance, near))
     return result
+
+
+def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) -> tuple[Array, Array]:
+    """Along +x from `start` at y = 0: distance (n,) [m] to the surface at each height, and its normal's angle (n,) against the ray.
+
+    inf and pi where nothing is met. The faces that the plane y = 0 cuts become segments (x, z), each ray meets the foremost.
+    """
+    world = model.vertices @ axis.R_world_object.T + axis.p_world_object
+    # Off by a hair, so that no corner lies exactly in the plane.
+    y = world[:, 1] - HAIR
+    crosses = np.ptp((y[model.faces] > 0).astype(np.int8), axis=1) > 0
+    corners, y = world[model.faces[crosses]], y[model.faces[crosses]]
+    distance, glance = np.full(len(heights), np.inf), np.full(len(heights), np.pi)
+    if not len(corners):
+        return distance, glance
+    # Two of a cut face's three edges are cut: those that run from its lone corner.
+    above = y > 0
+    lone = np.argmax(np.where(above.sum(axis=1, keepdims=True) == 1, above, np.logical_not(above)), axis=1)
+    row = np.arange(len(corners))
+    ends: list[Array] = []
+    for step in (1, 2):
+        other = (lone + step) % 3
+        share = y[row, lone] / (y[row, lone] - y[row, other])
+        ends.append(corners[row, lone] + share[:, None] * (corners[row, other] - corners[row, lone]))
+    first, second = ends
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    angle = np.arccos(np.clip(-normal[:, 0] / np.maximum(np.linalg.norm(normal, axis=1), 1e-30), -1, 1))
+    rise = second[:, 2] - first[:, 2]
+    along = (heights[:, None] - first[:, 2]) / np.where(np.abs(rise) > 1e-12, rise, 1.0)
+    met = (along >= 0) & (along <= 1) & (np.abs(rise) > 1e-12)
+    x = np.where(met, first[:, 0] + along * (second[:, 0] - first[:, 0]), np.inf)
+    foremost = np.argmin(x, axis=1)
+    hit = np.isfinite(x[np.arange(len(heights)), foremost])
+    distance[hit] = x[hit, foremost[hit]] - start
+    glance[hit] = angle[foremost[hit]]
+    return distance, glance
 
 
 def best_impact(points: list[ImpactPoint], friction: float) -> ImpactPoint | None:
@@ -126,19 +157,3 @@ def impulse_for(expected: Swing, height: float, energy_ratio: float) -> float:
 def tip_speed_for(striker: StrikerModel, expected: Swing, height: float, impulse: float) -> float:
     """Tip speed v [m/s] from J = (1 + e)*v / (1/m_s + h^2/I_edge)."""
     return impulse * (1 / striker.effective_mass_kg + height**2 / expected.i_edge) / (1 + striker.restitution)
-
-
-def free_motion(expected: Swing, energy_ratio: float) -> Motion:
-    """Friction and load at a sharp edge while the body swings freely from rest's angle up to phi.
-
-    c is at R*(-sin b, cos b) with b = phi - theta; b'' = k*sin b, b'^2 from the energy; F and N follow from c's acceleration.
-    """
-    b = np.linspace(expected.phi, 0, 60)
-    rate2 = 2 * expected.k * ((energy_ratio - 1) * (1 - np.cos(expected.phi)) + 1 - np.cos(b))
-    rate2 = np.maximum(rate2, 0)
-    acceleration = -expected.k * np.sin(b)
-    across = expected.distance * (np.cos(b) * acceleration + np.sin(b) * rate2)
-    load = 1 + expected.distance * (np.sin(b) * acceleration - np.cos(b) * rate2) / GRAVITY
-    least = float(load.min())
-    friction = np.abs(across) / GRAVITY / np.maximum(load, 1e-3)
-    return Motion(float(friction.max()), least)

@@ -1,4 +1,14 @@
-"""The paper's own plan (3.1.1 to 3.1.3), faithful, to be compared with ours: rays along principal axes, first three by force."""
+"""The paper's own plan (3.1.1 to 3.1.3), faithful, to be compared with ours: rays along principal axes, first three by force.
+
+Where the paper leaves a choice open it is made here, always alike:
+
+- The cloud P of a mesh is `CLOUD` points at equal steps of its area.
+- Q: eq. (1) as printed sums over all points and so grows with their number; where that leaves fewer than two planes, the same with means.
+- Equal eigenvalues (a square base): the object's own axes, x before y before z. A ray into a corner: the edge that comes first.
+- "Normals in the direction of n_ij": within 20 degrees, and if no point has one, the nearest there is.
+- Eq. (2): Delta theta is 5 degrees, and theta falls while the object tips.
+- Equal forces (both ends of a ray in a symmetric object): larger plane first, then longer axis, then + before -.
+"""
 
 from __future__ import annotations
 
@@ -9,39 +19,66 @@ import numpy as np
 
 from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning.hypothesis import paper_hypothesis, principal_axes, surface_samples
+from analyze.planning.hypothesis import Region, even_cloud, paper_hypothesis, paper_hypothesis_of_means, principal_axes
 from analyze.planning.stable_planes import RestingPlane, paper_stable_planes, resting_planes
 from analyze.types import Array
 
-CLOUD_ACROSS = 60
-"""points of the cloud P along the longest edge"""
+CLOUD = 8000
+"""points of the cloud P"""
 IN_PLANE = 1e-4
 """m, distance from S_i up to which a point of the cloud belongs to it"""
 ALIKE = np.cos(np.radians(20.0))
 """a hull normal that lies within this angle of n_ij counts as 'in its direction'"""
 CONTACT_ANGLE = np.radians(5.0)
 """Delta theta of eq. (2), which the paper does not give"""
+STRUCK = 3
+"""impact points that are carried out"""
+SAME_FORCE = 6
+"""decimals of the force over the least, beyond which forces count as equal"""
 
 
 @dataclass(frozen=True)
 class PaperStrike:
     """One impact point with its rotation point, in O."""
 
-    plane_id: str
-    up: Array
-    """(3,) unit"""
+    plane: RestingPlane
     rotation_point: Array
     """(3,) p^r_ij [m]"""
-    axis: Array
-    """(3,) unit l_ij; +theta about it tips"""
+    tip: Array
+    """(3,) unit, out of the edge that holds p^r_ij"""
     impact_point: Array
     """(3,) p^I_ij [m]"""
     force: float
     """N, by eq. (2)"""
 
+    @property
+    def axis(self) -> Array:
+        """(3,) unit l_ij; +theta about it tips."""
+        return np.cross(self.plane.up, self.tip)
 
-def paper_strikes(model: ObjectModel, mass: float, gravity: float = 9.81) -> tuple[PaperStrike, ...]:
-    """All of the paper's impact points in order of force, least first.
+    @property
+    def energy(self) -> float:
+        """m*g*(h2 - h1) over m*g [m]: c is taken to be at the impact point."""
+        lever = self.impact_point - self.rotation_point
+        return float(np.linalg.norm(lever)) - float(lever @ self.plane.up)
+
+
+@dataclass(frozen=True)
+class PaperPlan:
+    """All impact points in order of force, least first."""
+
+    strikes: tuple[PaperStrike, ...]
+    as_printed: bool
+    """False: eq. (1) with means, because with sums no two planes are stable"""
+
+    @property
+    def struck(self) -> tuple[PaperStrike, ...]:
+        """What the paper carries out: often parallel axes or one vertex, which do not determine c."""
+        return self.strikes[:STRUCK]
+
+
+def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperPlan:
+    """The paper's impact points.
 
     Args:
         model: its surface, sampled evenly, is the cloud P.
@@ -51,17 +88,17 @@ def paper_strikes(model: ObjectModel, mass: float, gravity: float = 9.81) -> tup
     Raises:
         PlanError: fewer than two stable planes that are not parallel, as for the paper's own salt cylinder.
     """
-    cloud, _ = surface_samples(model, CLOUD_ACROSS)
-    planes = paper_stable_planes(resting_planes(model), paper_hypothesis(cloud))
-    if len(planes) < 2:
-        raise PlanError(f"{model.name}: the paper's method needs two stable planes that are not parallel, it has {len(planes)}: use ours")
-    strikes = [strike for plane in planes for strike in _strikes_on(model, plane, cloud, mass * gravity)]
-    return tuple(sorted(strikes, key=lambda strike: strike.force))
-
-
-def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> tuple[PaperStrike, ...]:
-    """The first three of `paper_strikes`, what the paper carries out: often parallel axes or one vertex, which do not determine c."""
-    return paper_strikes(model, mass, gravity)[:3]
+    cloud = even_cloud(model, CLOUD)
+    planes = resting_planes(model)
+    regions: tuple[Region, Region] = (paper_hypothesis(cloud), paper_hypothesis_of_means(cloud))
+    found = [paper_stable_planes(planes, region) for region in regions]
+    as_printed = len(found[0]) >= 2
+    stable = found[0] if as_printed else found[1]
+    if len(stable) < 2:
+        raise PlanError(f"{model.name}: the paper's method needs two stable planes that are not parallel, it has {len(stable)}: use ours")
+    strikes = [strike for plane in stable for strike in _strikes_on(model, plane, cloud, mass * gravity)]
+    least = min((strike.force for strike in strikes), default=1.0)
+    return PaperPlan(tuple(sorted(strikes, key=lambda strike: round(strike.force / least, SAME_FORCE))), as_printed)
 
 
 def rotation_points(plane: RestingPlane, support: Array) -> list[tuple[Array, Array]]:
@@ -77,13 +114,13 @@ def rotation_points(plane: RestingPlane, support: Array) -> list[tuple[Array, Ar
         speed = out @ ray
         room = np.einsum("ki,ki->k", start - centre, out)
         distance = np.where(speed > 1e-9, room / np.where(speed > 1e-9, speed, 1.0), np.inf)
-        edge = int(np.argmin(distance))
+        edge = int(np.argmin(np.round(distance, 9)))
         found.append((centre + float(distance[edge]) * ray, out[edge]))
     return found
 
 
 def impact_force(rotation_point: Array, impact_point: Array, up: Array, inwards: Array, weight: float) -> float:
-    """F [N] of eq. (2), constant over the contact: F*r*(cos theta1 - cos(theta1 + Delta theta)) = m*g*(h2 - h1), c at the impact point.
+    """F [N] of eq. (2), constant over the contact: F*r*|cos theta1 - cos(theta1 - Delta theta)| = m*g*(h2 - h1), c at the impact point.
 
     Args:
         rotation_point: (3,) m, in O.
@@ -96,12 +133,14 @@ def impact_force(rotation_point: Array, impact_point: Array, up: Array, inwards:
     length = float(np.linalg.norm(lever))
     rise = length - float(lever @ up)
     theta = float(np.arccos(np.clip(-inwards @ lever / length, -1, 1)))
-    turn = abs(np.cos(theta) - np.cos(theta + CONTACT_ANGLE))
+    turn = abs(np.cos(theta) - np.cos(theta - CONTACT_ANGLE))
     return float(weight * rise / (length * max(float(turn), 1e-9)))
 
 
 def _strikes_on(model: ObjectModel, plane: RestingPlane, cloud: Array, weight: float) -> Sequence[PaperStrike]:
     support = cloud[np.abs(cloud @ plane.up - plane.level) < IN_PLANE]
+    if len(support) < 3:
+        support = plane.polygon
     centre = support.mean(axis=0)
     normals, points = _hull_points(model, cloud)
     strikes: list[PaperStrike] = []
@@ -109,21 +148,21 @@ def _strikes_on(model: ObjectModel, plane: RestingPlane, cloud: Array, weight: f
         inwards = centre - rotation_point
         inwards = inwards - plane.up * float(inwards @ plane.up)
         inwards /= np.linalg.norm(inwards)
-        candidates = points[normals @ inwards > ALIKE]
-        if not len(candidates):
-            continue
+        along = normals @ inwards
+        candidates = points[along >= min(float(ALIKE), float(along.max()) - 1e-6)]
         across = np.cross(inwards, plane.up)
         projected = candidates - np.outer((candidates - rotation_point) @ across, across)
-        farthest = projected[int(np.argmax(np.linalg.norm(projected - rotation_point, axis=1)))]
-        impact_point = candidates[int(np.argmin(np.linalg.norm(candidates - farthest, axis=1)))]
+        farthest = projected[int(np.argmax(np.linalg.norm(projected - rotation_point, axis=1).round(9)))]
+        impact_point = candidates[int(np.argmin(np.linalg.norm(candidates - farthest, axis=1).round(9)))]
         force = impact_force(rotation_point, impact_point, plane.up, inwards, weight)
-        strikes.append(PaperStrike(plane.id, plane.up, rotation_point, np.cross(plane.up, tip), impact_point, force))
+        strikes.append(PaperStrike(plane, rotation_point, tip, impact_point, force))
     return strikes
 
 
 def _hull_points(model: ObjectModel, cloud: Array) -> tuple[Array, Array]:
-    """Normals (n, 3) and points (n, 3): the cloud's points on the convex hull, each once per hull face it lies on."""
+    """Normals (n, 3) and points (n, 3): the cloud's points and the corners on the convex hull, each once per hull face it lies on."""
     planes = np.unique(np.round(model.hull_planes, 6), axis=0)
-    heights = cloud @ planes[:, :3].T + planes[:, 3]
+    every = np.vstack([cloud, model.hull_vertices])
+    heights = every @ planes[:, :3].T + planes[:, 3]
     point, plane = np.nonzero(heights > -1e-5)
-    return planes[plane, :3], cloud[point]
+    return planes[plane, :3], every[point]

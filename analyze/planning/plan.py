@@ -1,8 +1,7 @@
-"""From an object to a plan: every axis is tried, those that cannot be used are named with the number that rules them out."""
+"""From an object to a plan: axes are examined, the set that tells most is chosen, and what it will tell is predicted."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -10,36 +9,67 @@ import numpy as np
 
 from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning import design, impact, view
+from analyze.planning import design, forecast, impact, view
 from analyze.planning.card import placement_card
-from analyze.planning.hypothesis import Hypothesis, hypothesis
-from analyze.planning.impact import ImpactPoint, StrikerModel
-from analyze.planning.pivots import PivotAxis, Swing, pivot_axes, swing
+from analyze.planning.examine import Bench, Usable, examine
+from analyze.planning.fillings import Pieces, region_forecast
+from analyze.planning.given import Given, believed_after, with_strikes
+from analyze.planning.hypothesis import Hypothesis, body_size, hypothesis
+from analyze.planning.impact import StrikerModel
+from analyze.planning.information import Belief, Errors, Information
+from analyze.planning.pivots import PivotAxis, pivot_axes
+from analyze.planning.refusal import why_not
 from analyze.planning.stable_planes import RestingPlane, resting_planes, stable_planes
 from analyze.types import CameraModel
-from schemas.documents import Impact, ObjectSpec, Pivot, PlannedStrike, Range, Rejection, StrikePlan
+from schemas.documents import (
+    Impact,
+    ObjectSpec,
+    Pivot,
+    PlannedStrike,
+    PredictedMoment,
+    PredictedRegion,
+    Prediction,
+    PredictionStep,
+    Range,
+    Rejection,
+    StrikePlan,
+)
 
 FRICTION = 0.4
 """between object and table, if nobody says otherwise"""
-STEEPEST_PHI = np.radians(50.0)
-ENERGY_TARGET = 1.15
 ENERGY_RANGE = (0.8, 1.6)
 STRIP = 0.02
 """part of the hull's area below which an unstable face is not worth its own line"""
-ENERGIES = (1.15, 1.1, 1.2, 1.05, 1.25, 1.3)
-"""tried in this order until the edge holds"""
+INERTIA_SD = 0.3
+"""relative 1 sigma of the moment about any direction before a strike: shell or solid, even or not"""
+LEAST_STRIKES = 3
 
 
 @dataclass(frozen=True)
-class _Usable:
-    """An axis that passed every check."""
+class Request:
+    """What the user asks for."""
 
-    candidate: design.Candidate
-    impact: ImpactPoint
-    energy: float
-    friction: float
-    phi_sd: float
-    markers: list[int]
+    strikes: int = 9
+    """how many (more); with a target that is reached: ignored"""
+    target_com: float | None = None
+    """m, root mean square distance of c from the truth: the fewest strikes that reach it"""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Everything about one object that does not depend on the number of strikes."""
+
+    model: ObjectModel
+    spec: ObjectSpec
+    bench: Bench
+    planes: tuple[RestingPlane, ...]
+    stable: tuple[RestingPlane, ...]
+    believed: Hypothesis
+    usable: tuple[Usable, ...]
+    rejected: tuple[Rejection, ...]
+    information: Information
+    made: int
+    """strikes made before"""
 
 
 def make_plan(
@@ -50,6 +80,11 @@ def make_plan(
     camera: CameraModel | None = None,
     strikes: int = 9,
     friction: float = FRICTION,
+    *,
+    target_com: float | None = None,
+    errors: Errors | None = None,
+    given: Given | None = None,
+    cells: Pieces | None = None,
 ) -> StrikePlan:
     """Plan the strikes for one object.
 
@@ -59,45 +94,135 @@ def make_plan(
         object_sha256: identity of specification and shape; the plan is bound to it.
         striker: what the striker can do.
         camera: as calibrated; None: the nominal one.
-        strikes: how many.
+        strikes: how many; more ones where `given` has some.
         friction: least friction coefficient between object and table to count on.
+        target_com: see `Request`.
+        errors: of the rig; the object's are taken from `spec`.
+        given: a result so far.
+        cells: the body as pieces; without them nothing is predicted of the region masses.
 
     Raises:
         PlanError: fewer than 3 strikes are asked for, or no usable set of axes determines c; says what would help.
     """
-    if strikes < 3:
-        raise PlanError(f"{spec.name}: {strikes} strikes cannot determine a centre of mass: ask for 3 or more")
-    camera = camera or view.default_camera()
+    bench = Bench(striker, camera or view.default_camera(), friction)
+    prepared = prepare(model, spec, bench, errors, given)
+    return finish(prepared, object_sha256, Request(strikes, target_com), cells)
+
+
+def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors | None = None, given: Given | None = None) -> Prepared:
+    """Find and examine the axes.
+
+    Raises:
+        PlanError: a strike in `given` is on an axis that the object does not have.
+    """
     believed = hypothesis(model)
     planes = resting_planes(model)
+    if given is not None:
+        believed = believed_after(believed, given)
     stable = stable_planes(planes, believed.region)
-    rejected = _unstable(planes, stable, believed)
-    usable: list[_Usable] = []
-    for axis in pivot_axes(model, spec, stable, believed):
-        outcome = _examine(model, spec, axis, believed, striker, camera, friction)
-        if isinstance(outcome, Rejection):
-            rejected.append(outcome)
-        else:
-            usable.append(outcome)
-    errors = design.Errors(edge_radius=spec.edge_radius_sd_m)
-    candidates = [each.candidate for each in usable]
-    chosen = design.choose(candidates, strikes, errors)
-    if chosen is None:
-        raise PlanError(_why_not(spec, candidates, rejected))
-    order = sorted(zip(chosen.chosen, chosen.repeats, strict=True), key=lambda pair: _placing_order(candidates[pair[0]].axis))
+    axes = pivot_axes(model, spec, stable, believed)
+    usable, rejected = examine(model, spec, axes, believed, bench)
+    inertia = spec.mass_kg * believed.unit_inertia
+    belief = Belief(body_size(model) / 4, inertia, INERTIA_SD * float(np.trace(inertia)) / 3)
+    if given is not None:
+        every = pivot_axes(model, spec, planes, believed)
+        belief = with_strikes(belief, given, every, believed, spec.mass_kg, bench.gravity)
+    shared = replace(errors or Errors(), scale=spec.shape.scale_sd, edge_radius=spec.edge_radius_sd_m, mass=spec.mass_sd_kg / spec.mass_kg)
+    information = Information(tuple(each.candidate for each in usable), belief, shared)
+    unstable = _unstable(planes, stable, believed)
+    return Prepared(
+        model,
+        spec,
+        bench,
+        planes,
+        stable,
+        believed,
+        tuple(usable),
+        (*unstable, *rejected),
+        information,
+        0 if given is None else len(given.strikes),
+    )
+
+
+def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Pieces | None = None) -> StrikePlan:
+    """Choose the set and write it down.
+
+    Raises:
+        PlanError: as `make_plan`.
+    """
+    spec, information = prepared.spec, prepared.information
+    if request.strikes < LEAST_STRIKES and not prepared.made:
+        raise PlanError(f"{spec.name}: {request.strikes} strikes cannot determine a centre of mass: ask for {LEAST_STRIKES} or more")
+    chosen, missed = _chosen(prepared, request)
+    members = [information.candidates[i] for i in chosen.chosen]
+    usable = [prepared.usable[i] for i in chosen.chosen]
+    predicted = {each.axis_id: each for each in forecast.axis_forecasts(information, chosen)}
+    order = sorted(zip(usable, chosen.repeats, strict=True), key=lambda pair: _placing_order(pair[0].candidate.axis))
     planned: list[PlannedStrike] = []
-    for index, repeats in order:
-        first = len(planned) + 1
-        planned += [_strike(f"s{first + i}", usable[index], model, spec, striker, camera) for i in range(repeats)]
+    for each, repeats in order:
+        first = prepared.made + len(planned) + 1
+        axis = predicted[each.candidate.axis.id]
+        planned += [_strike(f"s{first + i}", each, prepared, axis) for i in range(repeats)]
+    told = forecast.advice(information, chosen, prepared.made)
+    inertia_sd, determined = forecast.inertia_forecast(information, chosen)
+    regions: list[PredictedRegion] = []
+    if cells is not None:
+        struck = [*members, *information.belief.struck]
+        known = region_forecast(cells, spec.mass_kg, chosen.covariance, [each.axis.direction for each in struck])
+        regions = [
+            PredictedRegion(name=name, mass_sd_kg=float(sd), determined=sure)
+            for name, sd, sure in zip(known.names, known.sd, known.determined, strict=True)
+        ]
+    moments = [
+        PredictedMoment(axis_id=each.axis_id, i_com_sd_kg_m2=each.i_com, determined=each.i_com_determined) for each in predicted.values()
+    ]
+    prediction = Prediction(
+        com_sd_m=np.sqrt(np.diag(chosen.com_covariance)).tolist(),
+        com_rms_m=chosen.com_rms,
+        target_com_m=request.target_com,
+        target_reached=None if request.target_com is None else not missed,
+        moments=moments,
+        inertia_sd_kg_m2=inertia_sd.tolist(),
+        inertia_determined=determined.tolist(),
+        regions=regions,
+        error_sources_m=told.sources,
+        curve=[PredictionStep(strikes=many, com_rms_m=rms) for many, rms in told.curve],
+        floor_m=told.floor,
+        stop=told.stop,
+        advice=missed or told.text,
+    )
     return StrikePlan(
         object_name=spec.name,
         object_sha256=object_sha256,
         strikes=planned,
-        predicted_com_covariance_m2=chosen.covariance.tolist(),
-        predicted_com_sd_m=float(np.sqrt(np.trace(chosen.covariance))),
-        rejected=rejected,
-        warnings=[*model.warnings, *_warnings(spec, [usable[index] for index, _ in order])],
+        predicted_com_covariance_m2=chosen.com_covariance.tolist(),
+        predicted_com_sd_m=chosen.com_rms,
+        prediction=prediction,
+        rejected=list(prepared.rejected),
+        warnings=[*prepared.model.warnings, *_warnings(spec, usable)],
     )
+
+
+def _chosen(prepared: Prepared, request: Request) -> tuple[design.Design, str]:
+    """The design, and how near it comes where it misses the target."""
+    information, model = prepared.information, prepared.model
+    least = 1 if prepared.made else LEAST_STRIKES
+    if request.target_com is not None:
+        found = forecast.strikes_for(information, request.target_com, least)
+        if found is not None:
+            return found[1], ""
+    plain = design.choose(information, request.strikes)
+    if plain is None:
+        raise PlanError(why_not(model, prepared.planes, prepared.stable, information.candidates, prepared.rejected))
+    if request.target_com is None:
+        return plain, ""
+    most = design.choose(information, forecast.MOST_STRIKES) or plain
+    told = forecast.advice(information, plain, prepared.made)
+    text = (
+        f"{1000 * request.target_com:g} mm is out of reach: {forecast.MOST_STRIKES} strikes come to {1000 * most.com_rms:.2f} mm; "
+        f"these {sum(plain.repeats)}: {told.text}"
+    )
+    return plain, text
 
 
 def _unstable(planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], believed: Hypothesis) -> list[Rejection]:
@@ -117,71 +242,8 @@ def _unstable(planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], be
     return rejected
 
 
-def _examine(
-    model: ObjectModel,
-    spec: ObjectSpec,
-    axis: PivotAxis,
-    believed: Hypothesis,
-    striker: StrikerModel,
-    camera: CameraModel,
-    friction: float,
-) -> _Usable | Rejection:
-    expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, impact.GRAVITY)
-    if expected.phi > STEEPEST_PHI:
-        return _reject(
-            axis, "too_steep", expected.phi, f"balances only after {np.degrees(expected.phi):.0f} deg: the edge would slip or lift"
-        )
-    placed = [marker for marker in spec.marker if marker.T_object_marker is not None]
-    sight = view.visible_markers(model, spec, axis, expected.phi, camera)
-    if placed and not sight.markers:
-        text = f"no marker faces the camera through the tip (best is {np.degrees(sight.least_angle):.0f} deg off the axis)"
-        return _reject(axis, "no_marker", sight.least_angle, text)
-    cards = [(np.array(marker.T_object_marker)[:3, 3], marker.size_m) for marker in placed]
-    rise = axis.plane.up * float(np.sqrt(axis.plane.up @ believed.region.covariance() @ axis.plane.up))
-    swings = [expected] + [
-        swing(axis, believed.region.centre + sign * rise, spec.mass_kg, believed.unit_inertia, impact.GRAVITY) for sign in (-1, 1)
-    ]
-    point = impact.best_impact(impact.impact_points(model, axis, swings, cards), friction)
-    if point is None:
-        return _reject(axis, "impact_unreachable", None, "no upright surface within the striker's reach at the impact's side")
-    if point.friction > friction:
-        return _reject(axis, "slips_at_impact", point.friction, f"the strike needs friction {point.friction:.2f} at the edge")
-    energy, motion = _energy(expected, friction)
-    if motion.least_load <= 0:
-        return _reject(axis, "lifts", motion.least_load, "the edge would leave the table before balance")
-    if motion.friction > friction:
-        return _reject(axis, "slips", motion.friction, f"the swing needs friction {motion.friction:.2f} at the edge")
-    speed = impact.tip_speed_for(striker, expected, point.height, impact.impulse_for(expected, point.height, energy))
-    if not striker.slowest_m_s <= speed <= striker.fastest_m_s:
-        return _reject(
-            axis,
-            "speed",
-            speed,
-            f"needs a tip speed of {speed:.2f} m/s: the striker gives {striker.slowest_m_s:g} to {striker.fastest_m_s:g}",
-        )
-    sd = _phi_sd(axis, believed, spec)
-    return _Usable(design.Candidate(axis, expected), point, energy, max(point.friction, motion.friction), sd, sight.markers)
-
-
-def _energy(expected: Swing, friction: float) -> tuple[float, impact.Motion]:
-    """The target ratio, or the nearest at which the edge holds; if none does, the one that asks least."""
-    tried = [(energy, impact.free_motion(expected, energy)) for energy in ENERGIES]
-    for energy, motion in tried:
-        if motion.least_load > 0 and motion.friction <= friction:
-            return energy, motion
-    return min(tried, key=lambda pair: (pair[1].least_load <= 0, pair[1].friction))
-
-
-def _phi_sd(axis: PivotAxis, believed: Hypothesis, spec: ObjectSpec) -> float:
-    """1 sigma [rad] of phi over Q."""
-    arm = believed.region.centre - axis.point
-    expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, impact.GRAVITY)
-    across = np.cross(axis.direction, arm - axis.direction * (arm @ axis.direction)) / expected.distance**2
-    return float(np.sqrt(across @ believed.region.covariance() @ across))
-
-
-def _strike(name: str, each: _Usable, model: ObjectModel, spec: ObjectSpec, striker: StrikerModel, camera: CameraModel) -> PlannedStrike:
-    axis, expected = each.candidate.axis, each.candidate.expected
+def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.AxisForecast) -> PlannedStrike:
+    axis, expected, striker = each.candidate.axis, each.candidate.expected, prepared.bench.striker
     # c may lie elsewhere in Q: from the least energy at the smallest phi to the most at the largest.
     cases = [
         (max(expected.phi - each.phi_sd, expected.phi / 2), ENERGY_RANGE[0]),
@@ -205,12 +267,14 @@ def _strike(name: str, each: _Usable, model: ObjectModel, spec: ObjectSpec, stri
         energy_ratio=each.energy,
         phi_predicted_rad=expected.phi,
         phi_predicted_sd_rad=each.phi_sd,
+        phi_measured_sd_rad=predicted.phi_sd,
         i_edge_predicted_kg_m2=expected.i_edge,
+        i_edge_measured_sd_kg_m2=predicted.i_edge,
         visible_markers=each.markers,
-        camera_pose=camera.T_world_camera.tolist(),
+        camera_pose=prepared.bench.camera.T_world_camera.tolist(),
         friction_needed=each.friction,
         rolls=axis.rolls,
-        card=placement_card(model, spec, axis, each.impact.height, each.markers),
+        card=placement_card(prepared.model, prepared.spec, axis, each.impact.height, each.markers),
     )
 
 
@@ -218,11 +282,7 @@ def _placing_order(axis: PivotAxis) -> tuple[str, int, str]:
     return axis.plane.id, len(axis.id), axis.id
 
 
-def _reject(axis: PivotAxis, code: str, number: float | None, text: str) -> Rejection:
-    return Rejection(axis_id=axis.id, code=code, number=number, text=text)
-
-
-def _warnings(spec: ObjectSpec, used: Sequence[_Usable]) -> list[str]:
+def _warnings(spec: ObjectSpec, used: Sequence[Usable]) -> list[str]:
     warnings: list[str] = []
     if any(each.candidate.axis.rolls for each in used):
         warnings.append("round rims are used: the contact can roll; strike square to the rim, repeats show whether it did")
@@ -233,25 +293,3 @@ def _warnings(spec: ObjectSpec, used: Sequence[_Usable]) -> list[str]:
             "markers without T_object_marker are not planned with: give their places, or check by eye that one faces the camera"
         )
     return warnings
-
-
-def _why_not(spec: ObjectSpec, candidates: Sequence[design.Candidate], rejected: Sequence[Rejection]) -> str:
-    state = "no axis can be used"
-    if candidates:
-        along = ", ".join(f"{value:.2f}" for value in design.unknown_direction(candidates))
-        state = f"the {len(candidates)} usable axes leave the centre of mass unknown along ({along})"
-    axes = [rejection for rejection in rejected if rejection.code not in ("unstable_plane", "flank")]
-    counts = Counter(rejection.code for rejection in axes)
-    remedies = {
-        "no_marker": "glue markers to the faces square to the edges",
-        "slips_at_impact": "use a mat with more friction",
-        "slips": "use a mat with more friction",
-        "speed": "change the striker's effective mass or its speed limits",
-        "impact_unreachable": "glue on a plate that the striker can meet",
-        "lifts": "glue the object to a base that is less wide for its height",
-        "too_steep": "stand it on a smaller face, or glue on a base that allows it",
-    }
-    reasons = ", ".join(f"{number} {code}" for code, number in counts.most_common()) or "no stable resting plane with an edge to tip over"
-    # In order of ease: what is cheapest to change among the things that stood in the way.
-    remedy = next((text for code, text in remedies.items() if code in counts), "glue it to a flat base")
-    return f"{spec.name}: {state}; rejected: {reasons}: {remedy}"

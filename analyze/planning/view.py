@@ -26,6 +26,8 @@ class Sight:
 
     markers: list[int]
     least_angle: float
+    pixels: float = 0.0
+    """edge of the first one's black square in the image at rest [px]"""
 
 
 def default_camera() -> CameraModel:
@@ -36,7 +38,7 @@ def default_camera() -> CameraModel:
 
 
 def visible_markers(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: float, camera: CameraModel) -> Sight:
-    """Markers that look along the axis at the camera, that nothing hides at rest, in view until `PAST_BALANCE` past phi.
+    """Markers that look along the axis at the camera, in the image and hidden by nothing from rest until `PAST_BALANCE` past phi.
 
     Lens distortion is left out: it is a few px at the border, within `BORDER_PX`.
     """
@@ -48,9 +50,19 @@ def visible_markers(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: 
         T_object_marker = np.array(marker.T_object_marker)
         angle = float(np.arccos(np.clip(-T_object_marker[:3, 2] @ axis.direction, -1, 1)))
         least = min(least, angle)
-        if angle <= FACING and _in_view(axis, marker, T_object_marker, phi, camera) and not _hidden(model, axis, T_object_marker, camera):
+        if (
+            angle <= FACING
+            and _in_view(axis, marker, T_object_marker, phi, camera)
+            and not _hidden(model, axis, T_object_marker, phi, camera)
+        ):
             seen.append((round(angle, 3), marker.id))
-    return Sight([marker_id for _, marker_id in sorted(seen)], least)
+    ids = [marker_id for _, marker_id in sorted(seen)]
+    if not ids:
+        return Sight(ids, least)
+    first = next(marker for marker in spec.marker if marker.id == ids[0])
+    centre = axis.R_world_object @ np.array(first.T_object_marker)[:3, 3] + axis.p_world_object
+    far = float(np.linalg.norm(centre - camera.T_world_camera[:3, 3]))
+    return Sight(ids, least, float(camera.K[0, 0]) * first.size_m / far)
 
 
 def _in_view(axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: float, camera: CameraModel) -> bool:
@@ -72,11 +84,17 @@ def _in_view(axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: f
     return True
 
 
-def _hidden(model: ObjectModel, axis: PivotAxis, T_object_marker: Array, camera: CameraModel) -> bool:
-    """Whether the object itself stands between the marker's centre and the camera."""
-    camera_object = axis.R_world_object.T @ (camera.T_world_camera[:3, 3] - axis.p_world_object)
+def _hidden(model: ObjectModel, axis: PivotAxis, T_object_marker: Array, phi: float, camera: CameraModel) -> bool:
+    """Whether the object itself stands between the marker's centre and the camera, at rest, at balance or past it."""
     start = T_object_marker[:3, 3] + 0.002 * T_object_marker[:3, 2]
-    ray = camera_object - start
-    far = float(np.linalg.norm(ray))
-    hit = model.first_hit(start, ray / far)
-    return hit is not None and hit[0] < far
+    pivot = np.array([0.0, 0.0, axis.radius])
+    for theta in (0.0, phi, phi + float(PAST_BALANCE)):
+        # The camera, turned back with the object.
+        back = matrix_from_vector(np.array([0.0, -theta, 0.0]))
+        camera_world = back @ (camera.T_world_camera[:3, 3] - pivot) + pivot
+        ray = axis.R_world_object.T @ (camera_world - axis.p_world_object) - start
+        far = float(np.linalg.norm(ray))
+        hit = model.first_hit(start, ray / far)
+        if hit is not None and hit[0] < far:
+            return True
+    return False

@@ -12,11 +12,9 @@ from scipy.spatial.transform import Rotation
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
 from analyze.object_files import object_files
-from analyze.planning import design
 from analyze.planning.hypothesis import hypothesis
-from analyze.planning.impact import ImpactPoint, StrikerModel, best_impact, free_motion, impact_points
-from analyze.planning.paper_plan import paper_plan, paper_strikes
-from analyze.planning.pivots import Swing, pivot_axes, swing
+from analyze.planning.impact import ImpactPoint, StrikerModel, best_impact, impact_points
+from analyze.planning.pivots import pivot_axes, swing
 from analyze.planning.plan import make_plan
 from analyze.planning.stable_planes import resting_planes, stable_planes
 from schemas.documents import StrikePlan, parse_strike_plan
@@ -165,69 +163,6 @@ def test_rejections_name_axis_code_and_number():
         assert rejection.text
     steep = [r for r in plan.rejected if r.code == "too_steep"]
     assert all(np.degrees(r.number) > 50 for r in steep)
-
-
-def candidates():
-    spec = spec_of({"box": {"size_m": list(SIZE)}})
-    model = load_object_model(spec, None, "")
-    believed = hypothesis(model)
-    planes = stable_planes(resting_planes(model), believed.region)
-    return [
-        design.Candidate(axis, swing(axis, np.zeros(3), 0.05, believed.unit_inertia, 9.81))
-        for axis in pivot_axes(model, spec, planes, believed)
-    ]
-
-
-def test_three_edges_of_one_vertex_are_singular():
-    vertex = SIZE / 2
-    meeting = {}
-    for candidate in candidates():
-        on_line = np.linalg.norm(np.cross(candidate.axis.direction, vertex - candidate.axis.point)) < 1e-6
-        if on_line:
-            meeting.setdefault(int(np.argmax(np.abs(candidate.axis.direction))), candidate)
-    assert len(meeting) == 3
-    normals = np.array([design.normal(candidate) for candidate in meeting.values()])
-    assert design.spread(normals) < 1e-6
-    assert design.choose(list(meeting.values()), 9, design.Errors()) is None
-
-
-def test_three_parallel_axes_are_singular():
-    parallel = [candidate for candidate in candidates() if abs(candidate.axis.direction[1]) > 0.9]
-    assert design.choose(parallel, 9, design.Errors()) is None
-    assert np.allclose(np.abs(design.unknown_direction(parallel)), [0, 1, 0])
-
-
-def test_repeats_never_beat_the_shared_errors():
-    chosen = [c for c in candidates() if abs(c.axis.plane.up[2]) > 0.9][:4]
-    errors = design.Errors(edge_radius=0.0002)
-    few, many = (np.trace(design.predicted_covariance(chosen, [n] * 4, errors)) for n in (1, 10_000))
-    exact = np.trace(design.predicted_covariance(chosen, [10_000] * 4, design.Errors(tilt=1e-9)))
-    assert exact < many < few
-
-
-def test_friction_of_the_free_motion_is_that_of_the_pendulum():
-    """At rest's angle with no speed: F/N = k*R*s*c / (g - k*R*s^2)."""
-    expected = Swing(distance=0.1, phi=0.4, i_edge=1e-3, k=70.0, mass=0.05)
-    motion = free_motion(expected, 0.0)
-    s, c = np.sin(0.4), np.cos(0.4)
-    assert motion.friction >= 70 * 0.1 * s * c / (9.81 - 70 * 0.1 * s**2) - 1e-9
-    assert free_motion(expected, 40.0).least_load < 0
-
-
-def test_paper_first_three_by_force_are_singular_for_a_tall_box():
-    spec = spec_of({"box": {"size_m": [0.06, 0.05, 0.2]}})
-    model = load_object_model(spec, None, "")
-    strikes = paper_strikes(model, 0.05)
-    assert len(strikes) == 8
-    assert [strike.force for strike in strikes] == sorted(strike.force for strike in strikes)
-    axes = np.array([strike.axis for strike in paper_plan(model, 0.05)])
-    assert np.linalg.matrix_rank(axes, tol=1e-3) == 1
-
-
-def test_paper_refuses_its_own_cylinder():
-    spec = spec_of({"cylinder": {"radius_m": 0.036, "height_m": 0.15}})
-    with pytest.raises(PlanError, match="parallel"):
-        paper_plan(load_object_model(spec, None, ""), 0.034)
 
 
 def test_striker_keeps_clear_of_edges_and_of_what_stands_out_below():

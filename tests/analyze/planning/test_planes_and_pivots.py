@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analyze.geometry.object_model import load_object_model
-from analyze.planning.hypothesis import hypothesis, paper_hypothesis, surface_samples
+from analyze.planning.hypothesis import even_cloud, hypothesis, paper_hypothesis
 from analyze.planning.pivots import pivot_axes, swing
 from analyze.planning.stable_planes import paper_stable_planes, resting_planes, stable_planes
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
@@ -135,8 +135,7 @@ def test_paper_drops_one_of_two_parallel_planes():
 def test_paper_region_grows_with_the_number_of_points_ours_does_not():
     spec = spec_of({"file": "f.stl", "unit": "mm"})
     model = load_object_model(spec, stl(frustum(30, 20, 120)), "f.stl")
-    few, _ = surface_samples(model, 5)
-    many, _ = surface_samples(model, 12)
+    few, many = even_cloud(model, 12), even_cloud(model, 3000)
     extent = np.ptp(model.hull_vertices, axis=0).max()
     assert paper_hypothesis(few).half.max() < paper_hypothesis(many).half.max() <= extent
     assert hypothesis(model).region.half.max() < extent / 3

@@ -1,0 +1,168 @@
+"""Every axis tried: can the camera see it, the striker reach it, the edge hold; those that cannot be used are named with the number."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.geometry.object_model import ObjectModel
+from analyze.planning import feasibility, impact, view
+from analyze.planning.hypothesis import Hypothesis
+from analyze.planning.impact import ImpactPoint, StrikerModel
+from analyze.planning.information import Candidate
+from analyze.planning.pivots import PivotAxis, Swing, swing
+from analyze.planning.precision import FRAME_PX, frame_sd, strike_covariance
+from analyze.types import CameraModel
+from schemas.documents import ObjectSpec, Rejection
+
+STEEPEST_PHI = np.radians(50.0)
+ENERGIES = (1.15, 1.1, 1.2, 1.05, 1.25, 1.3)
+"""tried in this order until the edge holds"""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What the object is struck with and seen by."""
+
+    striker: StrikerModel
+    camera: CameraModel
+    friction: float
+    """least coefficient between object and table"""
+    gravity: float = impact.GRAVITY
+
+
+@dataclass(frozen=True)
+class Usable:
+    """An axis that passed every check."""
+
+    candidate: Candidate
+    impact: ImpactPoint
+    energy: float
+    friction: float
+    """least coefficient with which the edge holds"""
+    phi_sd: float
+    """rad, 1 sigma of phi over Q"""
+    markers: list[int]
+
+
+@dataclass(frozen=True)
+class _Reached:
+    axis: PivotAxis
+    expected: Swing
+    point: ImpactPoint
+    sight: view.Sight
+
+
+def examine(
+    model: ObjectModel, spec: ObjectSpec, axes: Sequence[PivotAxis], believed: Hypothesis, bench: Bench
+) -> tuple[list[Usable], list[Rejection]]:
+    """Usable axes, in the order given, and why the others are not."""
+    rejected: list[Rejection] = []
+    reached: list[_Reached] = []
+    for axis in axes:
+        outcome = _reach(model, spec, axis, believed, bench)
+        (rejected if isinstance(outcome, Rejection) else reached).append(outcome)  # pyright: ignore[reportArgumentType]
+    held = _held(reached, believed, bench)
+    usable: list[Usable] = []
+    for each, outcome in zip(reached, held, strict=True):
+        if isinstance(outcome, Rejection):
+            rejected.append(outcome)
+            continue
+        energy, friction = outcome
+        speed = impact.tip_speed_for(bench.striker, each.expected, each.point.height, _impulse(each, energy))
+        if not bench.striker.slowest_m_s <= speed <= bench.striker.fastest_m_s:
+            limits = f"{bench.striker.slowest_m_s:g} to {bench.striker.fastest_m_s:g}"
+            rejected.append(_reject(each.axis, "speed", speed, f"needs a tip speed of {speed:.2f} m/s: the striker gives {limits}"))
+            continue
+        pixels = each.sight.pixels if each.sight.markers else FRAME_PX
+        noise = strike_covariance(each.expected, energy, frame_sd(pixels))
+        usable.append(
+            Usable(
+                Candidate(each.axis, each.expected, noise),
+                each.point,
+                energy,
+                friction,
+                phi_spread(each.axis, believed),
+                each.sight.markers,
+            )
+        )
+    return usable, rejected
+
+
+def phi_spread(axis: PivotAxis, believed: Hypothesis) -> float:
+    """1 sigma [rad] of phi over Q."""
+    arm = believed.region.centre - axis.point
+    arm = arm - axis.direction * float(arm @ axis.direction)
+    across = np.cross(axis.direction, arm) / float(arm @ arm)
+    return float(np.sqrt(across @ believed.region.covariance() @ across))
+
+
+def _reach(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, believed: Hypothesis, bench: Bench) -> _Reached | Rejection:
+    expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, bench.gravity)
+    if expected.phi > STEEPEST_PHI:
+        return _reject(
+            axis, "too_steep", expected.phi, f"balances only after {np.degrees(expected.phi):.0f} deg: the edge would slip or lift"
+        )
+    placed = [marker for marker in spec.marker if marker.T_object_marker is not None]
+    sight = view.visible_markers(model, spec, axis, expected.phi, bench.camera)
+    if placed and not sight.markers:
+        text = f"no marker faces the camera through the tip (best is {np.degrees(sight.least_angle):.0f} deg off the axis)"
+        return _reject(axis, "no_marker", sight.least_angle, text)
+    cards = [(np.array(marker.T_object_marker)[:3, 3], marker.size_m) for marker in placed]
+    rise = axis.plane.up * float(np.sqrt(axis.plane.up @ believed.region.covariance() @ axis.plane.up))
+    swings = [expected] + [
+        swing(axis, believed.region.centre + sign * rise, spec.mass_kg, believed.unit_inertia, bench.gravity) for sign in (-1, 1)
+    ]
+    point = impact.best_impact(impact.impact_points(model, axis, swings, cards, bench.striker), bench.friction)
+    if point is None:
+        text = (
+            f"no upright surface beside the edge's middle that the striker reaches ({1000 * bench.striker.lowest_m:.0f} to "
+            f"{1000 * bench.striker.highest_m:.0f} mm over the table)"
+        )
+        return _reject(axis, "impact_unreachable", None, text)
+    return _Reached(axis, expected, point, sight)
+
+
+def _held(reached: Sequence[_Reached], believed: Hypothesis, bench: Bench) -> list[tuple[float, float] | Rejection]:
+    """Energy and least friction of each axis whose edge holds."""
+    many = len(ENERGIES)
+    cases = [_case(each, energy, believed, bench) for each in reached for energy in ENERGIES]
+    outcome = feasibility.tips(cases, bench.gravity)
+    slip, load = outcome.slip.reshape(-1, many), outcome.least_load.reshape(-1, many)
+    holds = (slip <= feasibility.SLIP_LIMIT) & (load > 0)
+    best = [int(np.argmax(row)) if row.any() else int(np.argmin(slip[i])) for i, row in enumerate(holds)]
+    needed = feasibility.least_friction(
+        [_case(each, ENERGIES[k], believed, bench) for each, k in zip(reached, best, strict=True)], bench.gravity
+    )
+    result: list[tuple[float, float] | Rejection] = []
+    for i, (each, k) in enumerate(zip(reached, best, strict=True)):
+        if holds[i, k]:
+            result.append((ENERGIES[k], float(min(needed[i], bench.friction))))
+        elif slip[i, k] > feasibility.SLIP_LIMIT:
+            slides = f"the edge would slide {min(1000 * float(slip[i, k]), 999):.1f} mm"
+            wanted = float(needed[i])
+            if np.isfinite(wanted):
+                result.append(
+                    _reject(each.axis, "slips", wanted, f"{slides}: it needs friction {wanted:.2f}, there is {bench.friction:.2f}")
+                )
+            else:
+                result.append(_reject(each.axis, "slips", None, f"{slides} at any friction"))
+        else:
+            result.append(_reject(each.axis, "lifts", float(load[i, k]), "the edge would leave the table before balance"))
+    return result
+
+
+def _case(each: _Reached, energy: float, believed: Hypothesis, bench: Bench) -> feasibility.Case:
+    return feasibility.case(
+        each.axis, each.expected, believed.region.centre, believed.unit_inertia, each.point.height, _impulse(each, energy), bench.friction
+    )
+
+
+def _impulse(each: _Reached, energy: float) -> float:
+    return impact.impulse_for(each.expected, each.point.height, energy)
+
+
+def _reject(axis: PivotAxis, code: str, number: float | None, text: str) -> Rejection:
+    return Rejection(axis_id=axis.id, code=code, number=number, text=text)

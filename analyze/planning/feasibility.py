@@ -1,0 +1,244 @@
+"""Whether an edge holds through a strike and the swing after it: a rigid body on a rounded edge, with dry friction (METHOD 1.6).
+
+The body turns about the centre line P of an edge that rolls on the table. A half-sine push of the striker acts along the table at
+height h, then only gravity and the contact. At every instant the edge is tried as sticking; where it would need more friction than there
+is, it slides. In the plane across the edge this is exact for a rigid body. Across that plane a c that does not lie beside the strike, and a
+tilted principal axis, must be held by the edge's two ends (yaw and roll); where they cannot, the body yaws.
+
+What this leaves out: the striker's friction, the spring of mat and striker, a rim that rolls away sideways.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyze.planning.pivots import PivotAxis, Swing
+from analyze.types import Array
+
+SLIP_LIMIT = 3e-4
+"""m that an edge may slide before balance: about what the fit of the motion does not feel"""
+CONTACT = 0.003
+"""s, of a strike"""
+PUSH_STEPS = 24
+FREE_STEP = 2e-3
+LONGEST = 0.9
+"""s after the strike; whoever needs longer stands nearly balanced, where nothing slides"""
+CREEP = 1e-7
+"""m/s below which a contact counts as sticking"""
+FRICTIONS = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.8, 0.9, 1.0, 1.3, 2.0])
+"""tried to find the least that holds"""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One strike on one edge. W's axes at rest: x the tip's direction, y along the edge, z up; y = 0 at the strike."""
+
+    distance: float
+    """R [m]"""
+    phi: float
+    """rad"""
+    i_com: float
+    """kg m^2, about the edge's direction through c"""
+    mass: float
+    """kg"""
+    radius: float
+    """rho [m]"""
+    height: float
+    """m over the table"""
+    impulse: float
+    """N s"""
+    friction: float
+    beside: float = 0.0
+    """m, y of c"""
+    i_xy: float = 0.0
+    """kg m^2, entries of the inertia tensor about c, so -sum(m*x*y)"""
+    i_zy: float = 0.0
+    i_zz: float = np.inf
+    low: float = 0.0
+    """m, y of the edge's one end"""
+    high: float = 0.0
+    """m, of the other; the same: not known, no moments across"""
+    duration: float = CONTACT
+
+
+@dataclass(frozen=True)
+class Tips:
+    """What happens between the strike and balance; (n,) each, one entry per case."""
+
+    slip: Array
+    """m, greatest displacement of the contact, or of an end of it, against rolling"""
+    least_load: Array
+    """least normal force over weight after the strike; not above 0: the edge leaves the table"""
+    over: NDArray[np.bool_]
+    """whether it comes to balance, or is so near after `LONGEST` that it still rises"""
+
+
+def case(axis: PivotAxis, expected: Swing, com: Array, unit_inertia: Array, height: float, impulse: float, friction: float) -> Case:
+    """The case of one axis with c at `com` (3,) [m, in O] and the inertia about it (3, 3) [m^2 per kg]."""
+    R = axis.R_world_object
+    inertia = expected.mass * R @ unit_inertia @ R.T
+    low, high = axis_ends(axis)
+    return Case(
+        distance=expected.distance,
+        phi=expected.phi,
+        i_com=float(inertia[1, 1]),
+        mass=expected.mass,
+        radius=axis.radius,
+        height=height,
+        impulse=impulse,
+        friction=friction,
+        beside=float(axis.direction @ (com - axis.point)),
+        i_xy=float(inertia[0, 1]),
+        i_zy=float(inertia[2, 1]),
+        i_zz=float(inertia[2, 2]),
+        low=low,
+        high=high,
+    )
+
+
+def axis_ends(axis: PivotAxis) -> tuple[float, float]:
+    """Where the edge begins and ends [m], along its direction from the strike; 0, 0 for a rim, which touches in one point."""
+    if axis.rolls:
+        return 0.0, 0.0
+    start, end = axis.plane.edges
+    edge = int(np.argmax(axis.plane.outward() @ axis.tip))
+    along = sorted(float(axis.direction @ (corner - axis.point)) for corner in (start[edge], end[edge]))
+    return min(along[0] + axis.radius, -1e-4), max(along[1] - axis.radius, 1e-4)
+
+
+def tips(cases: Sequence[Case], gravity: float) -> Tips:
+    """Integrate strike and swing up to balance, all cases at once.
+
+    With b = phi - theta, z_c = rho + R*cos b, u = dx_P/dt - rho*theta' the contact's sliding speed, F and N the contact's forces:
+    m*x_c'' = F + S, m*z_c'' = N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F - R*sin b*N. Sticking: u' = 0. Sliding: F = -mu*N*sign u.
+    About P's x and z the contact must give M_x = I_xy*theta'' + I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2, which its
+    two ends share: y1*N1 + y2*N2 = M_x, y1*F1 + y2*F2 = -M_z. A body that is pushed too little to rise stands on its whole face.
+
+    Args:
+        cases: n strikes.
+        gravity: m/s^2.
+    """
+    if not cases:
+        return Tips(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
+    body = _Bodies(cases, gravity)
+    step = body.duration / PUSH_STEPS
+    peak = body.impulse * np.pi / 2 / body.duration
+    for i in range(PUSH_STEPS):
+        body.step(step, peak * float(np.sin(np.pi * (i + 0.5) / PUSH_STEPS)))
+    body.load_counts = True
+    for _ in range(round(LONGEST / FREE_STEP)):
+        body.step(np.full(len(cases), FREE_STEP), np.zeros(len(cases)))
+        if not body.goes_on.any():
+            break
+    return Tips(body.slip, body.least_load, (body.theta >= body.phi) | body.goes_on)
+
+
+def least_friction(cases: Sequence[Case], gravity: float) -> Array:
+    """Least coefficient (n,) with which each case slides no farther than `SLIP_LIMIT`, to 0.05 or better; inf: none of `FRICTIONS`."""
+    many = len(FRICTIONS)
+    tried = [_with_friction(each, mu) for each in cases for mu in FRICTIONS]
+    fails = (tips(tried, gravity).slip > SLIP_LIMIT).reshape(len(cases), many)
+    # The least above which all hold: slip does not fall with mu everywhere (a sliding edge may happen to stop early).
+    last = np.where(fails.any(axis=1), many - np.argmax(fails[:, ::-1], axis=1), 0)
+    return np.append(FRICTIONS, np.inf)[last]
+
+
+def _with_friction(each: Case, friction: float) -> Case:
+    values = {field.name: getattr(each, field.name) for field in fields(Case)}
+    return Case(**{**values, "friction": float(friction)})
+
+
+class _Bodies:
+    """Parameters and state (n,) of all cases: theta, theta', displacement and speed of the contact against rolling."""
+
+    def __init__(self, cases: Sequence[Case], gravity: float) -> None:
+        table = {field.name: np.array([getattr(each, field.name) for each in cases], dtype=np.float64) for field in fields(Case)}
+        self._p = table
+        self._g = gravity
+        self.phi, self.duration, self.impulse = table["phi"], table["duration"], table["impulse"]
+        self._ends = np.stack([table["low"], table["high"]])
+        self._has_ends = table["high"] > table["low"]
+        self._length = np.where(self._has_ends, table["high"] - table["low"], 1.0)
+        n = len(cases)
+        self.theta, self._rate, self._slid, self._u, self.slip = (np.zeros(n) for _ in range(5))
+        self._yaw, self._yaw_rate = np.zeros(n), np.zeros(n)
+        self.least_load = np.full(n, np.inf)
+        self.goes_on = np.ones(n, dtype=bool)
+        self.load_counts = False
+
+    def step(self, dt: Array, push: Array) -> None:
+        """Semi-implicit Euler: rates first. `dt` (n,) s, `push` (n,) N."""
+        p, g = self._p, self._g
+        m, mu, i_com, h = p["mass"], p["friction"], p["i_com"], p["height"]
+        b = self.phi - self.theta
+        s, c = p["distance"] * np.sin(b), p["distance"] * np.cos(b)
+        z = p["radius"] + c
+        square = self._rate**2
+        turning = (h * push - m * s * (g + p["radius"] * square)) / (i_com + m * (z**2 + s**2))
+        load = m * (g + s * turning - c * square)
+        shear = m * (z * turning + s * square) - push
+        flat = (self.theta <= 0) & (turning <= 0) & (self._rate <= 0)
+        turning, load, shear = np.where(flat, 0.0, turning), np.where(flat, m * g, load), np.where(flat, -push, shear)
+        self._turn(dt, turning, load, shear, flat, s, z)
+        moving = np.abs(self._u) > CREEP
+        slides = moving | (np.abs(shear) > mu * load)
+        # Against the motion, or against where the missing friction lets it go.
+        way = np.where(moving, np.sign(self._u), -np.sign(shear))
+        lever = way * mu * z - s
+        # Where dry friction would jam (Painleve), the body is taken as stiff.
+        inertia = np.maximum(i_com - m * s * lever, 0.05 * i_com)
+        skidding = ((h - z) * push + lever * m * (g - c * square)) / inertia
+        skidding = np.where((self.theta <= 0) & (self._rate <= 0), np.maximum(skidding, 0.0), skidding)
+        turning = np.where(slides, skidding, turning)
+        load = np.where(slides, np.where(skidding == 0.0, m * g, m * (g + s * skidding - c * square)), load)
+        faster = (-way * mu * np.maximum(load, 0.0) + push) / m - z * turning - s * square
+        u = np.where(slides, self._u + dt * faster, 0.0)
+        # Friction stops a contact, it does not turn it round.
+        u = np.where(moving & (u * self._u < 0), 0.0, u)
+        self._advance(dt, turning, u, load / (m * g))
+
+    def _advance(self, dt: Array, turning: Array, u: Array, load: Array) -> None:
+        go = self.goes_on
+        self._u = np.where(go, u, self._u)
+        self._rate = np.where(go, self._rate + dt * turning, self._rate)
+        self.theta = np.where(go, np.maximum(self.theta + dt * self._rate, 0.0), self.theta)
+        self._rate = np.where((self.theta <= 0) & (self._rate < 0), 0.0, self._rate)
+        self._slid = np.where(go, self._slid + dt * self._u, self._slid)
+        self._yaw = np.where(go, self._yaw + dt * self._yaw_rate, self._yaw)
+        by_yaw = np.abs(self._ends).max(axis=0) * np.abs(self._yaw)
+        self.slip = np.maximum(self.slip, np.maximum(np.abs(self._slid), by_yaw))
+        if self.load_counts:
+            self.least_load = np.where(go, np.minimum(self.least_load, load), self.least_load)
+            rocks_back = (self._rate <= 0) & (np.abs(self._u) <= CREEP)
+            self.goes_on = go & (self.theta < self.phi) & np.logical_not(rocks_back) & (load > 0)
+
+    def _turn(self, dt: Array, turning: Array, load: Array, shear: Array, flat: NDArray[np.bool_], s: Array, z: Array) -> None:
+        """Yaw, where it asks more friction of an end than that has: about the edge, as if the plane's motion went on undisturbed."""
+        p = self._p
+        m, square, y = p["mass"], self._rate**2, p["beside"]
+        sine, cosine = np.sin(self.theta), np.cos(self.theta)
+        # The tensor turns with the body; c stands at (-s, y, z) from the contact.
+        i_xy = cosine * p["i_xy"] + sine * p["i_zy"] + m * s * y
+        i_zy = cosine * p["i_zy"] - sine * p["i_xy"] - m * z * y
+        roll = i_xy * turning + i_zy * square + m * self._g * y
+        yaw = i_zy * turning - i_xy * square
+        low, high = self._ends
+        normal = np.stack([high * load - roll, roll - low * load]) / self._length
+        most = p["friction"] * np.clip(normal, 0.0, np.maximum(load, 0.0))
+        # F at the low end; the other carries the rest of the shear. What it must be, and what the two ends' friction allows.
+        least, greatest = np.maximum(-most[0], shear - most[1]), np.minimum(most[0], shear + most[1])
+        middle = (least + greatest) / 2
+        least, greatest = np.minimum(least, middle), np.maximum(greatest, middle)
+        wanted = (high * shear + yaw) / self._length
+        turns = np.abs(self._yaw_rate) > CREEP
+        held: Array = np.minimum(np.maximum(wanted, least), greatest)
+        forwards = np.asarray(self._yaw_rate > 0, dtype=np.float64)
+        against = forwards * least + (1 - forwards) * greatest
+        given = held + turns * (against - held)
+        rate = self._yaw_rate + dt * self._length * (given - wanted) / p["i_zz"]
+        rate = np.where(turns & (rate * self._yaw_rate < 0), 0.0, rate)
+        self._yaw_rate = np.where(self._has_ends & np.logical_not(flat), rate, 0.0)

@@ -1,0 +1,146 @@
+"""What the planned strikes would say of the region masses: plausible fillings are drawn, and each is asked how well it could be told.
+
+The masses of shell, upper and lower interior and the border between the two (a plane: direction and offset) are unknown together; mass, c
+and the moments about the struck directions are measured, with the joint covariance that the design predicts (METHOD section 6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.planning.information import COM, INERTIA, MASS, moment_row
+from analyze.types import Array
+
+NAMES = ("surface", "upper", "lower")
+DRAWS = 24
+MODEL_ERROR = 0.004
+"""relative, of each moment: voxels, uneven walls (as in estimation)"""
+LEVER_ERROR = 1e-4
+"""m"""
+DETERMINED = 0.5
+"""a mass counts as determined if its sd is below this part of what is known without strikes"""
+SHARE_SD = 0.2357
+"""sd of one of three shares of a whole, if all divisions are as likely"""
+ALIKE = np.cos(np.radians(15.0))
+"""cosine above which two directions measure the same moment"""
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """The body cut up; each piece lies in the wall or in the interior."""
+
+    points: Array
+    """(n, 3) m, centroids in O"""
+    wall: Array
+    """(n,) m^3, 0 for pieces of the interior"""
+    interior: Array
+    """(n,) m^3, 0 for pieces of the wall"""
+    own: Array
+    """(n,) m^2: a piece's moment about its own centroid per kilogram"""
+    pitch: float
+    """m, edge of the cubes they were cut from"""
+
+    @property
+    def centroid(self) -> Array:
+        """(3,) m, of the uniform solid."""
+        volume = self.wall + self.interior
+        return volume @ self.points / volume.sum()
+
+
+@dataclass(frozen=True)
+class RegionForecast:
+    """Predicted 1 sigma [kg] of each mass: the median over the fillings; and whether the strikes determine it."""
+
+    names: tuple[str, ...]
+    sd: Array
+    determined: tuple[bool, ...]
+
+
+def region_forecast(cells: Pieces, mass: float, covariance: Array, directions: Sequence[Array]) -> RegionForecast:
+    """Predict the region masses' sd.
+
+    Args:
+        cells: the body.
+        mass: kg.
+        covariance: (14, 14) SI, of the design's shared unknowns.
+        directions: (3,) each, of the struck axes.
+    """
+    distinct: list[Array] = []
+    for direction in directions:
+        if all(abs(direction @ other) < ALIKE for other in distinct):
+            distinct.append(direction)
+    lines = np.array([moment_row(direction) for direction in distinct]).reshape(-1, 6)
+    pick = np.zeros((4 + len(lines), len(covariance)))
+    pick[0, MASS] = mass
+    pick[1:4, COM] = np.eye(3)
+    pick[4:, INERTIA] = lines
+    measured = pick @ covariance @ pick.T
+    problem = _Fillings(cells, np.array(distinct).reshape(-1, 3), mass)
+    sds = np.array([problem.sd(measured, drawn) for drawn in _even_draws(DRAWS, 5)])
+    sd = np.median(sds, axis=0)
+    return RegionForecast(NAMES, sd, tuple(bool(value < DETERMINED * SHARE_SD * mass) for value in sd))
+
+
+class _Fillings:
+    def __init__(self, cells: Pieces, directions: Array, mass: float) -> None:
+        self._cells, self._mass = cells, mass
+        self._centre = cells.centroid
+        arm = cells.points - self._centre
+        self._reach = float(np.sqrt(np.max(np.sum(arm**2, axis=1))))
+        square = np.sum(arm**2, axis=1) + cells.own
+        along = arm @ directions.T
+        # About the centroid; moved to c in `_seen`.
+        self._features = np.column_stack([np.ones(len(arm)), arm, square[:, None] - along**2])
+        self._directions = directions
+
+    def sd(self, measured: Array, drawn: Array) -> Array:
+        """(3,) kg for one filling, chosen by five numbers `drawn` from 0 to 1: shares, border's direction and place."""
+        surface, upper = 0.2 + 0.6 * float(drawn[0]), 0.1 + 0.8 * float(drawn[1])
+        masses = self._mass * np.array([surface, (1 - surface) * upper, (1 - surface) * (1 - upper)])
+        turn, z = 2 * np.pi * float(drawn[2]), 2 * float(drawn[3]) - 1
+        normal = np.array([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+        inside = self._cells.interior > 0
+        heights = (self._cells.points - self._centre)[inside] @ normal
+        offset = float(np.quantile(heights, 0.25 + 0.5 * float(drawn[4])))
+        unknown = np.append(masses / self._mass, np.array([offset / self._reach, 0.0, 0.0]))
+        across = np.linalg.svd(normal[None])[2][1:]
+        steps = np.array([1e-3, 1e-3, 1e-3, 0.01, 0.01, 0.01])
+        seen = self._seen(unknown, normal, across)
+        columns = [
+            (self._seen(unknown + step, normal, across) - self._seen(unknown - step, normal, across)) / (2 * step.sum())
+            for step in np.diag(steps)
+        ]
+        rows = np.stack(columns, axis=1)
+        model = np.concatenate([[0.0], np.full(3, LEVER_ERROR), MODEL_ERROR * seen[4:]])
+        scale = np.sqrt(np.diag(measured) + model**2 + 1e-30)
+        whole = (measured + np.diag(model**2)) / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+        rows = rows / scale[:, None]
+        # Without strikes: any share of the mass, any direction, an offset within the body.
+        prior = np.diag(1 / np.array([SHARE_SD, SHARE_SD, SHARE_SD, 0.3, 1.0, 1.0]) ** 2)
+        covariance = np.linalg.inv(rows.T @ np.linalg.solve(whole, rows) + prior)
+        return self._mass * np.sqrt(np.diag(covariance)[:3])
+
+    def _seen(self, unknown: Array, normal: Array, across: Array) -> Array:
+        """Mass, c and moments about c of a filling: shares of the masses, offset over the reach, two tilts of the border."""
+        cells = self._cells
+        n = normal + unknown[4] * across[0] + unknown[5] * across[1]
+        n = n / np.linalg.norm(n)
+        heights = (cells.points - self._centre) @ n - unknown[3] * self._reach
+        above = np.clip(heights / cells.pitch + 0.5, 0.0, 1.0) * cells.interior
+        parts = [cells.wall, above, cells.interior - above]
+        total = sum(
+            share * self._mass * (part @ self._features) / max(part.sum(), 1e-18) for share, part in zip(unknown, parts, strict=False)
+        )
+        total = np.asarray(total, dtype=np.float64)
+        mass, c = float(total[0]), total[1:4] / total[0]
+        moved = mass * (c @ c - (self._directions @ c) ** 2)
+        return np.concatenate([[mass], self._centre + c, total[4:] - moved])
+
+
+def _even_draws(count: int, width: int) -> Array:
+    """(count, width) numbers from 0 to 1, evenly spread (Kronecker sequence), the same every time."""
+    roots = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])[:width])
+    return np.remainder(np.outer(np.arange(1.0, count + 1), roots) + 0.5, 1.0)

@@ -1,0 +1,161 @@
+"""What a design promises, in numbers: sd of every result, what causes the error of c, what more strikes would bring, when to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.planning.design import Design, choose
+from analyze.planning.information import COM, ENTRIES, INERTIA, MASS, Candidate, Information, moment_row
+from analyze.types import Array
+
+PAYS = 0.10
+"""doubling the strikes pays if it lessens the error of c by more than this part"""
+MOST_STRIKES = 36
+ENDLESS = 100_000
+"""strikes per axis that stand for any number"""
+MOMENT_DETERMINED = 0.5
+"""a moment counts as determined if its sd is below this part of what the shape alone says"""
+SHAPE_SAYS = 0.25
+"""relative 1 sigma of a moment that is only guessed from the shape"""
+REMEDIES = {
+    "tilt of gravity": "level the table and give gravity_tilt_sd_rad in the rig file",
+    "radius of the edges": "measure edge_radius_m",
+    "place of the edges": "a better scan",
+    "scale of the shape": "measure a length of the object and correct the shape's scale",
+    "angle error of an axis": "strike other edges as well",
+    "mass": "a better balance",
+    "gravity": "give g_m_s2 of your place",
+}
+
+
+@dataclass(frozen=True)
+class AxisForecast:
+    """Predicted 1 sigma for one struck axis."""
+
+    axis_id: str
+    phi_sd: float
+    """rad, of one strike"""
+    k_sd: float
+    """relative, of one strike"""
+    i_edge: float
+    """kg m^2, of one strike"""
+    i_com: float
+    """kg m^2, about the parallel axis through c, from all strikes"""
+    i_com_determined: bool
+
+
+@dataclass(frozen=True)
+class Advice:
+    """How the error of c (root mean square distance [m]) falls with the number of strikes, and what follows."""
+
+    curve: tuple[tuple[int, float], ...]
+    floor: float
+    """m, with any number of strikes on the chosen axes"""
+    sources: dict[str, float]
+    """m each, squares add up to the planned design's"""
+    stop: bool
+    text: str
+
+
+def axis_forecasts(information: Information, design: Design) -> list[AxisForecast]:
+    """One per chosen axis, in the design's order."""
+    P = design.covariance
+    result: list[AxisForecast] = []
+    for i in design.chosen:
+        each = information.candidates[i]
+        swing = each.expected
+        phi_sd = float(np.sqrt(each.noise[0, 0] + information.errors.strike_angle**2))
+        k_sd = float(np.sqrt(each.noise[1, 1]))
+        outwards = -np.sin(swing.phi) * each.axis.tip + np.cos(swing.phi) * each.axis.plane.up
+        by = np.zeros(len(P))
+        by[COM], by[MASS] = outwards / swing.distance, 1.0
+        shared = float(by @ P @ by) + information.errors.gravity**2 + information.errors.axis_k**2
+        own = moment_row(each.axis.direction)
+        i_com = float(np.sqrt(own @ P[INERTIA, INERTIA] @ own))
+        guess = SHAPE_SAYS * float(each.axis.direction @ information.belief.inertia @ each.axis.direction)
+        determined = i_com < MOMENT_DETERMINED * guess
+        result.append(AxisForecast(each.axis.id, phi_sd, k_sd, swing.i_edge * float(np.sqrt(k_sd**2 + shared)), i_com, determined))
+    return result
+
+
+def inertia_forecast(information: Information, design: Design) -> tuple[Array, Array]:
+    """1 sigma (3, 3) [kg m^2] of the tensor about c, and which entries the strikes determine (3, 3), as bool."""
+    sd = np.sqrt(np.diag(design.covariance)[INERTIA])
+    mean = information.belief.inertia
+    matrix, determined = np.zeros((3, 3)), np.zeros((3, 3), dtype=bool)
+    for (i, j), value in zip(ENTRIES, sd, strict=True):
+        guess = SHAPE_SAYS * float(np.sqrt(mean[i, i] * mean[j, j]))
+        matrix[i, j] = matrix[j, i] = value
+        determined[i, j] = determined[j, i] = value < MOMENT_DETERMINED * guess
+    return matrix, determined
+
+
+def strikes_for(information: Information, target: float, least: int, most: int = MOST_STRIKES) -> tuple[int, Design] | None:
+    """Fewest strikes with a predicted error of c (root mean square distance) of at most `target` [m]; None: not even with `most`."""
+
+    def design_of(many: int) -> Design | None:
+        design = choose(information, many)
+        return design if design is not None and design.com_rms <= target else None
+
+    best = design_of(most)
+    if best is None:
+        return None
+    low, high = least - 1, most
+    while high - low > 1:
+        middle = (low + high) // 2
+        design = design_of(middle)
+        if design is None:
+            low = middle
+        else:
+            high, best = middle, design
+    return high, best
+
+
+def advice(information: Information, design: Design, made: int) -> Advice:
+    """Compare the design with fewer and more strikes; `made` is how many were made before."""
+    planned = int(sum(design.repeats))
+    members = [information.candidates[i] for i in design.chosen]
+    numbers = sorted({3, 6, planned, 2 * planned} | ({1} if made else set()))
+    curve: list[tuple[int, float]] = []
+    for many in numbers:
+        other = design if many == planned else choose(information, many)
+        if other is not None:
+            curve.append((many, other.com_rms))
+    floor = _rms(information, members, [ENDLESS] * len(members))
+    sources = information.sources(members, design.repeats)
+    twice = dict(curve).get(2 * planned, floor)
+    gain = 1 - twice / design.com_rms
+    stop = gain < PAYS
+    worst = [name for name, _ in sorted(sources.items(), key=lambda pair: -pair[1]) if name in REMEDIES][:2]
+    parts = ", ".join(
+        f"{name} {1000 * value:.2f} mm" for name, value in sorted(sources.items(), key=lambda pair: -pair[1])[:4] if value > 0
+    )
+    head = f"c to {1000 * design.com_rms:.2f} mm with {planned} {'more ' if made else ''}strikes ({parts})"
+    if stop:
+        text = (
+            f"{head}; {planned} more would only bring {1000 * twice:.2f} mm, any number on these axes {1000 * floor:.2f} mm: "
+            f"what strikes share dominates, more strikes no longer pay; instead: {REMEDIES[worst[0]]}"
+        )
+    else:
+        text = f"{head}; {planned} more would bring {1000 * twice:.2f} mm"
+    if made:
+        text = _after(information, design, made, text)
+    return Advice(tuple(curve), floor, sources, stop, text)
+
+
+def _after(information: Information, design: Design, made: int, text: str) -> str:
+    """The same, if `made` strikes are there already: whether the planned ones pay at all."""
+    now = float(np.sqrt(np.trace(information.covariance([], [])[COM, COM])))
+    gain = 1 - design.com_rms / now
+    so_far = f"the {made} strikes so far give c to {1000 * now:.2f} mm"
+    if gain < PAYS:
+        planned = int(sum(design.repeats))
+        return f"{so_far}; {planned} more would only bring {1000 * design.com_rms:.2f} mm: stop striking. {text}"
+    return f"{so_far}; {text}"
+
+
+def _rms(information: Information, members: Sequence[Candidate], repeats: Sequence[int]) -> float:
+    return float(np.sqrt(np.trace(information.covariance(members, repeats)[COM, COM])))

@@ -1,0 +1,77 @@
+"""What strikes that were made already say: the posterior that the next plan starts from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analyze.errors import PlanError
+from analyze.planning.hypothesis import Hypothesis, Region
+from analyze.planning.information import Belief, Candidate
+from analyze.planning.pivots import PivotAxis, swing
+from analyze.types import Array
+
+SAME_AXIS = np.cos(np.radians(3.0))
+LEAST_HALF = 5e-4
+"""m, half edge below which Q does not shrink: the edges themselves are known no better"""
+
+
+@dataclass(frozen=True)
+class StrikeMade:
+    """One strike that was used."""
+
+    axis_id: str
+    phi_sd: float
+    """rad"""
+    k_sd: float | None
+    """relative"""
+
+
+@dataclass(frozen=True)
+class Given:
+    """A result so far, in O."""
+
+    name: str
+    """the file's, for messages"""
+    com: Array
+    """(3,) m"""
+    com_covariance: Array
+    """(3, 3) m^2; unobserved directions carry the prior's"""
+    unit_inertia: Array | None
+    """(3, 3) m^2 about c, per kilogram"""
+    strikes: tuple[StrikeMade, ...]
+    directions: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    """(3,) unit, of the struck axes by id: that the ids mean the same edges still"""
+
+
+def believed_after(believed: Hypothesis, given: Given) -> Hypothesis:
+    """Q around the measured c, half edges two standard deviations, where that is smaller than before."""
+    values, vectors = np.linalg.eigh(given.com_covariance)
+    half = np.maximum(2 * np.sqrt(np.maximum(values, 0.0)), LEAST_HALF)
+    half = np.minimum(half, max(float(believed.region.half.max()), LEAST_HALF))
+    region = Region(given.com, vectors.T, half)
+    return Hypothesis(region, believed.unit_inertia if given.unit_inertia is None else given.unit_inertia)
+
+
+def with_strikes(belief: Belief, given: Given, axes: Sequence[PivotAxis], believed: Hypothesis, mass: float, gravity: float) -> Belief:
+    """The belief, and in it the information of the strikes made.
+
+    Raises:
+        PlanError: a strike's axis is not one of the object's.
+    """
+    known = {axis.id: axis for axis in axes}
+    made: dict[str, Array] = {}
+    for strike in given.strikes:
+        told = given.directions.get(strike.axis_id)
+        if strike.axis_id not in known or (told is not None and float(told @ known[strike.axis_id].direction) < SAME_AXIS):
+            raise PlanError(
+                f"{given.name}: strike on axis {strike.axis_id!r}, which this object does not have: plan from the first strike anew"
+            )
+        weight = np.diag([strike.phi_sd**-2, 0.0 if strike.k_sd is None else strike.k_sd**-2])
+        made[strike.axis_id] = made.get(strike.axis_id, np.zeros((2, 2))) + weight
+    struck = tuple(
+        Candidate(known[name], swing(known[name], believed.region.centre, mass, believed.unit_inertia, gravity), np.eye(2)) for name in made
+    )
+    return Belief(belief.com_sd, belief.inertia, belief.inertia_sd, made, struck)

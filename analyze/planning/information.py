@@ -1,0 +1,197 @@
+"""What strikes tell about c and the inertia together, with the errors that they share (METHOD 1.6, rows; sections 4 and 5).
+
+Every strike gives phi and ln k, both linear in small changes of the unknowns: c, the six entries of the inertia about c, and what the
+strikes share: mass, gravity, its tilt, the shape's scale, the edges' radius. What belongs to one axis (the line's place, an angle, a part
+of k) is integrated out, so that repeats never look surer than they are. All unknowns are in units of their prior 1 sigma.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analyze.planning.pivots import PivotAxis, Swing
+from analyze.types import Array
+
+COM = slice(0, 3)
+INERTIA = slice(3, 9)
+MASS, GRAVITY, TILT, SCALE, RADIUS = range(9, 14)
+SHARED = 14
+PRIVATE = 4
+ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+SOURCES = {
+    "mass": (MASS,),
+    "gravity": (GRAVITY,),
+    "tilt of gravity": (TILT,),
+    "scale of the shape": (SCALE,),
+    "radius of the edges": (RADIUS,),
+}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """1 sigma of what strikes share, and of what a repeat of one axis shares. As in estimation (SystematicErrors, Scale)."""
+
+    tilt: float = float(np.radians(0.2))
+    """rad, of gravity against the table's normal"""
+    scale: float = 0.0
+    """relative, of the shape"""
+    edge_radius: float = 0.0
+    """m"""
+    mass: float = 0.002
+    """relative"""
+    gravity: float = 5e-4
+    """relative"""
+    axis_angle: float = 2e-4
+    """rad, common to the strikes on one axis: resting face, lens"""
+    strike_angle: float = 5e-4
+    """rad, from strike to strike beyond the fit: slip of the edge"""
+    axis_k: float = 2e-3
+    """relative, common to the strikes on one axis: air, play of the edge"""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An axis that can be used, and what one strike on it tells."""
+
+    axis: PivotAxis
+    expected: Swing
+    noise: Array
+    """(2, 2) covariance of phi [rad] and ln k from one strike"""
+
+    @property
+    def normal(self) -> Array:
+        """Unit normal (3,) of the expected equi-plane, in O: the tip direction turned by phi."""
+        return np.cos(self.expected.phi) * self.axis.tip + np.sin(self.expected.phi) * self.axis.plane.up
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is known before the strikes that are planned, beside c = where the candidates expect it."""
+
+    com_sd: float
+    """m, every direction alike: c lies in the shape"""
+    inertia: Array
+    """(3, 3) kg m^2, about c"""
+    inertia_sd: float
+    """kg m^2, of the moment about any direction"""
+    made: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    """per axis that was struck already: (2, 2) inverse covariance of phi and ln k from all its strikes"""
+    struck: tuple[Candidate, ...] = ()
+    """those axes"""
+
+
+@dataclass(frozen=True)
+class Information:
+    """The linear problem of one object's candidates."""
+
+    candidates: tuple[Candidate, ...]
+    belief: Belief
+    errors: Errors
+
+    @property
+    def units(self) -> Array:
+        """(14,) prior 1 sigma of the shared unknowns: m, kg m^2, then those of `Errors`."""
+        e, i = self.errors, self.belief.inertia_sd
+        # Off-diagonal entries have 1/sqrt 2, so that the moment about every direction is as uncertain.
+        return np.array([*[self.belief.com_sd] * 3, *[i] * 3, *[i / np.sqrt(2)] * 3, e.mass, e.gravity, e.tilt, e.scale, e.edge_radius])
+
+    def rows(self, each: Candidate) -> tuple[Array, Array]:
+        """Derivatives (2, 14) and (2, 4) of phi and ln k by the shared and the axis's own unknowns, in units of their sd."""
+        e, axis, swing = self.errors, each.axis, each.expected
+        R, rho, phi = swing.distance, axis.radius, swing.phi
+        across = -each.normal / R
+        outwards = -np.sin(phi) * axis.tip + np.cos(phi) * axis.plane.up
+        m, i_edge = swing.mass, swing.i_edge
+        # d ln k = dm/m + dg/g + dR/R - dI_edge/I_edge; I_edge = l.I.l + m*(R + rho)^2.
+        by_R = 1 / R - 2 * m * (R + rho) / i_edge
+        l = axis.direction  # noqa: E741 - the field's name
+        moment = np.array([l[i] * l[j] * (1 if i == j else 2) for i, j in ENTRIES])
+        shared = np.zeros((2, SHARED))
+        shared[0, COM], shared[1, COM] = across, by_R * outwards
+        shared[1, INERTIA] = -moment / i_edge
+        shared[1, MASS] = 1 - m * (R + rho) ** 2 / i_edge
+        shared[1, GRAVITY] = 1.0
+        shared[0, TILT] = 1.0
+        shared[:, SCALE] = -(shared[:, COM] @ axis.point)
+        # A larger radius moves the centre line inwards: up and away from the tip.
+        shared[:, RADIUS] = -(shared[:, COM] @ (axis.plane.up - axis.tip))
+        shared[1, RADIUS] -= 2 * m * (R + rho) / i_edge
+        own = np.zeros((2, PRIVATE))
+        own[:, 0] = -(shared[:, COM] @ axis.tip) * axis.sd
+        own[:, 1] = -(shared[:, COM] @ axis.plane.up) * axis.sd
+        own[0, 2], own[1, 3] = e.axis_angle, e.axis_k
+        return shared * self.units, own
+
+    def weight(self, each: Candidate, strikes: int) -> Array:
+        """Inverse covariance (2, 2) of phi and ln k from `strikes` more on this axis and those made before."""
+        noise = each.noise + np.diag([self.errors.strike_angle**2, 0.0])
+        return strikes * np.linalg.inv(noise) + self.belief.made.get(each.axis.id, np.zeros((2, 2)))
+
+    def of_axis(self, each: Candidate, strikes: int) -> Array:
+        """Information (14, 14) about the shared unknowns; the axis's own are integrated out."""
+        shared, own = self.rows(each)
+        weight = self.weight(each, strikes)
+        # (W^-1 + B B^T)^-1 by Woodbury, for W that may be singular (no k).
+        inner = np.linalg.inv(np.eye(PRIVATE) + own.T @ weight @ own)
+        marginal = weight - weight @ own @ inner @ own.T @ weight
+        return np.asarray(shared.T @ marginal @ shared, dtype=np.float64)
+
+    def before(self, leave_out: Sequence[str] = ()) -> Array:
+        """Information (14, 14) of the priors and of the strikes made, without the axes named in `leave_out`."""
+        known = [self.of_axis(each, 0) for each in self.belief.struck if each.axis.id not in leave_out]
+        return np.asarray(sum(known, np.eye(SHARED)), dtype=np.float64)
+
+    def covariance(self, chosen: Sequence[Candidate], repeats: Sequence[int]) -> Array:
+        """(14, 14), in the unknowns' own units, after `repeats` strikes on each of `chosen`."""
+        total = self.before([each.axis.id for each in chosen])
+        for each, many in zip(chosen, repeats, strict=True):
+            total = total + self.of_axis(each, many)
+        units = self.units
+        return np.linalg.inv(total) * np.outer(units, units)
+
+    def sources(self, chosen: Sequence[Candidate], repeats: Sequence[int]) -> dict[str, float]:
+        """Root mean square distance [m] of c from the truth that each kind of error causes; their squares add up."""
+        here = {each.axis.id for each in chosen}
+        axes = [*chosen, *(each for each in self.belief.struck if each.axis.id not in here)]
+        many = [*repeats, *[0] * (len(axes) - len(chosen))]
+        count = SHARED + PRIVATE * len(axes)
+        information = np.eye(count)
+        for i, (each, strikes) in enumerate(zip(axes, many, strict=True)):
+            rows = np.zeros((2, count))
+            rows[:, :SHARED], rows[:, SHARED + PRIVATE * i : SHARED + PRIVATE * (i + 1)] = self.rows(each)
+            information += rows.T @ self.weight(each, strikes) @ rows
+        P = np.linalg.inv(information)
+        gain = P[COM] * self.belief.com_sd
+        # Each prior enters with weight 1: it causes P[c, i]^2; what is left is the strikes' own noise.
+        caused = np.sum(gain**2, axis=0)
+        total = float(np.trace(P[COM, COM])) * self.belief.com_sd**2
+        own = caused[SHARED:].reshape(-1, PRIVATE).sum(axis=0)
+        parts = {name: float(sum(caused[i] for i in which)) for name, which in SOURCES.items()}
+        parts["place of the edges"] = float(own[0] + own[1])
+        parts["angle error of an axis"] = float(own[2])
+        parts["noise of the angles"] = max(total - sum(parts.values()), 0.0)
+        return {name: float(np.sqrt(value)) for name, value in parts.items()}
+
+
+def moment_row(direction: Array) -> Array:
+    """(6,) row that gives l.I.l from the tensor's entries in the order of `ENTRIES`."""
+    return np.array([direction[i] * direction[j] * (1 if i == j else 2) for i, j in ENTRIES])
+
+
+def spread(normals: Array) -> float:
+    """Least singular value of unit normals (n, 3) over the square root of n: 0 where they leave a direction of c unknown."""
+    if len(normals) < 3:
+        return 0.0
+    least = float(np.linalg.eigvalsh(normals.T @ normals)[0])
+    return float(np.sqrt(max(least, 0.0) / len(normals)))
+
+
+def unknown_direction(normals: Array) -> Array:
+    """Unit vector (3,) in O along which planes with unit `normals` (n, 3) know c worst."""
+    _, _, vt = np.linalg.svd(np.vstack([np.zeros((3, 3)), normals]))
+    worst = vt[2]
+    worst = worst * np.sign(worst[int(np.argmax(np.abs(worst)))])
+    return np.where(np.abs(worst) < 1e-6, 0.0, worst)

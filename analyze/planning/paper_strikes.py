@@ -1,0 +1,130 @@
+"""The paper's plan as a StrikePlan: its axes, impact points and energy, with our prediction of what they tell and what goes wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analyze.errors import PlanError
+from analyze.planning import feasibility, impact
+from analyze.planning.card import placement_card
+from analyze.planning.design import SINGULAR
+from analyze.planning.examine import phi_spread
+from analyze.planning.information import COM, Candidate, Information, spread, unknown_direction
+from analyze.planning.paper_plan import PaperStrike, paper_plan
+from analyze.planning.pivots import PivotAxis, swing
+from analyze.planning.plan import Prepared
+from analyze.planning.precision import FRAME_PX, frame_sd, strike_covariance
+from analyze.planning.view import visible_markers
+from analyze.types import Array
+from schemas.documents import Impact, Pivot, PlanMethod, PlannedStrike, Range, Rejection, StrikePlan
+
+EDGE_SD = 5e-5
+"""m, as of an edge in a shape that is taken as exact"""
+TABLE_GAP = 1e-3
+"""m, least height that a StrikePlan can hold"""
+
+
+def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> StrikePlan:
+    """The paper's first three impact points, `strikes` shared out evenly among them.
+
+    The speed is what eq. (2)'s energy asks of the striker, E that energy over the one that the hypothesis asks. Where our checks find fault
+    (slip, lift, no tag in view, a singular set) the plan says so and keeps the strike.
+
+    Raises:
+        PlanError: as `paper_plan`, or fewer strikes than impact points.
+    """
+    model, spec = prepared.model, prepared.spec
+    found = paper_plan(model, spec.mass_kg, prepared.bench.gravity)
+    if strikes < len(found.struck):
+        raise PlanError(f"{spec.name}: the paper strikes {len(found.struck)} points: ask for as many strikes or more")
+    each, left = divmod(strikes, len(found.struck))
+    planned: list[PlannedStrike] = []
+    candidates: list[Candidate] = []
+    rejected: list[Rejection] = []
+    for number, strike in enumerate(found.struck):
+        axis = paper_axis(prepared, strike, f"{strike.plane.id}paper{number}")
+        many = each + (number < left)
+        candidate, entries, problems = _strikes(prepared, strike, axis, len(planned) + 1, many)
+        candidates.append(candidate)
+        planned += entries
+        rejected += problems
+    information = Information(tuple(candidates), prepared.information.belief, prepared.information.errors)
+    normals = np.array([candidate.normal for candidate in candidates])
+    warnings = [*model.warnings]
+    if not found.as_printed:
+        warnings.append(
+            "eq. (1) as printed leaves no two stable planes (its sums grow with the number of points): taken with means instead"
+        )
+    covariance: Array | None = None
+    if spread(normals) < SINGULAR:
+        along = ", ".join(f"{value:.2f}" for value in unknown_direction(normals))
+        warnings.append(f"the paper's first three by force are singular: they leave the centre of mass unknown along ({along})")
+    else:
+        repeats = [sum(entry.axis_id == candidate.axis.id for entry in planned) for candidate in candidates]
+        covariance = information.covariance(candidates, repeats)[COM, COM]
+    return StrikePlan(
+        method=PlanMethod.PAPER,
+        object_name=spec.name,
+        object_sha256=object_sha256,
+        strikes=planned,
+        predicted_com_covariance_m2=None if covariance is None else covariance.tolist(),
+        predicted_com_sd_m=None if covariance is None else float(np.sqrt(np.trace(covariance))),
+        rejected=rejected,
+        warnings=warnings,
+    )
+
+
+def paper_axis(prepared: Prepared, strike: PaperStrike, name: str) -> PivotAxis:
+    """Pivot through p^r_ij, on the centre line of the edge's rounding (square walls taken)."""
+    radius = prepared.spec.edge_radius_m
+    point = strike.rotation_point + radius * (strike.plane.up - strike.tip)
+    return PivotAxis(name, strike.plane, strike.axis, strike.tip, point, radius, EDGE_SD, rolls=False)
+
+
+def _strikes(
+    prepared: Prepared, strike: PaperStrike, axis: PivotAxis, first: int, many: int
+) -> tuple[Candidate, list[PlannedStrike], list[Rejection]]:
+    model, spec, bench, believed = prepared.model, prepared.spec, prepared.bench, prepared.believed
+    expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, bench.gravity)
+    height = max(float((strike.impact_point - strike.rotation_point) @ axis.plane.up), TABLE_GAP)
+    energy = strike.energy / (expected.distance * (1 - np.cos(expected.phi)))
+    impulse = impact.impulse_for(expected, height, energy)
+    speed = impact.tip_speed_for(bench.striker, expected, height, impulse)
+    sight = visible_markers(model, spec, axis, expected.phi, bench.camera)
+    case = feasibility.case(axis, expected, believed.region.centre, believed.unit_inertia, height, impulse, bench.friction)
+    outcome = feasibility.tips([case], bench.gravity)
+    needed = float(feasibility.least_friction([case], bench.gravity)[0])
+    rejected: list[Rejection] = []
+    if float(outcome.slip[0]) > feasibility.SLIP_LIMIT:
+        text = f"kept, though the edge would slide {min(1000 * float(outcome.slip[0]), 999):.1f} mm"
+        rejected.append(Rejection(axis_id=axis.id, code="slips", number=needed if np.isfinite(needed) else None, text=text))
+    if float(outcome.least_load[0]) <= 0:
+        text = "kept, though the edge would leave the table"
+        rejected.append(Rejection(axis_id=axis.id, code="lifts", number=float(outcome.least_load[0]), text=text))
+    if not sight.markers and any(marker.T_object_marker is not None for marker in spec.marker):
+        text = "kept, though no marker faces the camera through the tip"
+        rejected.append(Rejection(axis_id=axis.id, code="no_marker", number=sight.least_angle, text=text))
+    noise = strike_covariance(expected, max(energy, 1.0), frame_sd(sight.pixels if sight.markers else FRAME_PX))
+    slower, faster = speed / np.sqrt(energy), speed * 1.2
+    entry = PlannedStrike(
+        id="",
+        plane_id=axis.plane.id,
+        axis_id=axis.id,
+        R_world_object=axis.R_world_object.tolist(),
+        p_world_object=axis.p_world_object.tolist(),
+        pivot=Pivot(point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd),
+        impact=Impact(point=strike.impact_point.tolist(), direction=axis.tip.tolist()),
+        impact_height_m=height,
+        impulse_n_s=Range(min=float(impulse / np.sqrt(energy)), target=impulse, max=1.2 * impulse),
+        tip_speed_m_s=Range(min=float(slower), target=speed, max=float(faster)),
+        energy_ratio=float(energy),
+        phi_predicted_rad=expected.phi,
+        phi_predicted_sd_rad=phi_spread(axis, believed),
+        i_edge_predicted_kg_m2=expected.i_edge,
+        visible_markers=sight.markers,
+        camera_pose=bench.camera.T_world_camera.tolist(),
+        friction_needed=needed if np.isfinite(needed) else float(feasibility.FRICTIONS[-1]),
+        card=placement_card(model, spec, axis, height, sight.markers),
+    )
+    entries = [entry.model_copy(update={"id": f"s{first + i}"}) for i in range(many)]
+    return Candidate(axis, expected, noise), entries, rejected

@@ -1,0 +1,103 @@
+"""Why no plan can be made, in one line, and what would help: a stand, a stick-on foot, a rougher mat, more tags."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from analyze.geometry.object_model import ObjectModel
+from analyze.planning.information import Candidate, unknown_direction
+from analyze.planning.stable_planes import RestingPlane
+from analyze.types import Array
+from schemas.documents import Rejection
+
+BALL = 0.08
+"""relative spread of the hull's distances from its middle, over all directions, below which the object is called a ball"""
+ROUND = 0.08
+"""the same across one direction, below which the object is called round about it"""
+FACE = 0.02
+"""part of the hull's area below which a face counts as a strip of something round"""
+DIRECTIONS = 400
+REMEDIES = {
+    "no_marker": "glue markers to the faces square to the edges",
+    "slips": "use a mat with more friction",
+    "speed": "change the striker's effective mass or its speed limits",
+    "impact_unreachable": "glue on a plate that the striker can meet",
+    "lifts": "glue the object to a base that is less wide for its height",
+    "too_steep": "stand it on a smaller face, or glue on a base that allows it",
+}
+"""in order of ease: what is cheapest to change among the things that stood in the way"""
+FOOT = "stick on a foot (a flat plate with straight edges, its weight given as a marker's), scan both together, and plan again"
+
+
+def why_not(
+    model: ObjectModel,
+    planes: Sequence[RestingPlane],
+    stable: Sequence[RestingPlane],
+    candidates: Sequence[Candidate],
+    rejected: Sequence[Rejection],
+) -> str:
+    """One line: what the object lacks, what stood in the way, what would help."""
+    axes = [rejection for rejection in rejected if rejection.code not in ("unstable_plane", "flank")]
+    counts = Counter(rejection.code for rejection in axes)
+    if not candidates and not counts:
+        return f"{model.name}: {_shape_says(model, planes, stable)}"
+    state = "no axis can be used"
+    if candidates:
+        worst = unknown_direction(np.array([each.normal for each in candidates]))
+        along = ", ".join(f"{value:.2f}" for value in np.round(worst, 2) + 0.0)
+        state = f"the {len(candidates)} usable axes leave the centre of mass unknown along ({along})"
+    reasons = ", ".join(f"{number} {code}" for code, number in counts.most_common()) or _shape_says(model, planes, stable)
+    remedy = next((text for code, text in REMEDIES.items() if code in counts), FOOT)
+    return f"{model.name}: {state}; rejected: {reasons}: {remedy}"
+
+
+def _shape_says(model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane]) -> str:
+    """What kind of object has no edge to tip over."""
+    if _ball(model):
+        return f"it is a ball: it has no face to rest on and no edge to tip over: set it in a ring stand glued to it, or {FOOT}"
+    round_about = _round_about(model)
+    area = sum(plane.area for plane in planes)
+    flat = [plane for plane in planes if plane.area > FACE * area] if area > 0 else []
+    if round_about is not None and not stable:
+        along = ", ".join(f"{value:.2f}" for value in np.round(round_about, 2) + 0.0)
+        return f"it only rolls, about ({along}), and stands on no end: glue it to a stand that keeps it from rolling, or {FOOT}"
+    if not stable and flat:
+        return (
+            f"{len(flat)} flat faces, and on none is it sure to stay: the centre of mass may lie outside every support: "
+            f"put it on a stand, or {FOOT}"
+        )
+    if not stable:
+        return f"it has no flat face to rest on, it rolls: put it on a stand, or {FOOT}"
+    return f"it rests on {len(stable)} faces, but none has an edge beside the centre of mass to tip over: {FOOT}"
+
+
+def _ball(model: ObjectModel) -> bool:
+    widths = _widths(model, _directions())
+    return float(np.ptp(widths)) < BALL * float(widths.mean())
+
+
+def _round_about(model: ObjectModel) -> Array | None:
+    """Unit direction (3,) about which the hull is round, if there is one: equal widths across it."""
+    vertices = model.hull_vertices - model.hull_vertices.mean(axis=0)
+    for axis in np.linalg.eigh(vertices.T @ vertices)[1].T[::-1]:
+        u = np.linalg.svd(axis[None])[2][1:]
+        turn = np.linspace(0, np.pi, 36, endpoint=False)
+        widths = _widths(model, np.outer(np.cos(turn), u[0]) + np.outer(np.sin(turn), u[1]))
+        if float(np.ptp(widths)) < ROUND * float(widths.mean()):
+            return axis * np.sign(axis[int(np.argmax(np.abs(axis)))])
+    return None
+
+
+def _widths(model: ObjectModel, directions: Array) -> Array:
+    return np.ptp(model.hull_vertices @ directions.T, axis=0)
+
+
+def _directions() -> Array:
+    """Evenly spread over the half sphere (Fibonacci lattice)."""
+    i = np.arange(DIRECTIONS) + 0.5
+    z, turn = i / DIRECTIONS, i * np.pi * (1 + np.sqrt(5))
+    across = np.sqrt(1 - z**2)
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])

@@ -1,0 +1,85 @@
+"""Lift and slip of an edge against hand-made answers; `make bench-plan-feasibility` compares with a simulation of its own physics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analyze.planning.feasibility import SLIP_LIMIT, Case, least_friction, tips
+
+G = 9.81
+WIDTH, HEIGHT, MASS = 0.06, 0.2, 0.5
+R, PHI = np.hypot(WIDTH, HEIGHT) / 2, np.arctan2(WIDTH, HEIGHT)
+I_COM = MASS * (WIDTH**2 + HEIGHT**2) / 12
+I_EDGE = I_COM + MASS * R**2
+"""a box of 200 mm that tips over an edge of its foot: the example of METHOD 1.4"""
+
+
+def box(height, friction, energy=1.15, **more):
+    rate = np.sqrt(2 * energy * MASS * G * R * (1 - np.cos(PHI)) / I_EDGE)
+    return Case(R, PHI, I_COM, MASS, 0.0, height, I_EDGE * rate / height, friction, **more)
+
+
+def test_strike_height_decides_whether_a_box_slides():
+    """At mu = 0.3, simulated by others: at 100 mm it slides 23 mm and does not tip, at 145 mm it slips 0.01 mm, at 198 mm 0.5 mm."""
+    result = tips([box(height, 0.3) for height in (0.1, 0.145, 0.198)], G)
+    assert result.over.tolist() == [False, True, True]
+    low, best, top = result.slip
+    assert low == pytest.approx(0.023, abs=0.002)
+    assert best < 2e-5
+    assert top == pytest.approx(0.0005, abs=0.00015)
+
+
+def test_impulsive_friction_is_the_one_of_method_1_4():
+    """|R*cos phi - I_edge/(m*h)| <= mu*R*sin phi, while gravity's part of the contact is small (a short, hard strike)."""
+    for height in (0.12, 0.13, 0.16, 0.19):
+        needed = abs(R * np.cos(PHI) - I_EDGE / (MASS * height)) / (R * np.sin(PHI))
+        held, slid = tips([box(height, factor * needed, energy=9.0, duration=2e-4) for factor in (1.1, 0.9)], G).slip
+        assert slid > 2 * held + 1e-6
+
+
+def test_energy_decides_whether_it_comes_over():
+    result = tips([box(0.145, 5.0, energy=energy) for energy in (0.9, 1.1)], G)
+    assert result.over.tolist() == [False, True]
+
+
+def test_too_fast_a_swing_leaves_the_table():
+    """N = m*(g + R*sin b*theta'' - R*cos b*theta'^2) falls below 0 with speed."""
+    result = tips([box(0.145, 50.0, energy=energy) for energy in (1.1, 40.0)], G)
+    assert result.least_load[0] > 0
+    assert result.least_load[1] <= 0
+
+
+def test_least_load_is_that_of_the_pendulum():
+    """At release b = phi: N/(m*g) = 1 - k*R*sin^2(phi)/g - R*cos(phi)*rate^2/g, least there for a tall box."""
+    k = MASS * G * R / I_EDGE
+    rate2 = 2 * 1.15 * k * (1 - np.cos(PHI))
+    load = tips([box(0.145, 5.0)], G).least_load[0]
+    assert load == pytest.approx(1 - k * R * np.sin(PHI) ** 2 / G - R * np.cos(PHI) * rate2 / G, abs=0.01)
+
+
+def test_a_centre_beside_the_strike_asks_for_more_friction():
+    edge = {"i_zz": MASS * WIDTH**2 / 6, "low": -WIDTH / 2, "high": WIDTH / 2}
+    straight, beside = tips([box(0.145, 0.4, **edge), box(0.145, 0.4, beside=0.01, **edge)], G).slip
+    assert beside > straight + 1e-4
+
+
+def test_least_friction_holds_and_a_little_less_does_not():
+    case = box(0.12, 1.0)
+    needed = least_friction([case], G)[0]
+    assert 0.1 < needed < 1.0
+    held, lost = tips([replace(case, friction=float(needed)), replace(case, friction=float(needed) - 0.11)], G).slip
+    assert held <= SLIP_LIMIT < lost
+    assert np.isinf(least_friction([box(0.03, 1.0)], G)[0])
+
+
+def test_cases_do_not_disturb_each_other():
+    several = [box(0.12, 0.3), box(0.145, 0.5), box(0.19, 0.1)]
+    together = tips(several, G)
+    for i, each in enumerate(several):
+        alone = tips([each], G)
+        assert together.slip[i] == pytest.approx(alone.slip[0], rel=1e-12)
+        assert together.least_load[i] == pytest.approx(alone.least_load[0], rel=1e-12)
+    assert tips([], G).slip.shape == (0,)

@@ -1,0 +1,89 @@
+"""Objects it cannot do are told so in one clear line, with what would help."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analyze.errors import PlanError
+from analyze.geometry.object_model import load_object_model
+from analyze.planning.impact import StrikerModel
+from analyze.planning.plan import make_plan
+from tests.analyze.geometry.shapes import spec_of, stl
+from tests.analyze.planning.random_bodies import FAR_TAG, convex_triangles, spec_for
+
+
+def refusal(points, **more) -> str:
+    triangles = convex_triangles(points)
+    spec = spec_for(triangles)
+    model = load_object_model(spec, stl(triangles), "b.stl")
+    with pytest.raises(PlanError) as caught:
+        make_plan(model, spec, "", StrikerModel(fastest_m_s=5.0), friction=2.0, **more)
+    line = str(caught.value)
+    assert "\n" not in line
+    assert len(line) < 400
+    return line
+
+
+def sphere(n, radius=40.0):
+    i = np.arange(n) + 0.5
+    z = 1 - 2 * i / n
+    turn = i * np.pi * (1 + np.sqrt(5))
+    return radius * np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z], axis=1)
+
+
+def capsule(length, sides=48):
+    """A cylinder with round ends."""
+    ball = sphere(600, 30.0)
+    ring = 2 * np.pi * np.arange(sides) / sides
+    rim = 30.0 * np.stack([np.cos(ring), np.sin(ring), 0 * ring], axis=1)
+    ends = [np.vstack([ball[side * ball[:, 2] > 0], rim]) + np.array([0, 0, side * length / 2]) for side in (1, -1)]
+    return np.vstack(ends)
+
+
+@pytest.mark.parametrize("points", [120, 600, 2000])
+def test_a_ball(points):
+    line = refusal(sphere(points))
+    assert "is a ball" in line
+    assert "ring stand" in line
+    assert "stick on a foot" in line
+
+
+def test_a_body_that_only_rolls():
+    line = refusal(capsule(80.0))
+    assert "only rolls, about (0.00, 0.00, 1.00)" in line
+    assert "stand that keeps it from rolling" in line
+
+
+def test_an_egg():
+    line = refusal(sphere(800) * [1.0, 0.85, 1.4])
+    assert "it rolls" in line or "sure to stay" in line
+    assert "foot" in line
+
+
+def test_a_prism_with_round_ends_tips_about_one_direction_only():
+    """A square bar, 300 mm long, its ends drawn to points: four faces, every edge it can tip over runs along it."""
+    square = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * 30.0
+    bar = np.vstack([*(np.column_stack([square, np.full(4, z)]) for z in (-110.0, 110.0)), [[0, 0, 190.0], [0, 0, -190.0]]])
+    line = refusal(bar)
+    assert "leave the centre of mass unknown along (0.00, 0.00, 1.00)" in line
+    assert "too_steep" in line
+
+
+def test_a_foot_helps_the_ball():
+    foot = np.array([[x, y, -46.0 - z] for x in (-35, 35) for y in (-30, 30) for z in (0, 6)])
+    triangles = np.concatenate([convex_triangles(sphere(600)), convex_triangles(foot)])
+    spec = spec_for(triangles)
+    # One body of two: the ball sinks into its foot a little.
+    neck = convex_triangles(np.array([[x, y, z] for x in (-12, 12) for y in (-12, 12) for z in (-47.0, -30.0)]))
+    triangles = np.concatenate([triangles, neck])
+    model = load_object_model(spec, stl(triangles), "b.stl")
+    plan = make_plan(model, spec, "", StrikerModel(fastest_m_s=5.0), friction=2.0)
+    assert len({strike.axis_id for strike in plan.strikes}) >= 3
+
+
+def test_reach_of_the_striker_is_named():
+    spec = spec_of({"box": {"size_m": [0.08, 0.06, 0.15]}}, markers=[FAR_TAG])
+    model = load_object_model(spec, None, "")
+    with pytest.raises(PlanError, match="impact_unreachable: glue on a plate"):
+        make_plan(model, spec, "", StrikerModel(lowest_m=0.3, highest_m=0.4), friction=2.0)

@@ -1,0 +1,148 @@
+"""Plans that start from a result so far, plans for a target, and the advice to stop."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analyze.errors import PlanError
+from analyze.geometry.object_model import load_object_model
+from analyze.plan_files import PlanOptions, plan_object
+from analyze.planning.examine import Bench
+from analyze.planning.forecast import strikes_for
+from analyze.planning.given import Given, StrikeMade
+from analyze.planning.impact import StrikerModel
+from analyze.planning.information import Errors
+from analyze.planning.plan import Request, finish, make_plan, prepare
+from analyze.planning.view import default_camera
+from tests.analyze.geometry.shapes import spec_of
+from tests.analyze.planning.random_bodies import FAR_TAG
+
+BENCH = Bench(StrikerModel(), default_camera(), 0.6)
+COM = np.array([0.004, -0.003, 0.012])
+
+
+def box(**more):
+    spec = spec_of({"box": {"size_m": [0.08, 0.06, 0.15]}}, markers=[FAR_TAG], edge_radius_m=0.001, edge_radius_sd_m=0.0002, **more)
+    return load_object_model(spec, None, ""), spec
+
+
+def given_after(strikes):
+    model, spec = box()
+    first = make_plan(model, spec, "", BENCH.striker, strikes=strikes, friction=BENCH.friction)
+    made = tuple(StrikeMade(strike.axis_id, strike.phi_measured_sd_rad, 0.005) for strike in first.strikes)
+    directions = {strike.axis_id: np.array(strike.pivot.direction) for strike in first.strikes}
+    return first, Given("so far", COM, np.array(first.predicted_com_covariance_m2), None, made, directions)
+
+
+def test_posterior_is_the_next_plans_prior():
+    model, spec = box()
+    first, given = given_after(6)
+    blind = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=BENCH.friction)
+    after = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=BENCH.friction, given=given)
+    assert [strike.id for strike in after.strikes] == ["s7", "s8", "s9"]
+    assert after.predicted_com_sd_m < first.predicted_com_sd_m
+    assert after.predicted_com_sd_m < blind.predicted_com_sd_m
+    assert max(strike.phi_predicted_sd_rad for strike in after.strikes) < 0.2 * max(strike.phi_predicted_sd_rad for strike in blind.strikes)
+    for strike in after.strikes:
+        arm = COM - np.array(strike.pivot.point)
+        R = np.array(strike.R_world_object)
+        assert np.isclose(np.tan(strike.phi_predicted_rad), -(R[0] @ arm) / (R[2] @ arm), rtol=1e-6)
+    assert "6 strikes so far" in after.prediction.advice
+
+
+def test_a_single_further_strike_can_be_planned():
+    _, given = given_after(6)
+    model, spec = box()
+    plan = make_plan(model, spec, "", BENCH.striker, strikes=1, friction=BENCH.friction, given=given)
+    assert [strike.id for strike in plan.strikes] == ["s7"]
+
+
+def test_another_objects_result_is_refused():
+    _, given = given_after(6)
+    model, spec = box()
+    for wrong in (
+        replace(given, strikes=(StrikeMade("p99e9", 0.001, None),)),
+        replace(given, directions={key: -value for key, value in given.directions.items()}),
+    ):
+        with pytest.raises(PlanError, match=r"so far: strike on axis .*plan from the first strike anew"):
+            make_plan(model, spec, "", BENCH.striker, strikes=3, given=wrong)
+
+
+def test_target_is_met_with_the_fewest_strikes():
+    model, spec = box()
+    prepared = prepare(model, spec, BENCH)
+    found = strikes_for(prepared.information, 0.0004, 3)
+    assert found is not None
+    many, reached = found
+    assert reached.com_rms <= 0.0004
+    plan = finish(prepared, "", Request(9, 0.0004))
+    assert len(plan.strikes) == many
+    assert plan.prediction.target_reached
+    tighter = finish(prepared, "", Request(9, 0.0001))
+    assert len(tighter.strikes) > many
+
+
+def test_target_out_of_reach_says_how_near_it_comes():
+    model, spec = box()
+    plan = finish(prepare(model, spec, BENCH), "", Request(9, 1e-6))
+    assert len(plan.strikes) == 9
+    assert plan.prediction.target_reached is False
+    assert "0.001 mm is out of reach: 36 strikes come to 0." in plan.prediction.advice
+
+
+def test_advice_to_stop_when_what_strikes_share_dominates():
+    model, spec = box()
+    many = make_plan(model, spec, "", BENCH.striker, strikes=36, friction=0.6)
+    assert many.prediction.stop
+    assert "36 more would only bring 0." in many.prediction.advice
+    assert "more strikes no longer pay; instead: " in many.prediction.advice
+    again = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=0.6, given=given_after(36)[1])
+    assert "the 36 strikes so far give c to 0." in again.prediction.advice
+    assert "stop striking" in again.prediction.advice
+    few = make_plan(model, spec, "", BENCH.striker, strikes=4, friction=0.6)
+    assert not few.prediction.stop
+    sources = np.array(list(few.prediction.error_sources_m.values()))
+    assert np.isclose(np.sqrt(np.sum(sources**2)), few.prediction.com_rms_m, rtol=1e-6)
+
+
+def test_a_level_table_and_good_edges_help():
+    model, spec = box()
+    level = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=0.6, errors=Errors(tilt=1e-5))
+    tilted = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=0.6, errors=Errors(tilt=0.01))
+    assert level.predicted_com_sd_m < tilted.predicted_com_sd_m
+
+
+def test_a_recordings_result_is_taken_up(tmp_path: Path):
+    """The committed sample: estimated, its posterior becomes the prior; the result's JSON does the same."""
+    from analyze.pipeline import estimate_recording
+    from analyze.results.document import result_json
+
+    sample = Path(__file__).parents[3] / "recordings" / "sample-1.0.mcap"
+    estimate = estimate_recording(sample)
+    spec = estimate.evidence.spec
+    assert spec.shape.file is None
+    result = result_json(estimate.result)
+    (tmp_path / "r.json").write_text(result)
+    thing = tmp_path / "object.toml"
+    thing.write_bytes(_attachment(sample))
+    plan = plan_object(thing, PlanOptions(strikes=2, given_path=tmp_path / "r.json"))
+    assert plan.strikes[0].id == f"s{sum(strike['used'] for strike in json.loads(result)['strikes']) + 1}"
+    assert plan == plan_object(thing, PlanOptions(strikes=2, given_path=sample))
+    (tmp_path / "other.json").write_text(result.replace(estimate.result.inputs.object_sha256, "0" * 64))
+    with pytest.raises(PlanError, match="is of another object"):
+        plan_object(thing, PlanOptions(given_path=tmp_path / "other.json"))
+    (tmp_path / "none.json").write_text("{")
+    with pytest.raises(PlanError, match="is no result"):
+        plan_object(thing, PlanOptions(given_path=tmp_path / "none.json"))
+
+
+def _attachment(recording: Path) -> bytes:
+    from mcap.reader import make_reader
+
+    with recording.open("rb") as stream:
+        return next(found.data for found in make_reader(stream).iter_attachments() if found.name == "object.toml")
