@@ -76,6 +76,12 @@ bench-striker: setup  ## swings on two virtual objects at three speeds against t
 bench-clock: setup  ## recorded frame times against the truth at drifts of -50, 0 and +50 ppm (a minute)
 	@PYTHONPATH=. $(BIN)/python tests/benchmarks/clock.py
 
+bench-plan: setup  ## our strikes beside the paper's on 200 random bodies: singular sets, error of the centre of mass (five minutes)
+	@PYTHONPATH=. $(BIN)/python tests/benchmarks/plan_design.py
+
+bench-plan-feasibility: setup  ## lift and slip as predicted beside the virtual rig's physics, four objects (ten minutes)
+	@PYTHONPATH=. $(BIN)/python tests/benchmarks/plan_feasibility.py
+
 protos: setup  ## regenerate schemas/proto/percuss_pb2.py(.pyi)
 	@$(BIN)/python -m grpc_tools.protoc -I schemas/proto --python_out=schemas/proto --pyi_out=schemas/proto schemas/proto/percuss.proto
 

@@ -29,7 +29,7 @@ from analyze.planning.plan import FRICTION, Request, finish, prepare
 from analyze.types import CameraModel
 from schemas.documents import CameraCalibrationSpec, DocumentError, PlanMethod, Result, StrikePlan, validate
 
-CELLS = 1200
+CELLS = 800
 """pieces of the body for the prediction of region masses"""
 STRIKES = 9
 """how many, if nobody says"""

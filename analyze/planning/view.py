@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analyze.geometry import polyhedron
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply, inverse_transform, matrix_from_vector
 from analyze.planning.pivots import PivotAxis
@@ -18,6 +19,8 @@ PAST_BALANCE = np.radians(25.0)
 """how far past phi the marker must stay in view"""
 BORDER_PX = 10.0
 STEPS = 9
+HAIR = 1e-9
+"""m"""
 
 
 @dataclass(frozen=True)
@@ -94,7 +97,20 @@ def _hidden(model: ObjectModel, axis: PivotAxis, T_object_marker: Array, phi: fl
         camera_world = back @ (camera.T_world_camera[:3, 3] - pivot) + pivot
         ray = axis.R_world_object.T @ (camera_world - axis.p_world_object) - start
         far = float(np.linalg.norm(ray))
-        hit = model.first_hit(start, ray / far)
-        if hit is not None and hit[0] < far:
+        if _meets(model, start, ray / far, far):
             return True
     return False
+
+
+def _meets(model: ObjectModel, start: Array, direction: Array, far: float) -> bool:
+    """Whether the ray along the unit `direction` (3,) meets a face nearer than `far` [m]; only faces that straddle it are asked."""
+    across = np.linalg.svd(direction[None])[2][1:]
+    near = np.ones(len(model.faces), dtype=bool)
+    for row in across:
+        left = (model.vertices - start) @ row < HAIR
+        right = (model.vertices - start) @ row > -HAIR
+        near &= left[model.faces].any(axis=1) & right[model.faces].any(axis=1)
+    if not near.any():
+        return False
+    hit = polyhedron.first_hit(model.vertices, model.faces[near], start, direction)
+    return hit is not None and hit[0] < far

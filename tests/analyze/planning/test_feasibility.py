@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from analyze.planning.feasibility import SLIP_LIMIT, Case, least_friction, tips
+from tests.analyze.planning.simulated_strikes import bench, predicted, strike, trials
 
 G = 9.81
 WIDTH, HEIGHT, MASS = 0.06, 0.2, 0.5
@@ -83,3 +84,17 @@ def test_cases_do_not_disturb_each_other():
         assert together.slip[i] == pytest.approx(alone.slip[0], rel=1e-12)
         assert together.least_load[i] == pytest.approx(alone.least_load[0], rel=1e-12)
     assert tips([], G).slip.shape == (0,)
+
+
+@pytest.mark.parametrize("name", ["carton", pytest.param("juice", marks=pytest.mark.slow)])
+def test_prediction_agrees_with_a_simulation_of_other_physics(name):
+    """A small form of `make bench-plan-feasibility`: strikes that hold, that slide away, and that the planner would make."""
+    on = bench(name)
+    rng = np.random.default_rng(3)
+    every = trials(on, (1.15, 2.0), (0.2, 0.6), 0.3, rng)
+    chosen = [every[i] for i in rng.permutation(len(every))[:10]]
+    told = tips([trial.case for trial in chosen], G)
+    words = [(predicted(told, i), seen.outcome) for i, trial in enumerate(chosen) if (seen := strike(on, trial)) is not None]
+    assert len(words) >= 9
+    assert sum((said == "holds") == (seen == "holds") for said, seen in words) >= len(words) - 1
+    assert {seen == "holds" for _, seen in words} == {True, False}

@@ -41,7 +41,7 @@ def capsule(length, sides=48):
     return np.vstack(ends)
 
 
-@pytest.mark.parametrize("points", [120, 600, 2000])
+@pytest.mark.parametrize("points", [120, 900])
 def test_a_ball(points):
     line = refusal(sphere(points))
     assert "is a ball" in line
