@@ -645,8 +645,14 @@ def sha256_text(text: str) -> str:
 
 
 def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
-    """Identity of an object: its specification and its shape file's bytes. What a plan is bound to."""
-    digest = hashlib.sha256(canonical_json(spec).encode())
+    """Identity of an object: its specification and its shape file's bytes. What a plan is bound to.
+
+    Entries that came after 1.0 count only where they are given, so that older recordings keep their identity.
+    """
+    known = spec.model_dump(mode="json")
+    if not spec.shape.surface_sd_m:
+        del known["shape"]["surface_sd_m"]
+    digest = hashlib.sha256(json.dumps(known, sort_keys=True, separators=(",", ":"), allow_nan=False).encode())
     if shape_bytes is not None:
         digest.update(hashlib.sha256(shape_bytes).digest())
     return digest.hexdigest()
