@@ -212,15 +212,16 @@ def test_design_commutes_with_turning_scaling_and_meshing_anew(seed):
     assert body.kind == "box" or same_axes(scaled, plain)
 
 
-def test_ours_beside_the_paper_on_random_bodies():
-    """A small form of `make bench-plan`: ours is never singular and nearer to c where both answer."""
-    results = [compare(random_body(seed), 6, seed) for seed in (0, 2, 3, 4, 5, 9, 10, 14)]
+@pytest.mark.parametrize("seeds", [(0, 4), pytest.param((0, 2, 3, 4, 5, 9, 10, 14), marks=pytest.mark.slow)])
+def test_ours_beside_the_paper_on_random_bodies(seeds):
+    """Small forms of `make bench-plan`: ours is never singular and nearer to c where both answer."""
+    results = [compare(random_body(seed), 6, seed) for seed in seeds]
     assert not any(result.ours.singular or result.checked.singular for result in results)
-    assert sum(result.paper.singular for result in results) >= 2
-    both = [result for result in results if result.ours.distances is not None and result.paper.distances is not None]
-    assert len(both) >= 3
-    ours, paper = (np.median(np.concatenate([getattr(result, who).distances for result in both])) for who in ("ours", "paper"))
-    assert ours < 0.85 * paper
     for result in results:
         assert "\n" not in result.checked.refusal
         assert not result.checked.refusal or ":" in result.checked.refusal
+    both = [result for result in results if result.ours.distances is not None and result.paper.distances is not None]
+    assert len(both) >= min(3, len(seeds) - 1)
+    assert len(seeds) < 3 or sum(result.paper.singular for result in results) >= 2
+    ours, paper = (np.median(np.concatenate([getattr(result, who).distances for result in both])) for who in ("ours", "paper"))
+    assert ours < 0.85 * paper
