@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-striker protos lock clean
+.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-plan-input bench-striker protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -69,6 +69,12 @@ soak-capture: setup  ## a virtual camera at gigabit line rate into a ring of 2 G
 
 bench-faults: setup  ## every fault there is a test for; writes the table in docs/faults.md (five minutes)
 	@$(BIN)/python -m tests.benchmarks.faults
+
+TOOLS ?= ../shared/data/workshop_tools
+bench-plan-input: setup  ## edges of noisy clouds beside the raw hull's; stable planes beside trimesh's (TOOLS=folder); times (five minutes)
+	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.plan_input noise
+	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.plan_input poses $(TOOLS)
+	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.plan_input speed
 
 bench-striker: setup  ## swings on two virtual objects at three speeds against the truth: contact time, speed, impulse (two minutes)
 	@$(BIN)/python tests/benchmarks/striker.py

@@ -34,6 +34,7 @@ MOST_SMOOTHED = 1500
 FEWEST_NEIGHBOURS, MOST_NEIGHBOURS = 24, 400
 STEEP = 0.35
 """sine of the angle between a curved wall and a face from which their meeting is found by going on along the wall"""
+FOLLOWED = 0.25
 CIRCLE_SIDES = 128
 WIDEST_GAP = np.radians(60.0)
 """of a rim without points, up to which a circle is still fitted"""
@@ -104,12 +105,14 @@ def cloud_surface(points: Array) -> CloudSurface:
     )
 
 
-def line_sd(planes: tuple[FittedPlane, ...], smooth_sd: float, spacing: float, ends: Array) -> float:
+def line_sd(surface: CloudSurface, ends: Array) -> float:
     """1 sigma [m] of the place of a hull edge with `ends` (2, 3), across itself, in the worst direction.
 
-    Two fitted planes that meet in it: N x = delta with their variances there. One: its own and the smoothed wall's. None: the smoothed
-    surface's, and the spacing, as nobody knows where between two points the object ends.
+    Two fitted planes that meet in it: N x = delta with their variances there. One: its own, the smoothed wall's, and `FOLLOWED` of the
+    noise, because the wall is followed over the band in which it cannot be told from the face. None: the noise itself and the spacing, as
+    nobody knows where between two points the object ends, and an edge that was not resolved is rounded off by the smoothing.
     """
+    planes, sd = surface.planes, max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
     scale = float(np.linalg.norm(ends).max()) + 1e-3
     middle = ends.mean(axis=0, keepdims=True)
     meeting = [plane for plane in planes if np.abs(plane.heights(ends)).max() < 10 * ON_PLANE * scale]
@@ -121,8 +124,8 @@ def line_sd(planes: tuple[FittedPlane, ...], smooth_sd: float, spacing: float, e
         variance = np.diag([float(plane.variance(middle)[0]) for plane in (first, second)])
         return float(np.sqrt(np.linalg.eigvalsh(inverse @ variance @ inverse.T)[-1]))
     if meeting:
-        return float(np.hypot(np.sqrt(meeting[0].variance(middle)[0]), smooth_sd))
-    return float(np.hypot(smooth_sd, spacing))
+        return float(np.sqrt(meeting[0].variance(middle)[0] + surface.smooth_sd**2 + (FOLLOWED * sd) ** 2))
+    return float(np.hypot(sd, surface.noise.spacing))
 
 
 def _without_strays(points: Array) -> tuple[Array, int]:

@@ -64,7 +64,7 @@ SAME = np.cos(np.radians(15.0))
 """cosine of the angle within which a patch belongs to a face it lies in"""
 APART = np.cos(np.radians(12.0))
 """cosine of the angle from which two planes make an edge"""
-ROUNDS = 8
+FEW_ROUNDS, ROUNDS = 3, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,14 +143,16 @@ def fitted_planes(points: Array, noise: CloudNoise) -> tuple[FittedPlane, ...]:
     """
     extent = float(np.ptp(points, axis=0).max())
     sd = max(noise.sd, FINEST * extent)
-    found = _refined(points, _searched(points, sd, noise.spacing), sd, noise.spacing)
+    found = _refined(points, _searched(points, sd, noise.spacing), sd, noise.spacing, FEW_ROUNDS)
     if not found:
         return ()
     # Seen on whole faces the noise is known better than in patches.
     sd = max(float(np.median([plane.scatter for plane in found])), FINEST * extent)
     believed = [(plane.normal, plane.offset) for plane in found if plane.scatter < BLURRED * sd]
-    found = [plane for plane in _refined(points, believed, sd, noise.spacing) if plane.bending < UNBENT * sd + 3 * plane.bending_sd]
-    return tuple(_refined(points, [(plane.normal, plane.offset) for plane in found], sd, noise.spacing))
+    found = [
+        plane for plane in _refined(points, believed, sd, noise.spacing, FEW_ROUNDS) if plane.bending < UNBENT * sd + 3 * plane.bending_sd
+    ]
+    return tuple(_refined(points, [(plane.normal, plane.offset) for plane in found], sd, noise.spacing, ROUNDS))
 
 
 def even_directions(many: int) -> Array:
@@ -195,7 +197,7 @@ def _searched(points: Array, sd: float, spacing: float) -> list[tuple[Array, flo
     candidates: list[tuple[Array, float, BoolArray]] = []
     if reach > COARSE * float(np.ptp(sample, axis=0).max()):
         # Patches wider than the noise are hardly smaller than the faces: look along all directions instead.
-        grown = [_grown(sample, centre, start, band, np.inf, centre) for start in _peaks(sample, sd)]
+        grown = [_grown(sample, centre, start, band, np.inf, centre) for start in _peaks(sample[::2], sd)]
         candidates += [each for each in grown if each is not None]
         seeds = seeds[::COARSER]
     for seed in seeds:
@@ -325,11 +327,11 @@ def _bent(points: Array, normal: Array) -> float:
     return float(np.ptp(np.quantile(bent, [0.02, 0.98])))
 
 
-def _refined(points: Array, planes: list[tuple[Array, float]], sd: float, spacing: float) -> list[FittedPlane]:
+def _refined(points: Array, planes: list[tuple[Array, float]], sd: float, spacing: float, rounds: int) -> list[FittedPlane]:
     current = list(planes)
     centre = points.mean(axis=0)
     fitted: list[FittedPlane] = []
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         fitted = []
         for index in range(len(current)):
             plane = _fit(points, face_weights(points, current, index, sd, spacing), centre)

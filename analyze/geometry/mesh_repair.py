@@ -56,11 +56,13 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
         ConvexHull(vertices)
     except QhullError:
         raise ShapeError(f"{name}: all vertices lie in one plane: export the solid's exterior") from None
-    faces = _once(faces)
-    if polyhedron.open_edges(faces):
+    torn = polyhedron.open_edges(faces) > 0
+    if torn:
+        # Only then: two bodies that share a face have it twice, and need it twice.
+        faces = min(faces, _once(faces), key=polyhedron.open_edges)
         vertices, faces = _without_cracks(vertices, faces)
     faces, body, turned = polyhedron.wound_alike(faces)
-    if polyhedron.open_edges(faces):
+    if torn and polyhedron.open_edges(faces):
         vertices, faces, note = _filled(vertices, faces, name)
         notes.append(note)
         faces, body, more = polyhedron.wound_alike(faces)

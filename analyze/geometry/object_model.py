@@ -100,7 +100,7 @@ class ObjectModel:
         """1 sigma [m] of the place, across itself, of an edge of the hull with `ends` (2, 3): the fit's or `LINE_SD`, and the surface's."""
         own = LINE_SD
         if self.cloud is not None:
-            own = line_sd(self.cloud.planes, self.cloud.smooth_sd, self.cloud.noise.spacing, ends)
+            own = line_sd(self.cloud, ends)
         return float(np.hypot(max(own, LINE_SD), self.surface_sd))
 
     def uniform_inertia(self, mass: float) -> Array:

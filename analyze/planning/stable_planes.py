@@ -1,18 +1,28 @@
 """Planes on which the object rests, and which of them are stable for every c in Q (paper 3.1.2)."""
 
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
 
 from analyze.geometry.object_model import ObjectModel
+from analyze.geometry.polyhedron import BoolArray
 from analyze.planning.hypothesis import Region
-from analyze.types import Array
+from analyze.types import Array, IntArray
 
 COPLANAR = 2e-4
 """part of the longest edge within which hull vertices lie in one plane"""
-COPLANAR_ANGLE = np.radians(1.0)
+COPLANAR_ANGLE = np.radians(0.3)
+"""between facets of one plane; splinters narrower than `COPLANAR` may point anywhere"""
+PARALLEL_ANGLE = np.radians(1.0)
+"""between two planes that the paper calls parallel"""
 SMALLEST_AREA = 1e-3
 """part of the hull's area below which a face is no plane to rest on"""
 COLLINEAR = np.radians(0.5)
@@ -51,36 +61,62 @@ class RestingPlane:
 
 
 def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
-    """All faces of the convex hull, coplanar facets merged, largest first; slivers left out."""
-    planes = model.hull_planes
-    vertices = model.hull_vertices
+    """All faces of the convex hull, coplanar facets merged, largest first; slivers left out.
+
+    From the largest facet on, neighbours are taken in whose corners lie in its plane within `COPLANAR` and which point alike.
+    """
+    hull = ConvexHull(model.hull_vertices)
+    vertices, facets, normals = hull.points, hull.simplices, hull.equations[:, :3]
+    a, b, c = np.moveaxis(vertices[facets], 1, 0)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    longest = np.max([np.linalg.norm(each, axis=1) for each in (b - a, c - b, a - c)], axis=0)
     tolerance = COPLANAR * float(model.extent.max())
-    normals = planes[:, :3]
-    heights = vertices @ normals.T + planes[:, 3]
-    used = np.zeros(len(planes), dtype=bool)
+    splinter = 2 * areas < tolerance * longest
+    smallest = SMALLEST_AREA * float(hull.area)
+    used = _too_small(hull.neighbors, normals, splinter, areas, smallest)
     found: list[tuple[Array, Array, float]] = []
-    total = 0.0
-    for index in range(len(planes)):
-        if used[index]:
+    for seed in np.argsort(-areas, kind="stable"):
+        if used[seed]:
             continue
-        touching = heights[:, index] > -tolerance
-        alike = (normals @ normals[index] > np.cos(COPLANAR_ANGLE)) & (
-            np.abs(vertices[touching] @ normals.T + planes[:, 3]).max(axis=0) < 2 * tolerance
-        )
-        used |= alike
-        up = -normals[alike].mean(axis=0)
+        members = _coplanar(int(seed), hull, splinter, used, tolerance)
+        used[members] = True
+        if areas[members].sum() < smallest:
+            continue
+        up = -(areas[members] @ normals[members])
         up /= np.linalg.norm(up)
-        polygon = _support_polygon(vertices[touching], up)
-        area = _area(polygon, up)
-        total += area
-        found.append((up, polygon, area))
+        polygon = _support_polygon(vertices[np.unique(facets[members])], up)
+        if len(polygon) >= 3:
+            found.append((up, polygon, _area(polygon, up)))
     order = sorted(found, key=lambda item: (-round(item[2], 9), *np.round(item[0], 6)))
-    kept = [item for item in order if item[2] > SMALLEST_AREA * total]
-    return tuple(
-        RestingPlane(f"p{i}", up, float(np.mean(polygon @ up)), polygon, area)
-        for i, (up, polygon, area) in enumerate(kept)
-        if len(polygon) >= 3
-    )
+    kept = [item for item in order if item[2] > smallest]
+    return tuple(RestingPlane(f"p{i}", up, float(np.mean(polygon @ up)), polygon, area) for i, (up, polygon, area) in enumerate(kept))
+
+
+def _too_small(neighbours: IntArray, normals: Array, splinter: BoolArray, areas: Array, smallest: float) -> BoolArray:
+    """Facets (f,) that can be part of no face of `smallest` area [m^2]: with all they are joined to by alike neighbours they have less."""
+    count = len(areas)
+    facet, other = np.repeat(np.arange(count), 3), neighbours.ravel()
+    alike = (np.einsum("ij,ij->i", normals[facet], normals[other]) > np.cos(COPLANAR_ANGLE)) | splinter[facet] | splinter[other]
+    links = coo_array((np.ones(int(alike.sum())), (facet[alike], other[alike])), shape=(count, count))
+    _, group = connected_components(links, directed=False)
+    return np.asarray(np.bincount(group, weights=areas))[group] < smallest
+
+
+def _coplanar(seed: int, hull: ConvexHull, splinter: BoolArray, used: BoolArray, tolerance: float) -> IntArray:
+    """Unused facets joined to `seed` that point alike and lie in its plane within `tolerance` [m]."""
+    normal, level = hull.equations[seed, :3], hull.equations[seed, 3]
+    seen = np.zeros(len(used), dtype=bool)
+    seen[seed] = True
+    members, edge = [np.array([seed])], np.array([seed])
+    while len(edge):
+        near = np.unique(hull.neighbors[edge])
+        near = near[~seen[near] & ~used[near]]
+        seen[near] = True
+        alike = (hull.equations[near, :3] @ normal > np.cos(COPLANAR_ANGLE)) | splinter[near]
+        near = near[alike]
+        edge = near[(np.abs(hull.points[hull.simplices[near]] @ normal + level) < tolerance).all(axis=1)]
+        members.append(edge)
+    return np.concatenate(members).astype(np.int64)
 
 
 def stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
@@ -92,7 +128,7 @@ def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tup
     """The paper's: of parallel planes only the largest, then the two largest. Fewer than two: the paper cannot go on."""
     kept: list[RestingPlane] = []
     for plane in stable_planes(planes, region):
-        if all(abs(plane.up @ other.up) < np.cos(COPLANAR_ANGLE) for other in kept):
+        if all(abs(plane.up @ other.up) < np.cos(PARALLEL_ANGLE) for other in kept):
             kept.append(plane)
     return tuple(kept[:2])
 

@@ -1,0 +1,358 @@
+"""What planning makes of its input: edges of noisy clouds beside the raw hull's (paper, Fig. 10), stable planes beside trimesh's, times.
+
+python -m tests.benchmarks.plan_input noise [--seeds 5]
+python -m tests.benchmarks.plan_input poses FOLDER     (FOLDER/*/mesh.ply in mm, inertia.yaml beside)
+python -m tests.benchmarks.plan_input speed [MESH.ply]
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import re
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from rich.console import Console
+from rich.table import Table
+from scipy.spatial import ConvexHull
+
+from analyze.errors import PlanError, ShapeError
+from analyze.geometry.object_model import ObjectModel, load_object_model
+from analyze.planning.hypothesis import Region
+from analyze.planning.impact import StrikerModel
+from analyze.planning.plan import make_plan
+from analyze.planning.stable_planes import COLLINEAR, COPLANAR, SMALLEST_AREA, RestingPlane, resting_planes, stable_planes
+from tests.analyze.geometry.shapes import spec_of
+
+BODIES = {
+    "box 60 x 200 x 50": lambda: trimesh.creation.box([60.0, 200.0, 50.0]),
+    "hexagonal prism 80 x 120": lambda: trimesh.creation.cylinder(40.0, 120.0, sections=6),
+    "cylinder 72 x 150": lambda: trimesh.creation.cylinder(36.0, 150.0, sections=256),
+}
+NOISE_MM = (0.1, 1.0, 5.0, 10.0, 15.0)
+POINTS = 20_000
+SAME_POSE = np.radians(1.0)
+
+
+# --- noise ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class EdgeErrors:
+    """Of one cloud. Lengths in mm."""
+
+    fitted: np.ndarray
+    """distance across, of each true edge that was found"""
+    sd: np.ndarray
+    """as the plan would carry it"""
+    edges: int
+    """that there are"""
+    raw_found: int
+    """edges that the raw hull's planes have at all"""
+    raw_shift: float
+    """mean distance by which the raw hull sticks out over the true faces, times the square root of two: the edge of two such faces"""
+
+
+def noisy_cloud(mesh: trimesh.Trimesh, noise_mm: float, seed: int, outward: bool) -> np.ndarray:
+    """Points (n, 3) mm; as in the paper each moved by up to `noise_mm`, in any direction or all outwards."""
+    points, face = trimesh.sample.sample_surface(mesh, POINTS, seed=seed)
+    rng = np.random.default_rng(seed)
+    direction = rng.normal(size=points.shape)
+    direction = np.asarray(mesh.face_normals)[face] if outward else direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    return np.asarray(points) + direction * rng.uniform(0, noise_mm, len(points))[:, None]
+
+
+def model_of_cloud(points: np.ndarray, surface_sd_mm: float = 0.0) -> ObjectModel:
+    """As a user's PLY would become."""
+    data = trimesh.PointCloud(points).export(file_type="ply")
+    spec = spec_of({"file": "cloud.ply", "unit": "mm", "surface_sd_m": surface_sd_mm / 1000}, 0.05)
+    return load_object_model(spec, data, "cloud.ply")
+
+
+def model_of_mesh(mesh: trimesh.Trimesh, mass: float = 0.05) -> ObjectModel:
+    """As a user's STL in mm would become."""
+    return load_object_model(spec_of({"file": "m.stl", "unit": "mm"}, mass), mesh.export(file_type="stl"), "m.stl")
+
+
+def edge_errors(mesh: trimesh.Trimesh, noise_mm: float, seed: int, outward: bool, surface_sd_mm: float = 0.0) -> EdgeErrors:
+    """Edges of the fitted planes, and of the raw hull, beside the true ones."""
+    truth = model_of_mesh(mesh)
+    points = noisy_cloud(mesh, noise_mm, seed, outward)
+    model = model_of_cloud(points, surface_sd_mm)
+    raw_hull = ConvexHull(points)
+    used, faces = np.unique(raw_hull.simplices, return_inverse=True)
+    raw = trimesh.Trimesh(points[used], faces.reshape(-1, 3), process=False)
+    raw.fix_normals()
+    found, edges = _across(truth, model)
+    raw_found, _ = _across(truth, model_of_mesh(raw))
+    # Faces of a tessellated flank are no faces; the ends of a cylinder are.
+    large = [plane for plane in resting_planes(truth) if plane.area > 0.02 * mesh.area * 1e-6]
+    shift = [float((points @ -plane.up).max() + 1000 * plane.level) for plane in large]
+    return EdgeErrors(
+        np.array([error for error, _ in found]),
+        np.array([sd for _, sd in found]),
+        edges,
+        len(raw_found),
+        float(np.sqrt(2) * np.mean(shift)),
+    )
+
+
+def _across(truth: ObjectModel, model: ObjectModel) -> tuple[list[tuple[float, float]], int]:
+    """Distance and sd [mm] of every true edge of a large face that the model has too, and how many true ones there are."""
+    planes = resting_planes(model)
+    found: list[tuple[float, float]] = []
+    edges = 0
+    area = ConvexHull(truth.hull_vertices).area
+    for plane in (plane for plane in resting_planes(truth) if plane.area > 0.02 * area):
+        mine = [each for each in planes if each.up @ plane.up > np.cos(np.radians(5))]
+        start, end = plane.edges
+        # Of a finely tessellated rim every eighth tangent is enough.
+        for i in range(0, len(start), 8 if len(start) > 32 else 1):
+            edges += 1
+            best = _nearest(mine[0], plane.outward()[i], (start[i] + end[i]) / 2) if mine else None
+            if best is not None:
+                k, distance = best
+                ends = np.array([mine[0].polygon[k], np.roll(mine[0].polygon, -1, axis=0)[k]])
+                found.append((1000 * distance, 1000 * model.edge_sd(ends)))
+    return found, edges
+
+
+def _nearest(plane: RestingPlane, out: np.ndarray, middle: np.ndarray) -> tuple[int, float] | None:
+    start, end = plane.edges
+    alike = plane.outward() @ out
+    k = int(np.argmax(alike))
+    if alike[k] < np.cos(np.radians(15)):
+        return None
+    along = (end[k] - start[k]) / np.linalg.norm(end[k] - start[k])
+    gap = middle - start[k]
+    return k, float(np.linalg.norm(gap - along * (along @ gap)))
+
+
+def noise_table(console: Console, seeds: int) -> None:
+    """Fig. 10's sweep for the edge position."""
+    for name, make in BODIES.items():
+        table = Table(title=f"{name} mm, {POINTS} points, {seeds} seeds: error of the edges' position [mm]", title_justify="left")
+        for heading in (
+            "noise up to",
+            "direction",
+            "edges",
+            "fitted: found",
+            "median",
+            "largest",
+            "sd carried",
+            "raw hull: found",
+            "sticks out",
+        ):
+            table.add_column(heading, justify="right")
+        for outward in (False, True):
+            for noise in NOISE_MM:
+                runs = [edge_errors(make(), noise, seed, outward, noise / 2 if outward else 0.0) for seed in range(1, seeds + 1)]
+                error = np.concatenate([run.fitted for run in runs])
+                sd = np.concatenate([run.sd for run in runs])
+                edges = sum(run.edges for run in runs)
+                table.add_row(
+                    f"{noise:g} mm",
+                    "outwards" if outward else "any",
+                    str(edges),
+                    f"{100 * len(error) / edges:.0f} %",
+                    f"{np.median(error):.3f}" if len(error) else "-",
+                    f"{error.max():.2f}" if len(error) else "-",
+                    f"{np.median(sd):.3f}" if len(sd) else "-",
+                    f"{100 * sum(run.raw_found for run in runs) / edges:.0f} %",
+                    f"{np.mean([run.raw_shift for run in runs]):.2f}",
+                )
+        console.print(table)
+    console.print("outwards: all noise points out, half of it on the mean; no fit can see that; declared as surface_sd_m = half of it")
+
+
+# --- stable planes ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PoseComparison:
+    """Our stable planes for one point c beside `trimesh.poses.compute_stable_poses`."""
+
+    agreed: int
+    explained: tuple[str, ...]
+    """one reason per pose that only one of the two has"""
+    unexplained: tuple[str, ...]
+
+
+def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
+    """Every disagreement with its reason.
+
+    trimesh looks at single facets, we at faces: facets of one plane merged, those below `SMALLEST_AREA` of the hull left out. So only it
+    has poses on facets too small to stand on, and two poses for one face that is flat within `COPLANAR`; only we have one where c's
+    projection lies on the border of two facets of a face, which trimesh then lets topple for ever, or where it merges normals equal to
+    three decimals.
+    """
+    mesh = trimesh.Trimesh(model.vertices, model.faces, process=False)
+    transforms, probabilities = trimesh.poses.compute_stable_poses(mesh, center_mass=com, threshold=0.0)
+    theirs = transforms[:, 2, :3]
+    planes = resting_planes(model)
+    ours = stable_planes(planes, Region(com, np.eye(3), np.zeros(3)))
+    hull = ConvexHull(model.hull_vertices)
+    a, b, c = np.moveaxis(hull.points[hull.simplices], 1, 0)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    tolerance = COPLANAR * float(model.extent.max())
+    agreed, explained, unexplained = 0, [], []
+    for up, probability in zip(theirs, probabilities, strict=True):
+        if any(up @ plane.up > np.cos(SAME_POSE) for plane in ours):
+            agreed += 1
+            continue
+        same = -hull.equations[:, :3] @ up > 1 - 1e-6
+        facet = hull.equations[same][0] if same.any() else None
+        share = float(areas[same].sum()) / float(hull.area)
+        if facet is None:
+            unexplained.append(f"only trimesh: p = {probability:.4f}, no such facet")
+        elif share < SMALLEST_AREA:
+            explained.append("only trimesh: a facet below 0.1 % of the hull")
+        elif float(np.min(_least_angles(hull.points[hull.simplices[same]]))) < COLLINEAR:
+            explained.append("only trimesh: a facet so narrow that its corners lie on one line within 0.5 deg")
+        elif any(np.abs(plane.polygon @ facet[:3] + facet[3]).max() < 2 * tolerance for plane in planes):
+            explained.append("only trimesh: part of a face that is flat within 0.02 %, whose own normal lets c fall outside")
+        else:
+            unexplained.append(f"only trimesh: p = {probability:.4f}, {100 * share:.2f} % of the hull")
+    for plane in ours:
+        if any(up @ plane.up > np.cos(SAME_POSE) for up in theirs):
+            continue
+        margin = plane.margin(com[None])
+        heights = np.abs(hull.points @ plane.up - plane.level)
+        facets = int(np.sum((heights < tolerance)[hull.simplices].all(axis=1)))
+        if margin < 5 * tolerance:
+            explained.append("only ours: c stands within 0.1 % over the face's border")
+        elif facets != 1:
+            explained.append("only ours: a face of facets that are not quite in one plane")
+        else:
+            unexplained.append(f"only ours: {plane.id}, margin {1000 * margin:.3f} mm")
+    return PoseComparison(agreed, tuple(explained), tuple(unexplained))
+
+
+def _least_angles(triangles: np.ndarray) -> np.ndarray:
+    """Sharpest turn back (t,) at the corners of triangles (t, 3, 3) [rad]; 0: all on one line."""
+    sides = np.roll(triangles, -1, axis=1) - triangles
+    sides /= np.linalg.norm(sides, axis=2, keepdims=True)
+    turns = np.arccos(np.clip(np.einsum("tki,tki->tk", sides, np.roll(sides, -1, axis=1)), -1, 1))
+    return turns.min(axis=1)
+
+
+def generated_bodies(many: int, seed: int) -> Iterator[tuple[str, trimesh.Trimesh]]:
+    """Boxes, prisms, frustums, random hulls and L-shapes, turned at random; mm."""
+    rng = np.random.default_rng(seed)
+    for index in range(many):
+        size = rng.uniform(30, 150, 3)
+        kind = index % 5
+        if kind == 0:
+            mesh = trimesh.creation.box(size)
+        elif kind == 1:
+            mesh = trimesh.creation.cylinder(size[0] / 2, size[1], sections=int(rng.integers(3, 12)))
+        elif kind == 2:
+            mesh = trimesh.creation.box(size)
+            mesh.vertices[mesh.vertices[:, 2] > 0, :2] *= rng.uniform(0.3, 0.9)
+        elif kind == 3:
+            mesh = trimesh.convex.convex_hull(rng.normal(size=(14, 3)) * size / 3)
+        else:
+            block = trimesh.creation.box(size)
+            mesh = trimesh.boolean.difference([block, trimesh.creation.box(size).apply_translation(size * [0.4, 0.5, 0.0])])
+        mesh.apply_transform(trimesh.transformations.random_rotation_matrix(rng.uniform(size=3)))
+        yield ("box", "prism", "frustum", "hull of points", "L")[kind], mesh
+
+
+def poses_table(console: Console, folder: Path) -> int:
+    """All meshes of a folder, and 200 generated bodies."""
+    table = Table(title="stable planes beside trimesh.poses.compute_stable_poses, no noise", title_justify="left")
+    for heading in ("body", "agreed", "explained", "unexplained", "reasons, notes"):
+        table.add_column(heading)
+    wrong = 0
+    for path in sorted(folder.glob("*/mesh.ply")):
+        text = (path.parent / "inertia.yaml").read_text(encoding="utf-8")
+        mass = float(re.findall(r"MASS: ([\d.]+)", text)[0])
+        com = np.array(re.findall(r"COM_WRT_MESH: \[(.*?)\]", text)[0].split(","), dtype=float)
+        try:
+            model = load_object_model(spec_of({"file": "mesh.ply", "unit": "mm"}, mass), path.read_bytes(), "mesh.ply")
+        except ShapeError as error:
+            table.add_row(path.parent.name, "-", "-", "-", f"refused: {error}")
+            continue
+        result = compare_poses(model, com)
+        wrong += len(result.unexplained)
+        reasons = [f"{many} x {text}" for text, many in Counter([*result.explained, *result.unexplained]).items()]
+        table.add_row(path.parent.name, str(result.agreed), str(len(result.explained)), str(len(result.unexplained)), "; ".join(reasons))
+    total = Counter()
+    for kind, mesh in generated_bodies(200, 1):
+        model = model_of_mesh(mesh, 0.2)
+        result = compare_poses(model, model.centroid)
+        wrong += len(result.unexplained)
+        total.update({(kind, "agreed"): result.agreed, (kind, "explained"): len(result.explained), (kind, "un"): len(result.unexplained)})
+    for kind in dict.fromkeys(kind for kind, _ in total):
+        table.add_row(f"40 x {kind}", *(str(total[kind, column]) for column in ("agreed", "explained", "un")), "")
+    console.print(table)
+    return wrong
+
+
+# --- speed -----------------------------------------------------------------------------------------------------------
+
+
+def speed_table(console: Console, mesh_file: Path | None) -> None:
+    """Processor time to load and plan, beside trimesh's own load and convex hull of the same bytes."""
+    table = Table(title="processor time [s]", title_justify="left")
+    for heading in ("input", "load", "plan", "together", "trimesh load + hull", "ratio"):
+        table.add_column(heading, justify="right")
+    box = trimesh.creation.box([80.0, 60.0, 150.0])
+    jobs = [
+        (f"cloud of {POINTS} points, noise {noise:g} mm", "c.ply", _ply(noisy_cloud(box, noise, 1, False)), 0.05) for noise in (0.1, 1, 5)
+    ]
+    ball = trimesh.creation.icosphere(6, 40.0)
+    fine = trimesh.util.concatenate([ball, box.subdivide_to_size(2.6).apply_translation([0, 0, -100])])
+    jobs.append((f"mesh of {len(fine.faces)} faces", "m.stl", fine.export(file_type="stl"), 0.5))
+    if mesh_file is not None:
+        jobs.append((mesh_file.name, mesh_file.name, mesh_file.read_bytes(), 0.5))
+    for text, name, data, mass in jobs:
+        spec = spec_of({"file": name, "unit": "mm"}, mass, markers=[{"id": 0, "size_m": 0.03}])
+        start = time.process_time()
+        model = load_object_model(spec, data, name)
+        loaded = time.process_time()
+        try:
+            make_plan(model, spec, "0" * 64, StrikerModel())
+        except PlanError as error:
+            console.print(f"{text}: {error}", highlight=False)
+        planned = time.process_time()
+        other = trimesh.load(io.BytesIO(data), file_type=name[-3:])
+        assert other.convex_hull.volume > 0
+        theirs = time.process_time() - planned
+        table.add_row(
+            text,
+            *(f"{each:.2f}" for each in (loaded - start, planned - loaded, planned - start, theirs)),
+            f"{(planned - start) / theirs:.1f}",
+        )
+    console.print(table)
+
+
+def _ply(points: np.ndarray) -> bytes:
+    return trimesh.PointCloud(points).export(file_type="ply")
+
+
+def main() -> int:
+    """Print the table asked for; 1 if a disagreement is unexplained."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("part", choices=("noise", "poses", "speed"))
+    parser.add_argument("path", nargs="?", type=Path)
+    parser.add_argument("--seeds", type=int, default=3)
+    given = parser.parse_args()
+    console = Console(width=160)
+    if given.part == "noise":
+        noise_table(console, given.seeds)
+    elif given.part == "poses":
+        return int(poses_table(console, given.path or Path("no-folder")) > 0)
+    else:
+        speed_table(console, given.path)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
