@@ -136,7 +136,7 @@ def _without_strays(points: Array) -> tuple[Array, int]:
     lonely = distance[:, -1] > LONELY * float(np.median(distance[:, -1]))
     linked = (distance[:, 1:] <= LONELY * float(np.median(distance[:, -1]))) & ~lonely[:, None]
     rows = np.repeat(np.arange(len(points)), 8)[linked.ravel()]
-    columns = index[:, 1:].ravel()[linked.ravel()]
+    columns = np.asarray(index)[:, 1:].ravel()[linked.ravel()]
     _, clump = connected_components(coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(points),) * 2), directed=False)
     size = np.asarray(np.bincount(clump))
     keep = ~lonely & (size[clump] >= SPECK * len(points))

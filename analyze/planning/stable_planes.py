@@ -73,7 +73,7 @@ def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
     tolerance = COPLANAR * float(model.extent.max())
     splinter = 2 * areas < tolerance * longest
     smallest = SMALLEST_AREA * float(hull.area)
-    used = _too_small(hull.neighbors, normals, splinter, areas, smallest)
+    used = _too_small(hull.neighbors.astype(np.int64), normals, splinter, areas, smallest)
     found: list[tuple[Array, Array, float]] = []
     for seed in np.argsort(-areas, kind="stable"):
         if used[seed]:
