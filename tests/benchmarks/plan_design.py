@@ -84,9 +84,12 @@ def _medians(pairs: list[tuple[Outcome, Outcome]]) -> tuple[int, tuple[float, fl
 
 
 def _reason(text: str) -> str:
-    """Without the body's own numbers."""
-    words = text.split(": ", 1)[-1]
-    return "no flat face it is sure to stay on" if "flat faces" in words else words
+    """Without the body's own numbers: what stood in the way, and what would help."""
+    if "flat faces" in text:
+        return "no flat face it is sure to stay on"
+    remedy = text.rsplit(": ", 1)[-1]
+    state = "some axes, but a direction of c stays unknown" if "usable axes leave" in text else "no axis passes"
+    return f"{state}; {remedy}"
 
 
 if __name__ == "__main__":
