@@ -150,7 +150,7 @@ def _support_polygon(points: Array, up: Array) -> Array:
     def chain(indices: list[int]) -> list[int]:
         line: list[int] = []
         for i in indices:
-            while len(line) >= 2 and _turn(flat[line[-2]], flat[line[-1]], flat[i]) <= np.sin(COLLINEAR):
+            while len(line) >= 2 and _turn(flat[line[-2]], flat[line[-1]], flat[i]) <= COLLINEAR:
                 line.pop()
             line.append(i)
         return line[:-1]
@@ -160,10 +160,11 @@ def _support_polygon(points: Array, up: Array) -> Array:
 
 
 def _turn(a: Array, b: Array, c: Array) -> float:
-    """Sine of the turn from ab to bc; + is to the left."""
+    """Turn [rad] from ab to bc; + is to the left, and near pi at the tip of a needle."""
     first, second = b - a, c - b
-    scale = float(np.hypot(*first) * np.hypot(*second))
-    return 0.0 if scale < 1e-18 else float(first[0] * second[1] - first[1] * second[0]) / scale
+    if float(np.hypot(*first) * np.hypot(*second)) < 1e-18:
+        return 0.0
+    return float(np.arctan2(first[0] * second[1] - first[1] * second[0], first @ second))
 
 
 def _area(polygon: Array, up: Array) -> float:

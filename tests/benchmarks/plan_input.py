@@ -27,7 +27,7 @@ from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.planning.hypothesis import Region
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
-from analyze.planning.stable_planes import COLLINEAR, COPLANAR, SMALLEST_AREA, RestingPlane, resting_planes, stable_planes
+from analyze.planning.stable_planes import COPLANAR, SMALLEST_AREA, RestingPlane, resting_planes, stable_planes
 from tests.analyze.geometry.shapes import spec_of
 
 BODIES = {
@@ -213,8 +213,6 @@ def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
             unexplained.append(f"only trimesh: p = {probability:.4f}, no such facet")
         elif share < SMALLEST_AREA:
             explained.append("only trimesh: a facet below 0.1 % of the hull")
-        elif float(np.min(_least_angles(hull.points[hull.simplices[same]]))) < COLLINEAR:
-            explained.append("only trimesh: a facet so narrow that its corners lie on one line within 0.5 deg")
         elif any(np.abs(plane.polygon @ facet[:3] + facet[3]).max() < 2 * tolerance for plane in planes):
             explained.append("only trimesh: part of a face that is flat within 0.02 %, whose own normal lets c fall outside")
         else:
@@ -232,14 +230,6 @@ def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
         else:
             unexplained.append(f"only ours: {plane.id}, margin {1000 * margin:.3f} mm")
     return PoseComparison(agreed, tuple(explained), tuple(unexplained))
-
-
-def _least_angles(triangles: np.ndarray) -> np.ndarray:
-    """Sharpest turn back (t,) at the corners of triangles (t, 3, 3) [rad]; 0: all on one line."""
-    sides = np.roll(triangles, -1, axis=1) - triangles
-    sides /= np.linalg.norm(sides, axis=2, keepdims=True)
-    turns = np.arccos(np.clip(np.einsum("tki,tki->tk", sides, np.roll(sides, -1, axis=1)), -1, 1))
-    return turns.min(axis=1)
 
 
 def generated_bodies(many: int, seed: int) -> Iterator[tuple[str, trimesh.Trimesh]]:

@@ -118,3 +118,12 @@ def test_a_cylinder_of_many_sides_has_two_ends_and_no_flank_to_stand_on():
     planes = resting_planes(model_of_mesh(trimesh.creation.cylinder(36, 150, sections=256)))
     ends = [plane for plane in planes if plane.area > 0.05 * np.pi * 0.036**2 * 2 and abs(plane.up[2]) > 0.99]
     assert len(ends) == 2
+
+
+@pytest.mark.parametrize("turn", range(12))
+def test_a_needle_of_a_face_keeps_its_tip(turn):
+    """A wedge whose one face is a triangle with an angle of 0.3 degrees: lost where its tip came in the middle of the sorted corners."""
+    points = np.array([[0, 0, 0], [200, 0, 0], [199, 1, 0], [190, 20, 120], [100, 5, 60]], dtype=float)
+    mesh = trimesh.convex.convex_hull(points @ Rotation.from_euler("xyz", [turn, 0.5 * turn, 0.3]).as_matrix().T)
+    up = Rotation.from_euler("xyz", [turn, 0.5 * turn, 0.3]).as_matrix()[:, 2]
+    assert any(plane.up @ up > 1 - 1e-9 and len(plane.polygon) == 3 for plane in resting_planes(model_of_mesh(mesh)))
