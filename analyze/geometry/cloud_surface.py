@@ -16,7 +16,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, HalfspaceIntersection, KDTree, QhullError
 
-from analyze.geometry.hull_planes import DIRECTIONS, CloudNoise, FittedPlane, cloud_noise, even_directions, fitted_planes
+from analyze.geometry.cloud_noise import CloudNoise, cloud_noise
+from analyze.geometry.hull_planes import DIRECTIONS, FittedPlane, even_directions, fitted_planes
 from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array, IntArray
 

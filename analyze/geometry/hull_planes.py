@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, KDTree, QhullError
 from scipy.special import ndtr
 
+from analyze.geometry.cloud_noise import CloudNoise
 from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array
 
@@ -23,10 +24,6 @@ SEEDS = 250
 """patches from which planes are grown"""
 SEARCHED = 5000
 """points among which planes are searched; the fit uses all"""
-SCALES = (24, 96, 384)
-"""points of a patch, to see the noise"""
-WIDEST_PATCH = 0.15
-"""part of the largest extent"""
 BAND = 2.5
 """sd of the noise up to which a point belongs to a plane while planes are searched"""
 FIT_BAND = 4.0
@@ -100,41 +97,6 @@ class FittedPlane:
         return np.einsum("ni,ij,nj->n", row, self.covariance, row)
 
 
-@dataclass(frozen=True)
-class CloudNoise:
-    """How the cloud scatters about its surface, seen in small patches."""
-
-    sd: float
-    """m, across the surface"""
-    spacing: float
-    """m between neighbouring points along the surface"""
-
-
-def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
-    """Scatter of `points` (n, 3) about smooth patches: the smallest patch that is at least 4 sd wide, its flattest quarter.
-
-    Patches of too few points lie inside the noise and see too little of it; too large ones see the shape.
-    """
-    extent = float(np.ptp(points, axis=0).max())
-    seeds = points[:: max(1, len(points) // SEEDS)]
-    sd = 0.0
-    for many in SCALES:
-        if many > len(points) / 4:
-            break
-        distance, index = tree.query(seeds, k=many)
-        radius = distance[:, -1]
-        small = radius < WIDEST_PATCH * extent
-        if sd > 0 and small.mean() < 0.3:
-            break
-        residual = _patch_scatter(points[index])
-        # The flattest quarter: the others hold an edge.
-        flattest = float(np.quantile(residual, 0.25))
-        sd = max(sd, flattest)
-        if float(np.median(radius)) > 4 * sd:
-            break
-    return CloudNoise(sd, _surface_spacing(points))
-
-
 def fitted_planes(points: Array, noise: CloudNoise) -> tuple[FittedPlane, ...]:
     """Planes that the hull of `points` (n, 3) rests on, the one with most points first; curved parts have none.
 
@@ -160,30 +122,6 @@ def even_directions(many: int) -> Array:
     i = np.arange(many) + 0.5
     z, turn = 1 - 2 * i / many, np.pi * (1 + 5**0.5) * i
     return np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
-
-
-def _patch_scatter(patches: Array) -> Array:
-    """RMS distance (p,) of the points of each patch (p, k, 3) from a quadric over its plane."""
-    many = patches.shape[1]
-    centred = patches - patches.mean(axis=1, keepdims=True)
-    _, _, vt = np.linalg.svd(centred, full_matrices=False)
-    local = np.einsum("pki,pji->pkj", centred, vt)
-    scale = np.abs(local[..., 0]).max(axis=1)[:, None]
-    u, v, z = local[..., 0] / scale, local[..., 1] / scale, local[..., 2]
-    design = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-    normal = np.einsum("pki,pkj->pij", design, design) + 1e-9 * np.eye(6)
-    answer = np.linalg.solve(normal, np.einsum("pki,pk->pi", design, z)[..., None])
-    residual = z - (design @ answer)[..., 0]
-    return np.sqrt(np.sum(residual**2, axis=1) / max(many - 6, 1))
-
-
-def _surface_spacing(points: Array) -> float:
-    """Spacing [m] if the points were spread evenly over the hull's surface."""
-    try:
-        area = float(ConvexHull(points).area)
-    except QhullError:
-        return 0.0
-    return float(np.sqrt(area / len(points)))
 
 
 def _searched(points: Array, sd: float, spacing: float) -> list[tuple[Array, float]]:

@@ -15,6 +15,7 @@ from scipy.spatial import ConvexHull, QhullError
 from analyze.errors import ShapeError
 from analyze.geometry import cloud_files, distance, mesh_files, polyhedron
 from analyze.geometry.cloud_surface import CloudSurface, cloud_surface, line_sd
+from analyze.geometry.hull_planes import COARSE
 from analyze.geometry.mesh_repair import closed_mesh
 from analyze.types import Array, IntArray
 from schemas.documents import Box, Cylinder, LengthUnit, ObjectSpec
@@ -31,6 +32,8 @@ BARE = 0.01
 """part of a cloud's surface without points from which it is said"""
 HOLLOW = 0.02
 """part of a cloud's points in hollows from which it is said"""
+BODY_PLANES = 4
+"""fitted planes that can bound a body"""
 NOISY = 3e-4
 """m of scatter from which a cloud's bias is worth a word"""
 CONVEX_TOLERANCE = 1e-3
@@ -179,6 +182,8 @@ def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: Len
 def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str]:
     scatter = max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
     notes = [f"{name}: a point cloud; its exterior is the hull of {len(surface.planes)} fitted planes and smoothed curves"]
+    if len(surface.planes) < BODY_PLANES and scatter > COARSE * float(np.ptp(surface.vertices, axis=0).max()):
+        notes.append(f"{name}: scatters by {1000 * scatter:.1f} mm, too much to tell all faces apart; edges are uncertain: scan again")
     if surface.strays:
         notes.append(f"{name}: {surface.strays} stray points are left out")
     if surface.hollow_share > HOLLOW:

@@ -223,6 +223,12 @@ def test_cloud_with_strays_and_hollows():
     assert any("hollows count as filled" in note for note in model.warnings)
 
 
+def test_noise_that_drowns_the_faces_is_said():
+    prism = trimesh.creation.cylinder(25, 100, sections=6)
+    points = trimesh.sample.sample_surface(prism, 6000, seed=1)[0] + np.random.default_rng(1).normal(0, 4, (6000, 3))
+    assert any("too much to tell all faces apart" in note for note in load(*cloud_bytes("xyz", points)).warnings)
+
+
 def test_declared_bias_of_a_scan_goes_into_every_edge():
     points = box_cloud(noise=1.0)
     plain, declared = load(*cloud_bytes("xyz", points)), load(*cloud_bytes("xyz", points), surface_sd_m=0.0007)
