@@ -117,6 +117,7 @@ def test_a_level_table_and_good_edges_help():
     assert level.predicted_com_sd_m < tilted.predicted_com_sd_m
 
 
+@pytest.mark.slow
 def test_a_recordings_result_is_taken_up(tmp_path: Path):
     """The committed sample: estimated, its posterior becomes the prior; the result's JSON does the same."""
     from analyze.pipeline import estimate_recording
