@@ -54,6 +54,7 @@ FILM_S = 1.0
 WATCH_S = 12.0
 """how long `analyze watch` may take to start and to see the end of the film"""
 _POLL_S = 0.1
+_LOOK_NS = 1_000_000_000
 _EDGE_NS = 200_000_000
 """an image is looked at every 83 ms"""
 
@@ -68,6 +69,23 @@ size_m = [0.1, 0.1, 0.1]
 id = 0
 size_m = 0.03
 """
+
+
+class _Look:
+    """When `analyze watch` has said enough: at the film's end, that nothing moves; or for a second, that something does.
+
+    A watcher that comes up late begins with the present, and tells rest from motion only with the second image it looks at.
+    """
+
+    def __init__(self, until_ns: int) -> None:
+        self._until_ns = until_ns
+        self._first_ns: int | None = None
+
+    def is_done(self, event: WatchEvent) -> bool:
+        """Whether this event, the newest, is the last that is needed."""
+        if self._first_ns is None:
+            self._first_ns = event.time_ns
+        return event.time_ns >= self._until_ns and (event.at_rest or event.time_ns >= self._first_ns + _LOOK_NS)
 
 
 @dataclass(frozen=True)
@@ -158,8 +176,8 @@ class OwnCapture:
         self._capture.stop()
 
     def _watch(self, part: Path, until_ns: int) -> WatchEvent | None:
-        seen = threading.Event()
-        watcher = Watcher(part, lambda event: seen.set() if event.time_ns >= until_ns else None)
+        seen, look = threading.Event(), _Look(until_ns)
+        watcher = Watcher(part, lambda event: seen.set() if look.is_done(event) else None)
         try:
             end_ns = self._clock.monotonic_ns() + round(WATCH_S * 1e9)
             while not seen.wait(_POLL_S) and watcher.alive and self._clock.monotonic_ns() < end_ns:
@@ -223,11 +241,11 @@ class DaemonCapture:
         """The daemon keeps the camera."""
 
     def _watch(self, until_ns: int) -> WatchEvent | None:
-        end_ns = self._clock.monotonic_ns() + round(WATCH_S * 1e9)
+        end_ns, look = self._clock.monotonic_ns() + round(WATCH_S * 1e9), _Look(until_ns)
         while True:
             answer = self._client.call("watch.latest")
             event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
-            if (event is not None and event.time_ns >= until_ns) or not answer["alive"] or self._clock.monotonic_ns() > end_ns:
+            if (event is not None and look.is_done(event)) or not answer["alive"] or self._clock.monotonic_ns() > end_ns:
                 return event
             self._clock.sleep(_POLL_S)
 
