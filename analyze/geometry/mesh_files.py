@@ -16,7 +16,6 @@ from io import BytesIO
 from zipfile import ZipFile
 
 import numpy as np
-import trimesh
 
 from analyze.errors import ShapeError
 from analyze.types import Array, IntArray
@@ -57,6 +56,9 @@ def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit) -> RawMesh:
     Raises:
         ShapeError: not readable, without faces, or its own unit is another.
     """
+    # Takes a second to load, which a point cloud or a primitive need not wait for.
+    import trimesh
+
     try:
         _refuse_false_counts(data, suffix)
         with warnings.catch_warnings():
