@@ -42,8 +42,13 @@ demo: setup  ## a whole session on the virtual rig, and its answer beside the tr
 	@$(BIN)/analyze report $(DEMO_FILE) -o $(DEMO_FILE:.mcap=.html)
 	@$(BIN)/analyze replay $(DEMO_FILE) --save $(DEMO_FILE:.mcap=.rrd)
 
+# What only computes runs on all cores; what keeps time with devices runs alone.
+COMPUTING := tests/analyze tests/schemas tests/test_architecture.py
+TIMED := tests/acquire tests/contracts tests/system
+
 test: setup  ## every test that needs no hardware
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest -n auto $(COMPUTING)
+	@$(BIN)/python -m pytest $(TIMED)
 
 test-slow: setup  ## the tests that take longer: faults, whole sessions
 	@$(BIN)/python -m pytest -m 'slow and not hardware'

@@ -9,6 +9,11 @@ from pathlib import Path
 
 import pytest
 from _pytest.runner import runtestprotocol
+from hypothesis import settings
+
+# How long an example takes says nothing on a machine that has other work.
+settings.register_profile("percuss", deadline=None)
+settings.load_profile("percuss")
 
 # Before numpy is loaded, here and in every process that a test starts. OpenBLAS's threads spin while they wait for one another: on
 # matrices as small as ours two of them take three times as long as one, and ten times on a machine that has other work.

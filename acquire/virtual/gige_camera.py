@@ -43,7 +43,7 @@ QUEUE_SLOTS = 32
 """slots that wait to be sent; the render thread pauses above it, and catches up later"""
 _SENSOR_WIDTH, _SENSOR_HEIGHT, _WIDTH, _HEIGHT = 0x11C, 0x118, 0x100, 0x104
 _EXPOSURE_US, _FRAME_PERIOD, _GAIN = 0x120, 0x138, 0x110
-_OFFSET_X, _OFFSET_Y, _ACQUISITION = 0x130, 0x134, 0x124
+_OFFSET_X, _OFFSET_Y, _ACQUISITION, _PRIVILEGE = 0x130, 0x134, 0x124, 0xA00
 _VENDOR, _MODEL, _OWN_ADDRESS, _CAPABILITY, _RESEND_BIT = 0x48, 0x68, 0x24, 0x934, 4
 # Not "Prosilica": Aravis takes vendor-specific paths for that name.
 VENDOR, MODEL = "Allied Vision Technologies", "GUPPY-SIM GE656"
@@ -153,7 +153,7 @@ class VirtualGigeCamera:
             raise
         self._fake: int = self._library.gv_fake_get_fake(self._gv_fake)
         self._write_registers(packet_loss)
-        self._relay = ControlRelay(control, inner, self.device_clock.now_ns, 8333, self._on_acquisition, has_pulses=pulses_hz > 0.0)
+        self._relay = ControlRelay(control, inner, self.device_clock.now_ns, 8333, self._on_acquisition, self._on_claim, has_pulses=pulses_hz > 0.0)
         self._stream = StreamRelay(packet_loss, random.Random(seed)) if packet_loss > 0 else None  # noqa: S311 - packet loss is no secret
         self._fill_pattern = aravis_ctypes.FILL_PATTERN(self._fill)
         self._library.fake_set_fill_pattern(self._fake, self._fill_pattern, None)
@@ -227,6 +227,12 @@ class VirtualGigeCamera:
             self._run += 1
             self._slots.clear()
             self._condition.notify_all()
+
+    def _on_claim(self) -> None:
+        """Before a client asks for control: where the last one left without a stop, what it had begun has ended with its control."""
+        if self._library.read_register(self._fake, _PRIVILEGE) == 0:
+            self._library.write_register(self._fake, _ACQUISITION, 0)
+            self._on_acquisition(False)
 
     def _settings(self) -> StreamSettings:
         width, height, offset_x, offset_y, exposure, gain = (

@@ -40,6 +40,7 @@ _READREG, _READREG_ACK, _WRITEREG, _WRITEREG_ACK = 0x80, 0x81, 0x82, 0x83
 _READMEM, _READMEM_ACK, _WRITEMEM, _WRITEMEM_ACK = 0x84, 0x85, 0x86, 0x87
 _PACKET_RESEND = 0x40
 _ACQUISITION, _FRAME_PERIOD, _TRIGGER_MODE = 0x124, 0x138, 0x300
+_PRIVILEGE = 0x0A00
 _OF_THE_FAKE = {_FRAME_PERIOD: 1, _TRIGGER_MODE: 0}
 """what the fake gets instead of what the client wrote"""
 _LATCH, _LATCH_HIGH, _LATCH_LOW = 0x944, 0x948, 0x94C
@@ -136,12 +137,13 @@ class ControlRelay:
         device_now_ns: Callable[[], int],
         period_us: int,
         on_acquisition: Callable[[bool], None],
+        on_claim: Callable[[], None],
         *,
         has_pulses: bool = False,
     ) -> None:
         self._control, self._inner = control, inner
         self._inner_address: Address = inner.getsockname()
-        self._device_now_ns, self._on_acquisition = device_now_ns, on_acquisition
+        self._device_now_ns, self._on_acquisition, self._on_claim = device_now_ns, on_acquisition, on_claim
         self._shadows = {_FRAME_PERIOD: period_us} | ({_TRIGGER_MODE: 0} if has_pulses else {})
         self._latched_ns = 0
         self._stream_address, self._stream_port = "", 0
@@ -220,6 +222,8 @@ class ControlRelay:
                 self._answer_latch(command, register, value, identity, client)
                 return
             if command in (_WRITEREG, _WRITEMEM):
+                if register == _PRIVILEGE:
+                    self._on_claim()
                 self._rewrite(packet, register)
             self._pending[client, identity] = (register, value)
             while len(self._pending) > _RELAYS:
