@@ -153,7 +153,9 @@ class VirtualGigeCamera:
             raise
         self._fake: int = self._library.gv_fake_get_fake(self._gv_fake)
         self._write_registers(packet_loss)
-        self._relay = ControlRelay(control, inner, self.device_clock.now_ns, 8333, self._on_acquisition, self._on_claim, has_pulses=pulses_hz > 0.0)
+        self._relay = ControlRelay(
+            control, inner, self.device_clock.now_ns, 8333, self._on_acquisition, self._on_claim, has_pulses=pulses_hz > 0.0
+        )
         self._stream = StreamRelay(packet_loss, random.Random(seed)) if packet_loss > 0 else None  # noqa: S311 - packet loss is no secret
         self._fill_pattern = aravis_ctypes.FILL_PATTERN(self._fill)
         self._library.fake_set_fill_pattern(self._fake, self._fill_pattern, None)
