@@ -22,17 +22,10 @@ from acquire.capture_link import CaptureProcess
 from acquire.clock import SystemClock
 from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.errors import CameraNotFound, RecorderError
-from schemas.documents import (
-    Box,
-    CameraCalibrationSpec,
-    ManifestCamera,
-    MarkerSpec,
-    ObjectSpec,
-    SessionManifest,
-    Shape,
-    TimeSource,
-)
+from schemas.documents import CameraCalibrationSpec, ManifestCamera, SessionManifest
 from schemas.proto import percuss_pb2 as pb
+from tests import small_recording
+from tests.loopback import loopback
 
 COMMAND = (sys.executable, str(Path(__file__).with_name("synthetic_camera.py")))
 CALIBRATION = CameraCalibrationSpec(width=64, height=48, K=[[100, 0, 32], [0, 100, 24], [0, 0, 1]], T_world_camera=np.eye(4).tolist())
@@ -45,24 +38,12 @@ def rig(address: str = "synthetic", **recorder: object) -> RigConfig:
 
 
 def manifest_of_a_box() -> SessionManifest:
-    spec = ObjectSpec(
-        name="box", mass_kg=0.05, mass_sd_kg=1e-4, shape=Shape(box=Box(size_m=[0.1, 0.1, 0.1])), marker=[MarkerSpec(id=1, size_m=0.03)]
-    )
+    """The small recording's, of this camera, now."""
     clock = SystemClock()
-    return SessionManifest(
+    return small_recording.manifest(
         recording_id="test",
-        created="2024-01-01T00:00:00+00:00",
-        software="test",
         wall_anchor_ns=clock.wall_ns() - clock.monotonic_ns(),
-        time_source=TimeSource.DEVICE_MAPPED,
-        time_source_sd_ns=30_000,
-        g_m_s2=9.81,
-        g_sd_m_s2=0.001,
-        gravity_tilt_sd_rad=0.003,
         cameras=[ManifestCamera(name="main", frame_rate_hz=RATE, exposure_us=1500, calibration=CALIBRATION)],
-        object=spec,
-        object_sha256="0",
-        plan_sha256="0",
     )
 
 
@@ -319,7 +300,7 @@ def test_the_daemons_death_finishes_the_file(tmp_path: Path, environment: pytest
 def test_a_gige_camera_on_real_wires(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
     """Aravis, GVSP on loopback, full size and rate, striker samples at 1 kHz beside it: nothing is lost."""
     calibration = CALIBRATION.model_copy(update={"width": 656, "height": 492})
-    camera = CameraConfig(address="127.0.0.41", receive_buffer_bytes=8 << 20, calibration=calibration)
+    camera = CameraConfig(address=loopback(41), receive_buffer_bytes=8 << 20, calibration=calibration)
     source = Path(__file__).parent / "camera" / "pattern_camera.py"
     with subprocess.Popen(
         [sys.executable, str(source), camera.address], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True

@@ -15,8 +15,9 @@ import pytest
 
 from tests.acquire.striker.plant import Plant
 from tests.acquire.tag_camera import EDGE_PX, TAG
+from tests.loopback import loopback
 
-ADDRESS = "127.0.0.173"
+ADDRESS = loopback(173)
 RIG = """name = "virtual"
 [camera]
 address = "{address}"

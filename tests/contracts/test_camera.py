@@ -17,8 +17,9 @@ from acquire.errors import CameraError
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource
 from schemas.documents import CameraCalibrationSpec
+from tests.loopback import loopback
 
-ADDRESS = "127.0.0.61"
+ADDRESS = loopback(61)
 CLOSE_S = 12.0
 BUFFERS = 16
 STALL_S = 10.0

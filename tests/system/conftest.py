@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.loopback import loopback
+
 
 @dataclass(frozen=True)
 class Session:
@@ -33,7 +35,7 @@ def session(tmp_path_factory) -> Session:
         "--strikes",
         "4",
         "--address",
-        "127.0.0.91",
+        loopback(91),
         "-o",
         str(path),
         "--json",

@@ -26,25 +26,15 @@ from schemas.documents import StrikePlan, canonical_json, object_sha256, parse_o
 from schemas.proto import percuss_pb2 as pb
 from tests.acquire.striker.plant import EFFECTIVE_MASS, Plant
 from tests.acquire.test_session import planned
+from tests.carton import CARTON
+from tests.loopback import loopback
 
 SLOW_M_S, FAST_M_S = 0.15, 0.3
 """tip speeds of strikes to break and of strikes to come through"""
 TABLE_VARIABLE = "PERCUSS_FAULT_TABLE"
 """names the file that rows are added to, as JSON lines"""
 RATE_HZ = 120.0
-ADDRESS, OTHER_ADDRESS = "127.0.0.121", "127.0.0.122"
-OBJECT = """\
-name = "carton"
-mass_kg = 0.044
-mass_sd_kg = 0.0001
-
-[shape]
-box = { size_m = [0.08, 0.06, 0.15] }
-
-[[marker]]
-id = 3
-size_m = 0.03
-"""
+ADDRESS, OTHER_ADDRESS = loopback(121), loopback(122)
 _CAMERA = Path(__file__).parents[1] / "acquire" / "camera" / "pattern_camera.py"
 
 
@@ -123,6 +113,10 @@ class Camera:
         self._counts: dict[str, int] | None = None
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == "ready\n"
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
 
     def finish(self) -> dict[str, int]:
         """End it; its packet counts. Safe to call twice."""
@@ -229,6 +223,13 @@ socket = "{path.with_suffix("") / "d.sock"}"
     def client(self, daemon: Daemon) -> DaemonClient:
         return self._cleanup.enter_context(contextlib.closing(daemon.client()))
 
+    def recording_daemon(self) -> tuple[Camera, Daemon, DaemonClient]:
+        """Camera, daemon, and a client for which it records."""
+        camera, daemon = self.camera(), self.daemon()
+        client = self.client(daemon)
+        self.open_recording(client)
+        return camera, daemon, client
+
     def open_recording(self, client: DaemonClient, path: Path | None = None) -> int:
         """Open a recording; its wall anchor."""
         return int(client.call("recording.open", **recording_request(path or self.recording))["wall_anchor_ns"])
@@ -271,9 +272,9 @@ socket = "{path.with_suffix("") / "d.sock"}"
 
 def recording_request(path: Path) -> dict[str, Any]:
     """Parameters of recording.open."""
-    spec = parse_object_spec(OBJECT, "object")
+    spec = parse_object_spec(CARTON, "object")
     plan = StrikePlan(object_name="carton", object_sha256=object_sha256(spec, None), strikes=[planned("s1")])
-    return {"path": str(path), "object_toml": OBJECT, "plan_json": canonical_json(plan)}
+    return {"path": str(path), "object_toml": CARTON, "plan_json": canonical_json(plan)}
 
 
 @contextlib.contextmanager

@@ -18,9 +18,10 @@ from acquire.virtual.objects import load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink
 from acquire.virtual.station import calibration_sheet
+from tests.loopback import loopback
 from tests.system.fault_rig import Daemon
 
-ADDRESS = "127.0.0.123"
+ADDRESS = loopback(123)
 OBJECT, SEED = "carton", 3
 
 

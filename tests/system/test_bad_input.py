@@ -47,23 +47,10 @@ from tests import small_recording
 from tests.acquire.striker.plant import Plant
 from tests.analyze.motion.tipping import SIZE, camera, marker, marker_poses, planned, simulate
 from tests.analyze.tracking.rendering import render
+from tests.carton import CARTON
+from tests.loopback import loopback
 
-ADDRESS, EMPTY_ADDRESS, TAKEN_ADDRESS = "127.0.0.62", "127.0.0.63", "127.0.0.64"
-CARTON = """\
-name = "carton"
-mass_kg = 0.044
-mass_sd_kg = 0.0001
-shell_thickness_m = 0.0025
-edge_radius_m = 0.001
-
-[shape]
-box = { size_m = [0.08, 0.06, 0.15] }
-
-[[marker]]
-id = 3
-size_m = 0.03
-T_object_marker = [[0, 0, 1, 0.04], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]
-"""
+ADDRESS, EMPTY_ADDRESS, TAKEN_ADDRESS = loopback(62), loopback(63), loopback(64)
 MESH = CARTON.replace("box = { size_m = [0.08, 0.06, 0.15] }", 'file = "body.stl"\nunit = "mm"')
 JUICE_STL = (Path(__file__).parents[2] / "acquire/virtual/object_data/juice.stl").read_bytes()
 
@@ -553,7 +540,7 @@ def test_a_demo_that_cannot_begin(tmp_path: Path) -> None:
     )
     assert "lives on loopback" in complaint(acquire, "demo", "-o", tmp_path / "r.mcap", "--address", "camera")
     assert "is a folder" in complaint(acquire, "demo", "--force", "-o", tmp_path)
-    assert "cannot be made" in complaint(acquire, "demo", "-o", "/proc/x/r.mcap", "--address", "127.0.0.61")
+    assert "cannot be made" in complaint(acquire, "demo", "-o", "/proc/x/r.mcap", "--address", loopback(61))
     assert names_in(tmp_path) == {"taken.mcap"}
     assert taken.read_text() == "mine"
 
@@ -610,7 +597,7 @@ def test_a_taken_camera_address_ends_the_demo_with_its_older_recording_untouched
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_demo_takes_everything_down(short_folder: Path, number: signal.Signals) -> None:
-    process = start_demo(short_folder, "--address", "127.0.0.65")
+    process = start_demo(short_folder, "--address", loopback(65))
     assert process.stderr is not None
     while "starting: camera" not in process.stderr.readline():
         assert process.poll() is None
@@ -625,7 +612,7 @@ def test_an_interrupted_demo_takes_everything_down(short_folder: Path, number: s
 
 
 def test_a_killed_demo_leaves_no_process(short_folder: Path) -> None:
-    process = start_demo(short_folder, "--address", "127.0.0.66")
+    process = start_demo(short_folder, "--address", loopback(66))
     assert process.stderr is not None
     while "starting: plan" not in process.stderr.readline():
         assert process.poll() is None

@@ -129,13 +129,9 @@ def test_capture_process_fails_in_a_window(rig: FaultRig, how: signal.Signals) -
 
 
 def test_a_recording_that_is_closed_while_the_capture_process_is_away_is_rebuilt(rig: FaultRig) -> None:
-    camera = rig.camera()
-    daemon = rig.daemon()
-    client = rig.client(daemon)
-    rig.open_recording(client)
+    camera, daemon, client = rig.recording_daemon()
     strike(rig, client, "s1.1")
-    camera.process.kill()
-    camera.process.wait()
+    camera.kill()
     os.kill(daemon.capture, signal.SIGKILL)
     wait_until(lambda: "the recording broke off" in daemon.complaints, 5.0, 0.01)
     start = time.monotonic()
@@ -159,8 +155,7 @@ def test_camera_and_capture_process_killed(rig: FaultRig) -> None:
     daemon = rig.daemon()
     client = rig.client(daemon)
     rig.cocked(client)
-    camera.process.kill()
-    camera.process.wait()
+    camera.kill()
     os.kill(daemon.capture, signal.SIGKILL)
     wait_until(lambda: "the capture process does not start: no camera answers" in daemon.complaints, 20.0, 0.05)
     rig.camera()
@@ -183,10 +178,7 @@ def test_camera_and_capture_process_killed(rig: FaultRig) -> None:
 
 
 def test_sigterm_while_the_capture_process_hangs(rig: FaultRig) -> None:
-    rig.camera()
-    daemon = rig.daemon()
-    client = rig.client(daemon)
-    rig.open_recording(client)
+    _, daemon, client = rig.recording_daemon()
     strike(rig, client, "s1.1")
     os.kill(daemon.capture, signal.SIGSTOP)
     start = time.monotonic()
@@ -205,10 +197,7 @@ def test_sigterm_while_the_capture_process_hangs(rig: FaultRig) -> None:
 
 def test_the_daemon_hangs(rig: FaultRig) -> None:
     """Stopped, its socket still takes connections. A client says so in one line; when it goes on, so does everything."""
-    rig.camera()
-    daemon = rig.daemon()
-    client = rig.client(daemon)
-    rig.open_recording(client)
+    _, daemon, client = rig.recording_daemon()
     daemon.process.send_signal(signal.SIGSTOP)
     start = time.monotonic()
     try:

@@ -110,13 +110,9 @@ def gap_by_device_time(path: Path) -> tuple[float, int]:
 
 
 def test_camera_killed_and_restarted(rig: FaultRig) -> None:
-    camera = rig.camera()
-    daemon = rig.daemon()
-    client = rig.client(daemon)
-    rig.open_recording(client)
+    camera, daemon, client = rig.recording_daemon()
     wait_for_frames(client)
-    camera.process.kill()
-    camera.process.wait()
+    camera.kill()
     told_s = wait_until(lambda: not client.call("status")["connected"], 5.0, 0.02)
     assert f"camera {ADDRESS} was lost" in client.call("status")["trouble"]
     time.sleep(1.0)
@@ -134,10 +130,7 @@ def test_camera_killed_and_restarted(rig: FaultRig) -> None:
 
 
 def test_camera_paused_for_3_s(rig: FaultRig) -> None:
-    camera = rig.camera()
-    daemon = rig.daemon()
-    client = rig.client(daemon)
-    rig.open_recording(client)
+    camera, daemon, client = rig.recording_daemon()
     wait_for_frames(client)
     camera.process.send_signal(signal.SIGSTOP)
     told_s = wait_until(lambda: not client.call("status")["connected"], 5.0, 0.02)
@@ -182,10 +175,7 @@ def test_one_packet_in_500_lost(rig: FaultRig) -> None:
 
 
 def test_watcher_killed(rig: FaultRig) -> None:
-    rig.camera()
-    daemon = rig.daemon()
-    client = rig.client(daemon)
-    rig.open_recording(client)
+    _, daemon, client = rig.recording_daemon()
     wait_until(lambda: client.call("watch.latest")["event"], 20.0, 0.05)
     os.kill(daemon.watcher, signal.SIGKILL)
     killed = time.monotonic()
@@ -358,12 +348,8 @@ def test_wall_clock_steps_by_an_hour(rig: FaultRig) -> None:
 
 def test_status_survives_whatever_the_camera_does(rig: FaultRig) -> None:
     """A camera that stays away: the daemon answers, and ends when asked."""
-    camera = rig.camera()
-    daemon = rig.daemon()
-    client = rig.client(daemon)
-    rig.open_recording(client)
-    camera.process.kill()
-    camera.process.wait()
+    camera, daemon, client = rig.recording_daemon()
+    camera.kill()
     wait_until(lambda: not client.call("status")["connected"], 5.0, 0.02)
     start = time.monotonic()
     daemon.process.send_signal(signal.SIGTERM)

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.loopback import loopback
 from tests.system.fault_rig import fault_rig, wait_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
-ADDRESS = "127.0.0.124"
+ADDRESS = loopback(124)
 LISTENS = "0A"
 
 

@@ -93,10 +93,7 @@ STATES = ("disarmed", "homing", "homed", "armed", "cocking", "settled", "release
 
 @pytest.mark.parametrize("state", STATES)
 def test_sigterm_in_every_state(rig: FaultRig, state: str) -> None:
-    rig.camera()
-    daemon = rig.daemon()
-    client = rig.client(daemon)
-    rig.open_recording(client)
+    _, daemon, client = rig.recording_daemon()
     capture, watcher = daemon.capture, daemon.watcher
     reach(rig, client, state)
     sent = time.monotonic()

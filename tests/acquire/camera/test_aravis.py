@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import threading
 import time
@@ -17,6 +18,7 @@ from acquire.clock import DeviceClockMapper, SystemClock
 from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
+from tests.loopback import loopback
 
 SEED = 7
 PERIOD_NS = 8_333_000
@@ -41,14 +43,14 @@ def read_for_ever(camera: AravisCamera, device_times_ns: list[int] | None = None
 def test_frames_are_byte_exact_periodic_and_none_is_lost_at_120_fps(pattern_camera, camera_config) -> None:
     clock = SystemClock()
     pattern = noise(656, 492, SEED)
-    with pattern_camera("127.0.0.31"):
-        camera = AravisCamera(camera_config("127.0.0.31"), clock)
+    with pattern_camera(loopback(31)):
+        camera = AravisCamera(camera_config(loopback(31)), clock)
         info = camera.open()
         assert (info.vendor, info.model, info.serial, info.address) == (
             "Allied Vision Technologies",
             "GUPPY-SIM GE656",
             "PATTERN",
-            "127.0.0.31",
+            loopback(31),
         )
         assert camera.receive_buffer_bytes > 0
         mapper = DeviceClockMapper()
@@ -85,8 +87,8 @@ def test_frames_are_byte_exact_periodic_and_none_is_lost_at_120_fps(pattern_came
 
 
 def test_stop_and_start_again_loses_nothing(pattern_camera, camera_config) -> None:
-    with pattern_camera("127.0.0.32"):
-        camera = AravisCamera(camera_config("127.0.0.32"), SystemClock())
+    with pattern_camera(loopback(32)):
+        camera = AravisCamera(camera_config(loopback(32)), SystemClock())
         camera.open()
         for _ in range(2):
             camera.start()
@@ -102,9 +104,9 @@ def test_stop_and_start_again_loses_nothing(pattern_camera, camera_config) -> No
 
 
 def test_region_exposure_gain_and_rate_are_set(pattern_camera, camera_config) -> None:
-    with pattern_camera("127.0.0.33"):
+    with pattern_camera(loopback(33)):
         config = camera_config(
-            "127.0.0.33", width=320, height=200, offset_x=100, offset_y=50, frame_rate_hz=50.0, exposure_us=900.0, gain_db=3.0
+            loopback(33), width=320, height=200, offset_x=100, offset_y=50, frame_rate_hz=50.0, exposure_us=900.0, gain_db=3.0
         )
         camera = AravisCamera(config, SystemClock())
         camera.open()
@@ -118,8 +120,8 @@ def test_region_exposure_gain_and_rate_are_set(pattern_camera, camera_config) ->
 
 def test_pulses_at_an_input_make_the_frames_where_the_rig_file_says_so(camera_config) -> None:
     clock = SystemClock()
-    server = VirtualGigeCamera("127.0.0.46", "V", PatternSource(clock, SEED), clock, pulses_hz=80.0)
-    camera = AravisCamera(camera_config("127.0.0.46", trigger="Line0", frame_rate_hz=80.0), clock)
+    server = VirtualGigeCamera(loopback(46), "V", PatternSource(clock, SEED), clock, pulses_hz=80.0)
+    camera = AravisCamera(camera_config(loopback(46), trigger="Line0", frame_rate_hz=80.0), clock)
     try:
         camera.open()
         camera.start()
@@ -137,10 +139,10 @@ def test_pulses_at_an_input_make_the_frames_where_the_rig_file_says_so(camera_co
 
 def test_without_pulses_the_trigger_is_named_and_a_free_camera_is_set_free(camera_config) -> None:
     clock = SystemClock()
-    server = VirtualGigeCamera("127.0.0.47", "V", PatternSource(clock, SEED), clock)
-    waiting = AravisCamera(camera_config("127.0.0.47", trigger="Line0"), clock)
-    free = AravisCamera(camera_config("127.0.0.47"), clock)
-    impatient = AravisCamera(camera_config("127.0.0.47", trigger="Line0", stall_s=0.3), clock)
+    server = VirtualGigeCamera(loopback(47), "V", PatternSource(clock, SEED), clock)
+    waiting = AravisCamera(camera_config(loopback(47), trigger="Line0"), clock)
+    free = AravisCamera(camera_config(loopback(47)), clock)
+    impatient = AravisCamera(camera_config(loopback(47), trigger="Line0", stall_s=0.3), clock)
     try:
         waiting.open()
         waiting.start()
@@ -164,8 +166,8 @@ def test_without_pulses_the_trigger_is_named_and_a_free_camera_is_set_free(camer
 
 def test_an_absent_camera_is_named_in_time(camera_config) -> None:
     began = time.monotonic()
-    camera = AravisCamera(camera_config("127.0.0.34"), SystemClock())
-    with pytest.raises(CameraNotFound, match=r"no camera answers at 127\.0\.0\.34 .*acquire discover") as caught:
+    camera = AravisCamera(camera_config(loopback(34)), SystemClock())
+    with pytest.raises(CameraNotFound, match=rf"no camera answers at {re.escape(loopback(34))} .*acquire discover") as caught:
         camera.open()
     assert time.monotonic() - began < 8.0  # 2.5 s of Aravis's time-outs
     assert "\n" not in str(caught.value)
@@ -181,22 +183,22 @@ def test_an_absent_camera_is_named_in_time(camera_config) -> None:
     ],
 )
 def test_settings_the_camera_cannot_take_are_refused(pattern_camera, camera_config, changes, message) -> None:
-    with pattern_camera("127.0.0.35"):
-        camera = AravisCamera(camera_config("127.0.0.35", **changes), SystemClock())
+    with pattern_camera(loopback(35)):
+        camera = AravisCamera(camera_config(loopback(35), **changes), SystemClock())
         with pytest.raises(CameraSettingError, match=message):
             camera.open()
         camera.close()
 
 
 def test_a_killed_camera_is_lost_and_closing_it_does_not_block(pattern_camera, camera_config) -> None:
-    with pattern_camera("127.0.0.36") as process:
-        camera = AravisCamera(camera_config("127.0.0.36", stall_s=0.5), SystemClock())
+    with pattern_camera(loopback(36)) as process:
+        camera = AravisCamera(camera_config(loopback(36), stall_s=0.5), SystemClock())
         camera.open()
         camera.start()
         image = next_frame(camera).image
         process.kill()
         killed = time.monotonic()
-        with pytest.raises(CameraLost, match=r"127\.0\.0\.36 was lost: no frame for \d\.\d s"):
+        with pytest.raises(CameraLost, match=rf"{re.escape(loopback(36))} was lost: no frame for \d\.\d s"):
             read_for_ever(camera)
         assert time.monotonic() - killed < 5.0  # Aravis itself notices after 6 s
         assert camera.latch_clock() is None
@@ -205,11 +207,11 @@ def test_a_killed_camera_is_lost_and_closing_it_does_not_block(pattern_camera, c
         assert time.monotonic() - closing < 5.0  # a dead camera's time-outs take 7.5 s
         assert image.shape == (492, 656)  # a frame still held stays readable
         assert image.sum() > 0
-    with pattern_camera("127.0.0.36"):  # it comes back: a new client object has frames at once
+    with pattern_camera(loopback(36)):  # it comes back: a new client object has frames at once
         for thread in threading.enumerate():
             if thread.name == "aravis-close":
                 thread.join()
-        again = AravisCamera(camera_config("127.0.0.36"), SystemClock())
+        again = AravisCamera(camera_config(loopback(36)), SystemClock())
         again.open()
         again.start()
         assert next_frame(again).lost_before == 0
@@ -217,13 +219,13 @@ def test_a_killed_camera_is_lost_and_closing_it_does_not_block(pattern_camera, c
 
 
 def test_control_held_by_a_client_that_was_killed_is_waited_for(pattern_camera, camera_config) -> None:
-    with pattern_camera("127.0.0.40"):
+    with pattern_camera(loopback(40)):
         take_control = bytes.fromhex("42010082000800010000 0a00 00000002".replace(" ", ""))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as killed:
-            killed.sendto(take_control, ("127.0.0.40", 3956))
+            killed.sendto(take_control, (loopback(40), 3956))
             assert killed.recv(64)[2:4] == b"\x00\x83"
         began = time.monotonic()
-        camera = AravisCamera(camera_config("127.0.0.40"), SystemClock())
+        camera = AravisCamera(camera_config(loopback(40)), SystemClock())
         camera.open()
         assert 3.0 < time.monotonic() - began < 9.0
         camera.close()
@@ -231,9 +233,9 @@ def test_control_held_by_a_client_that_was_killed_is_waited_for(pattern_camera, 
 
 def test_a_second_client_is_told_that_the_camera_is_taken(camera_config) -> None:
     clock = SystemClock()
-    server = VirtualGigeCamera("127.0.0.37", "V", PatternSource(clock, SEED), clock)
-    first = AravisCamera(camera_config("127.0.0.37"), clock)
-    second = AravisCamera(camera_config("127.0.0.37"), clock)
+    server = VirtualGigeCamera(loopback(37), "V", PatternSource(clock, SEED), clock)
+    first = AravisCamera(camera_config(loopback(37)), clock)
+    second = AravisCamera(camera_config(loopback(37)), clock)
     try:
         first.open()
         with pytest.raises(CameraError, match="controlled by another program"):
@@ -246,12 +248,12 @@ def test_a_second_client_is_told_that_the_camera_is_taken(camera_config) -> None
 
 def test_a_clock_that_jumps_is_a_lost_camera_and_no_frame(camera_config) -> None:
     clock = SystemClock()
-    server = VirtualGigeCamera("127.0.0.39", "V", PatternSource(clock, SEED), clock)
+    server = VirtualGigeCamera(loopback(39), "V", PatternSource(clock, SEED), clock)
     library, jump_ns = server._library, [0]
     server._library = replace(
         library, buffer_set_timestamp=lambda buffer, time_ns: library.buffer_set_timestamp(buffer, time_ns + jump_ns[0])
     )
-    camera = AravisCamera(camera_config("127.0.0.39"), clock)
+    camera = AravisCamera(camera_config(loopback(39)), clock)
     try:
         camera.open()
         camera.start()
@@ -266,8 +268,8 @@ def test_a_clock_that_jumps_is_a_lost_camera_and_no_frame(camera_config) -> None
 
 def test_a_camera_that_vanishes_sends_no_frame_of_another_time(camera_config) -> None:
     clock = SystemClock()
-    server = VirtualGigeCamera("127.0.0.39", "V", PatternSource(clock, SEED), clock)
-    camera = AravisCamera(camera_config("127.0.0.39", stall_s=1.0), clock)
+    server = VirtualGigeCamera(loopback(39), "V", PatternSource(clock, SEED), clock)
+    camera = AravisCamera(camera_config(loopback(39), stall_s=1.0), clock)
     times: list[int] = []
     try:
         camera.open()
@@ -286,8 +288,8 @@ def test_a_camera_that_vanishes_sends_no_frame_of_another_time(camera_config) ->
 
 def test_lost_packets_are_asked_for_again(pattern_camera, camera_config) -> None:
     pattern = noise(656, 492, SEED)
-    with pattern_camera("127.0.0.38", "0.002") as process:
-        camera = AravisCamera(camera_config("127.0.0.38", frame_rate_hz=60.0), SystemClock())
+    with pattern_camera(loopback(38), "0.002") as process:
+        camera = AravisCamera(camera_config(loopback(38), frame_rate_hz=60.0), SystemClock())
         camera.open()
         camera.start()
         lost = 0
@@ -305,13 +307,13 @@ def test_lost_packets_are_asked_for_again(pattern_camera, camera_config) -> None
 
 
 def test_discovery_finds_the_camera_of_this_host(pattern_camera) -> None:
-    with pattern_camera("127.0.0.44"):
-        found = [info for info in discover("127.0.0.44") if info.address == "127.0.0.44"]
+    with pattern_camera(loopback(44)):
+        found = [info for info in discover(loopback(44)) if info.address == loopback(44)]
     assert [info.model for info in found] == ["GUPPY-SIM GE656"]
 
 
 def test_calls_before_open_are_refused(camera_config) -> None:
-    camera = AravisCamera(camera_config("127.0.0.39"), SystemClock())
+    camera = AravisCamera(camera_config(loopback(39)), SystemClock())
     with pytest.raises(CameraError, match="is not open"):
         camera.start()
     assert camera.latch_clock() is None

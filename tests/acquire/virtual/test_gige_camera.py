@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import struct
 import threading
@@ -17,8 +18,9 @@ from acquire.errors import CameraError
 from acquire.virtual.gige_camera import DeviceClock, StreamSettings, VirtualGigeCamera
 from acquire.virtual.gige_interposer import descriptors
 from acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
+from tests.loopback import loopback
 
-ADDRESS = "127.0.0.71"
+ADDRESS = loopback(71)
 PRIVILEGE, PERIOD, LATCH, LATCH_HIGH, LATCH_LOW = 0xA00, 0x138, 0x944, 0x948, 0x94C
 STREAM_PORT, PACKET_SIZE, STREAM_ADDRESS, ACQUISITION = 0xD00, 0xD04, 0xD18, 0x124
 WIDTH, HEIGHT, HEARTBEAT_TIMEOUT = 0x100, 0x104, 0x938
@@ -58,13 +60,13 @@ def stream_socket() -> socket.socket:
 def start_streaming(client: Client, stream: socket.socket) -> None:
     """64 x 48 pixels at 120 fps: one data packet per frame."""
     port = stream.getsockname()[1]
-    loopback = int.from_bytes(socket.inet_aton("127.0.0.1"))
+    here = int.from_bytes(socket.inet_aton("127.0.0.1"))
     settings = [
         (PRIVILEGE, 2),
         (WIDTH, 64),
         (HEIGHT, 48),
         (PERIOD, 8_333),
-        (STREAM_ADDRESS, loopback),
+        (STREAM_ADDRESS, here),
         (STREAM_PORT, port),
         (PACKET_SIZE, 8192),
     ]
@@ -113,13 +115,13 @@ def test_it_answers_discovery_and_is_free(camera: VirtualGigeCamera) -> None:
     assert info is not None
     assert (info.vendor, info.serial, info.address) == ("Allied Vision Technologies", "S1", ADDRESS)
     assert not is_controlled(ADDRESS)
-    assert ask("127.0.0.72", 0.05) is None
-    assert not is_controlled("127.0.0.72", 0.05)
+    assert ask(loopback(72), 0.05) is None
+    assert not is_controlled(loopback(72), 0.05)
 
 
 def test_a_port_in_use_is_said_in_one_line(camera: VirtualGigeCamera) -> None:
     clock = SystemClock()
-    with pytest.raises(CameraError, match=r"port 3956 of 127\.0\.0\.71 is in use: another virtual camera runs; stop it"):
+    with pytest.raises(CameraError, match=rf"port 3956 of {re.escape(ADDRESS)} is in use: another virtual camera runs; stop it"):
         VirtualGigeCamera(ADDRESS, "S2", PatternSource(clock, 7), clock)
     assert ask(ADDRESS) is not None  # the first one is unharmed
 
@@ -132,9 +134,9 @@ def test_an_address_of_another_host_is_refused(nothing_left) -> None:
 
 def test_two_cameras_live_side_by_side(camera: VirtualGigeCamera) -> None:
     clock = SystemClock()
-    other = VirtualGigeCamera("127.0.0.73", "S2", PatternSource(clock, 7), clock)
+    other = VirtualGigeCamera(loopback(73), "S2", PatternSource(clock, 7), clock)
     try:
-        assert [getattr(ask(address), "serial", None) for address in (ADDRESS, "127.0.0.73")] == ["S1", "S2"]
+        assert [getattr(ask(address), "serial", None) for address in (ADDRESS, loopback(73))] == ["S1", "S2"]
     finally:
         other.close()
 
@@ -168,8 +170,8 @@ def test_slots_keep_their_times_when_the_source_stalls(nothing_left) -> None:
                 self.stall_from = now + 200_000_000
             return min(now, self.stall_from) if now < self.stall_from + 300_000_000 else now
 
-    camera = VirtualGigeCamera("127.0.0.74", "S", Stalling(clock, 7), clock)
-    client = Client("127.0.0.74")
+    camera = VirtualGigeCamera(loopback(74), "S", Stalling(clock, 7), clock)
+    client = Client(loopback(74))
     try:
         with client.socket, stream_socket() as stream:
             start_streaming(client, stream)

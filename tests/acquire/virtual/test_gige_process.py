@@ -19,6 +19,7 @@ from acquire.camera.discovery import ask
 from acquire.virtual.camera_process import STATISTICS_FILE, WorldSource
 from acquire.virtual.gige_camera import StreamSettings
 from acquire.virtual.pose_ring import PoseRing
+from tests.loopback import loopback
 
 
 @pytest.fixture
@@ -55,10 +56,10 @@ def start(folder: Path, address: str) -> subprocess.Popen[str]:
 
 
 def test_it_is_ready_serves_and_ends_on_sigterm_with_its_statistics(world: PoseRing, tmp_path: Path) -> None:
-    with start(tmp_path, "127.0.0.75") as process:
+    with start(tmp_path, loopback(75)) as process:
         assert process.stdout is not None
         assert json.loads(process.stdout.readline())["ready"] is True
-        info = ask("127.0.0.75")
+        info = ask(loopback(75))
         assert info is not None
         assert info.serial == "VIRTUAL-1"
         process.send_signal(signal.SIGTERM)
@@ -70,12 +71,12 @@ def test_it_is_ready_serves_and_ends_on_sigterm_with_its_statistics(world: PoseR
 
 def test_a_port_in_use_ends_it_with_one_line(world: PoseRing, tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
-        holder.bind(("127.0.0.76", 3956))
-        with start(tmp_path, "127.0.0.76") as process:
+        holder.bind((loopback(76), 3956))
+        with start(tmp_path, loopback(76)) as process:
             output, errors = process.communicate(timeout=60)
     assert process.returncode == 1
     assert output == ""
-    assert "UDP port 3956 of 127.0.0.76 is in use" in errors
+    assert f"UDP port 3956 of {loopback(76)} is in use" in errors
     assert len(errors.splitlines()) == 1
 
 
