@@ -142,12 +142,13 @@ def score(file: Path, object_file: Path | None, exclude: tuple[str, ...], as_jso
 @_one_line_errors
 def report(file: Path, object_file: Path | None, exclude: tuple[str, ...], output: Path | None) -> None:
     """One HTML file with the answer, its reasons and its plots."""
+    from analyze.file_row import row_of
     from analyze.output_file import refuse_unwritable
     from analyze.results.report import write_report
     from analyze.score import score_if_virtual
 
     output = output or file.with_suffix(".html")
-    refuse_unwritable(output, file)
+    refuse_unwritable(output, *row_of(file).files)
     answer = _estimate(file, object_file, exclude)
     write_report(answer, file, output, score_if_virtual(file, answer))
     click.echo(f"report: {output}")
@@ -161,12 +162,13 @@ def report(file: Path, object_file: Path | None, exclude: tuple[str, ...], outpu
 @_one_line_errors
 def replay(file: Path, object_file: Path | None, exclude: tuple[str, ...], save: Path | None, screenshot: Path | None) -> None:
     """See what happened, in rerun."""
+    from analyze.file_row import row_of
     from analyze.output_file import refuse_unwritable
     from analyze.replay import replay_recording
 
     for path in (save, screenshot):
         if path is not None:
-            refuse_unwritable(path, file)
+            refuse_unwritable(path, *row_of(file).files)
     replay_recording(file, _estimate(file, object_file, exclude), save, screenshot)
     for path in (save, screenshot):
         if path is not None:

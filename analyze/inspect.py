@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.errors import RecordingCut
+from analyze.file_row import missing_text
 from analyze.recording import Recording, TopicInfo, open_partial, open_recording
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
@@ -39,7 +40,9 @@ def _describe(recording: Recording, *, complete: bool) -> dict[str, Any]:
     times = [time for topic in found for time in (topic.first_ns, topic.last_ns) if time is not None and topic.count > 0]
     return {
         "path": str(recording.path),
-        "bytes": recording.path.stat().st_size,
+        "bytes": sum(part.path.stat().st_size for part in recording.parts),
+        "files": [{"path": str(part.path), "bytes": part.path.stat().st_size, "content_id": part.content_id} for part in recording.parts],
+        "missing_files": list(recording.missing_parts),
         "complete": complete,
         "damaged_chunks": recording.damaged_chunks,
         "schema_version": manifest.schema_version,
@@ -93,15 +96,24 @@ def _topic(recording: Recording, topic: TopicInfo) -> dict[str, Any]:
 
 
 def _camera(recording: Recording, name: str, rate_hz: float) -> dict[str, Any]:
-    """Frames by their meta: the camera's own account, whether or not images were kept."""
-    metas = list(recording.frame_meta(name))
+    """Frames by their meta: the camera's own account, whether or not images were kept.
+
+    Where the camera's process ended between two files, the numbers of the frames begin anew, and the time between counts what was lost.
+    """
+    found = list(recording.decoded(topics.frame_meta(name).name, pb.FrameMeta))
+    metas = [meta for _, meta in found]
     mids = np.array([meta.mid_exposure_host_ns for meta in metas], dtype=np.int64)
     steps = np.diff(np.array([meta.sequence for meta in metas], dtype=np.int64))
     intervals = np.diff(mids) * 1e-9
+    lost = np.array([meta.frames_lost_before for meta in metas[1:]], dtype=np.int64)
+    begins = set(recording.first_times(topics.frame_meta(name).name))
+    anew = np.array([message.log_time_ns in begins for message, _ in found[1:]], dtype=bool) & (steps != 1)
+    lost[anew] = np.rint(intervals[anew] * rate_hz - 1.0).clip(min=0)
+    steps[anew] = 1
     return {
         "name": name,
         "frames": len(metas),
-        "lost": sum(meta.frames_lost_before for meta in metas[1:]),
+        "lost": int(lost.sum()),
         "images": len(recording.times(topics.raw_image(name).name)),
         "meta_missing": int((steps - 1).clip(min=0).sum()),
         "nominal_rate_hz": rate_hz,
@@ -162,6 +174,10 @@ def render_inspection(found: dict[str, Any], console: Console | None = None) -> 
     console = console or Console()
     state = "complete" if found["complete"] else "[bold red]cut short[/]: `acquire recover` makes it whole again"
     console.print(f"[bold]{found['path']}[/]  {found['bytes'] / 1e6:.1f} MB, {found['duration_s']:.1f} s, {state}", highlight=False)
+    if len(found["files"]) > 1:
+        console.print(f"in {len(found['files'])} files: {', '.join(Path(file['path']).name for file in found['files'])}", highlight=False)
+    if found["missing_files"]:
+        console.print(f"[bold red]not here[/]: {missing_text(found['missing_files'])}", highlight=False)
     console.print(
         f"object {found['object']['name']} ({found['object']['mass_kg'] * 1000:.1f} g), recorded {found['created']} "
         f"by {found['software']}, schema {found['schema_version']}",

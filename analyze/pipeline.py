@@ -86,6 +86,10 @@ class Evidence:
     """in each strike's window, by strike id"""
     software: str = "percuss"
     """the program that read the recording"""
+    files: tuple[str, ...] = ()
+    """names of the recording's files"""
+    missing_files: tuple[int, ...] = ()
+    """numbers of its files that were not there"""
 
     def planned(self, motion: TipMotion) -> PlannedStrike:
         """The plan's entry for a strike."""
@@ -181,6 +185,8 @@ def read_evidence(path: Path, options: EstimateOptions, progress: Progress | Non
             options.object_path is not None,
             {record.strike_id: _frames_lost(recording, record) for record in recording.strikes},
             software_version(),
+            tuple(part.path.name for part in recording.parts),
+            recording.missing_parts,
         )
 
 

@@ -1,9 +1,12 @@
-"""Reads a recording: manifest, plan, shape, images without copying, messages by topic and time. Truth has a door of its own."""
+"""Reads a recording: manifest, plan, shape, images without copying, messages by topic and time. Truth has a door of its own.
+
+A recording may be a row of files (file_row.py): any of them opens all.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,10 +17,12 @@ import numpy as np
 from google.protobuf.message import DecodeError, Message
 
 from analyze import indexed_file
-from analyze.errors import RecordingError
+from analyze.errors import RecordingCut, RecordingError
+from analyze.file_row import FileRow, row_of, whole_name
 from analyze.followed import FollowedRecording
 from analyze.image_message import decode_image
 from analyze.indexed_file import IndexedFile, RecordedMessage
+from analyze.indexed_row import IndexedRow, row_content_id
 from analyze.recording_head import parse_manifest, parse_plan
 from analyze.types import ImageFrame
 from schemas import topics
@@ -50,33 +55,41 @@ class TopicInfo:
     last_ns: int | None
 
 
-class Recording:
-    """An open recording. Times are log times [ns]; ranges include both ends. Use it in a `with` statement."""
+@dataclass(frozen=True)
+class FilePart:
+    """One file of a recording."""
 
-    def __init__(self, file: IndexedFile) -> None:
-        self._file = file
-        self.path = file.path
-        entries = file.metadata.get(MANIFEST_NAME)
-        if entries is None or "json" not in entries:
-            raise RecordingError(f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its manifest")
-        self.manifest: SessionManifest = parse_manifest(entries["json"], str(file.path))
-        seal = file.metadata.get(SEAL_NAME, {})
-        self.content_id: str | None = seal.get("content_id")
+    path: Path
+    content_id: str | None
+    """None where the file is cut"""
+    damaged_chunks: int
+
+
+class Recording:
+    """An open recording, one file or a row of them. Times are log times [ns]; ranges include both ends. Use it in a `with` statement.
+
+    Args:
+        path: the file that was asked for.
+        row: the files, in their order.
+        missing: numbers of the row's files that are not there.
+    """
+
+    def __init__(self, path: Path, row: IndexedRow, missing: tuple[int, ...] = ()) -> None:
+        self._row = row
+        self.path = path
+        self.manifest: SessionManifest = next(iter([_checked_manifest(file) for file in row.files]))
+        self.parts = tuple(FilePart(f.path, f.metadata.get(SEAL_NAME, {}).get("content_id"), f.damaged_chunks) for f in row.files)
+        self.missing_parts = missing
+        self.content_id: str | None = row_content_id([part.content_id for part in self.parts])
         """None where the recording is cut"""
-        self.damaged_chunks = file.damaged_chunks
-        if seal.get("manifest_sha256", digest := hashlib.sha256(entries["json"].encode()).hexdigest()) != digest:
-            raise RecordingError(f"{file.path}: damaged: the manifest is not the one that was sealed")
-        for name, expected in self.manifest.hashes.items():
-            attachment = file.attachments.get(name)
-            if attachment is not None and hashlib.sha256(attachment.data).hexdigest() != expected:
-                raise RecordingError(f"{file.path}: damaged: attachment {name!r} is not the one that was recorded")
+        self.damaged_chunks = sum(part.damaged_chunks for part in self.parts)
 
     # --- head -----------------------------------------------------------------------------------------------------
 
     @property
     def attachments(self) -> dict[str, bytes]:
         """Attached files by name."""
-        return {name: attachment.data for name, attachment in self._file.attachments.items()}
+        return {name: attachment.data for name, attachment in self._row.files[0].attachments.items()}
 
     @cached_property
     def plan(self) -> StrikePlan:
@@ -85,7 +98,7 @@ class Recording:
         Raises:
             RecordingError: there is none.
         """
-        attachment = self._file.attachments.get(PLAN_ATTACHMENT)
+        attachment = self._row.files[0].attachments.get(PLAN_ATTACHMENT)
         if attachment is None:
             raise RecordingError(f"{self.path}: holds no {PLAN_ATTACHMENT}: record again with `acquire session`")
         return parse_plan(attachment.data.decode(errors="replace"), str(self.path))
@@ -110,15 +123,19 @@ class Recording:
     def topics(self) -> tuple[TopicInfo, ...]:
         """What the recording holds."""
         found: list[TopicInfo] = []
-        for name in self._file.topic_names():
-            times = self._file.index(name).time_ns
+        for name in self._row.topic_names():
+            times = self._row.index(name).time_ns
             first, last = (int(times[0]), int(times[-1])) if len(times) else (None, None)
-            found.append(TopicInfo(name, self._file.schema_of(name), len(times), first, last))
+            found.append(TopicInfo(name, self._row.schema_of(name), len(times), first, last))
         return tuple(found)
 
     def times(self, topic: str) -> np.ndarray:
         """Log times of a topic's messages [ns], (n,) int64, sorted; no message is read."""
-        return self._file.index(topic).time_ns
+        return self._row.index(topic).time_ns
+
+    def first_times(self, topic: str) -> list[int]:
+        """Log time of the topic's first message in each file that has one [ns]."""
+        return self._row.first_times(topic)
 
     def messages(self, topic: str, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[RecordedMessage]:
         """A topic's messages by time.
@@ -128,7 +145,7 @@ class Recording:
         """
         if topic.startswith(topics.TRUTH_PREFIX):
             raise RecordingError(f"{self.path}: {topic} is truth: nothing but `analyze score` may read it")
-        yield from _messages(self._file, topic, start_ns, end_ns)
+        yield from self._row.messages(topic, start_ns, end_ns)
 
     def decoded(
         self, topic: str, kind: type[M], start_ns: int | None = None, end_ns: int | None = None
@@ -158,7 +175,7 @@ class Recording:
             RecordingError: the file is damaged, or an image is of a kind that is not read.
         """
         topic = topics.raw_image(camera or self.camera).name
-        schema = self._file.schema_of(topic)
+        schema = self._row.schema_of(topic)
         for message in self.messages(topic, start_ns, end_ns):
             try:
                 image = decode_image(schema, message.data)
@@ -167,8 +184,8 @@ class Recording:
             yield ImageFrame(message.log_time_ns, message.sequence, image)
 
     def close(self) -> None:
-        """Let go of the file; images already given out stay valid."""
-        self._file.close()
+        """Let go of the files; images already given out stay valid."""
+        self._row.close()
 
     def __enter__(self) -> Recording:
         return self
@@ -205,14 +222,14 @@ class Truth:
 
 
 def open_recording(path: Path) -> Recording:
-    """Open a finished recording.
+    """Open a finished recording, with all files of its row.
 
     Raises:
-        RecordingCut: it ends early; `open_partial` reads what is there.
+        RecordingCut: it, or a file of its row, ends early; `open_partial` reads what is there.
         RecordingVersion: it is of another major schema version.
         RecordingError: it is missing, not a recording, damaged, or its times cannot be trusted.
     """
-    recording = _wrap(indexed_file.open_finished(path))
+    recording = _open(path, indexed_file.open_finished)
     try:
         recording.refuse_unmapped_times()
     except RecordingError:
@@ -222,13 +239,13 @@ def open_recording(path: Path) -> Recording:
 
 
 def open_partial(path: Path) -> Recording:
-    """Open a recording that was cut short or is damaged: what stands in whole chunks can be read.
+    """Open a recording that was cut short or is damaged: what stands in whole chunks can be read, of every file of its row.
 
     Raises:
         RecordingVersion: it is of another major schema version.
         RecordingError: it is missing, not a recording, or not even its manifest is left.
     """
-    return _wrap(indexed_file.open_cut(path))
+    return _open(path, indexed_file.open_cut)
 
 
 def read_truth(path: Path) -> Truth:
@@ -237,37 +254,71 @@ def read_truth(path: Path) -> Truth:
     Raises:
         RecordingError: it holds none, or is damaged.
     """
-    file = indexed_file.open_finished(path)
+    row = _open_row(path, row_of(path), indexed_file.open_finished)
     try:
-        bodies = [_decode(path, message, pb.TruthBody) for message in _messages(file, topics.TRUTH_BODY.name, None, None)]
+        bodies = [_decode(path, message, pb.TruthBody) for message in row.messages(topics.TRUTH_BODY.name)]
         if not bodies:
             raise RecordingError(f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored")
         return Truth(
-            pose_time_ns=file.index(topics.TRUTH_POSE.name).time_ns,
-            poses=tuple(_decode(path, message, pb.TruthPose) for message in _messages(file, topics.TRUTH_POSE.name, None, None)),
-            contacts=tuple(_decode(path, message, pb.TruthContact) for message in _messages(file, topics.TRUTH_CONTACT.name, None, None)),
-            contact_time_ns=file.index(topics.TRUTH_CONTACT.name).time_ns,
+            pose_time_ns=row.index(topics.TRUTH_POSE.name).time_ns,
+            poses=tuple(_decode(path, message, pb.TruthPose) for message in row.messages(topics.TRUTH_POSE.name)),
+            contacts=tuple(_decode(path, message, pb.TruthContact) for message in row.messages(topics.TRUTH_CONTACT.name)),
+            contact_time_ns=row.index(topics.TRUTH_CONTACT.name).time_ns,
             body=bodies[0],
         )
     finally:
-        file.close()
+        row.close()
 
 
-def _wrap(file: IndexedFile) -> Recording:
+def _open(path: Path, open_file: Callable[[Path], IndexedFile]) -> Recording:
+    row = row_of(path)
+    opened = _open_row(path, row, open_file)
     try:
-        return Recording(file)
+        return Recording(path, opened, row.missing)
     except RecordingError:
-        file.close()
+        opened.close()
         raise
 
 
-def _messages(file: IndexedFile, topic: str, start_ns: int | None, end_ns: int | None) -> Iterator[RecordedMessage]:
-    index = file.index(topic)
-    first = 0 if start_ns is None else int(np.searchsorted(index.time_ns, start_ns, "left"))
-    last = len(index.time_ns) if end_ns is None else int(np.searchsorted(index.time_ns, end_ns, "right"))
-    for number in range(first, last):
-        message = file.message(index, number)
-        yield RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
+def _open_row(path: Path, row: FileRow, open_file: Callable[[Path], IndexedFile]) -> IndexedRow:
+    """Every file of the row that `path` is of.
+
+    Raises:
+        RecordingError: of `path` as `open_file` says it; of another file, with what it has to do with `path`.
+    """
+    files: list[IndexedFile] = []
+    try:
+        for file in row.files:
+            try:
+                files.append(open_file(file))
+            except RecordingCut as error:
+                if file == path:
+                    raise
+                whole = whole_name(file)
+                remedy = f"-o {whole}`" if whole != file else "-o NEW.mcap`, and put that in its place"
+                raise RecordingCut(
+                    f"{path}: {file.name} of the same recording was cut short or is still being written: `acquire recover {file} {remedy}"
+                ) from error
+    except RecordingError:
+        IndexedRow(files).close()
+        raise
+    return IndexedRow(files)
+
+
+def _checked_manifest(file: IndexedFile) -> SessionManifest:
+    """The file's manifest, if it and the attachments are those that were sealed."""
+    entries = file.metadata.get(MANIFEST_NAME)
+    if entries is None or "json" not in entries:
+        raise RecordingError(f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its manifest")
+    manifest = parse_manifest(entries["json"], str(file.path))
+    seal = file.metadata.get(SEAL_NAME, {})
+    if seal.get("manifest_sha256", digest := hashlib.sha256(entries["json"].encode()).hexdigest()) != digest:
+        raise RecordingError(f"{file.path}: damaged: the manifest is not the one that was sealed")
+    for name, expected in manifest.hashes.items():
+        attachment = file.attachments.get(name)
+        if attachment is not None and hashlib.sha256(attachment.data).hexdigest() != expected:
+            raise RecordingError(f"{file.path}: damaged: attachment {name!r} is not the one that was recorded")
+    return manifest
 
 
 def _decode(path: Path, message: RecordedMessage, kind: type[M]) -> M:

@@ -423,6 +423,7 @@ class Verdict(enum.Enum):
 class WarningCode(enum.Enum):
     """What a reader of the result must know."""
 
+    RECORDING_INCOMPLETE = "recording_incomplete"
     FEW_STRIKES = "few_strikes"
     DIRECTION_UNOBSERVED = "direction_unobserved"
     OBJECT_OVERRIDDEN = "object_overridden"

@@ -23,6 +23,8 @@ def render_summary(estimate: Estimate, console: Console | None = None) -> None:
     console = console or Console(highlight=False)
     result = estimate.result
     console.print(f"[bold]{estimate.evidence.spec.name}[/], {1e3 * estimate.inertial.mass:.1f} g, recording {result.inputs.recording_id}")
+    if len(estimate.evidence.files) > 1:
+        console.print(f"in {len(estimate.evidence.files)} files: {', '.join(estimate.evidence.files)}")
     console.print(f"centre of mass (x, y, z) = {com_text(result.centre_of_mass)}")
     console.print()
     console.print(_strikes(result))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.file_row import missing_text
 from analyze.types import EquiPlane, InertialParameters, MassDistribution
 from schemas.documents import ResultWarning, TimeSource, Verdict, WarningCode
 
@@ -38,6 +39,8 @@ def result_warnings(
         found.append(ResultWarning(code=code, text=text))
 
     com = inertial.com
+    if evidence.missing_files:
+        warn(WarningCode.RECORDING_INCOMPLETE, f"not used, because it is not beside the others: {missing_text(evidence.missing_files)}")
     if evidence.object_path_used:
         warn(WarningCode.OBJECT_OVERRIDDEN, "the object file given replaces the recording's; pivots are the plan's")
     if options.exclude:

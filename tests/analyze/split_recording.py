@@ -1,0 +1,58 @@
+"""A finished recording as the row of files that it would be, had the process that wrote it died on the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from acquire.recorder.edit import append_topics
+from acquire.recorder.writer import McapWriter
+from analyze.indexed_file import open_finished
+from analyze.indexed_row import IndexedRow
+from analyze.recording import open_recording
+from schemas import topics
+from schemas.documents import MANIFEST_NAME, canonical_json
+from schemas.topics import TRUTH_PREFIX, Topic
+
+KNOWN = [
+    topics.camera_calibration("main"),
+    topics.compressed_image("main"),
+    topics.raw_image("main"),
+    topics.frame_meta("main"),
+    topics.STRIKER_SAMPLE,
+    topics.STRIKER_EVENT,
+    topics.CLOCK_SAMPLE,
+    topics.SESSION_STATE,
+    topics.SESSION_STRIKE,
+    topics.LOG,
+    topics.TRUTH_POSE,
+    topics.TRUTH_CONTACT,
+    topics.TRUTH_BODY,
+]
+
+
+def split_recording(source: Path, first: Path, at_ns: int) -> list[Path]:
+    """Write `first` with what `source` holds up to a log time, and `<first>-0002.mcap` with the rest."""
+    found: list[Path] = []
+    with open_recording(source) as recording:
+        manifest, attachments = recording.manifest, recording.attachments
+    row = IndexedRow([open_finished(source)])
+    here = [topic for topic in KNOWN if (topic.name, topic.schema_name) in {(name, row.schema_of(name)) for name in row.topic_names()}]
+    for part, span in ((1, (None, at_ns)), (2, (at_ns + 1, None))):
+        path = first if part == 1 else first.with_name(f"{first.stem}-{part:04d}{first.suffix}")
+        with McapWriter(path) as writer:
+            writer.metadata(MANIFEST_NAME, {"json": canonical_json(manifest.model_copy(update={"part": part}))})
+            for name, data in attachments.items():
+                writer.attachment(name, "application/octet-stream", data)
+            for topic in (topic for topic in here if not _is_truth(topic)):
+                channel = writer.add_topic(topic)
+                for message in row.messages(topic.name, *span):
+                    writer.write(channel, message.log_time_ns, bytes(message.data), sequence=message.sequence)
+        truth = [topic for topic in here if _is_truth(topic)]
+        append_topics(path, [(topic, m.log_time_ns, bytes(m.data)) for topic in truth for m in row.messages(topic.name, *span)])
+        found.append(path)
+    row.close()
+    return found
+
+
+def _is_truth(topic: Topic) -> bool:
+    return topic.name.startswith(TRUTH_PREFIX)
