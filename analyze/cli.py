@@ -69,11 +69,18 @@ def _with_estimate_options(function: Callable[..., Any]) -> Callable[..., Any]:
     show_default=True,
     help="paper: the paper's own steps, first three points by force, for comparison.",
 )
+@click.option(
+    "--cards/--no-cards",
+    default=True,
+    show_default=True,
+    help="With -o PLAN.json: also write PLAN-cards.html, a page per strike with pictures, to print.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the plan as JSON.")
 @_one_line_errors
 def plan(
     object_file: Path,
     output: Path | None,
+    cards: bool,
     rig: Path | None,
     strikes: int,
     target_com_mm: float | None,
@@ -93,13 +100,21 @@ def plan(
     if output is not None:
         refuse_unwritable(output, object_file, *(path for path in (rig, given) if path is not None))
     with StrikeProgress() as progress:
-        result = plan_object(object_file, PlanOptions(rig, strikes, target_com_mm, given, PlanMethod(method)), progress)
+        planned = plan_object(object_file, PlanOptions(rig, strikes, target_com_mm, given, PlanMethod(method)), progress)
+    page: Path | None = None
     if output is not None:
-        write_plan(result, output)
+        write_plan(planned.plan, output)
+        if cards:
+            from analyze.cards.page import write_cards
+
+            page = output.with_name(f"{output.stem}-cards.html")
+            write_cards(planned.plan, planned.model, planned.spec, page)
     if as_json:
-        click.echo(result.model_dump_json())
+        click.echo(planned.plan.model_dump_json())
     else:
-        render_plan(result)
+        render_plan(planned.plan)
+    if page is not None:
+        click.echo(f"cards: {page}: a page per strike, to print (--no-cards leaves them out)", err=as_json)
 
 
 @main.command()

@@ -48,3 +48,7 @@ class EstimationError(AnalyzeError):
 
 class OutputError(AnalyzeError):
     """A file cannot be written."""
+
+
+class TagError(AnalyzeError):
+    """Tags that cannot be printed as asked."""

@@ -27,7 +27,7 @@ from analyze.planning.information import Errors
 from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import FRICTION, Request, finish, prepare
 from analyze.types import CameraModel
-from schemas.documents import CameraCalibrationSpec, DocumentError, PlanMethod, Result, StrikePlan, validate
+from schemas.documents import CameraCalibrationSpec, DocumentError, ObjectSpec, PlanMethod, Result, StrikePlan, validate
 
 CELLS = 800
 """pieces of the body for the prediction of region masses"""
@@ -49,7 +49,16 @@ class PlanOptions:
     method: PlanMethod = PlanMethod.OURS
 
 
-def plan_object(object_path: Path, options: PlanOptions, progress: Progress = lambda _text, _done, _total: None) -> StrikePlan:
+@dataclass(frozen=True)
+class PlannedObject:
+    """A plan, and what it is of: the cards show both."""
+
+    plan: StrikePlan
+    model: ObjectModel
+    spec: ObjectSpec
+
+
+def plan_object(object_path: Path, options: PlanOptions, progress: Progress = lambda _text, _done, _total: None) -> PlannedObject:
     """Plan the strikes for an object file.
 
     Raises:
@@ -65,12 +74,12 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = la
     progress("trying the axes", 1, 4)
     prepared = prepare(model, files.spec, Bench(rig.striker, rig.camera, rig.friction, rig.gravity), rig.errors, given)
     if options.method is PlanMethod.PAPER:
-        return paper_strike_plan(prepared, files.sha256, options.strikes)
+        return PlannedObject(paper_strike_plan(prepared, files.sha256, options.strikes), model, files.spec)
     progress("cutting the body into pieces", 2, 4)
     cells = _pieces(model, wall_thickness(files.spec, model))
     progress("choosing the strikes", 3, 4)
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
-    return finish(prepared, files.sha256, Request(options.strikes, target), cells)
+    return PlannedObject(finish(prepared, files.sha256, Request(options.strikes, target), cells), model, files.spec)
 
 
 def _pieces(model: ObjectModel, wall: float) -> Pieces:

@@ -59,6 +59,7 @@ CV2_ALLOWED = (
     "analyze/replay",
     "analyze/watch.py",
     "analyze/results",
+    "analyze/tags",
     "acquire/",
 )
 MADE_AT_RUN_TIME = "a name made at run time"

@@ -1,0 +1,1 @@
+"""Placement cards: what the person at the table sees of a plan."""

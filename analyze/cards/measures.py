@@ -1,0 +1,109 @@
+"""The two small pictures of a card, to scale and with numbers: as the camera sees it, and from above."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from analyze.cards import ink
+from analyze.cards.body import draw_body
+from analyze.cards.setting import Setting
+from analyze.cards.view import Frame, View, from_above, from_the_camera
+from analyze.types import Array
+
+WIDTH, HEIGHT = 400.0, 390.0
+BIG, SMALL = 27, 18
+"""px, of numbers and of names"""
+
+
+def side_picture(place: Setting) -> str:
+    """As the camera sees it: height of the strike, the line, and how far the object tips until it stands on the edge."""
+    size = place.size
+    tail = np.array([place.low[0] - 0.5 * size, 0.0, place.strike_height])
+    ground = tail * np.array([1.0, 1.0, 0.0])
+    tipped = place.body.turned(place.tip_angle).corners
+    below = np.array([[place.low[0], 0.0, -0.1 * size]])
+    view = from_the_camera().fitted(np.vstack([place.body.corners, tipped, [tail, ground], below]), Frame(76, 46, WIDTH - 30, HEIGHT - 30))
+    flat = view.project(np.vstack([[tail, ground, place.hit], np.zeros((1, 3))]))
+    start, floor, hit, pivot = flat
+    outline = view.project(tipped)
+    outline = outline[ConvexHull(outline).vertices]
+    parts = [
+        ink.polyline(np.array([[20.0, floor[1]], [WIDTH - 16, floor[1]]]), "#b9b4ab", 5),
+        ink.polyline(np.vstack([outline, outline[:1]]), ink.PIVOT, 2, "8 7", 0.75),
+        *draw_body(view, place.body, () if place.tag is None else (place.tag,), ink.CAMERA),
+        *ink.arrow(np.array([start, hit]), ink.STRIKER, 8),
+        *ink.measure(floor, start, f"{1000 * place.strike_height:.0f}", BIG, ink.STRIKER, -12, "end"),
+        *_angle(view, place, pivot),
+        ink.text(
+            outline[np.argmin(outline[:, 1])] - np.array([0.0, 12.0]), f"{np.degrees(place.tip_angle):.0f}°", BIG, ink.PIVOT, bold=True
+        ),
+        ink.disc(pivot, 9, ink.PIVOT, "#fff", 2),
+        ink.text((pivot[0], floor[1] + 26), "line", SMALL, ink.PIVOT, "middle", bold=True),
+        ink.text((start[0] + 4, start[1] - 14), "striker", SMALL, ink.STRIKER, "start", bold=True),
+    ]
+    return ink.picture(WIDTH, HEIGHT, parts, "as the camera sees it")
+
+
+def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
+    """Arc of the balance angle between the upright and where it lies turned by it, outside the object."""
+    radius = 0.62 * float(place.high[2])
+    angles = np.linspace(0.0, place.tip_angle, 20)
+    arc = view.project(np.stack([radius * np.sin(angles), np.zeros(20), radius * np.cos(angles)], axis=1))
+    leaning = 1.1 * radius * np.array([np.sin(place.tip_angle), 0.0, np.cos(place.tip_angle)])
+    ends = view.project(np.array([[0.0, 0.0, 1.1 * radius], leaning]))
+    return [
+        ink.polyline(np.array([ends[0], pivot, ends[1]]), ink.PIVOT, 1.6),
+        *ink.arrow(arc, ink.PIVOT, 3.4),
+    ]
+
+
+def plan_picture(place: Setting) -> str:
+    """From above: the line, where along it the edge lies and where the striker strikes."""
+    size = place.size
+    front, back = place.low[1] - 0.5 * place.reach, place.high[1] + 0.15 * size
+    left, right = place.low[0] - 0.7 * place.reach, max(place.high[0], 0.0) + 0.55 * size
+    reach = np.array([[left, front, 0.0], [right, back, 0.0]])
+    view = from_above().fitted(reach, Frame(20, 14, WIDTH - 20, HEIGHT - 14))
+    edge_front = -place.front_to_strike
+    shift = np.array([max(place.high[0], 0.0) + 0.14 * size, 0.0, 0.0])
+    near = np.array([0.0, edge_front, 0.0])
+    flat = view.project(
+        np.array([[left, 0, 0], place.hit, [0, front, 0], [0, back, 0], near + shift, shift, near, [right, 0, 0], [0, 0, 0]])
+    )
+    tail, hit, line_front, line_back, from_, to, end, far, mark = flat
+    parts = [
+        *draw_body(view, place.body),
+        ink.polyline(np.array([line_front, line_back]), ink.PIVOT, 3, "12 8"),
+        ink.polyline(np.array([hit, far]), ink.STRIKER, 1.6, "3 7", 0.8),
+        *_contact(view, place),
+        ink.polyline(np.array([end, from_ + np.array([8.0, 0.0])]), ink.INK, 1.2),
+        *ink.measure(from_, to, f"{1000 * place.front_to_strike:.0f}", BIG, ink.INK, 14, "start"),
+        *ink.arrow(np.array([tail, hit]), ink.STRIKER, 8),
+        ink.disc(mark, 5, "#fff", ink.PIVOT, 3),
+        ink.text((tail[0], tail[1] - 16), "striker", SMALL, ink.STRIKER, "start", bold=True),
+        *_eye(view, place, front),
+        ink.text((far[0] - 2, far[1] - 8), "mark", SMALL, ink.MUTED, "end", bold=True),
+    ]
+    return ink.picture(WIDTH, HEIGHT, parts, "from above")
+
+
+def _contact(view: View, place: Setting) -> list[str]:
+    if place.edge is None:
+        return [ink.disc(view.project(np.zeros((1, 3)))[0], 9, ink.PIVOT, "#fff", 2)]
+    ends = view.project(np.array([[0.0, place.edge[0], 0.0], [0.0, place.edge[1], 0.0]]))
+    return [ink.polyline(ends, ink.PIVOT, 7)]
+
+
+def _eye(view: View, place: Setting, front: float) -> list[str]:
+    """The camera below, pointing up the picture."""
+    x = float(np.clip(place.camera[0], place.low[0], place.high[0] + 0.2 * place.size))
+    at = view.project(np.array([[x, front, 0.0]]))[0] - np.array([0.0, 4.0])
+    body = np.array([[-13, 0], [13, 0], [13, -22], [-13, -22]]) + at
+    lens = np.array([[-7, -22], [-15, -36], [15, -36], [7, -22]]) + at
+    beside = min(float(at[0]) - 24.0, float(view.project(np.zeros((1, 3)))[0, 0]) - 14.0)
+    return [
+        ink.polygon(body, ink.CAMERA),
+        ink.polygon(lens, "#7cc0ac", ink.CAMERA, 1.5),
+        ink.text((beside, float(at[1]) - 4.0), "camera", SMALL, ink.CAMERA, "end", bold=True),
+    ]

@@ -1,0 +1,155 @@
+"""The large picture of a card: the object on the table, the line, the striker, the camera, and where it tips."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from analyze.cards import ink
+from analyze.cards.body import LAMP, draw_body
+from analyze.cards.setting import Setting, tip_arc
+from analyze.cards.view import Frame, View, from_the_front_right
+from analyze.types import Array
+
+WIDTH, HEIGHT = 1000.0, 800.0
+AZIMUTH, ELEVATION = np.radians(30.0), np.radians(20.0)
+EYE = 5.0
+"""distance of the eye in sizes of the object"""
+TABLE, SQUARES, SHADOW = "#f5f3ef", "#e7e3dc", "#d6d2ca"
+SQUARE = 0.05
+"""m"""
+HOOD = (
+    ((8, 9, 10, 11), "#bfe3d8"),
+    ((4, 5, 9, 8), "#8ccbb8"),
+    ((4, 7, 11, 8), "#7cc0ac"),
+    ((7, 6, 10, 11), "#a5d8c9"),
+    ((5, 6, 10, 9), "#5faf98"),
+)
+BOX = (((3, 2, 6, 7), "#1d9375"), ((1, 2, 6, 5), "#006b51"), ((0, 1, 2, 3), ink.CAMERA))
+"""the camera's sides, by corners of `_camera_symbol`, in the order in which an eye behind it and to its right must see them"""
+
+
+def scene_picture(place: Setting) -> str:
+    """SVG of the strike as the person at the table sees it, from the camera's side and a little from the right."""
+    size = place.size
+    middle = (place.low + place.high) / 2
+    tail = np.array([place.low[0] - 0.62 * place.reach, 0.0, place.strike_height])
+    camera = _camera_symbol(place)
+    line_ends = np.array([[0.0, place.low[1] - 0.42 * place.reach, 0.0], [0.0, place.high[1] + 0.35 * place.reach, 0.0]])
+    arc = tip_arc(place)
+    view = from_the_front_right(middle, EYE * size, float(AZIMUTH), float(ELEVATION))
+    ground = tail * np.array([1.0, 1.0, 0.0])
+    seen = np.vstack([place.body.corners, [tail, ground], camera.reshape(-1, 3), line_ends, arc])
+    view = view.fitted(seen, Frame(130, 60, WIDTH - 110, HEIGHT - 84))
+    parts = [*_table(view, place), *_line(view, place, line_ends)]
+    parts += _striker_far(view, tail, place.hit)
+    parts += draw_body(view, place.body, () if place.tag is None else (place.tag,), ink.CAMERA)
+    parts += _pivot(view, place)
+    parts += ink.arrow(view.project(arc), ink.PIVOT, 6)
+    parts += _striker_near(view, place, tail)
+    parts += _camera(view, place, camera)
+    parts += _words(view, place, tail, camera, line_ends, arc)
+    return ink.picture(WIDTH, HEIGHT, parts, "the object on the table, seen from the camera's side")
+
+
+def _table(view: View, place: Setting) -> list[str]:
+    """The table fills the picture; squares of 50 mm lie parallel to the line."""
+    far = 6 * place.size
+    stops = np.arange(np.floor(-far / SQUARE), far / SQUARE + 1) * SQUARE
+    rules = [np.array([[x, -far, 0], [x, far, 0]]) for x in stops] + [np.array([[-far, y, 0], [far, y, 0]]) for y in stops]
+    in_front = [rule for rule in rules if view.nearness(rule).max() < 0.8 * EYE * place.size]
+    corners = place.body.corners
+    cast = corners[:, :2] - corners[:, 2:] * LAMP[:2] / LAMP[2] * 0.45
+    outline = cast[ConvexHull(cast).vertices]
+    shadow = np.column_stack([outline, np.zeros(len(outline))])
+    return [
+        f'<rect width="{WIDTH:g}" height="{HEIGHT:g}" rx="14" fill="{TABLE}"/>',
+        *(ink.polyline(view.project(rule), SQUARES, 1.2) for rule in in_front),
+        ink.polygon(view.project(shadow), SHADOW),
+    ]
+
+
+def _line(view: View, place: Setting, ends: Array) -> list[str]:
+    mark = np.array([[-0.05 * place.size, 0, 0], [0.05 * place.size, 0, 0]])
+    return [
+        ink.polyline(view.project(ends), ink.PIVOT, 4, "14 9"),
+        ink.polyline(view.project(mark), ink.PIVOT, 4),
+    ]
+
+
+def _pivot(view: View, place: Setting) -> list[str]:
+    """The edge on the line, over everything: it is what must be placed right."""
+    if place.edge is None:
+        point = view.project(np.zeros((1, 3)))[0]
+        return [ink.disc(point, 11, ink.PIVOT, "#fff", 2.5)]
+    ends = view.project(np.array([[0.0, place.edge[0], 0.0], [0.0, place.edge[1], 0.0]]))
+    return [ink.polyline(ends, "#fff", 13), ink.polyline(ends, ink.PIVOT, 9)]
+
+
+def _striker_far(view: View, tail: Array, hit: Array) -> list[str]:
+    return ink.arrow(view.project(np.array([tail, hit])), ink.STRIKER, 10)
+
+
+def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
+    """What the object hides of the arrow shines through, and the height is measured where it can be seen."""
+    hit = view.project(place.hit)[0]
+    start = view.project(tail)[0]
+    ground = view.project(tail * np.array([1.0, 1.0, 0.0]))[0]
+    height = f"{1000 * place.strike_height:.0f} mm"
+    under = np.array([tail, place.hit]) * np.array([1.0, 1.0, 0.0])
+    return [
+        ink.polyline(np.array([start, hit]), ink.STRIKER, 3, "3 8", 0.8),
+        ink.ring(hit, 12, ink.STRIKER, 3.5, "5 4"),
+        ink.polyline(view.project(under), ink.STRIKER, 1.5, "2 6", 0.7),
+        *ink.measure(ground, start, height, 34, ink.STRIKER, -16, "end"),
+    ]
+
+
+def _camera_symbol(place: Setting) -> Array:
+    """(9, 3): corners of the camera's box, then of its opening; nearer than the camera really is."""
+    size = place.reach
+    reach = place.low[1] - 0.95 * size
+    centre = np.array([np.clip(place.camera[0], place.low[0], place.high[0]), reach, min(place.camera[2], 0.9 * place.high[2])])
+    if place.tag is not None:
+        seen = place.body.tag_centre(place.tag)
+        if seen is not None:
+            centre = np.array([seen[0], reach, max(seen[2], 0.14 * size)])
+    half, deep, wide = 0.06 * size, 0.17 * size, 0.085 * size
+    box = [centre + np.array([x, y, z]) for y in (-deep, 0.0) for x, z in ((-half, -half), (half, -half), (half, half), (-half, half))]
+    opening = [centre + np.array([x, 1.3 * wide, z]) for x, z in ((-wide, -wide), (wide, -wide), (wide, wide), (-wide, wide))]
+    return np.array([*box, *opening])
+
+
+def _camera(view: View, place: Setting, camera: Array) -> list[str]:
+    flat = view.project(camera)
+    parts: list[str] = []
+    centre = camera[4:8].mean(axis=0)
+    target = centre * np.array([1.0, 0.0, 1.0]) + np.array([0.0, place.low[1] - 0.1 * place.size, 0.0])
+    parts.append(ink.polyline(view.project(np.array([centre, target])), ink.CAMERA, 3, "9 8"))
+    for quad, tone in HOOD:
+        parts.append(ink.polygon(flat[list(quad)], tone, ink.CAMERA, 1.5))
+    for quad, tone in BOX:
+        parts.append(ink.polygon(flat[list(quad)], tone, "#fff", 1.2))
+    return parts
+
+
+def _words(view: View, place: Setting, tail: Array, camera: Array, line_ends: Array, arc: Array) -> list[str]:
+    parts: list[str] = []
+    start = view.project(tail)[0]
+    parts.append(ink.text((start[0] + 8, start[1] - 26), "striker", 26, ink.STRIKER, "start", bold=True))
+    flat = view.project(camera)
+    low = float(flat[:, 1].max())
+    left = float(flat[:, 0].min())
+    parts.append(ink.text((left, low + 30), "camera", 26, ink.CAMERA, "start", bold=True))
+    parts.append(ink.text((left, low + 58), f"{-1000 * place.camera[1]:.0f} mm from the mark", 22, ink.CAMERA, "start", bold=True))
+    end = view.project(line_ends)[0]
+    what = "rim on the line" if place.rolls else "this edge on the line"
+    parts.append(ink.text((end[0] + 26, end[1] + 6), what, 26, ink.PIVOT, "start", bold=True))
+    tip = view.project(arc)[-1]
+    parts.append(ink.text((min(tip[0] + 14, WIDTH - 180), tip[1] + 26), "tips this way", 24, ink.PIVOT, "start", bold=True))
+    if place.tag is not None:
+        marker = next(each for each in place.body.spec.marker if each.id == place.tag)
+        if marker.T_object_marker is not None:
+            corners = view.project(place.body.tag_corners(marker, 0.66 * marker.size_m))
+            parts.append(ink.pill((float(corners[:, 0].mean()), float(corners[:, 1].max()) + 22), f"tag {place.tag}", 24, ink.CAMERA))
+    return parts

@@ -1,0 +1,79 @@
+"""Where a point of W comes to lie in a picture: central or parallel projection, fitted into a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analyze.types import Array
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Part of a picture that is free to draw in [px], y down."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+
+@dataclass(frozen=True)
+class View:
+    """A way to look at W."""
+
+    axes: Array
+    """(3, 3) rows: right, up and towards the eye, unit vectors in W"""
+    target: Array
+    """(3,) m, what is looked at"""
+    distance: float | None
+    """m, from the eye to the target; None: parallel projection"""
+    scale: float = 1.0
+    """px/m at the target"""
+    centre: tuple[float, float] = (0.0, 0.0)
+    """px, where the target lies"""
+
+    def project(self, points: Array) -> Array:
+        """Pixels (n, 2) of points (n, 3), y down."""
+        seen = (np.atleast_2d(points) - self.target) @ self.axes.T
+        near = np.ones(len(seen)) if self.distance is None else self.distance / np.maximum(self.distance - seen[:, 2], 1e-3)
+        return np.stack([self.centre[0] + self.scale * near * seen[:, 0], self.centre[1] - self.scale * near * seen[:, 1]], axis=1)
+
+    def nearness(self, points: Array) -> Array:
+        """Greater (n,) is nearer to the eye [m]."""
+        return (np.atleast_2d(points) - self.target) @ self.axes[2]
+
+    def towards_eye(self, points: Array) -> Array:
+        """Vectors (n, 3) from the points to the eye."""
+        points = np.atleast_2d(points)
+        if self.distance is None:
+            return np.broadcast_to(self.axes[2], points.shape)
+        return self.target + self.distance * self.axes[2] - points
+
+    def fitted(self, points: Array, frame: Frame) -> View:
+        """The same view, scaled and moved so that all points lie in the frame and fill it one way."""
+        bare = replace(self, scale=1.0, centre=(0.0, 0.0)).project(points)
+        low, high = bare.min(axis=0), bare.max(axis=0)
+        scale = float(min((frame.right - frame.left) / (high[0] - low[0]), (frame.bottom - frame.top) / (high[1] - low[1])))
+        middle = scale * (low + high) / 2
+        return replace(
+            self, scale=scale, centre=((frame.left + frame.right) / 2 - float(middle[0]), (frame.top + frame.bottom) / 2 - float(middle[1]))
+        )
+
+
+def from_the_front_right(target: Array, distance: float, azimuth: float, elevation: float) -> View:
+    """Central projection from the camera's side (-y of W), turned by `azimuth` to +x and raised by `elevation` [rad]."""
+    eye = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    return View(np.stack([right, np.cross(eye, right), eye]), target, distance)
+
+
+def from_the_camera() -> View:
+    """Parallel projection along +y of W: x right, z up."""
+    return View(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.zeros(3), None)
+
+
+def from_above() -> View:
+    """Parallel projection along -z of W: x right, y up."""
+    return View(np.eye(3), np.zeros(3), None)

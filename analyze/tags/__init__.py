@@ -1,0 +1,1 @@
+"""Printed tags: their codes, and sheets of them to scale."""

@@ -1,0 +1,182 @@
+"""Placement cards: what is drawn and written is what the plan says."""
+
+import re
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from click.testing import CliRunner
+
+from analyze.cards.drawn_shape import MOST_FACES, drawn_shape, simplified
+from analyze.cards.page import cards, render_cards
+from analyze.cards.view import Frame, from_above, from_the_camera, from_the_front_right
+from analyze.cli import main
+from analyze.geometry.object_model import load_object_model
+from analyze.object_files import object_files
+from analyze.planning.impact import StrikerModel
+from analyze.planning.plan import make_plan
+
+OBJECTS = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data"
+
+
+@cache
+def planned(name):
+    files = object_files(OBJECTS / f"{name}.toml")
+    model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
+    return make_plan(model, files.spec, files.sha256, StrikerModel()), model, files.spec
+
+
+class Balanced(HTMLParser):
+    VOID = frozenset({"meta", "br", "path", "circle", "rect"})
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.tags = [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize("name", ["carton", "salt"])
+def test_the_page_has_a_card_per_strike_and_loads_nothing(name):
+    plan, model, spec = planned(name)
+    html = render_cards(plan, model, spec)
+    parser = Balanced()
+    parser.feed(html)
+    assert parser.open == []
+    assert parser.tags.count("article") == len(plan.strikes)
+    assert parser.tags.count("svg") == 3 * len(plan.strikes)
+    assert not {"script", "link", "img"} & set(parser.tags)
+    assert not re.search(r'(?:src|href)="(?!#)', html)
+    assert "nan" not in re.sub(r"[a-z-]*nan[a-z]+", "", html)
+    assert render_cards(plan, model, spec) == html
+
+
+def test_a_card_says_the_plans_numbers():
+    plan, model, spec = planned("carton")
+    pages = render_cards(plan, model, spec).split("<article")[1:]
+    for strike, page in zip(plan.strikes, pages, strict=True):
+        for said in (
+            f"{1000 * strike.impact_height_m:.0f} <small>mm",
+            f"{strike.tip_speed_m_s.target:.2f} <small>m/s",
+            f"{np.degrees(strike.phi_predicted_rad):.0f}°",
+            f"± {np.degrees(strike.phi_measured_sd_rad):.2f}°",
+            f"tag {strike.visible_markers[0]} faces the camera".capitalize(),
+            f"strike&nbsp;{strike.id}",
+        ):
+            assert said in page, said
+    assert "Put it back exactly as before" in pages[3]
+
+
+def test_measures_are_of_the_object_as_it_lies():
+    plan, model, spec = planned("carton")
+    for card in cards(plan, model, spec):
+        place = card.place
+        along = np.abs(np.array(card.strike.pivot.direction))
+        half = float(along @ model.extent) / 2
+        assert place.edge == pytest.approx((-half, half), abs=1e-9)
+        assert place.front_to_strike == pytest.approx(half)
+        assert place.hit[1:] == pytest.approx([0.0, card.strike.impact_height_m], abs=1e-9)
+        assert place.hit[0] == pytest.approx(place.low[0], abs=1e-9)
+        assert place.low[2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_rim_touches_in_one_point():
+    plan, model, spec = planned("salt")
+    card = cards(plan, model, spec)[0]
+    assert card.place.edge is None
+    assert "rim touches the line at the mark" in card.on_line
+    assert card.place.front_to_strike == pytest.approx(0.036, abs=1e-4)
+
+
+def painted(svg):
+    """The filled paths of a picture of ours as pixels, 4 a unit."""
+    width, height = map(float, re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg).groups())
+    image = np.full((int(4 * height), int(4 * width)), 255, dtype=np.uint8)
+    for path, fill in re.findall(r'<path d="([^"]*)" fill="#([0-9a-f]+)"', svg):
+        level = int(fill[:1] * 2 if len(fill) == 3 else fill[:2], 16)
+        for part in path.split("M")[1:]:
+            points = np.array([[float(x) for x in pair.split()] for pair in part.rstrip("Z").split("L")])
+            cv2.fillPoly(image, [np.round(64 * points).astype(np.int32)], level, shift=4)
+    return image
+
+
+@pytest.mark.parametrize("name", ["carton", "spray", "salt"])
+def test_the_tag_in_the_pictures_is_the_tag_that_faces_the_camera(name):
+    plan, model, spec = planned(name)
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))
+    seen = {}
+    for card in cards(plan, model, spec):
+        if card.strike.axis_id in seen:
+            continue
+        for picture in (card.scene, card.side):
+            found = detector.detectMarkers(painted(str(picture)))[1]
+            assert found is not None
+            assert card.strike.visible_markers[0] in found.ravel()
+        seen[card.strike.axis_id] = card
+
+
+def test_a_name_cannot_break_the_page():
+    plan, model, spec = planned("carton")
+    html = render_cards(plan.model_copy(update={"object_name": "<script>x"}), model, spec)
+    assert "<script" not in html
+
+
+def test_parallel_views_are_to_scale_and_not_mirrored():
+    frame = Frame(0, 0, 100, 100)
+    box = np.array([[0, 0, 0], [0.1, 0.2, 0.05]])
+    side = from_the_camera().fitted(box, frame)
+    assert side.project(np.array([0.1, 0, 0]))[0] - side.project(np.zeros(3))[0] == pytest.approx([100, 0])
+    assert side.project(np.array([0, 0, 0.05]))[0] - side.project(np.zeros(3))[0] == pytest.approx([0, -50])
+    above = from_above().fitted(box, frame)
+    assert above.project(np.array([0, 0.2, 0]))[0] - above.project(np.zeros(3))[0] == pytest.approx([0, -100])
+    scene = from_the_front_right(np.zeros(3), 1.0, 0.5, 0.4)
+    assert np.linalg.det(scene.axes) == pytest.approx(1.0)
+
+
+def test_a_fine_mesh_is_drawn_with_few_faces_and_keeps_its_edges():
+    box = trimesh.creation.box([80.0, 60.0, 150.0]).subdivide_to_size(1.2)
+    cell = 150.0 / 44
+    vertices, faces = simplified(np.asarray(box.vertices), np.asarray(box.faces), cell)
+    assert len(box.faces) > 50_000
+    assert len(faces) < 2 * MOST_FACES
+    assert np.ptp(vertices, axis=0) == pytest.approx([80, 60, 150], abs=0.02 * cell)
+    # Every point still lies on the box's surface.
+    off = np.abs(np.abs(vertices) / [40, 30, 75] - 1).min(axis=1)
+    assert off.max() < 1e-3
+
+
+def test_hollow_bodies_are_cut_fine_enough_to_be_sorted():
+    _, carton, _ = planned("carton")
+    _, spray, _ = planned("spray")
+    assert drawn_shape(carton).convex
+    hollow = drawn_shape(spray)
+    assert not hollow.convex
+    lengths = np.linalg.norm(np.roll(hollow.triangles, -1, axis=1) - hollow.triangles, axis=2)
+    assert lengths.max() <= hollow.size / 8
+
+
+def test_cards_come_with_the_plan_unless_they_are_left_out(tmp_path):
+    out = CliRunner().invoke(main, ["plan", str(OBJECTS / "carton.toml"), "--strikes", "3", "-o", str(tmp_path / "p.json")])
+    assert out.exit_code == 0
+    assert "cards: " in out.output
+    assert (tmp_path / "p-cards.html").read_text(encoding="utf-8").count("<article") == 3
+    out = CliRunner().invoke(main, ["plan", str(OBJECTS / "carton.toml"), "--no-cards", "-o", str(tmp_path / "q.json")])
+    assert out.exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"p.json", "p-cards.html", "q.json"}
+
+
+def test_the_papers_plan_has_cards_too(tmp_path):
+    out = CliRunner().invoke(main, ["plan", str(OBJECTS / "carton.toml"), "--method", "paper", "-o", str(tmp_path / "p.json")])
+    assert out.exit_code == 0
+    assert "not predicted by this method" in (tmp_path / "p-cards.html").read_text(encoding="utf-8")
