@@ -34,8 +34,8 @@ POSE_TOLERANCE_RAD = 0.14
 """8 degrees: far above a careful placement, far below a wrong face"""
 SERVO_TIMEOUT_S, SERVO_RETRY_S = 120.0, 0.5
 """for somebody to see to the servo's cable or supply in the middle of a session, and between two looks"""
-REST_TIMEOUT_S = 5.0
-"""for the object to come to rest after a strike"""
+REST_TIMEOUT_S = 3.0
+"""for the object to come to rest after a strike; one that still rolls then has long landed, and a window of it is large and says no more"""
 REST_MINIMUM_S = 0.9
 """a tip that hangs at the top looks like rest"""
 

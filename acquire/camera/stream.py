@@ -97,6 +97,7 @@ class CameraStream:
         self._trouble = ""
         self._warnings: tuple[str, ...] = ()
         self._recent: deque[int] = deque(maxlen=round(config.frame_rate_hz) + 1)
+        self._arrived_ns: int | None = None
         self._threads: list[threading.Thread] = []
 
     def start(self) -> CameraInfo:
@@ -138,7 +139,7 @@ class CameraStream:
             frames=self._sequence,
             lost=self._lost,
             fps=(len(recent) - 1) * 1e9 / span if span else 0.0,
-            last_frame_ns=recent[-1] if recent else None,
+            last_frame_ns=self._arrived_ns,
             receive_buffer_bytes=int(getattr(self._camera, "receive_buffer_bytes", 0)),
             latched=self._mapper.latched,
             trouble=self._trouble,
@@ -232,6 +233,7 @@ class CameraStream:
             # Nobody counted while the camera was away: the gap in time does.
             lost = max(0, round((mid - self._recent[-1]) / self._period_ns) - 1)
         self._recent.append(mid)
+        self._arrived_ns = self._clock.monotonic_ns()  # a camera that is far behind is alive
         timed = TimedFrame(frame, self._sequence, mid, mapper.sd_at(frame.device_time_ns), lost)
         self._sequence += 1
         self._lost += lost

@@ -20,7 +20,7 @@ from dynamixel_sdk.port_handler import PortHandler
 from acquire.errors import StrikerError, StrikerLost, StrikerNotFound, StrikerRefused
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from acquire.striker.control_table import Register
 
@@ -28,6 +28,8 @@ ALERT = 0x80
 ANSWER_MARGIN_MS = 36.0
 """Beyond the bytes' own time: FTDI's default latency of 16 ms, twice, and a busy host. (The SDK: LATENCY_TIMER = 16, likewise twice.)"""
 ATTEMPTS = 3
+PATIENCE_S = 0.5
+"""and for no less than so long a servo is asked again before it counts as lost: a busy host, a USB hub that starts anew"""
 QUIET_S = 0.02
 """of silence on the line after a time-out, before anything is asked again: longer than FTDI's own 16 ms latency"""
 LATE_NS = 200_000_000
@@ -58,6 +60,15 @@ class MonotonicClock(Protocol):
 
 def _never() -> bool:
     return False
+
+
+def attempts(clock: MonotonicClock) -> Iterator[int]:
+    """Counts how often to ask before a servo is lost: ATTEMPTS times, and for PATIENCE_S at least."""
+    end_ns = clock.monotonic_ns() + round(PATIENCE_S * 1e9)
+    count = 0
+    while count < ATTEMPTS or clock.monotonic_ns() < end_ns:
+        yield count
+        count += 1
 
 
 class BlockingPort(PortHandler):
@@ -98,9 +109,12 @@ class BlockingPort(PortHandler):
         descriptor = self.ser.fileno()
         while len(self._received) < length:
             left_s = (self.packet_timeout - self.getTimeSinceStart()) * 1e-3
-            if left_s <= 0 or self.interrupted():
+            if self.interrupted():
                 break
-            if not select.select([descriptor], [], [], min(left_s, GLANCE_S))[0]:
+            # Time that is up is no reason to leave what has come: it was this host that was late.
+            if not select.select([descriptor], [], [], max(0.0, min(left_s, GLANCE_S)))[0]:
+                if left_s <= 0:
+                    break
                 continue
             data = os.read(descriptor, 1024)
             if not data:
@@ -296,7 +310,7 @@ class ServoBus:
         Raises:
             StrikerLost: no answer.
         """
-        for _ in range(ATTEMPTS):
+        for _ in attempts(self._clock):
             block = self.read_block(register.address, register.size)
             if block is not None:
                 return register.decode(block.data)
@@ -315,7 +329,7 @@ class ServoBus:
             b"\xff\xff\xfd" in data
         ):  # txPacket builds the stuffed packet and then sends the plain one (protocol2_packet_handler.addStuffing)
             raise StrikerRefused(f"{register.name} = {value} cannot be sent: the SDK does not stuff FF FF FD; choose a neighbouring value")
-        for _ in range(ATTEMPTS):
+        for _ in attempts(self._clock):
             result, error = self._exchange(self._handler.writeTxRx, self.servo_id, register.address, register.size, list(data))
             if result == COMM_SUCCESS:
                 self.alert = bool(error & ALERT)

@@ -44,8 +44,10 @@ SETTLED_UNITS = 1.5
 SETTLED_READS = 20
 RETRACT_RAD = 0.15
 """the first, fast part of the way back"""
-SILENCE_NS = 80_000_000
-"""without an answer in a swing: the watchdog stops the servo at 100 ms"""
+SILENCE_NS = 200_000_000
+"""without an answer in a swing: by then the servo's own watchdog (100 ms) has stopped it, if it was this host that stood still"""
+STALE_NS = 80_000_000
+"""older reads say nothing of how fast the arm is"""
 VELOCITY_LAG_S = 0.003
 """what the velocity register shows is this old, within a millisecond or two (see velocity_register.py)"""
 REST_RAD_S = 0.3
@@ -401,7 +403,7 @@ class DynamixelStriker(Striker):
         the way, late or lost.
         """
         now_ns = self._clock.monotonic_ns()
-        if not self._recent or now_ns - self._recent[-1].time_ns > SILENCE_NS:
+        if not self._recent or now_ns - self._recent[-1].time_ns > STALE_NS:
             return
         first, last = self._recent[0], self._recent[-1]
         most = self._servo.full_acceleration_rad_s2

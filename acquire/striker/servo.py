@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerNotFound
 from acquire.striker.base import ServoHealth
-from acquire.striker.bus import Block, MonotonicClock, ServoBus
+from acquire.striker.bus import Block, MonotonicClock, ServoBus, attempts
 from acquire.striker.control_table import MODEL_FILES, MODEL_NAMES, Register, control_table
 from acquire.striker.deadman import DeadMan
 
@@ -194,7 +194,7 @@ class Servo:
         Raises:
             StrikerLost: the servo does not answer.
         """
-        for _ in range(3):
+        for _ in attempts(self._clock):
             sample = self.sample()
             if sample is not None:
                 return sample

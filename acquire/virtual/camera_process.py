@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 WORLD_START_S = 10.0
 STATISTICS_FILE = "camera.json"
+LATE_NS = 60_000_000
+"""a picture that is later than this is drawn with two sub-exposures at most: motion blur is the first thing that a busy machine goes without"""
 SWITCH_INTERVAL_S = 5e-4
 """a latch or a frame that is due waits this long at most for the interpreter"""
 
@@ -68,6 +70,8 @@ class WorldSource:
         exposure_ns = settings.exposure_us * 1e3
         poses = self._ring.at([start_ns, start_ns + round(exposure_ns)])
         count = self._renderer.subexposures_needed(poses.p_world_object, poses.q_world_object_wxyz, poses.arm_angle, poses.arm_axis_world)
+        if self._ring.latest_time_ns() - start_ns > LATE_NS:
+            count = min(count, 2)
         if count > 1:
             middles = (np.arange(count) + 0.5) * (exposure_ns / count)
             poses = self._ring.at(start_ns + np.round(middles).astype(np.int64))

@@ -81,18 +81,25 @@ def coverage(
     top, bottom = np.maximum(high_y[edge], row), np.minimum(low_y[edge], row + 1)
     x_top = high_x[edge] + (top - high_y[edge]) * slope[edge]
     x_bottom = x_top + (bottom - top) * slope[edge]
-    # pieces within one pixel; the outermost ones carry what lies beyond the box
+    # left of a clockwise polygon's rising edges is outside, left of its falling edges is inside
+    height_of_piece = np.where(down, -1.0, 1.0)[edge] * (bottom - top)
     left, right = np.minimum(x_top, x_bottom), np.maximum(x_top, x_bottom)
     first = np.floor(np.minimum(np.maximum(left, -1.0), width)).astype(np.int64)
     beyond = np.ceil(np.minimum(np.maximum(right, -1.0), width + 1.0)).astype(np.int64)
-    piece, column = _ragged(first, np.maximum(beyond - first, 1))
+    # most pieces of a steep edge lie within one pixel; the others are cut, and the outermost parts carry what lies beyond the box
+    long = np.flatnonzero(beyond - first > 1)
+    short = np.flatnonzero(beyond - first <= 1)
+    cut, column = _ragged(first[long], (beyond - first)[long])
+    piece = long[cut]
     begins = np.where(column == first[piece], left[piece], column)
     ends = np.where(column + 1 >= beyond[piece], right[piece], column + 1)
-    run = (right - left)[piece]
-    part = np.where(run > 0, (ends - begins) / np.where(run > 0, run, 1.0), 1.0) * (bottom - top)[piece]
-    right_share = np.where(column < 0, 0.0, np.minimum(np.maximum(0.5 * (begins + ends) - column, 0.0), 1.0))
-    # left of a clockwise polygon's rising edges is outside, left of its falling edges is inside
-    signed = np.where(column >= width, 0.0, np.where(down, -1.0, 1.0)[edge][piece] * part)
+    share = (ends - begins) / (right - left)[piece]
+    column = np.concatenate([first[short], column])
+    middle = np.concatenate([0.5 * (left[short] + right[short]), 0.5 * (begins + ends)])
+    signed = np.concatenate([height_of_piece[short], height_of_piece[piece] * share])
+    piece = np.concatenate([short, piece])
+    right_share = np.where(column < 0, 0.0, np.minimum(np.maximum(middle - column, 0.0), 1.0))
+    signed[column >= width] = 0.0
     pixel = row[piece] * (width + 1) + np.minimum(np.maximum(column, 0), width - 1)
     owner = edge[piece]
     return tuple(_filled(pixel, signed * weight[owner], right_share, width, height) for weight in weights)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 _ALBEDO = 150.0
 """grey level of a face that looks along W's -y, where the camera stands"""
 _AMBIENT = 0.5
-_SHADES = 2.0
-"""grey levels between the shades of faces, less than the noise: neighbours of one shade need no border"""
+_SHADES = 5.0
+"""grey levels between the shades of faces, about twice the noise: neighbours of one shade need no border, so that a round wall has few"""
 
 
 @dataclass(frozen=True)
