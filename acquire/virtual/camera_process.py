@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 WORLD_START_S = 10.0
 STATISTICS_FILE = "camera.json"
 LATE_NS = 60_000_000
-"""a picture that is later than this is drawn with two sub-exposures at most: motion blur is the first thing that a busy machine goes without"""
+"""a later picture is drawn with two sub-exposures at most: motion blur is the first thing that a busy machine goes without"""
 SWITCH_INTERVAL_S = 5e-4
 """a latch or a frame that is due waits this long at most for the interpreter"""
 
