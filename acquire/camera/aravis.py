@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import threading
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,8 @@ _POP_US = 100_000
 _DRAIN_US = 10_000
 _ARAVIS_RETENTION_US, _LONGEST_RETENTION_US = 100_000, 1_000_000
 _CLOSE_JOIN_S = 1.0
+OPEN_S = 20.0
+"""for connecting and all settings, a quarter of a second's work; each answer that stays away costs 2.5 s, and Aravis may wait for six"""
 _HEARTBEAT_TIMEOUT_S = 3.2
 _CLOCK_JUMP_S = 5.0
 """between two frames, device time against host time: no delay explains it, the device's clock was set or it restarted"""
@@ -99,6 +102,8 @@ class AravisCamera(Camera):
         self._config, self._clock = config, clock
         self._connection: _Connection | None = None
         self._lost = threading.Event()
+        self._given_up = threading.Event()
+        self._closing = threading.Lock()
         self._closer: threading.Thread | None = None
         self._slots: dict[int, int] = {}
         self._exposure_us, self._frame_rate_hz = config.exposure_us, config.frame_rate_hz
@@ -126,14 +131,41 @@ class AravisCamera(Camera):
         Raises:
             CameraNotFound: nothing answers at the address.
             CameraSettingError: a setting reads back differently, or is out of the camera's range.
-            CameraError: another program controls the camera.
+            CameraError: another program controls the camera, or it fell silent, or took longer than `OPEN_S`.
         """
+        done: Future[CameraInfo] = Future()
+        threading.Thread(target=self._open_for, args=(done,), name="aravis-open", daemon=True).start()
+        try:
+            return done.result(OPEN_S)
+        except TimeoutError:
+            self._given_up.set()
+            self.close()
+            raise CameraError(
+                f"camera {self._config.address} is not set up after {OPEN_S:g} s: switch it off and on, check its cable, then try again"
+            ) from None
+
+    def _open_for(self, done: Future[CameraInfo]) -> None:
+        """On a thread of its own: what hangs inside Aravis cannot be ended, only left alone, and cleared away should it ever come back."""
+        try:
+            info = self._open()
+        except BaseException as error:
+            done.set_exception(error)
+            return
+        done.set_result(info)
+        if self._given_up.is_set():
+            self.close()
+
+    def _open(self) -> CameraInfo:
         Aravis, GLib = _gi()
         address = self._config.address
         self._wait_for_control()
         try:
             camera = Aravis.Camera.new(address)
         except GLib.Error as error:
+            if ask(address) is not None:
+                raise CameraError(
+                    f"camera {address} says who it is, but cannot be connected to ({_reason(error)}): switch it off and on"
+                ) from None
             raise CameraNotFound(
                 f"no camera answers at {address} ({_reason(error)}): check power, cable and address; `acquire discover` lists what answers"
             ) from None
@@ -244,7 +276,8 @@ class AravisCamera(Camera):
 
     def close(self) -> None:
         """Release the device. Never raises. A camera that answers is closed on return; a dead one is buried in the background."""
-        connection, self._connection = self._connection, None
+        with self._closing:
+            connection, self._connection = self._connection, None
         if connection is not None:
             self._close_in_background(connection)
 
@@ -324,6 +357,8 @@ class AravisCamera(Camera):
                 setting.write(setting.wanted)
                 got = setting.read()
             except GLib.Error as error:
+                if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
+                    raise  # it did not refuse: it fell silent
                 raise CameraSettingError(f"{asked} was refused ({_reason(error)}): correct the rig file") from None
             if not setting.agrees(got):
                 raise CameraSettingError(f"{asked} was asked, {setting.text(got)} read back: correct the rig file")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import socket
@@ -12,12 +13,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from acquire.camera import aravis
 from acquire.camera.aravis import AravisCamera, discover
 from acquire.camera.base import Frame
+from acquire.camera.discovery import is_controlled
 from acquire.clock import DeviceClockMapper, SystemClock
 from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
+from tests.acquire.camera.falls_silent import falls_silent
 from tests.loopback import loopback
 
 SEED = 7
@@ -318,3 +322,79 @@ def test_calls_before_open_are_refused(camera_config) -> None:
         camera.start()
     assert camera.latch_clock() is None
     camera.close()
+
+
+def test_a_set_up_that_hangs_is_given_up_and_cleared_away_when_it_comes_back(
+    camera_config, pattern_camera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where Aravis itself waits for ever: nobody waits with it, and what it still brings is closed."""
+    monkeypatch.setattr(aravis, "OPEN_S", 0.2)
+    goes_on = threading.Event()
+    camera = AravisCamera(camera_config(loopback(48)), SystemClock())
+    connect = camera._open
+    monkeypatch.setattr(camera, "_open", lambda: (goes_on.wait(), connect())[1])
+    with pattern_camera(loopback(48)):
+        with pytest.raises(CameraError, match=rf"camera {re.escape(loopback(48))} is not set up after 0\.2 s: switch it off and on"):
+            camera.open()
+        goes_on.set()
+        wait_for_threads("aravis-open")
+        assert not is_controlled(loopback(48))
+        with pytest.raises(CameraError, match="is not open"):
+            camera.read(0.1)
+
+
+def wait_for_threads(name: str) -> None:
+    for thread in threading.enumerate():
+        if thread.name == name:
+            thread.join(20.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("answers", "says"),
+    [
+        (0, r"no camera answers at .*check power, cable and address"),
+        (2, r"no camera answers at .*check power, cable and address"),
+        (20, r"no camera answers at .*check power, cable and address"),
+        (38, r"stopped answering while it was set up .*timeout\): try again"),
+        (45, r"stopped answering while it was set up .*timeout\): try again"),
+    ],
+    ids=["before discovery", "before control", "while it describes itself", "before its settings", "between its settings"],
+)
+def test_a_camera_that_falls_silent_while_it_is_opened(camera_config, answers: int, says: str) -> None:
+    with falls_silent(49, answers) as address:
+        camera = AravisCamera(camera_config(address), SystemClock())
+        start = time.monotonic()
+        with pytest.raises(CameraError, match=says) as caught:
+            camera.open()
+        took_s = time.monotonic() - start
+    assert "\n" not in str(caught.value)
+    assert address in str(caught.value)
+    assert took_s < aravis.OPEN_S + 2.0
+    camera.close()
+
+
+@pytest.mark.slow
+def test_one_that_says_who_it_is_and_no_more(camera_config) -> None:
+    """Its control channel is dead, discovery is not."""
+    address = loopback(51)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as answering:
+        answering.bind((address, 3956))
+        answering.settimeout(0.1)
+        ended = threading.Event()
+
+        def answer() -> None:
+            while not ended.is_set():
+                with contextlib.suppress(TimeoutError):
+                    request, client = answering.recvfrom(2048)
+                    if request[2:4] == b"\x00\x02":
+                        answering.sendto(b"\x00\x00\x00\x03\x00\xf8" + request[6:8] + bytes(0xF8), client)
+
+        thread = threading.Thread(target=answer, name="half-dead")
+        thread.start()
+        try:
+            with pytest.raises(CameraError, match=rf"camera {re.escape(address)} says who it is, but cannot be connected to .*off and on"):
+                AravisCamera(camera_config(address), SystemClock()).open()
+        finally:
+            ended.set()
+            thread.join()
