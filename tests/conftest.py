@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -19,6 +20,9 @@ settings.load_profile("percuss")
 # matrices as small as ours two of them take three times as long as one, and ten times on a machine that has other work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# A script's background job ignores Ctrl-C, and so does whatever it starts: the programs that tests interrupt would go on.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 STALL_NS = 10_000_000
 """of the simulated arm: the servo's watchdog and a strike's timing allow no more"""
