@@ -1,6 +1,6 @@
 """Whole sessions on the virtual rig, scored: `make bench-sessions` (about a minute and a half per session).
 
-Prints, for each object, median and worst over the seeds of what `analyze score` says, and what the sessions lost. Recordings are
+A session is scored while the next one runs, at low priority. Prints, for each object, median and worst over the seeds of what `analyze score` says, and what the sessions lost. Recordings are
 deleted once they are scored, unless --keep names a folder.
 """
 
@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import click
@@ -31,35 +32,40 @@ def main(objects: str, seeds: str, keep: Path | None, json_path: Path | None) ->
     """Run, score, tabulate."""
     console = Console(width=150)
     rows = []
-    with tempfile.TemporaryDirectory(prefix="percuss-bench-") as folder:
+    with tempfile.TemporaryDirectory(prefix="percuss-bench-") as folder, ThreadPoolExecutor(1) as scorer:
+
+        def scored(row: dict, path: Path) -> None:
+            rows.append(row if "error" in row else row | score(path))
+            if json_path is not None:
+                with json_path.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps(rows[-1]) + "\n")
+            console.print(_line(rows[-1]), highlight=False)
+            if keep is None:
+                for part in path.parent.glob(f"{path.stem}*.mcap"):
+                    part.unlink()
+
         for name in objects.split(","):
             for seed in seeds.split(","):
                 path = (keep or Path(folder)) / f"{name}-{seed}.mcap"
                 path.parent.mkdir(parents=True, exist_ok=True)
-                row = session(name, int(seed), path)
-                rows.append(row)
-                if json_path is not None:
-                    with json_path.open("a", encoding="utf-8") as file:
-                        file.write(json.dumps(row) + "\n")
-                console.print(_line(row), highlight=False)
-                if keep is None:
-                    path.unlink(missing_ok=True)
+                scorer.submit(scored, session(name, int(seed), path), path)
     console.print(table(rows))
 
 
 def session(name: str, seed: int, path: Path) -> dict:
-    """One demo session, scored; every figure JSON-ready."""
+    """One demo session; its report, or the error, JSON-ready."""
     start = time.monotonic()
     demo = _run("acquire", "demo", "--object", name, "--seed", str(seed), "-o", str(path), "--force", "--json")
-    seconds = time.monotonic() - start
-    row = {"object": name, "seed": seed, "seconds": seconds}
+    row = {"object": name, "seed": seed, "seconds": time.monotonic() - start}
     if not demo.stdout.strip():
         return {**row, "error": demo.stderr.strip().splitlines()[-1]}
-    row |= json.loads(demo.stdout)
-    score = _run("analyze", "score", str(path), "--json")
-    if score.returncode:
-        return {**row, "error": score.stderr.strip().splitlines()[-1]}
-    return row | json.loads(score.stdout)
+    return row | json.loads(demo.stdout)
+
+
+def score(path: Path) -> dict:
+    """Its score, or the error, JSON-ready."""
+    found = _run("analyze", "score", str(path), "--json", nice=10)
+    return {"error": found.stderr.strip().splitlines()[-1]} if found.returncode else json.loads(found.stdout)
 
 
 def table(rows: list[dict]) -> Table:
@@ -117,8 +123,8 @@ def _line(row: dict) -> str:
     )
 
 
-def _run(*command: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True, check=False)
+def _run(*command: str, nice: int = 0) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(["nice", "-n", str(nice), sys.executable, "-m", *command], capture_output=True, text=True, check=False)
 
 
 if __name__ == "__main__":
