@@ -20,16 +20,25 @@ class ObjectFiles:
     sha256: str
 
 
+def object_spec(spec_path: Path) -> ObjectSpec:
+    """Read an ObjectSpec (TOML) alone: its shape file need not be there yet.
+
+    Raises:
+        ShapeError: it is missing or cannot be read, or holds an entry that cannot be used.
+    """
+    try:
+        return read_object_spec(spec_path)
+    except DocumentError as error:
+        raise ShapeError(str(error)) from None
+
+
 def object_files(spec_path: Path) -> ObjectFiles:
     """Read an ObjectSpec (TOML) and the shape file beside it.
 
     Raises:
         ShapeError: either is missing or cannot be read, or the specification holds an entry that cannot be used.
     """
-    try:
-        spec = read_object_spec(spec_path)
-    except DocumentError as error:
-        raise ShapeError(str(error)) from None
+    spec = object_spec(spec_path)
     if spec.shape.file is None:
         return ObjectFiles(spec, None, spec_path.name, object_sha256(spec, None))
     shape_path = spec_path.parent / spec.shape.file

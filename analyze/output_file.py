@@ -33,13 +33,22 @@ def write_text(output: Path, text: str) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
+    write_bytes(output, text.encode("utf-8"))
+
+
+def write_bytes(output: Path, data: bytes) -> None:
+    """Write `data`, as `write_text` does.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
     refuse_unwritable(output)
     name: Path | None = None
     try:
         handle, part = tempfile.mkstemp(dir=output.parent, prefix=f".{output.name}.")
         name = Path(part)
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
         name.chmod(0o644)

@@ -15,9 +15,12 @@ FAMILIES = {
     "36h10": cv2.aruco.DICT_APRILTAG_36h10,
     "25h9": cv2.aruco.DICT_APRILTAG_25h9,
     "16h5": cv2.aruco.DICT_APRILTAG_16h5,
+    "4x4_100": cv2.aruco.DICT_4X4_100,
+    "5x5_100": cv2.aruco.DICT_5X5_100,
 }
-"""AprilTag families (Olson 2011); 36h11 is the one that recordings are searched for"""
-DEFAULT = "36h11"
+"""AprilTag families (Olson 2011) and ArUco dictionaries (Garrido-Jurado et al. 2014); recordings are searched for 36h11"""
+ON_OBJECTS, ON_BOARDS = "36h11", "5x5_100"
+"""two, so that a board in view is never taken for an object"""
 QUIET_CELLS = 1
 """white cells that a detector needs around the black square"""
 

@@ -88,3 +88,13 @@ def test_reach_and_gravity_come_from_the_rig(tmp_path: Path):
     done = run(str(CARTON), "--rig", str(rig))
     assert done.exit_code == 1
     assert "reach_m = [0.3, 0.1]" in done.output
+
+
+def test_the_object_of_the_readme_is_one_that_can_be_planned(tmp_path: Path):
+    root = Path(__file__).parents[3]
+    example = root / "docs" / "examples" / "teabox.toml"
+    done = run(str(example), "-o", str(tmp_path / "plan.json"))
+    assert done.exit_code == 0, done.output
+    assert "plan-cards.html" in done.output
+    entry = next(line for line in example.read_text().splitlines() if line.startswith("T_object_marker"))
+    assert entry in (root / "README.md").read_text()

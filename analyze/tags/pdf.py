@@ -1,0 +1,125 @@
+"""Sheets as PDF: vector graphics to scale (matplotlib's backend writes points of 1/72 inch as they are given)."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+
+from analyze.output_file import write_bytes
+from analyze.results.style import style
+from analyze.tags.sheet import MARGIN, RULER_FOOT, RULER_MM, STRIP, Page, PlacedTag, Rect
+
+INCH = 25.4
+GREY, INK = "#9aa1a8", "#22262b"
+CHECK = (
+    "Measure both rulers: each must be 100.0 mm long. If not, print again at 100 % (actual size, no fitting to the page),",
+    "or enter the size that a tag really has, the edge of its black square, as size_m in the object file.",
+)
+
+
+def write_pdf(pages: Sequence[Page], output: Path) -> None:
+    """Write the pages, whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    write_bytes(output, pdf_bytes(pages))
+
+
+def pdf_bytes(pages: Sequence[Page]) -> bytes:
+    """The pages as a PDF that is the same on every run."""
+    data = io.BytesIO()
+    with style(), PdfPages(data, metadata={"Creator": "Percuss", "Producer": None, "CreationDate": None}) as file:
+        for page in pages:
+            file.savefig(_figure(page))
+    return data.getvalue()
+
+
+def _figure(page: Page) -> Figure:
+    figure = Figure(figsize=(page.width / INCH, page.height / INCH))
+    sheet = _Sheet(figure, page)
+    sheet.words(MARGIN, page.height - MARGIN - 3.0, page.heading, 10, bold=True)
+    for placed in page.tags:
+        _tag(sheet, placed)
+    if page.fields:
+        sheet.black(page.fields)
+        sheet.words(*page.caption_at, page.caption, 8)
+    _rulers(sheet)
+    return figure
+
+
+class _Sheet:
+    """Draws in millimetres."""
+
+    def __init__(self, figure: Figure, page: Page) -> None:
+        self._figure, self._scale = figure, np.array([1 / page.width, 1 / page.height])
+
+    def black(self, fields: Sequence[Rect]) -> None:
+        """All fields as one outline: no hairlines between neighbours."""
+        corners = np.array(
+            [[(f.x, f.y), (f.x + f.width, f.y), (f.x + f.width, f.y + f.height), (f.x, f.y + f.height), (f.x, f.y)] for f in fields]
+        )
+        codes = np.tile([Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY], len(fields))
+        outline = Outline(corners.reshape(-1, 2) * self._scale, codes)
+        self._figure.add_artist(PathPatch(outline, facecolor="black", edgecolor="none", linewidth=0, transform=self._figure.transFigure))
+
+    def line(self, start: tuple[float, float], end: tuple[float, float], width_mm: float, colour: str = INK, dash: bool = False) -> None:
+        """Straight line."""
+        points = np.array([start, end]) * self._scale
+        line = Line2D(
+            points[:, 0], points[:, 1], color=colour, lw=width_mm * 72 / INCH, transform=self._figure.transFigure, solid_capstyle="butt"
+        )
+        if dash:
+            line.set_dashes([4, 3])
+        self._figure.add_artist(line)
+
+    def words(self, x: float, y: float, text: str, points: float, *, bold: bool = False, turned: bool = False) -> None:
+        """One line of text that begins at x with its baseline at y; turned: a number up the page, about its middle."""
+        where = np.array([x, y]) * self._scale
+        self._figure.text(
+            where[0], where[1], text, fontsize=points, fontweight="bold" if bold else "normal", ha="right" if turned else "left",
+            va="center" if turned else "baseline", color=INK,
+        )  # fmt: skip
+
+
+def _tag(sheet: _Sheet, placed: PlacedTag) -> None:
+    size, rim = placed.tag.size_mm, placed.quiet
+    left, right = placed.x - rim, placed.x + size + rim
+    low, high = placed.y - rim, placed.y + size + rim
+    for start, end in (((left, high), (right, high)), ((left, low - STRIP), (left, high)), ((right, low - STRIP), (right, high))):
+        sheet.line(start, end, 0.1, GREY)
+    sheet.line((left, low - STRIP), (right, low - STRIP), 0.1, GREY)
+    sheet.line((left, low), (right, low), 0.1, GREY, dash=True)
+    sheet.black(placed.black)
+    # Family last: a strip below a small tag has no room for it. A letter of 6.5 points is 1.4 mm wide.
+    parts = [f"id {placed.tag.id}", f"{size:g} mm", placed.tag.family]
+    room = int((right - left - 1.5) / 1.4)
+    while len(parts) > 1 and len(" · ".join(parts)) > room:
+        parts.pop()
+    sheet.words(left + 1.2, low - STRIP + 1.4, " · ".join(parts), 6.5)
+
+
+def _rulers(sheet: _Sheet) -> None:
+    across, up = (MARGIN + 14.0, MARGIN + 13.0), (MARGIN + 11.5, MARGIN + RULER_FOOT + 6.0)
+    for along, origin in ((np.array([1.0, 0.0]), across), (np.array([0.0, 1.0]), up)):
+        start = np.array(origin)
+        square = np.array([-along[1], along[0]])
+        sheet.line(tuple(start), tuple(start + RULER_MM * along), 0.12)
+        for mm in range(RULER_MM + 1):
+            tick = 4.5 if mm % 10 == 0 else 3.2 if mm % 5 == 0 else 2.0
+            at = start + mm * along
+            sheet.line(tuple(at), tuple(at + tick * square), 0.12)
+            if mm % 10 == 0:
+                text = f"{mm} mm" if mm == RULER_MM and along[0] else str(mm)
+                x, y = at + 5.4 * square
+                sheet.words(float(x) - (0.7 if along[0] else 0.0), float(y), text, 6.5, turned=not along[0])
+    for number, text in enumerate(CHECK):
+        sheet.words(MARGIN, MARGIN + 6.0 - 4.0 * number, text, 8)

@@ -1,0 +1,82 @@
+"""`analyze print-tags`: what is asked for becomes pages, and those a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from analyze.errors import TagError
+from analyze.object_files import object_spec
+from analyze.tags import families
+from analyze.tags.pdf import write_pdf
+from analyze.tags.sheet import Board, Page, Tag, board_page, parse_ids, tag_pages
+
+DEFAULT_SIZE_MM = 30.0
+
+
+@dataclass(frozen=True)
+class PrintOptions:
+    """What the user asks for; None: not said."""
+
+    family: str | None = None
+    ids: str | None = None
+    size_mm: float | None = None
+    object_path: Path | None = None
+    paper: str = "A4"
+
+
+@dataclass(frozen=True)
+class BoardOptions:
+    """A calibration board."""
+
+    family: str | None = None
+    squares: str = "7x9"
+    square_mm: float = 22.0
+    marker_mm: float | None = None
+    paper: str = "A4"
+
+
+def print_tags(options: PrintOptions, output: Path) -> str:
+    """Write the tags' sheets; a line that says what is on them.
+
+    Raises:
+        TagError: no such family, id or paper; a size that does not fit.
+        ShapeError: the object file cannot be used.
+        OutputError: the file cannot be written.
+    """
+    if options.object_path is not None:
+        spec = object_spec(options.object_path)
+        tags = [Tag(marker.family, marker.id, 1000 * marker.size_m) for marker in spec.marker]
+        heading = f"Percuss: tags of {spec.name}"
+    else:
+        family = options.family or families.ON_OBJECTS
+        size = DEFAULT_SIZE_MM if options.size_mm is None else options.size_mm
+        tags = [Tag(family, tag_id, size) for tag_id in parse_ids(options.ids or "0-11")]
+        heading = f"Percuss: tags {family}"
+    pages = tag_pages(tags, options.paper, heading)
+    write_pdf(pages, output)
+    sizes = sorted({tag.size_mm for tag in tags})
+    return _said(output, f"{len(tags)} tags of {', '.join(f'{size:g}' for size in sizes)} mm", pages, options.paper)
+
+
+def print_board(options: BoardOptions, output: Path) -> str:
+    """Write a ChArUco board; a line that says what it is.
+
+    Raises:
+        TagError: no such family or paper; a board that cannot be, or does not fit.
+        OutputError: the file cannot be written.
+    """
+    columns, _, rows = options.squares.lower().partition("x")
+    if not (columns.isdecimal() and rows.isdecimal() and len(columns) < 4 and len(rows) < 4):
+        raise TagError(f"--squares {options.squares}: not understood: write columns x rows, as 7x9")
+    marker = 0.7 * options.square_mm if options.marker_mm is None else options.marker_mm
+    board = Board(options.family or families.ON_BOARDS, int(columns), int(rows), options.square_mm, marker)
+    page = board_page(board, options.paper)
+    write_pdf([page], output)
+    return _said(output, page.caption, [page], options.paper)
+
+
+def _said(output: Path, what: str, pages: Sequence[Page], paper: str) -> str:
+    sheets = f"{len(pages)} {'page' if len(pages) == 1 else 'pages'} {paper}"
+    return f"{output}: {what}; {sheets}: print at 100 %, then measure the rulers"

@@ -1,0 +1,196 @@
+"""`analyze print-tags`: what is printed is to scale, and is found again."""
+
+import re
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from analyze.cli import main
+from analyze.errors import TagError
+from analyze.tags.families import FAMILIES, cells, count
+from analyze.tags.sheet import Board, Tag, board_page, parse_ids, tag_pages
+
+OBJECTS = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data"
+PX_PER_MM = 12.0
+WITHIN_MM = 0.1
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["print-tags", *map(str, arguments)])
+
+
+def painted(pdf: bytes):
+    """Pages as pixels (PX_PER_MM), of the filled paths in the file's own drawing commands; and the pages' sizes [mm].
+
+    Knows black rectangles and a moved origin: what the sheets' black fields are made of. No clipping, no text, no lines.
+    """
+    boxes = [np.array(box.split(), dtype=float) for box in re.findall(rb"/MediaBox \[([^\]]*)\]", pdf)]
+    drawings = []
+    for number in re.findall(rb"/Contents (\d+) 0 R", pdf):
+        found = re.search(rb"\n" + number + rb" 0 obj\n.*?stream\r?\n(.*?)\r?\nendstream", pdf, re.DOTALL)
+        drawings.append(zlib.decompress(found[1]).decode("latin1"))
+    pages = []
+    for box, text in zip(boxes, drawings, strict=True):
+        scale = PX_PER_MM * 25.4 / 72
+        image = np.full((int(box[3] * scale), int(box[2] * scale)), 255, dtype=np.uint8)
+        origin, kept, numbers, path, black = np.zeros(2), [], [], [], True
+        for word in text.split():
+            if re.fullmatch(r"-?[\d.]+", word):
+                numbers.append(float(word))
+                continue
+            if word == "q":
+                kept.append((origin.copy(), black))
+            elif word == "Q":
+                origin, black = kept.pop()
+            elif word == "cm":
+                assert numbers[-6:-2] == [1, 0, 0, 1]
+                origin = origin + numbers[-2:]
+            elif word in {"g", "rg"}:
+                black = max(numbers) == 0
+            elif word == "m":
+                path.append([origin + numbers[-2:]])
+            elif word == "l":
+                path[-1].append(origin + numbers[-2:])
+            elif word in {"f", "n", "S"}:
+                for outline in path if word == "f" and black else ():
+                    points = (np.array(outline) * [1, -1] + [0, box[3]]) * scale
+                    assert len(np.unique(points.round(6), axis=0)) == 4
+                    # A pixel is black if its middle is.
+                    (left, top), (right, bottom) = (np.ceil(edge - 0.5).astype(int) for edge in (points.min(axis=0), points.max(axis=0)))
+                    image[top:bottom, left:right] = 0
+                path = []
+            numbers = []
+        pages.append((image, box[2:] * 25.4 / 72))
+    return pages
+
+
+def found_tags(image, family, height_mm=0.0):
+    """Corners (4, 2) [mm from the lower left corner] by id."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(FAMILIES[family]), parameters)
+    corners, ids, _ = detector.detectMarkers(image)
+    return {
+        int(tag_id): (square[0] + 0.5) / PX_PER_MM * [1, -1] + [0, height_mm] for tag_id, square in zip(ids.ravel(), corners, strict=True)
+    }
+
+
+def corners_of(placed):
+    size = placed.tag.size_mm
+    return np.array([placed.x, placed.y]) + size * np.array([[0, 1], [1, 1], [1, 0], [0, 0]])
+
+
+@pytest.mark.parametrize(("paper", "width", "height"), [("A4", 210.0, 297.0), ("Letter", 215.9, 279.4)])
+def test_tags_are_found_in_the_file_where_they_shall_be_and_as_large(tmp_path, paper, width, height):
+    out = run("--ids", "0-11", "--size-mm", "40", "--paper", paper, "-o", tmp_path / "t.pdf")
+    assert out.exit_code == 0, out.output
+    pages = painted((tmp_path / "t.pdf").read_bytes())
+    expected = tag_pages([Tag("36h11", i, 40.0) for i in range(12)], paper, "")
+    assert len(pages) == len(expected)
+    for (image, size), page in zip(pages, expected, strict=True):
+        assert size == pytest.approx([width, height], abs=0.01)
+        seen = found_tags(image, "36h11", height)
+        assert sorted(seen) == [placed.tag.id for placed in page.tags]
+        for placed in page.tags:
+            assert np.abs(seen[placed.tag.id] - corners_of(placed)).max() < WITHIN_MM
+
+
+def test_an_objects_own_tags(tmp_path):
+    assert run("--object", OBJECTS / "salt.toml", "-o", tmp_path / "t.pdf").exit_code == 0
+    ((image, _),) = painted((tmp_path / "t.pdf").read_bytes())
+    seen = found_tags(image, "36h11")
+    assert sorted(seen) == list(range(30, 40))
+    for corners in seen.values():
+        assert np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) == pytest.approx([30.0] * 4, abs=WITHIN_MM)
+
+
+def test_an_objects_tags_can_be_printed_before_there_is_a_scan(tmp_path):
+    text = 'name = "mug"\nmass_kg = 0.3\nmass_sd_kg = 0.001\n[shape]\nfile = "mug.stl"\nunit = "mm"\n[[marker]]\nid = 5\nsize_m = 0.025\n'
+    (tmp_path / "mug.toml").write_text(text)
+    out = run("--object", tmp_path / "mug.toml", "-o", tmp_path / "t.pdf")
+    assert out.exit_code == 0
+    assert "1 tags of 25 mm" in out.output
+
+
+def test_the_board_is_opencvs(tmp_path):
+    assert run("--board", "charuco", "-o", tmp_path / "b.pdf").exit_code == 0
+    ((image, _),) = painted((tmp_path / "b.pdf").read_bytes())
+    board = cv2.aruco.CharucoBoard((7, 9), 22.0, 15.4, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100))
+    corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
+    assert len(ids) == 6 * 8
+    ideal = board.getChessboardCorners()[ids.ravel(), :2]
+    seen = corners.reshape(-1, 2) / PX_PER_MM
+    off = (seen - seen.mean(axis=0)) - (ideal - ideal.mean(axis=0))
+    assert np.abs(off).max() < WITHIN_MM
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_codes_are_opencvs(family):
+    last = count(family) - 1
+    code = cells(family, last)
+    assert not code[[0, -1]].any()
+    assert not code[:, [0, -1]].any()
+    drawn = np.kron(np.pad(code, 1, constant_values=True), np.ones((12, 12))).astype(np.uint8) * 255
+    assert list(found_tags(drawn, family)) == [last]
+
+
+def test_the_file_is_the_same_on_every_run(tmp_path):
+    for name in ("a.pdf", "b.pdf"):
+        run("--ids", "1", "-o", tmp_path / name)
+    assert (tmp_path / "a.pdf").read_bytes() == (tmp_path / "b.pdf").read_bytes()
+
+
+def test_many_tags_take_more_pages():
+    pages = tag_pages([Tag("36h11", i, 60.0) for i in range(13)], "A4", "x")
+    assert [placed.tag.id for page in pages for placed in page.tags] == list(range(13))
+    assert len(pages) == 4
+    for page in pages:
+        for placed in page.tags:
+            assert placed.x - placed.quiet >= 26
+            assert placed.x + 60 + placed.quiet <= page.width - 12
+
+
+def test_ids():
+    assert parse_ids("0-3, 7,2") == [0, 1, 2, 3, 7]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--size-mm", "200"), "too large for A4: at most 137 mm"),
+        (("--size-mm", "0.04"), "too small to be printed"),
+        (("--size-mm", "nan"), "too small to be printed"),
+        (("--family", "41h12"), "no such tag family: choose 36h11"),
+        (("--ids", "580-590"), "36h11 has no tag 587: its ids are 0 to 586"),
+        (("--ids", "4-x"), "not understood: write 0-11"),
+        (("--ids", "7-3"), "runs backwards: write 3-7"),
+        (("--paper", "A9"), "no such paper: choose A4 or Letter"),
+        (("--object", "gone.toml"), "gone.toml"),
+        (("--board", "charuco", "--squares", "7"), "write columns x rows"),
+        (("--board", "charuco", "--squares", "2x9"), "too few corners"),
+        (("--board", "charuco", "--squares", "20x20"), "needs 200 tags, 5x5_100 has 100"),
+        (("--board", "charuco", "--square-mm", "40"), "too large for A4: at most 24 mm a square"),
+        (("--board", "charuco", "--square-mm", "4"), "too small to be printed"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, arguments, says):
+    out = run(*arguments, "-o", tmp_path / "t.pdf")
+    assert out.exit_code == 1
+    assert says in out.output
+    assert out.output.startswith("analyze: ")
+    assert out.output.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_does_not_go_together_is_wrong_usage(tmp_path):
+    for arguments in (("--object", "o.toml", "--ids", "3"), ("--board", "charuco", "--size-mm", "3"), ("--squares", "7x9")):
+        assert run(*arguments, "-o", tmp_path / "t.pdf").exit_code == 2
+
+
+def test_a_board_with_narrow_squares_is_refused():
+    with pytest.raises(TagError, match="leave no white rim"):
+        board_page(Board("5x5_100", 7, 9, 20.0, 18.0), "A4")
