@@ -1,7 +1,7 @@
 """Whole sessions on the virtual rig, scored: `make bench-sessions` (about a minute and a half per session).
 
-A session is scored while the next one runs, at low priority. Prints, for each object, median and worst over the seeds of what `analyze score` says, and what the sessions lost. Recordings are
-deleted once they are scored, unless --keep names a folder.
+A session is scored while the next one runs, at low priority. Prints, for each object, median and worst over the seeds of what
+`analyze score` says, and what the sessions lost. Recordings are deleted once they are scored, unless --keep names a folder.
 """
 
 from __future__ import annotations
