@@ -1,0 +1,121 @@
+"""`acquire stop`, whatever striker and session are doing: it answers in time, nothing moves any more, and homing goes on from there."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from acquire.api import DaemonClient
+from acquire.cli import main as acquire
+from acquire.errors import StrikerRefused
+from tests.acquire.striker.lateness import Lateness
+from tests.system.fault_rig import OTHER_ADDRESS, Daemon, FaultRig, fault_rig, wait_until
+from tests.system.test_striker_faults import STATES, reach
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
+ANSWER_S, MOTION_S = 0.5, 0.2
+MANUAL_STATES = ("disarmed", "homed", "armed", "settled", "released")
+
+
+@pytest.fixture(scope="module")
+def servo_rig() -> Iterator[tuple[FaultRig, Daemon]]:
+    with fault_rig() as rig:
+        rig.camera()
+        yield rig, rig.daemon()
+
+
+@pytest.fixture(scope="module")
+def manual_rig() -> Iterator[tuple[FaultRig, Daemon]]:
+    with fault_rig() as rig:
+        rig.camera(OTHER_ADDRESS)
+        yield rig, rig.daemon(rig.rig_file("m", OTHER_ADDRESS, 'kind = "manual"'))
+
+
+def stop(daemon: Daemon) -> float:
+    """`acquire stop`; how long it took beyond what this host was late for [s]."""
+    with Lateness() as lateness:
+        start = time.monotonic()
+        done = CliRunner().invoke(acquire, ["stop", "--rig", str(daemon.rig_file)])
+        took_s = time.monotonic() - start
+    assert (done.exit_code, done.output) == (0, "striker stopped\n"), done.output
+    return took_s - 5 * lateness.worst_s
+
+
+def session(rig: FaultRig, client: DaemonClient, what: str) -> None:
+    """Bring a session there."""
+    if what != "no session":
+        rig.open_recording(client, rig.folder / f"r{time.monotonic_ns()}.mcap")
+    if what == "in a window":
+        client.call("window.open")
+
+
+def end_session(client: DaemonClient, what: str) -> Path | None:
+    """What is recorded is not touched by a stop."""
+    if what == "in a window":
+        assert client.call("window.close")["frames"] > 0
+    return Path(client.call("recording.close")["path"]) if what != "no session" else None
+
+
+@pytest.mark.parametrize("what", ["no session", "recording", "in a window"])
+@pytest.mark.parametrize("state", STATES)
+def test_a_servo_is_stopped(servo_rig: tuple[FaultRig, Daemon], state: str, what: str) -> None:
+    rig, daemon = servo_rig
+    client, looks_on = rig.client(daemon), rig.client(daemon)
+    session(rig, client, what)
+    reach(rig, client, state)
+    with Lateness() as lateness:
+        sent_ns = time.monotonic_ns()
+        assert stop(daemon) < ANSWER_S
+        time.sleep(0.4)
+    moved_s = rig.still_after_s(sent_ns)
+    assert moved_s < MOTION_S + 5 * lateness.worst_s
+    assert abs(rig.plant.omega) < 0.1
+    assert looks_on.call("status")["striker"] == ("fault" if state == "fault" else "homed" if state == "homed" else "disarmed")
+    with pytest.raises(StrikerRefused, match="stopped on request: home it"):
+        looks_on.call("striker.arm")
+    rig.plant.restore(gap=0.0)
+    looks_on.call("striker.home")
+    looks_on.call("striker.arm")
+    stop(daemon)
+    path = end_session(client, what)
+    assert path is None or path.exists()
+
+
+@pytest.mark.parametrize("what", ["no session", "in a window"])
+@pytest.mark.parametrize("state", MANUAL_STATES)
+def test_a_hand_is_told_to_stop(manual_rig: tuple[FaultRig, Daemon], state: str, what: str) -> None:
+    """It is a person's; what ends is the wait for it, and the leave to strike."""
+    rig, daemon = manual_rig
+    client, looks_on = rig.client(daemon), rig.client(daemon)
+    session(rig, client, what)
+    for verb in {"disarmed": (), "homed": ("home",), "armed": ("home", "arm")}.get(state, ("home", "arm", "cock")):
+        client.call(f"striker.{verb}")
+    if state == "released":
+        rig.strike_in_background(client, 0.2)
+        wait_until(lambda: looks_on.call("status")["striker"] == "released", 3.0)
+    assert stop(daemon) < ANSWER_S
+    wait_until(lambda: looks_on.call("status")["striker"] in {"disarmed", "homed"}, 1.0)
+    with pytest.raises(StrikerRefused, match="stopped on request: home it"):
+        looks_on.call("striker.arm")
+    looks_on.call("striker.home")
+    end_session(client, what)
+
+
+def test_a_capture_process_that_hangs_holds_no_stop_up(servo_rig: tuple[FaultRig, Daemon]) -> None:
+    rig, daemon = servo_rig
+    client = rig.client(daemon)
+    rig.open_recording(client, rig.folder / "hung.mcap")
+    reach(rig, client, "cocking")
+    capture = daemon.capture
+    os.kill(capture, signal.SIGSTOP)
+    sent_ns = time.monotonic_ns()
+    assert stop(daemon) < ANSWER_S
+    time.sleep(0.4)
+    assert rig.still_after_s(sent_ns) < MOTION_S
+    wait_until(lambda: daemon.capture not in {0, capture}, 20.0, 0.05)
