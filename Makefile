@@ -13,7 +13,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-plan-input bench-striker protos lock clean
+.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan-input bench-striker protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -92,6 +92,9 @@ bench-plan: setup  ## our strikes beside the paper's on 200 random bodies: singu
 
 bench-plan-feasibility: setup  ## lift and slip as predicted beside the virtual rig's physics, four objects (ten minutes)
 	@PYTHONPATH=. $(BIN)/python tests/benchmarks/plan_feasibility.py
+
+bench-energy: setup  ## the energy loop in the virtual rig's physics, 4 objects x 20 seeds: strikes to the first tip, E afterwards (ten minutes)
+	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.energy
 
 protos: setup  ## regenerate schemas/proto/percuss_pb2.py(.pyi)
 	@$(BIN)/python -m grpc_tools.protoc -I schemas/proto --python_out=schemas/proto --pyi_out=schemas/proto schemas/proto/percuss.proto

@@ -55,6 +55,7 @@ class StrikerConfig(_Section):
     effective_mass_kg: float = Field(default=0.2, gt=0, description="I_arm / r^2, as felt at the tip")
     effective_mass_sd_kg: float = Field(default=0.05, ge=0)
     restitution: float = Field(default=0.4, ge=0, le=1)
+    restitution_sd: float = Field(default=0.15, ge=0, le=1)
     reach_m: tuple[float, float] = Field(
         default=(0.015, 0.4), description="heights over the table that the tip can be set to; for `analyze plan`"
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from acquire.speed import SpeedController
+from acquire.energy import EnergyGoal, EnergyLearner
 from schemas.documents import PlannedStrike, StrikePlan, StrikeVerdict, Verdict
 from schemas.proto import percuss_pb2 as pb
 
@@ -23,7 +23,7 @@ class SessionSettings:
     max_attempts: int = 4
     max_placements: int = 3
     max_faults: int = 3
-    energy_goal: float = 1.15
+    energy_goal: EnergyGoal = field(default_factory=EnergyGoal)
     energy_accepted: tuple[float, float] = (1.0, 2.5)
 
 
@@ -202,7 +202,7 @@ class SessionMachine:
         self._attempt = 1
         self._placements = 0
         self._faults = 0
-        self._speed = SpeedController(energy_goal=self.settings.energy_goal)
+        self.learner = EnergyLearner(self.plan, self.settings.energy_goal)
         self._command = 0.0
         self._struck: Struck | None = None
         self._recorded: Recorded | None = None
@@ -246,7 +246,7 @@ class SessionMachine:
                 return self._place_again(text)
             case Ready(), State.ARMING:
                 self.state = State.STRIKING
-                self._command = self._speed.tip_speed(self.strike)
+                self._command = self.learner.tip_speed(self.strike)
                 return [self._announce(), Strike(self.strike, self.strike_id, self._command)]
             case StrikerFailed(text=text), State.ARMING | State.STRIKING:
                 self._faults += 1
@@ -299,14 +299,14 @@ class SessionMachine:
         assert recorded is not None  # noqa: S101 - set on the way into JUDGING
         self._judged_at = (self._index, self._attempt)
         keep = Keep(self.strike, self.strike_id, self._attempt, self._command, struck, recorded, verdict)
-        speed = struck.tip_speed_m_s or self._command
         good = False
         if verdict is not None:
             energy = verdict.energy_ratio
             low, high = self.settings.energy_accepted
             good = verdict.code is Verdict.GOOD and (energy is None or low <= energy <= high)
-            if energy is not None or verdict.code in {Verdict.ROCKED_BACK, Verdict.NOT_MOVED}:
-                self._speed.learn(self.strike, speed, energy)
+        missed = struck.tip_speed_m_s <= 0 and (verdict is None or verdict.code is Verdict.NOT_MOVED)
+        if not missed:
+            self.learner.learn(self.strike, self._command, struck.tip_speed_m_s or None, verdict)
         if good or verdict is None or self._attempt >= self.settings.max_attempts:
             return [keep, *self._next()]
         self._attempt += 1

@@ -152,6 +152,9 @@ class SessionRunner:
 
     def _finish(self, action: s.Finish) -> SessionReport:
         report = self._client.call("recording.close")
+        if self._kept:
+            done, total = self._machine.progress
+            self._progress(f"learned: {self._machine.learner.striker.text()}", done, total)
         files = tuple(Path(path) for path in report["files"])
         return SessionReport(
             Path(report["path"]), files, self._kept, int(report["frames"]), int(report["lost"]), action.aborted, action.text

@@ -169,7 +169,9 @@ def _rig(path: Path | None) -> _Rig:
         striker = replace(
             striker,
             effective_mass_kg=_between(given, "effective_mass_kg", striker.effective_mass_kg, 0.0, 10.0),
-            restitution=_between(given, "restitution", striker.restitution, 0.0, 1.0),
+            restitution=_between(given, "restitution", striker.restitution, -1e-12, 1.0),
+            effective_mass_sd_kg=max(_between(given, "effective_mass_sd_kg", striker.effective_mass_sd_kg, -1e-12, 10.0), 1e-4),
+            restitution_sd=max(_between(given, "restitution_sd", striker.restitution_sd, -1e-12, 1.0), 1e-3),
             fastest_m_s=fastest,
             **_reach(given),
         )

@@ -19,7 +19,7 @@ import numpy as np
 from analyze.errors import AnalyzeError
 from analyze.followed_series import FollowedSeries
 from analyze.motion.scene import at_rest, check_placement, read_scene
-from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.motion.strike import StrikeTask, analyse_strike, verdict_of
 from analyze.tracking.camera_model import camera_from_spec, pixel_map
 from analyze.tracking.track import track_markers
 from analyze.types import Marker
@@ -153,15 +153,7 @@ class Observer:
             motion = analyse_strike(report.tracks, self._markers, self._camera, task)
         except AnalyzeError as error:
             return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=str(error))
-        fit = motion.fit
-        return StrikeVerdict(
-            strike_id=request.strike_id,
-            code=motion.verdict,
-            reason=motion.reason,
-            phi=fit.phi if fit else None,
-            phi_sd=float(np.sqrt(fit.covariance[0, 0])) if fit else None,
-            energy_ratio=motion.energy_ratio,
-        )
+        return verdict_of(motion)
 
     def _last_ns(self, request: JudgeRequest) -> int:
         end = request.window_end_ns or self.newest_ns

@@ -284,6 +284,25 @@ class Prediction(Document):
     advice: str
 
 
+class StrikerPrior(Document):
+    """The striker as felt at its tip, as the plan reckoned with it; 1 sigma each."""
+
+    effective_mass_kg: float = Field(gt=0)
+    effective_mass_sd_kg: float = Field(gt=0)
+    restitution: float = Field(ge=0, le=1)
+    restitution_sd: float = Field(gt=0)
+
+
+class PlanHypothesis(Document):
+    """What the plan's speeds were reckoned from, for who learns from the strikes on the way."""
+
+    com_m: Vector3 = Field(description="in O")
+    com_covariance_m2: Matrix3 = Field(description="the region's half edges are two standard deviations")
+    mass_kg: float = Field(gt=0)
+    g_m_s2: float = Field(gt=9.7, lt=9.9)
+    striker: StrikerPrior
+
+
 class PlanMethod(enum.Enum):
     """How strikes were chosen."""
 
@@ -302,6 +321,7 @@ class StrikePlan(Document):
     predicted_com_covariance_m2: Matrix3 | None = None
     predicted_com_sd_m: float | None = Field(default=None, description="root mean square distance of c from the truth")
     prediction: Prediction | None = None
+    hypothesis: PlanHypothesis | None = None
     rejected: list[Rejection] = []
     warnings: list[str] = []
 
@@ -579,6 +599,7 @@ class StrikeVerdict(Document):
     phi: float | None = None
     phi_sd: float | None = None
     energy_ratio: float | None = None
+    theta_max_rad: float | None = Field(default=None, description="how far an object that rocked back had turned")
 
 
 # --- reading and hashing ------------------------------------------------------------------------------------------

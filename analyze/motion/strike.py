@@ -18,7 +18,7 @@ from analyze.motion.sign_change import sign_change
 from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
 from analyze.motion.verdict import Judgement, VerdictLimits, judge_contact, judge_fit, judge_motion, judge_vague
 from analyze.types import TipMotion
-from schemas.documents import Verdict
+from schemas.documents import StrikeVerdict, Verdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,6 +105,22 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     ratio = energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
     judgement = judgement or kick or judge_contact(motion, _until(angle, fit), task.planned.rolls, settings.verdict)
     return _result(task, judgement or judge_fit(fit, course, ratio, top), angle, course, fit, _alternatives(angle, course, fit, settings))
+
+
+def verdict_of(motion: TipMotion) -> StrikeVerdict:
+    """What is said of a strike while the session goes on."""
+    fit, top = motion.fit, None
+    if motion.verdict is Verdict.ROCKED_BACK and motion.angle is not None and motion.phases is not None and motion.phases.stage_one:
+        top = float(np.max(motion.angle.theta[slice(*motion.phases.stage_one)]))
+    return StrikeVerdict(
+        strike_id=motion.strike_id,
+        code=motion.verdict,
+        reason=motion.reason,
+        phi=fit.phi if fit else None,
+        phi_sd=float(np.sqrt(fit.covariance[0, 0])) if fit else None,
+        energy_ratio=motion.energy_ratio,
+        theta_max_rad=top,
+    )
 
 
 def rest_end(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:

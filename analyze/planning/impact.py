@@ -36,6 +36,8 @@ class StrikerModel:
 
     effective_mass_kg: float = 0.2
     restitution: float = 0.4
+    effective_mass_sd_kg: float = 0.05
+    restitution_sd: float = 0.15
     slowest_m_s: float = 0.05
     fastest_m_s: float = 0.9
     lowest_m: float = 0.015

@@ -12,7 +12,7 @@ from analyze.planning.examine import phi_spread
 from analyze.planning.information import COM, Candidate, Information, spread, unknown_direction
 from analyze.planning.paper_plan import PaperStrike, paper_plan
 from analyze.planning.pivots import PivotAxis, swing
-from analyze.planning.plan import Prepared
+from analyze.planning.plan import Prepared, plan_hypothesis
 from analyze.planning.precision import FRAME_PX, frame_sd, strike_covariance
 from analyze.planning.view import visible_markers
 from analyze.types import Array
@@ -69,6 +69,7 @@ def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> S
         strikes=planned,
         predicted_com_covariance_m2=None if covariance is None else covariance.tolist(),
         predicted_com_sd_m=None if covariance is None else float(np.sqrt(np.trace(covariance))),
+        hypothesis=plan_hypothesis(prepared),
         rejected=rejected,
         warnings=warnings,
     )

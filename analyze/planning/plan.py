@@ -25,6 +25,7 @@ from schemas.documents import (
     Impact,
     ObjectSpec,
     Pivot,
+    PlanHypothesis,
     PlannedStrike,
     PredictedMoment,
     PredictedRegion,
@@ -33,6 +34,7 @@ from schemas.documents import (
     Range,
     Rejection,
     StrikePlan,
+    StrikerPrior,
 )
 
 FRICTION = 0.4
@@ -198,8 +200,26 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
         predicted_com_covariance_m2=chosen.com_covariance.tolist(),
         predicted_com_sd_m=chosen.com_rms,
         prediction=prediction,
+        hypothesis=plan_hypothesis(prepared),
         rejected=list(prepared.rejected),
         warnings=[*prepared.model.warnings, *_warnings(spec, usable)],
+    )
+
+
+def plan_hypothesis(prepared: Prepared) -> PlanHypothesis:
+    """What the speeds were reckoned from."""
+    region, striker = prepared.believed.region, prepared.bench.striker
+    return PlanHypothesis(
+        com_m=region.centre.tolist(),
+        com_covariance_m2=region.covariance().tolist(),
+        mass_kg=prepared.spec.mass_kg,
+        g_m_s2=prepared.bench.gravity,
+        striker=StrikerPrior(
+            effective_mass_kg=striker.effective_mass_kg,
+            effective_mass_sd_kg=striker.effective_mass_sd_kg,
+            restitution=striker.restitution,
+            restitution_sd=striker.restitution_sd,
+        ),
     )
 
 

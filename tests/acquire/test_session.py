@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from acquire import session as s
-from acquire.speed import SpeedController
 from schemas.documents import Impact, Pivot, PlannedStrike, Range, StrikePlan, StrikeVerdict, Verdict
 
 EYE = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
@@ -81,7 +80,8 @@ def test_a_strike_that_rocks_back_is_repeated_harder_and_kept():
     done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"))), judge)
     speeds = [a.tip_speed_command_m_s for a in done if isinstance(a, s.Keep)]
     assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s1.2", "s2.1"]
-    assert speeds == pytest.approx([0.4, 0.5, 0.5])
+    assert speeds[0] < 0.4
+    assert speeds[1:] == pytest.approx([0.5, 0.5], rel=0.05)
 
 
 def test_it_gives_up_on_a_strike_after_four_attempts():
@@ -136,16 +136,13 @@ def test_an_event_out_of_place_is_refused():
         machine.handle(s.Ready())
 
 
-def test_what_is_learned_about_the_striker_serves_the_next_axis():
-    speed = SpeedController(energy_goal=1.15)
-    speed.learn(planned("s1", "a"), 0.4, 2.3)  # twice the energy expected
-    assert speed.tip_speed(planned("s2", "b")) == pytest.approx(0.4 / 2**0.5)
-
-
-def test_speeds_stay_within_the_plan():
-    speed = SpeedController()
-    speed.learn(planned("s1"), 0.4, 100.0)
-    assert speed.tip_speed(planned("s1")) == 0.1
+def test_a_striker_that_met_nothing_is_not_blamed_on_the_object():
+    machine = s.SessionMachine(plan(planned("s1")))
+    before = machine.learner.tip_speed(machine.strike)
+    for event in (s.Started(), s.Placed(), s.PoseChecked(good=True), s.Ready(), s.Struck(None, 0.0, 0.0, 0), s.Recorded(1, 2, 3, 0)):
+        machine.handle(event)
+    machine.handle(s.Judged(verdict(Verdict.NOT_MOVED, None)))
+    assert machine.learner.tip_speed(machine.strike) == before
 
 
 def carried_to(machine: s.SessionMachine, state) -> None:

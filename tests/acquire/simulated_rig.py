@@ -1,0 +1,281 @@
+"""A session in the virtual rig's physics without images, wires or wall clock: the session's own machine strikes, the analysis judges.
+
+The motor and its control loop are the virtual servo's; the rule that turns the arm back is the striker's own, fed a read per millisecond.
+The pose at 120 frames per second, with a frame's noise, goes through the analysis that `analyze watch` runs, so that the session hears
+what it would hear there. The truth is kept beside it and shown to nobody.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from acquire import session as s
+from acquire.config import StrikerConfig
+from acquire.striker.detector import ContactDetector
+from acquire.striker.servo import (
+    ACCELERATION_UNIT_RAD_S2,
+    CURRENT_BASED_POSITION,
+    CURRENT_UNIT_A,
+    POSITION_P_GAIN,
+    RUN_THROUGH_RAD,
+    TICK_RAD,
+    VELOCITY_UNIT_RAD_S,
+    Sample,
+)
+from acquire.virtual.dynamixel_motor import ZERO_TICKS, Motor
+from acquire.virtual.dynamixel_registers import Registers
+from acquire.virtual.objects import VirtualObject, load_object
+from acquire.virtual.operator import POSITION_SD_M, STAND_SD_M, YAW_SD_RAD
+from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, G_M_S2, TABLE_FRICTION
+from acquire.virtual.world import StrikerContact, World, WorldState
+from analyze.geometry.object_model import load_object_model
+from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion, verdict_of
+from analyze.motion.tip_angle import PlanarMotion
+from analyze.planning import view
+from analyze.planning.examine import Bench
+from analyze.planning.impact import StrikerModel
+from analyze.planning.plan import Request, finish, prepare
+from analyze.types import TipAngle
+from schemas.documents import PlannedStrike, StrikePlan, StrikeVerdict, object_sha256
+
+FRAME_NS = 8_333_333
+ANGLE_SD = math.radians(0.03)
+"""rad per frame: what an 80 px tag gives"""
+SPEED_SD = 0.01
+"""relative, of the tip speed that the striker reports (`make bench-striker`)"""
+CONTACT_TIME_SD_NS = 2e5
+RETRACT_RAD = 0.15
+BACK_RAD = math.radians(0.4)
+PAST_RAD = 0.5
+MS = 1_000_000
+STRIKER = StrikerModel(effective_mass_kg=ARM_INERTIA_KG_M2 / ARM_LENGTH_M**2, restitution=0.4)
+"""as the virtual rig's file has it"""
+
+
+def mistaken(rng: np.random.Generator) -> StrikerModel:
+    """What somebody might say who knows the striker no better than the rig file's uncertainties."""
+    mass = STRIKER.effective_mass_kg * math.exp(rng.normal(0.0, STRIKER.effective_mass_sd_kg / STRIKER.effective_mass_kg))
+    return replace(STRIKER, effective_mass_kg=mass, restitution=float(np.clip(rng.normal(0.4, STRIKER.restitution_sd), 0.05, 0.8)))
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One strike: what was wanted and heard, beside the truth."""
+
+    axis_id: str
+    command_m_s: float
+    speed_m_s: float
+    """true, at first touch"""
+    energy: float
+    """true: what the object had in its swing over what it needed; 0: not met"""
+    contacts: int
+    impulse_n_s: float
+    verdict: StrikeVerdict
+
+
+@functools.cache
+def plan_for(name: str, strikes: int = 9, striker: StrikerModel = STRIKER) -> StrikePlan:
+    """The plan that `analyze plan` makes of the object's files and a rig file that says this of the striker; nothing hidden enters."""
+    thing = load_object(name, 1)
+    shape = thing.shape_file or ("", None)
+    model = load_object_model(thing.spec, shape[1], shape[0])
+    prepared = prepare(model, thing.spec, Bench(striker, view.default_camera(), TABLE_FRICTION[0]))
+    return finish(prepared, object_sha256(thing.spec, shape[1]), Request(strikes))
+
+
+class ServoArm:
+    """The arm's motor, and the host that swings it and turns it back."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._motor, self._registers = Motor(), Registers(1, 1)
+        self._config = StrikerConfig()
+        self._registers["Operating Mode"] = CURRENT_BASED_POSITION
+        self._registers["Goal Current"] = round(self._config.current_limit_a / CURRENT_UNIT_A)
+        self._registers["Position P Gain"] = POSITION_P_GAIN
+        self._registers["Torque Enable"] = 1
+        self._motor.hold(self._config.cocked_angle_rad)
+        self._go(self._config.cocked_angle_rad, 0.8, 8.0)
+        self._detector: ContactDetector | None = None
+        self._turn_ns = 0
+
+    def swing(self, tip_speed_m_s: float) -> None:
+        """Release."""
+        velocity = tip_speed_m_s / ARM_LENGTH_M
+        self._go(RUN_THROUGH_RAD, velocity, 0.0)
+        self._detector, self._turn_ns = ContactDetector(ARM_LENGTH_M, velocity), 0
+
+    def __call__(self, position: float, velocity: float, time_ns: int) -> float:
+        """Torque for the next millisecond."""
+        torque = self._motor.step(self._registers, position, velocity, 1e-3)
+        if self._detector is not None:
+            shown = (round(position / TICK_RAD) * TICK_RAD, round(self._motor.velocity / VELOCITY_UNIT_RAD_S) * VELOCITY_UNIT_RAD_S)
+            if not self._turn_ns and self._detector.turn_back(Sample(time_ns, time_ns, 0, *shown, 0.0)):
+                self._turn_ns = time_ns + int(self._rng.uniform(0.5, 2.5) * MS)  # the order's way over the bus
+            if self._turn_ns and time_ns >= self._turn_ns:
+                self._go(-RETRACT_RAD, 0.0, 0.0)
+                if position < -0.7 * RETRACT_RAD:
+                    self._go(self._config.cocked_angle_rad, 1.6, 16.0)
+                    self._detector = None
+        return torque
+
+    def _go(self, angle: float, velocity: float, acceleration: float) -> None:
+        self._registers["Profile Acceleration"] = round(acceleration / ACCELERATION_UNIT_RAD_S2)
+        self._registers["Profile Velocity"] = max(1, round(velocity / VELOCITY_UNIT_RAD_S)) if velocity else 0
+        self._registers["Goal Position"] = ZERO_TICKS + round(angle / TICK_RAD)
+
+
+@dataclass
+class SimulatedRig:
+    """One object on the table, filled by a seed."""
+
+    thing: VirtualObject
+    rng: np.random.Generator
+    attempts: list[Attempt] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._arm = ServoArm(self.rng)
+        self._states: list[WorldState] = []
+        self._contacts: list[StrikerContact] = []
+        self._world = World(self.thing, self._arm, on_tick=self._states.append, on_contact=self._contacts.append, arm_angle=-0.6)
+        self._yaw = 0.0
+
+    def run(self, machine: s.SessionMachine) -> list[Attempt]:
+        """A whole session."""
+        event: s.Event = s.Started()
+        struck: PlannedStrike | None = None
+        while True:
+            match machine.handle(event)[-1]:
+                case s.AskToPlace(strike=strike):
+                    struck = strike
+                    self.place(strike)
+                    event = s.Placed()
+                case s.CheckPose():
+                    event = s.PoseChecked(good=True)
+                case s.Arm():
+                    event = s.Ready()
+                case s.Strike(strike=strike, tip_speed_m_s=speed):
+                    attempt = self.strike(strike, speed)
+                    self.attempts.append(attempt)
+                    reported = attempt.speed_m_s * (1 + self.rng.normal(0.0, SPEED_SD))
+                    event = s.Struck(1, CONTACT_TIME_SD_NS, reported, 1)
+                case s.RecordUntilRest():
+                    event = s.Recorded(1, 2, 100, 0)
+                case s.Judge():
+                    event = s.Judged(self.attempts[-1].verdict)
+                case s.Finish():
+                    return self.attempts
+                case other:
+                    raise AssertionError(f"{other} for {struck}")
+
+    def place(self, strike: PlannedStrike) -> None:
+        """With the virtual operator's hand."""
+        rng = self.rng
+        yaw = self._yaw = float(rng.normal(0.0, YAW_SD_RAD))
+        turn = Rotation.from_euler("z", yaw).as_matrix()
+        shift = np.array([*rng.normal(0.0, POSITION_SD_M, 2), 0.0])
+        R, p = np.array(strike.R_world_object), np.array(strike.p_world_object)
+        impact = turn @ (R @ np.array(strike.impact.point) + p) + shift
+        impact += np.array([-abs(rng.normal(0.0, STAND_SD_M)), 0.0, rng.normal(0.0, STAND_SD_M)])
+        impact[1] = 0.0
+        self._world.place(turn @ R, turn @ p + shift, impact)
+
+    def strike(self, strike: PlannedStrike, tip_speed_m_s: float) -> Attempt:
+        """Settle, swing, watch, judge."""
+        world = self._world
+        end = world.time_ns + 3000 * MS
+        while not (world.at_rest and abs(world.arm()[0] + 0.6) < 0.01) and world.time_ns < end:
+            world.step_to(world.time_ns + 10 * MS)
+        self._states.clear()
+        self._contacts.clear()
+        world.step_to(world.time_ns + 150 * MS)
+        self._arm.swing(tip_speed_m_s)
+        tip = _Tip(self.thing, strike, self._states[0], self._yaw)
+        released = world.time_ns
+        while world.time_ns < released + 2200 * MS:
+            world.step_to(world.time_ns + 10 * MS)
+            theta = tip.theta(self._states[-1])
+            since = world.time_ns - (self._contacts[0].time_ns if self._contacts else world.time_ns)
+            if theta > tip.phi + PAST_RAD or (since > 250 * MS and theta < BACK_RAD) or since > 1500 * MS:
+                break
+        return self._seen(strike, tip, tip_speed_m_s)
+
+    def _seen(self, strike: PlannedStrike, tip: _Tip, command: float) -> Attempt:
+        contact_ns = self._contacts[0].time_ns if self._contacts else 0
+        before = [state for state in self._states if state.time_ns <= contact_ns]
+        speed = before[-1].arm_velocity * ARM_LENGTH_M if before else 0.0
+        motion = tip.motion(self._states[:: round(FRAME_NS / MS)], self.rng)
+        heard = contact_ns + int(self.rng.normal(0.0, CONTACT_TIME_SD_NS)) if contact_ns else 0
+        found = analyse_motion(motion, StrikeTask("x", strike, heard), MotionSettings())
+        verdict = verdict_of(found)
+        energy = tip.energy([state for state in self._states if contact_ns and state.time_ns > contact_ns + 30 * MS])
+        impulse = sum(contact.impulse_n_s for contact in self._contacts)
+        return Attempt(strike.axis_id, command, speed, energy, len(self._contacts), impulse, verdict)
+
+
+class _Tip:
+    """The truth of one tip: where c is, what it needs, how far it has turned."""
+
+    def __init__(self, thing: VirtualObject, strike: PlannedStrike, rest: WorldState, yaw: float) -> None:
+        self._thing, self._rest = thing, rest
+        self._R0 = _rotation(rest)
+        self._axis = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+        self._pivot, self._radius = np.array(strike.pivot.point), strike.pivot.radius_m
+        arm = self._R0 @ (thing.body.com_object - self._pivot)
+        forward = -float(arm @ np.cross(self._axis, [0.0, 0.0, 1.0]))
+        self.phi = math.atan2(forward, float(arm[2]))
+        weight = thing.body.mass_kg * G_M_S2
+        reach = math.hypot(forward, float(arm[2]))
+        self._needed = weight * (reach - float(arm[2]))
+        self._at_rest = weight * float((rest.p_world_object + self._R0 @ thing.body.com_object)[2])
+
+    def theta(self, state: WorldState) -> float:
+        """rad about the pivot axis since rest."""
+        return float(Rotation.from_matrix(_rotation(state) @ self._R0.T).as_rotvec() @ self._axis)
+
+    def energy(self, states: list[WorldState]) -> float:
+        """Median, on the way up, of kinetic and potential energy over what the top needs."""
+        theta = np.array([self.theta(state) for state in states])
+        if not len(theta) or theta.max() < math.radians(0.2):
+            return 0.0
+        top = int(np.argmax(theta > self.phi)) if theta.max() > self.phi else int(np.argmax(theta))
+        return float(np.median([self._energy(state) for state in states[: max(top, 1)]]))
+
+    def _energy(self, state: WorldState) -> float:
+        body, A = self._thing.body, _rotation(state)
+        c = A @ body.com_object
+        v = state.linear_velocity + np.cross(state.angular_velocity, c)
+        w = A.T @ state.angular_velocity
+        kinetic = 0.5 * body.mass_kg * float(v @ v) + 0.5 * float(w @ body.inertia_com @ w)
+        height = float((state.p_world_object + c)[2])
+        return (kinetic + body.mass_kg * G_M_S2 * height - self._at_rest) / self._needed
+
+    def motion(self, states: list[WorldState], rng: np.random.Generator) -> PlanarMotion:
+        """What a camera on the axis would tell of these poses."""
+        n = len(states)
+        turned = np.array([Rotation.from_matrix(_rotation(state) @ self._R0.T).as_rotvec() for state in states])
+        start = self._rest.p_world_object + self._R0 @ self._pivot
+        moved = np.array([state.p_world_object + _rotation(state) @ self._pivot for state in states]) - start
+        along = np.cross(self._axis, [0.0, 0.0, 1.0])
+        theta = turned @ self._axis
+        sd = np.full(n, ANGLE_SD)
+        angle = TipAngle(
+            np.array([state.time_ns for state in states]),
+            theta + rng.normal(0.0, ANGLE_SD, n),
+            sd,
+            np.linalg.norm(turned - theta[:, None] * self._axis, axis=1),
+            moved @ along - self._radius * theta,
+            1e-4,
+        )
+        small = np.full(n, 1e-4)
+        return PlanarMotion(angle, moved[:, 2], small, np.ones(n), np.full(n, 1e-3), 0.0, 10)
+
+
+def _rotation(state: WorldState) -> np.ndarray:
+    w, x, y, z = state.q_world_object_wxyz
+    return Rotation.from_quat([x, y, z, w]).as_matrix()
