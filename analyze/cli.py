@@ -75,12 +75,14 @@ def _with_estimate_options(function: Callable[..., Any]) -> Callable[..., Any]:
     show_default=True,
     help="With -o PLAN.json: also write PLAN-cards.html, a page per strike with pictures, to print.",
 )
+@click.option("--rerun", "scenes", type=click.Path(path_type=Path), metavar="FILE", help="Write the cards for rerun too (.rrd), to turn.")
 @click.option("--json", "as_json", is_flag=True, help="Print the plan as JSON.")
 @_one_line_errors
 def plan(
     object_file: Path,
     output: Path | None,
     cards: bool,
+    scenes: Path | None,
     rig: Path | None,
     strikes: int,
     target_com_mm: float | None,
@@ -97,8 +99,9 @@ def plan(
 
     if method == "paper" and (target_com_mm is not None or given is not None):
         raise click.UsageError("the paper's method knows neither --target-com-mm nor --given: leave them out, or plan with ours")
-    if output is not None:
-        refuse_unwritable(output, object_file, *(path for path in (rig, given) if path is not None))
+    for path in (output, scenes):
+        if path is not None:
+            refuse_unwritable(path, object_file, *(each for each in (rig, given) if each is not None))
     with StrikeProgress() as progress:
         planned = plan_object(object_file, PlanOptions(rig, strikes, target_com_mm, given, PlanMethod(method)), progress)
     page: Path | None = None
@@ -109,12 +112,18 @@ def plan(
 
             page = output.with_name(f"{output.stem}-cards.html")
             write_cards(planned.plan, planned.model, planned.spec, page)
+    if scenes is not None:
+        from analyze.replay_cards import write_card_scenes
+
+        write_card_scenes(planned.plan, planned.model, planned.spec, planned.camera, scenes)
     if as_json:
         click.echo(planned.plan.model_dump_json())
     else:
         render_plan(planned.plan)
     if page is not None:
         click.echo(f"cards: {page}: a page per strike, to print (--no-cards leaves them out)", err=as_json)
+    if scenes is not None:
+        click.echo(f"rerun: {scenes}: a step of the timeline per strike; open it with `rerun {scenes}`", err=as_json)
 
 
 @main.command()

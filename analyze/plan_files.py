@@ -56,6 +56,7 @@ class PlannedObject:
     plan: StrikePlan
     model: ObjectModel
     spec: ObjectSpec
+    camera: CameraModel
 
 
 def plan_object(object_path: Path, options: PlanOptions, progress: Progress = lambda _text, _done, _total: None) -> PlannedObject:
@@ -74,12 +75,12 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = la
     progress("trying the axes", 1, 4)
     prepared = prepare(model, files.spec, Bench(rig.striker, rig.camera, rig.friction, rig.gravity), rig.errors, given)
     if options.method is PlanMethod.PAPER:
-        return PlannedObject(paper_strike_plan(prepared, files.sha256, options.strikes), model, files.spec)
+        return PlannedObject(paper_strike_plan(prepared, files.sha256, options.strikes), model, files.spec, rig.camera)
     progress("cutting the body into pieces", 2, 4)
     cells = _pieces(model, wall_thickness(files.spec, model))
     progress("choosing the strikes", 3, 4)
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
-    return PlannedObject(finish(prepared, files.sha256, Request(options.strikes, target), cells), model, files.spec)
+    return PlannedObject(finish(prepared, files.sha256, Request(options.strikes, target), cells), model, files.spec, rig.camera)
 
 
 def _pieces(model: ObjectModel, wall: float) -> Pieces:
