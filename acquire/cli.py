@@ -140,6 +140,58 @@ def demo(object_name: str, seed: int, output: Path, address: str, strikes: int, 
 
 
 @main.command()
+@click.option("--rig", type=click.Path(path_type=Path), help="Rig file that names the daemon's socket; --calibrate needs it.")
+@click.option("--speed", type=click.FloatRange(0, min_open=True), help="Tip speed, m/s.")
+@click.option("--plan", type=click.Path(path_type=Path), help="Take the speed from this plan, for --strike.")
+@click.option("--strike", "strike_id", help="Which strike of the plan.")
+@click.option(
+    "--energy", type=click.FloatRange(0.1, 3.0), help="Energy ratio wanted of the plan's strike; default: as a session would begin."
+)
+@click.option("--calibrate", is_flag=True, help="Swing a bare striker at several speeds, then at the bodies given.")
+@click.option(
+    "--body-mass-kg", "bodies", type=click.FloatRange(0, min_open=True), multiple=True, help="A free body to strike; inf: a wall."
+)
+@click.option("--speeds", help="With --calibrate: tip speeds in m/s, comma-separated; default: five, all that it can.")
+@click.option("--repeats", default=2, show_default=True, type=click.IntRange(1, 20), help="With --calibrate: swings at each speed.")
+@click.option("--write", is_flag=True, help="With --calibrate: put what was learned into the rig file.")
+@click.option("--yes", is_flag=True, help="Do not ask before a swing.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@_one_line_errors
+def strike(
+    rig: Path | None,
+    speed: float | None,
+    plan: Path | None,
+    strike_id: str | None,
+    energy: float | None,
+    calibrate: bool,
+    bodies: tuple[float, ...],
+    speeds: str | None,
+    repeats: int,
+    write: bool,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Strike once without a session, or --calibrate a bare striker. Asks before every strike."""
+    from acquire import strike_command
+
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)  # as Ctrl-C: the arm is stopped
+    if calibrate:
+        if rig is None or speed is not None or plan is not None:
+            raise click.UsageError("--calibrate needs --rig, and takes --speeds in place of --speed and --plan")
+        strike_command.calibrate(rig, strike_command.speeds_of(speeds), bodies, repeats, write=write, yes=yes, as_json=as_json)
+        return
+    if bodies or speeds or write or (speed is None) == (plan is None) or (plan is None) != (strike_id is None):
+        raise click.UsageError("give --speed, or --plan with --strike; --body-mass-kg, --speeds and --write belong to --calibrate")
+    if plan is not None and strike_id is not None:
+        speed = strike_command.planned_speed(plan, strike_id, energy)
+    elif energy is not None:
+        raise click.UsageError("--energy needs --plan and --strike: without an object a speed has no energy ratio")
+    if not strike_command.once(_socket(rig), speed or 0.0, yes=yes, as_json=as_json):
+        sys.exit(3)
+
+
+@main.command()
 @click.option("--rig", type=click.Path(path_type=Path), help="Rig file that names the daemon's socket.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors

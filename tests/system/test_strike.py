@@ -1,0 +1,38 @@
+"""`acquire strike` on the whole virtual rig: a real daemon, the servo's protocol, the world's physics."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.system.session_rig import session_rig
+
+pytestmark = pytest.mark.slow
+
+
+def strike(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "acquire", "strike", "--yes", "--json", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_strikes_and_calibration_of_the_virtual_striker() -> None:
+    with session_rig() as rig:
+        toml = str(rig.folder / "d.toml")
+        once = strike("--rig", toml, "--speed", "0.3")
+        assert once.returncode == 0, once.stderr
+        outcome = json.loads(once.stdout)
+        assert outcome["contacts"] == 1
+        assert abs(outcome["tip_speed_m_s"] - 0.3) < max(3 * outcome["tip_speed_sd_m_s"], 0.015)
+        planned = strike("--rig", toml, "--plan", str(rig.folder / "plan.json"), "--strike", "s1", "--energy", "1.1")
+        assert planned.returncode == 0, planned.stderr
+        assert "energy ratio 1.10" in planned.stderr
+        calibrated = strike("--rig", toml, "--calibrate", "--speeds", "0.15,0.3,0.5", "--repeats", "1")
+        assert calibrated.returncode == 0, calibrated.stderr
+        found = json.loads(calibrated.stdout)
+        ratio = found["swing_ratio"]
+        assert abs(ratio["mean"] - 1) < 0.03
+        assert 0 < ratio["mean_sd"] < 0.03
+        assert found["striker"]["restitution"] == 0.4  # nothing was struck
