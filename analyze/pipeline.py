@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from analyze.errors import EstimationError, PlanError, TrackingError
-from analyze.estimation.cells import Cells, cells_from_voxels
+from analyze.estimation.cells import Cells, cells_from_voxels, wall_thickness
 from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
 from analyze.estimation.equiplane import equiplane, equiplane_from_fit
 from analyze.estimation.inertia import Scale, inertia_prior, inertial_parameters
@@ -48,8 +48,6 @@ USABLE = (Verdict.GOOD, Verdict.ROCKED_BACK)
 """a strike that rocked back is data as well, if its motion could be fitted"""
 OVERRIDE_TOLERANCE = 0.05
 """of the longest edge, by which an object file given afterwards may move the edges that were planned"""
-ASSUMED_WALL = 0.025
-"""wall thickness where none is given, over the cube root of the volume"""
 
 Progress = Callable[[str, int, int], None]
 
@@ -285,11 +283,6 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         warnings=result_warnings(evidence, options, planes, inertial, distribution, com_paper),
     )
     return Estimate(result, evidence, planes, com, com_paper, inertial, cells, distribution, regions_paper, scale)
-
-
-def wall_thickness(spec: ObjectSpec, model: ObjectModel) -> float:
-    """Thickness of the surface region [m]: given, or assumed from the size."""
-    return spec.shell_thickness_m or ASSUMED_WALL * model.volume ** (1 / 3)
 
 
 def _usable(motion: TipMotion, options: EstimateOptions) -> bool:

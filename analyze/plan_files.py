@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 
 from analyze.errors import PlanError
-from analyze.estimation.cells import cells_from_voxels
+from analyze.estimation.cells import cells_from_voxels, wall_thickness
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.object_files import object_files
 from analyze.output_file import write_text
-from analyze.pipeline import estimate_recording, wall_thickness
 from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.fillings import Pieces
@@ -100,6 +99,8 @@ def write_plan(plan: StrikePlan, path: Path) -> None:
 def _given(path: Path, object_sha256: str, mass: float) -> Given:
     """A result so far: what `analyze estimate --json` printed, or a recording, which is then estimated."""
     if path.suffix == ".mcap":
+        from analyze.pipeline import estimate_recording
+
         result = estimate_recording(path).result
     else:
         try:

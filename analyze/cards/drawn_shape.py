@@ -5,19 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array, IntArray
 
-MOST_FACES = 6000
-GRID = 44
+MOST_FACES = 4000
+GRID = 30
 """cells along the longest edge into which a fine mesh's vertices are gathered"""
 SHARP = np.cos(np.radians(25.0))
 """faces that meet at more than this angle meet in an edge that is drawn"""
 PIECES = 8
 """along the longest extent: no triangle of a hollow body is drawn longer than that part"""
 MOST_CUTS = 12
+CONVEX = 1e-3
+"""relative difference of the hull's volume up to which a body has no hollows"""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,10 @@ class DrawnShape:
 def drawn_shape(model: ObjectModel) -> DrawnShape:
     """The model, simplified where it is fine."""
     vertices, faces = model.vertices, model.faces
+    hull = ConvexHull(model.hull_vertices)
+    # Of a fine mesh without hollows the hull is drawn: the same body, its flat faces in few triangles.
+    if len(hull.simplices) < len(faces) and hull.volume < model.volume * (1 + CONVEX):
+        vertices, faces = model.hull_vertices, _outward(hull)
     if len(faces) > MOST_FACES:
         vertices, faces = simplified(vertices, faces, float(model.extent.max()) / GRID)
     normals, keep = _normals(vertices, faces)
@@ -57,6 +64,15 @@ def drawn_shape(model: ObjectModel) -> DrawnShape:
     if not convex:
         triangles, normals = _cut(triangles, normals, size / PIECES)
     return DrawnShape(triangles, normals, vertices[edges], sides, tuple(bool(each) for each in sharp), model.hull_vertices, convex, size)
+
+
+def _outward(hull: ConvexHull) -> IntArray:
+    """The hull's triangles (f, 3), counter-clockwise from outside."""
+    faces = hull.simplices.astype(np.int64)
+    a, b, c = np.moveaxis(hull.points[faces], 1, 0)
+    inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return faces
 
 
 def simplified(vertices: Array, faces: IntArray, cell: float) -> tuple[Array, IntArray]:

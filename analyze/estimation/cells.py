@@ -6,10 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.voxels import Voxels
 from analyze.types import Array
+from schemas.documents import ObjectSpec
 
 LEAST_PART = 1e-3
+ASSUMED_WALL = 0.025
+"""wall thickness where none is given, over the cube root of the volume"""
 
 
 @dataclass(frozen=True)
@@ -67,3 +71,8 @@ def moments_about(cells: Cells, masses: Array, about: Array) -> Array:
     arm = cells.points - about
     second = (arm * masses[:, None]).T @ arm
     return (np.trace(second) + masses @ cells.own) * np.eye(3) - second
+
+
+def wall_thickness(spec: ObjectSpec, model: ObjectModel) -> float:
+    """Thickness of the surface region [m]: given, or assumed from the size."""
+    return spec.shell_thickness_m or ASSUMED_WALL * model.volume ** (1 / 3)
