@@ -42,9 +42,7 @@ CLOCK_OFFSET_NS = 5_000_000_000
 QUEUE_SLOTS = 32
 """slots that wait to be sent; the render thread pauses above it, and catches up later"""
 WIRE_BYTES_S = 125e6
-CATCH_UP = 0.6
-"""of the period: the least time between two frames of a camera that is behind, and never less than a gigabit wire takes; a burst of what
-was late would be more than any receiver takes in"""
+"""a camera that is behind sends no faster than a gigabit wire carries; a burst of all that was late is more than any receiver takes in"""
 _SENSOR_WIDTH, _SENSOR_HEIGHT, _WIDTH, _HEIGHT = 0x11C, 0x118, 0x100, 0x104
 _EXPOSURE_US, _FRAME_PERIOD, _GAIN = 0x120, 0x138, 0x110
 _OFFSET_X, _OFFSET_Y, _ACQUISITION, _PRIVILEGE = 0x130, 0x134, 0x124, 0xA00
@@ -146,7 +144,7 @@ class VirtualGigeCamera:
         self._pulses_hz = pulses_hz
         self._streaming = self._closed = False
         self._run = 0
-        self._frames = self._rendered = self._late = self._latest_ns = self._sent_ns = 0
+        self._frames = self._rendered = self._late = self._latest_ns = self._wire_free_ns = 0
         self._render_s = 0.0
         self._library = aravis_ctypes.load()
         control = claim_control_port(address, clock)
@@ -304,11 +302,10 @@ class VirtualGigeCamera:
             slot = self._slots.popleft() if self._slots else None
             self._condition.notify_all()
         if slot is not None:
-            gap_ns = max(CATCH_UP * self._relay.period_us * 1e3, slot.image.nbytes / WIRE_BYTES_S * 1e9)
-            wait_ns = self._sent_ns + gap_ns - self._clock.monotonic_ns()
-            if 0 < wait_ns <= gap_ns:
-                self._clock.sleep(wait_ns * 1e-9)
-            self._sent_ns = self._clock.monotonic_ns()
+            now_ns = self._clock.monotonic_ns()
+            if self._wire_free_ns > now_ns:
+                self._clock.sleep((self._wire_free_ns - now_ns) * 1e-9)
+            self._wire_free_ns = max(self._wire_free_ns, now_ns) + round(slot.image.nbytes / WIRE_BYTES_S * 1e9)
             self._library.fill(buffer, slot.image)
             self._library.buffer_set_timestamp(buffer, slot.device_time_ns)
             self._frames += 1
