@@ -307,16 +307,26 @@ class SessionRunner:
         )
         return s.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
 
+    def _contact(self, action: s.Keep) -> tuple[int, float]:
+        """Log time and sd of the contact [ns]: as the striker felt it, or for a hand as the images tell it; 0 where nobody knows."""
+        felt, verdict = action.struck.contact_time_ns, action.verdict
+        if felt:
+            return felt + self._anchor_ns, action.struck.contact_time_sd_ns
+        if verdict is not None and verdict.contact_time_ns is not None:
+            return verdict.contact_time_ns, verdict.contact_time_sd_ns or 0.0
+        return 0, 0.0
+
     def _keep(self, action: s.Keep) -> None:
-        contact, verdict = action.struck.contact_time_ns, action.verdict
+        verdict = action.verdict
+        contact_ns, contact_sd_ns = self._contact(action)
         record: dict[str, Any] = {
             "strike_id": action.strike_id,
             "plan_strike_id": action.strike.id,
             "attempt": action.attempt,
             "window_start_ns": action.recorded.window_start_ns,
             "window_end_ns": action.recorded.window_end_ns,
-            "contact_time_ns": contact + self._anchor_ns if contact else 0,
-            "contact_time_sd_ns": action.struck.contact_time_sd_ns,
+            "contact_time_ns": contact_ns,
+            "contact_time_sd_ns": contact_sd_ns,
             "tip_speed_command_m_s": action.tip_speed_command_m_s,
             "tip_speed_m_s": action.struck.tip_speed_m_s,
             "R_world_object": [value for row in action.strike.R_world_object for value in row],

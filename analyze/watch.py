@@ -18,6 +18,7 @@ import numpy as np
 
 from analyze.errors import AnalyzeError
 from analyze.followed_series import FollowedSeries
+from analyze.motion.contact_time import contact_time
 from analyze.motion.scene import at_rest, check_placement, read_scene
 from analyze.motion.strike import StrikeTask, analyse_strike, verdict_of
 from analyze.tracking.camera_model import camera_from_spec, pixel_map
@@ -44,6 +45,8 @@ _WAIT_FOR_FILE_S = 3.0
 _REST_BEFORE_NS = 600_000_000
 _TIP_AFTER_NS = 1_800_000_000
 """what a verdict looks at around the contact: the slowest tip over the top takes about 1 s"""
+_MOVED_PX = 3.0
+"""a marker that is so far from where it was is no longer at rest; what a hand does near the object moves it less"""
 
 
 class WatchClock(Protocol):
@@ -95,6 +98,8 @@ class Observer:
         self._strikes: dict[str, PlannedStrike] = {strike.id: strike for strike in plan.strikes}
         self._expected: PlannedStrike | None = None
         self._scenes: deque[Scene] = deque(maxlen=12)
+        self._seen: deque[Scene] = deque()
+        """as long as the images are kept"""
         self._images: deque[StoredImage] = deque()
         self._looked_ns = 0
         pixel_map(camera)
@@ -122,6 +127,9 @@ class Observer:
         self._looked_ns = image.log_time_ns
         scene = read_scene(self._decode(image), self._camera)
         self._scenes.append(scene)
+        self._seen.append(scene)
+        while scene.time_ns - self._seen[0].time_ns > _KEEP_NS:
+            self._seen.popleft()
         seen = [SeenMarker(id=i, corners_px=np.round(corners, 2).tolist()) for i, corners in sorted(scene.corners.items())]
         still = at_rest(self._scenes)
         error, text = None, ""
@@ -149,20 +157,39 @@ class Observer:
             )
         try:
             report = track_markers(self._window(request), self._camera, self._markers)
-            task = StrikeTask(request.strike_id, planned, request.contact_time_ns, self._last_ns(request))
+            task = StrikeTask(request.strike_id, planned, request.contact_time_ns, self._span(request)[1])
             motion = analyse_strike(report.tracks, self._markers, self._camera, task)
         except AnalyzeError as error:
             return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=str(error))
-        return verdict_of(motion)
+        contact = contact_time(motion.fit) if motion.fit else None
+        timed = {"contact_time_ns": contact.time_ns, "contact_time_sd_ns": contact.sd_ns} if contact else {}
+        return verdict_of(motion).model_copy(update=timed)
 
-    def _last_ns(self, request: JudgeRequest) -> int:
-        end = request.window_end_ns or self.newest_ns
-        return min(end, request.contact_time_ns + _TIP_AFTER_NS) if request.contact_time_ns else end
+    def _span(self, request: JudgeRequest) -> tuple[int, int]:
+        """What is looked at of a window: the rest before the contact, and the tip after it."""
+        start, end = request.window_start_ns, request.window_end_ns or self.newest_ns
+        contact = request.contact_time_ns or self._began_to_move(start, end)
+        if contact:
+            start, end = max(start, contact - _REST_BEFORE_NS), min(end, contact + _TIP_AFTER_NS)
+        return start, end
+
+    def _began_to_move(self, start: int, end: int) -> int:
+        """The last look that saw a marker where it had rested, 0 where none did: for a contact that nobody felt.
+
+        A hand may take seconds; to follow the marker through all of them would take longer than anybody waits for a verdict.
+        """
+        rest: dict[int, Any] = {}
+        before = 0
+        for scene in self._seen:
+            if start <= scene.time_ns <= end:
+                for marker, corners in scene.corners.items():
+                    if np.abs(corners - rest.setdefault(marker, corners)).max() > _MOVED_PX:
+                        return before
+                    before = scene.time_ns
+        return before
 
     def _window(self, request: JudgeRequest) -> Iterator[ImageFrame]:
-        start, end = request.window_start_ns, self._last_ns(request)
-        if request.contact_time_ns:
-            start = max(start, request.contact_time_ns - _REST_BEFORE_NS)
+        start, end = self._span(request)
         return (self._decode(image) for image in list(self._images) if start <= image.log_time_ns <= end)
 
 

@@ -600,6 +600,8 @@ class StrikeVerdict(Document):
     phi_sd: float | None = None
     energy_ratio: float | None = None
     theta_max_rad: float | None = Field(default=None, description="how far an object that rocked back had turned")
+    contact_time_ns: int | None = Field(default=None, description="log time of the contact as the images tell it")
+    contact_time_sd_ns: float | None = None
 
 
 # --- reading and hashing ------------------------------------------------------------------------------------------

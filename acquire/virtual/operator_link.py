@@ -53,6 +53,24 @@ class OperatorLink:
             impact_point_world=np.asarray(impact_point_world, dtype=float).tolist(),
         )
 
+    def push(self, p_world: ArrayLike, impulse_world: ArrayLike, duration_s: float) -> None:
+        """Push the object with a finger; returns at once.
+
+        Args:
+            p_world: (3,) m, where.
+            impulse_world: (3,) N s.
+            duration_s: of the touch.
+
+        Raises:
+            AcquireError: refused, or the world is gone.
+        """
+        self._call(
+            "push",
+            p_world=np.asarray(p_world, dtype=float).tolist(),
+            impulse_world=np.asarray(impulse_world, dtype=float).tolist(),
+            duration_s=duration_s,
+        )
+
     def state(self) -> dict[str, Any]:
         """Now: time_ns, at_rest, arm_angle, arm_velocity, p_world_object, q_world_object_wxyz."""
         return self._call("state")

@@ -9,6 +9,7 @@ integrated, so that an idle world costs next to nothing and nothing creeps.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -109,7 +110,9 @@ class World:
         self._centres = contact_centres(thing)
         self._planes = np.unique(np.round(ConvexHull(thing.hull_vertices).equations, 9), axis=0)
         self._arm_body = self._model.body("arm").id
+        self._object_body = self._model.body("object").id
         self._tip = self._model.geom("tip").id
+        self._push: _Push | None = None
         self._force = np.zeros(6)
         self.time_ns = start_ns
         self._at_rest = False
@@ -156,6 +159,26 @@ class World:
         self._at_rest, self._slow_ticks, self._contact = False, 0, None
         mujoco.mj_forward(self._model, data)
 
+    def push(self, p_world: NDArray[np.float64], impulse_world: NDArray[np.float64], duration_s: float) -> None:
+        """Push the object from now on, as a finger does: a half-sine of force, in steps of 1 ms, at a point that goes with the object.
+
+        Args:
+            p_world: (3,) m, where.
+            impulse_world: (3,) N s.
+            duration_s: 0.002 to 0.1.
+
+        Raises:
+            AcquireError: no such duration, or a push goes on.
+        """
+        ticks = round(duration_s * 1e9 / TICK_NS)
+        if not 2 <= ticks <= 100 or self._push is not None:
+            raise AcquireError(f"virtual world: a push of {duration_s} s cannot begin now: give 0.002 to 0.1 s, one at a time")
+        weights = np.sin(np.pi * (np.arange(ticks) + 0.5) / ticks)
+        impulse = np.array(impulse_world, dtype=float)
+        forces = impulse * (weights / (weights.sum() * TICK_NS * 1e-9))[:, None]
+        point = _rotate(self._qpos[3:7] * (1, -1, -1, -1), np.array(p_world, dtype=float) - self._qpos[0:3])
+        self._push = _Push(self.time_ns, deque(forces), point, np.array(p_world, dtype=float), float(np.linalg.norm(impulse)), duration_s)
+
     # --- time ----------------------------------------------------------------------------------------------------------
 
     def step_to(self, time_ns: int) -> None:
@@ -191,7 +214,7 @@ class World:
         angle, velocity = self.arm()
         torque = self._motor(angle, velocity, self.time_ns)
         reach = _NEAR_M + 2e-3 * ARM_LENGTH_M * abs(velocity)
-        if self._at_rest and self._gap_at_rest[1] - ARM_LENGTH_M * abs(angle - self._gap_at_rest[0]) > reach:
+        if self._push is None and self._at_rest and self._gap_at_rest[1] - ARM_LENGTH_M * abs(angle - self._gap_at_rest[0]) > reach:
             self._swing(torque)
         else:
             self._tick_near(torque, reach)
@@ -206,7 +229,8 @@ class World:
         if self._model.geom_contype[self._tip] == 0 and clearance > _NEAR_M:
             self._model.geom_contype[self._tip] = 2
         near = self._model.geom_contype[self._tip] == 2 and clearance < reach
-        if self._at_rest and not near:
+        pushed = self._apply_push()
+        if self._at_rest and not near and not pushed:
             self._gap_at_rest = (float(self._qpos[7]), clearance)
             self._swing(torque)
             return
@@ -218,7 +242,23 @@ class World:
                 self._feel(self.time_ns + (i + 1) * (TICK_NS // _SUBSTEPS))
         else:
             mujoco.mj_step(self._model, data, nstep=_SUBSTEPS)
-        self._notice_rest(near=near)
+        self._notice_rest(near=near or pushed)
+
+    def _apply_push(self) -> bool:
+        """The push's force of this millisecond; whether there is one."""
+        push = self._push
+        applied = self._data.xfrc_applied[self._object_body]
+        applied[:] = 0.0
+        if push is None:
+            return False
+        if not push.forces:
+            self._push = None
+            self._on_contact(StrikerContact(push.first_ns, push.impulse, push.position, push.duration_s))
+            return False
+        arm = self._qpos[0:3] + _rotate(self._qpos[3:7], push.p_object) - self._data.xipos[self._object_body]
+        force = push.forces.popleft()
+        applied[:3], applied[3:] = force, np.cross(arm, force)
+        return True
 
     def _swing(self, torque: float) -> None:
         """The arm alone: I a'' = torque - damping a' - m g l/2 sin a, semi-implicit."""
@@ -281,6 +321,20 @@ class _OpenContact:
     impulse: float
     position: NDArray[np.float64]
     last_ns: int
+
+
+@dataclass
+class _Push:
+    """A push that goes on."""
+
+    first_ns: int
+    forces: deque[NDArray[np.float64]]
+    """(3,) N, one for each millisecond to come"""
+    p_object: NDArray[np.float64]
+    """(3,) m"""
+    position: NDArray[np.float64]
+    impulse: float
+    duration_s: float
 
 
 def _rotate(q_wxyz: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -163,6 +163,10 @@ class WorldProcess:
                     wanted = [np.array(request[key], dtype=float) for key in ("R_world_object", "p_world_object", "impact_point_world")]
                     self.world.place(*wanted)
                     return {"ok": True}
+                case "push":
+                    where, impulse = (np.array(request[key], dtype=float).reshape(3) for key in ("p_world", "impulse_world"))
+                    self.world.push(where, impulse, float(request["duration_s"]))
+                    return {"ok": True}
                 case "truth":
                     self._truth.flush()
                     return {"path": str(self._truth.path)}
@@ -174,7 +178,7 @@ class WorldProcess:
                     self.stopped = True
                     return {"ok": True}
                 case other:
-                    return {"error": f"virtual world: no method '{other}': place, truth, state, servo and quit exist"}
+                    return {"error": f"virtual world: no method '{other}': place, push, truth, state, servo and quit exist"}
         except AcquireError as error:
             return {"error": str(error)}
         except (ValueError, KeyError, TypeError, RecursionError) as error:

@@ -134,6 +134,23 @@ def test_a_strike_is_judged(tip):
     assert verdict.phi_sd < np.radians(0.05)
 
 
+def test_a_strike_that_nobody_felt_is_found_in_a_long_window_and_timed(tip):
+    """A hand: five seconds of rest before it, and nothing said of when."""
+    watcher, decoded = observer()
+    before = [Stored(tip[1][0].log_time_ns - i * FRAME_NS, tip[1][0].image) for i in range(600, 0, -1)]
+    images = [*before, *tip[1]]
+    for image in images:
+        watcher.add(image)
+    looks = len(decoded)
+    verdict = watcher.judge(request_for(tip[0], images, contact_time_ns=0))
+    assert verdict.code is Verdict.GOOD, verdict.reason
+    assert abs(verdict.phi - tip[0].phi) < np.radians(0.1)
+    off_ns = verdict.contact_time_ns - (ANCHOR + tip[0].contact * 1e9)
+    assert abs(off_ns) < 500_000  # the simulated blow has no duration, which is what the stated sd is of
+    assert 2_000_000 < verdict.contact_time_sd_ns < 3_000_000
+    assert len(decoded) - looks < len(tip[1]) + 100
+
+
 def test_what_cannot_be_judged_is_a_verdict_too(tip):
     motion, images = tip
     watcher, _ = observer()

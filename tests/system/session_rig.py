@@ -44,6 +44,7 @@ class SessionRig:
     folder: Path
     cleanup: contextlib.ExitStack
     said: list[str] = field(default_factory=list)
+    striker: str = "dynamixel"
 
     def __post_init__(self) -> None:
         thing = load_object(OBJECT, SEED)
@@ -52,7 +53,8 @@ class SessionRig:
         self.cleanup.callback(_ended, _started("acquire.virtual.world_process", *self.common))
         rig = self.folder / "d.toml"
         sheet = calibration_sheet(SEED)
-        rig.write_text(rig_toml(sheet, ADDRESS, str(self.folder / "ttyDXL"), self.folder / "d" / "d.sock"))
+        text = rig_toml(sheet, ADDRESS, str(self.folder / "ttyDXL"), self.folder / "d" / "d.sock")
+        rig.write_text(text.replace('kind = "dynamixel"', f'kind = "{self.striker}"'))
         self.camera = self.start_camera()
         plan = [str(self.folder / "object.toml"), "-o", str(self.folder / "plan.json"), "--rig", str(rig), "--strikes", "3"]
         subprocess.run([sys.executable, "-m", "analyze", "plan", *plan], check=True, stdout=subprocess.DEVNULL)
@@ -78,7 +80,7 @@ class SessionRig:
 
 
 @contextlib.contextmanager
-def session_rig() -> Iterator[SessionRig]:
+def session_rig(striker: str = "dynamixel") -> Iterator[SessionRig]:
     """A rig in a folder with a short name, for the sockets."""
     with tempfile.TemporaryDirectory(prefix="ps-") as name, contextlib.ExitStack() as cleanup:
-        yield SessionRig(Path(name), cleanup)
+        yield SessionRig(Path(name), cleanup, striker=striker)

@@ -207,6 +207,29 @@ def test_one_strike_is_one_contact_with_the_impulse_that_the_arm_lost(name, heig
     assert rebound / arm_speed[0] == pytest.approx(0.4, abs=0.07)
 
 
+def test_a_push_gives_the_object_its_impulse():
+    """Through the centre of mass, on ice: m v = J, and no turn."""
+    thing = object_of("carton", 1e-6)
+    contacts = []
+    world = World(thing, parked, on_contact=contacts.append)
+    place(world, thing, UPRIGHT)
+    world.step_to(1_000_000_000)
+    assert world.at_rest
+    impulse, begun_ns = np.array([0.018, 0.004, 0.0]), world.time_ns
+    touched = world.state().p_world_object + thing.body.com_object
+    world.push(touched, impulse, 0.006)
+    with pytest.raises(AcquireError, match="one at a time"):
+        world.push(touched, impulse, 0.006)
+    world.step_to(begun_ns + 8_000_000)
+    state = world.state()
+    of_com = state.linear_velocity + np.cross(state.angular_velocity, rotation_of(state) @ thing.body.com_object)
+    np.testing.assert_allclose(of_com[:2] * thing.body.mass_kg, impulse[:2], rtol=0.01)
+    assert np.abs(state.angular_velocity).max() < 0.05
+    (contact,) = contacts
+    assert (contact.time_ns, contact.duration_s) == (begun_ns, 0.006)
+    assert contact.impulse_n_s == pytest.approx(np.linalg.norm(impulse))
+
+
 def test_stand_is_moved_in_after_the_object_and_the_arm_may_hang_where_it_stands():
     thing = load_object("carton", 1)
     world = World(thing, lambda *_: 0.0, arm_angle=0.05)
