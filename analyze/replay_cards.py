@@ -154,7 +154,7 @@ def card_text(card: Card) -> str:
     told = "" if strike.phi_measured_sd_rad is None else f", told to ±{np.degrees(strike.phi_measured_sd_rad):.2f}°"
     return (
         f"# {card.number}: {before}\n\n"
-        f"1. {card.put_down}\n2. {card.on_line}\n3. The striker's tip {1000 * strike.impact_height_m:.0f} mm above the table.\n\n"
+        f"1. {card.put_down}\n2. {card.on_line}\n3. {card.set_striker}\n\n"
         f"**{strike.tip_speed_m_s.target:.2f} m/s** ({strike.tip_speed_m_s.min:.2f} to {strike.tip_speed_m_s.max:.2f}); tips over at "
         f"**{np.degrees(strike.phi_predicted_rad):.0f}° ± {np.degrees(strike.phi_predicted_sd_rad):.0f}°**{told}; "
         f"needs friction µ of {strike.friction_needed:.2f} or more.\n\nstrike {strike.id}, axis {strike.axis_id}\n"

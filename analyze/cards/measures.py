@@ -19,7 +19,7 @@ BIG, SMALL = 27, 18
 def side_picture(place: Setting) -> str:
     """As the camera sees it: height of the strike, the line, and how far the object tips until it stands on the edge."""
     size = place.size
-    tail = np.array([place.low[0] - 0.5 * size, 0.0, place.strike_height])
+    tail = np.array([place.low[0] - 0.5 * size, place.hit[1], place.strike_height])
     ground = tail * np.array([1.0, 1.0, 0.0])
     tipped = place.body.turned(place.tip_angle).corners
     below = np.array([[place.low[0], 0.0, -0.1 * size]])
@@ -65,11 +65,23 @@ def plan_picture(place: Setting) -> str:
     left, right = place.low[0] - 0.7 * place.reach, max(place.high[0], 0.0) + 0.55 * size
     reach = np.array([[left, front, 0.0], [right, back, 0.0]])
     view = from_above().fitted(reach, Frame(20, 14, WIDTH - 20, HEIGHT - 14))
-    edge_front = -place.front_to_strike
+    edge_front = -place.front_to_mark
     shift = np.array([max(place.high[0], 0.0) + 0.14 * size, 0.0, 0.0])
     near = np.array([0.0, edge_front, 0.0])
     flat = view.project(
-        np.array([[left, 0, 0], place.hit, [0, front, 0], [0, back, 0], near + shift, shift, near, [right, 0, 0], [0, 0, 0]])
+        np.array(
+            [
+                [left, place.hit[1], 0],
+                place.hit,
+                [0, front, 0],
+                [0, back, 0],
+                near + shift,
+                shift,
+                near,
+                [right, place.hit[1], 0],
+                [0, 0, 0],
+            ]
+        )
     )
     tail, hit, line_front, line_back, from_, to, end, far, mark = flat
     parts = [
@@ -78,7 +90,7 @@ def plan_picture(place: Setting) -> str:
         ink.polyline(np.array([hit, far]), ink.STRIKER, 1.6, "3 7", 0.8),
         *_contact(view, place),
         ink.polyline(np.array([end, from_ + np.array([8.0, 0.0])]), ink.INK, 1.2),
-        *ink.measure(from_, to, f"{1000 * place.front_to_strike:.0f}", BIG, ink.INK, 14, "start"),
+        *ink.measure(from_, to, f"{1000 * place.front_to_mark:.0f}", BIG, ink.INK, 14, "start"),
         *ink.arrow(np.array([tail, hit]), ink.STRIKER, 8),
         ink.disc(mark, 5, "#fff", ink.PIVOT, 3),
         ink.text((tail[0], tail[1] - 16), "striker", SMALL, ink.STRIKER, "start", bold=True),

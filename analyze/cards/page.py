@@ -20,6 +20,9 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.output_file import write_text
 from schemas.documents import ObjectSpec, PlannedStrike, StrikePlan
 
+BESIDE = 0.0005
+"""m beside the mark from which a strike's place is said; plans of ours strike at the mark"""
+
 
 @dataclass(frozen=True)
 class Card:
@@ -46,9 +49,20 @@ class Card:
         return f"{facing}."
 
     @property
+    def set_striker(self) -> str:
+        """Where the striker's tip hangs."""
+        words = f"The striker's tip {1000 * self.strike.impact_height_m:.0f} mm above the table, just touching the object"
+        if self.sides.striker.startswith("tag"):
+            words += f" on the side of {self.sides.striker}"
+        beside = float(self.place.hit[1])
+        if abs(beside) > BESIDE:
+            words += f", {1000 * abs(beside):.0f} mm from the mark {'away from' if beside > 0 else 'towards'} the camera"
+        return f"{words}."
+
+    @property
     def on_line(self) -> str:
         """Where the edge lies on the line."""
-        front = f"{1000 * self.place.front_to_strike:.0f} mm from the mark towards the camera"
+        front = f"{1000 * self.place.front_to_mark:.0f} mm from the mark towards the camera"
         if self.place.edge is None:
             what = "rim" if self.place.rolls else "edge"
             return f"Its {what} touches the line at the mark, from the striker's side; its front is {front}."

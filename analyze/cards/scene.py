@@ -33,14 +33,14 @@ def scene_picture(place: Setting) -> str:
     """SVG of the strike as the person at the table sees it, from the camera's side and a little from the right."""
     size = place.size
     middle = (place.low + place.high) / 2
-    tail = np.array([place.low[0] - 0.62 * place.reach, 0.0, place.strike_height])
+    tail = np.array([place.low[0] - 0.62 * place.reach, place.hit[1], place.strike_height])
     camera = _camera_symbol(place)
     line_ends = np.array([[0.0, place.low[1] - 0.42 * place.reach, 0.0], [0.0, place.high[1] + 0.35 * place.reach, 0.0]])
     arc = tip_arc(place)
     view = from_the_front_right(middle, EYE * size, float(AZIMUTH), float(ELEVATION))
     ground = tail * np.array([1.0, 1.0, 0.0])
     seen = np.vstack([place.body.corners, [tail, ground], camera.reshape(-1, 3), line_ends, arc])
-    view = view.fitted(seen, Frame(130, 60, WIDTH - 110, HEIGHT - 84))
+    view = view.fitted(seen, Frame(165, 60, WIDTH - 100, HEIGHT - 84))
     parts = [*_table(view, place), *_line(view, place, line_ends)]
     parts += _striker_far(view, tail, place.hit)
     parts += draw_body(view, place.body, () if place.tag is None else (place.tag,), ink.CAMERA)

@@ -18,7 +18,7 @@ PAST, LEAST_ARC = float(np.radians(12.0)), float(np.radians(16.0))
 
 @dataclass(frozen=True)
 class Setting:
-    """One strike in W: pivot line along y at x = 0, striker from -x at y = 0, camera at -y."""
+    """One strike in W: pivot line along y at x = 0, its mark at y = 0, striker from -x (at y = 0 in plans of ours), camera at -y."""
 
     body: Placed
     low: Array
@@ -50,8 +50,8 @@ class Setting:
         return float(np.sqrt(across * self.size))
 
     @property
-    def front_to_strike(self) -> float:
-        """Along the line [m], from the end of the edge nearest to the camera (of a rim: of the object) to where the striker strikes."""
+    def front_to_mark(self) -> float:
+        """Along the line [m], from the end of the edge nearest to the camera (of a rim: of the object) to the mark."""
         return -(self.low[1] if self.edge is None else self.edge[0])
 
 

@@ -86,7 +86,7 @@ def test_measures_are_of_the_object_as_it_lies():
         along = np.abs(np.array(card.strike.pivot.direction))
         half = float(along @ model.extent) / 2
         assert place.edge == pytest.approx((-half, half), abs=1e-9)
-        assert place.front_to_strike == pytest.approx(half)
+        assert place.front_to_mark == pytest.approx(half)
         assert place.hit[1:] == pytest.approx([0.0, card.strike.impact_height_m], abs=1e-9)
         assert place.hit[0] == pytest.approx(place.low[0], abs=1e-9)
         assert place.low[2] == pytest.approx(0.0, abs=1e-9)
@@ -97,7 +97,7 @@ def test_a_rim_touches_in_one_point():
     card = cards(plan, model, spec)[0]
     assert card.place.edge is None
     assert "rim touches the line at the mark" in card.on_line
-    assert card.place.front_to_strike == pytest.approx(0.036, abs=1e-4)
+    assert card.place.front_to_mark == pytest.approx(0.036, abs=1e-4)
 
 
 def painted(svg):
@@ -188,6 +188,17 @@ def test_cards_come_with_the_plan_unless_they_are_left_out(tmp_path):
     out = CliRunner().invoke(main, ["plan", str(OBJECTS / "carton.toml"), "--no-cards", "-o", str(tmp_path / "q.json")])
     assert out.exit_code == 0
     assert {path.name for path in tmp_path.iterdir()} == {"p.json", "p-cards.html", "q.json"}
+
+
+def test_a_strike_beside_the_mark_is_said():
+    plan, model, spec = planned("carton")
+    first = plan.strikes[0]
+    moved = [x + 0.012 * d for x, d in zip(first.impact.point, first.pivot.direction, strict=True)]
+    other = first.model_copy(update={"impact": first.impact.model_copy(update={"point": moved})})
+    plain, beside = (cards(plan.model_copy(update={"strikes": [each]}), model, spec)[0] for each in (first, other))
+    assert "from the mark" not in plain.set_striker
+    assert "12 mm from the mark away from the camera" in beside.set_striker
+    assert beside.on_line == plain.on_line
 
 
 def test_the_papers_plan_has_cards_too(tmp_path):
