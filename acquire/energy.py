@@ -98,6 +98,9 @@ class _Kind(enum.Enum):
     TOP = "the angle at which it turned back"
 
 
+_READ = frozenset({_Kind.SWING, _Kind.PHI, _Kind.ENERGY, _Kind.TOP})
+
+
 @dataclass(frozen=True)
 class _Heard:
     """One thing a strike told."""
@@ -107,10 +110,10 @@ class _Heard:
     value: float
     sd: float
     log_speed: float
-    """of the command that would have reached the speed that was measured"""
+    """reached, of the tip"""
 
     def missed(self, swing: Array, log_energy: Array, phi: Array) -> Array:
-        """By how many standard deviations states (k,) miss it, ln E given at a commanded 1 m/s."""
+        """By how many standard deviations states (k,) miss it; ln E given at 1 m/s."""
         log_energy = log_energy + 2 * self.log_speed
         match self.kind:
             case _Kind.SWING:
@@ -172,11 +175,10 @@ class EnergyLearner:
             verdict: None: nobody looked.
         """
         axis = self._axes[strike.axis_id]
-        log_speed = math.log(command_m_s)
+        log_speed = math.log(command_m_s) + float(self._model.swing(self._best[None])[0])
         if speed_m_s is not None and speed_m_s > 0:
-            ratio = math.log(speed_m_s / command_m_s)
-            self._heard.append(_Heard(axis, _Kind.SWING, ratio, SPEED_SD, 0.0))
-            log_speed = log_speed + ratio - float(self._model.swing(self._best[None])[0])
+            log_speed = math.log(speed_m_s)
+            self._heard.append(_Heard(axis, _Kind.SWING, log_speed - math.log(command_m_s), SPEED_SD, 0.0))
         if verdict is not None:
             self._heard += _said(axis, log_speed, verdict)
         self._solve()
@@ -192,7 +194,8 @@ class EnergyLearner:
     def _log_energy(self, strike: PlannedStrike) -> Array:
         """(n,) draws of ln E at a commanded tip speed of 1 m/s."""
         drawn = self._posterior()
-        return self._model.tip(drawn, self._axes[strike.axis_id])[0] + READING_SD * self._draws[:, -1]
+        log_energy = self._model.tip(drawn, self._axes[strike.axis_id])[0] + 2 * self._model.swing(drawn)
+        return log_energy + READING_SD * self._draws[:, -1]
 
     def _posterior(self) -> Array:
         drawn = self._best + self._draws[:, :-1] @ np.linalg.cholesky(self._covariance).T
@@ -234,8 +237,8 @@ class EnergyLearner:
         return np.concatenate([np.stack(heard, axis=-1), z], axis=-1) if heard else z
 
     def _weights(self, residual: Array) -> Array:
-        """(n,) of a t distribution for energies that were read, 1 for the rest."""
-        read = [*(each.kind is _Kind.ENERGY for each in self._heard), *([False] * self._model.size)]
+        """(n,) of a t distribution for what was read off, 1 for bounds and prior."""
+        read = [*(each.kind in _READ for each in self._heard), *([False] * self._model.size)]
         return np.where(read, (TAILS + 1) / (TAILS + residual**2), 1.0)
 
 
@@ -293,17 +296,17 @@ class _Model:
         return SWING_SD * z[:, 6]
 
     def tip(self, z: Array, axis: int) -> tuple[Array, Array]:
-        """(k,) ln E at a commanded tip speed of 1 m/s, and phi [rad]; without a hypothesis phi is what it was predicted to be."""
+        """(k,) ln E where the tip reaches 1 m/s, and phi [rad]; without a hypothesis phi is what it was predicted to be."""
         at = self._planned[axis]
         own = self._own_sd[axis] * z[:, 7 + axis]
         if not self._known:
-            return own + at.log_energy + 2 * (self.bounce(z) - self._bounce_0 + self.swing(z)), np.full(len(z), at.phi)
+            return own + at.log_energy + 2 * (self.bounce(z) - self._bounce_0), np.full(len(z), at.phi)
         arm = self._com + z[:, :3] @ self._root.T - at.point
         up, forward = arm @ at.up, -(arm @ at.tip)
         distance = np.hypot(up, forward)
         rise = np.maximum(distance - up, LEAST_RISE)
         moment = at.i_com * np.exp(SCALE_SD * z[:, 3]) + self._body * (distance + at.radius) ** 2
-        impulse = self.bounce(z) + self.swing(z) - np.log(np.exp(-self.striker(z)) + at.height**2 / moment)
+        impulse = self.bounce(z) - np.log(np.exp(-self.striker(z)) + at.height**2 / moment)
         return own + 2 * (impulse + math.log(at.height)) - np.log(2 * moment * self._weight * rise), np.arctan2(forward, up)
 
 

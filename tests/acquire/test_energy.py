@@ -228,6 +228,20 @@ def test_a_second_touch_does_not_lead_astray():
     assert truth.energy(strike, learner.tip_speed(strike)) > 1.04
 
 
+def test_a_wrong_reading_of_the_speed_or_the_angle_does_not_lead_astray():
+    whole = plan(["zx", "zX"])
+    learner, truth = EnergyLearner(whole), Truth(np.random.default_rng(2))
+    for strike in whole.strikes:
+        for _ in range(2):
+            struck(learner, strike, truth)
+    strike = whole.strikes[0]
+    speed = learner.tip_speed(strike)
+    said = truth.strike(strike, speed)[1]
+    learner.learn(strike, speed, 0.01 * speed, said)
+    learner.learn(strike, speed, speed, said.model_copy(update={"phi": 1.2}))
+    assert truth.energy(strike, learner.tip_speed(strike)) == pytest.approx(1.15, rel=0.1)
+
+
 def test_speeds_stay_within_the_plan():
     whole = plan(["zx"])
     learner, strike = EnergyLearner(whole), whole.strikes[0]
