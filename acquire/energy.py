@@ -30,7 +30,7 @@ MODEL_SD = 0.08
 READING_SD, SPOILT_SD = 0.03, 0.25
 """of ln E from strike to strike on one axis; where the contact was not clean"""
 TAILS = 3.0
-"""degrees of freedom of the readings' t distribution: now and then one tip has a third more energy than its like"""
+"""degrees of freedom of the readings' t distribution: a second touch of the arm, now and then, adds a third or a half"""
 ANGLE_SD = math.radians(0.3)
 """rad, of a balance angle beside its own: gravity's tilt, the edge's place, the placement"""
 TOP_SD = 0.08
