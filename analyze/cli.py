@@ -104,18 +104,19 @@ def plan(
             refuse_unwritable(path, object_file, *(each for each in (rig, given) if each is not None))
     with StrikeProgress() as progress:
         planned = plan_object(object_file, PlanOptions(rig, strikes, target_com_mm, given, PlanMethod(method)), progress)
-    page: Path | None = None
-    if output is not None:
-        write_plan(planned.plan, output)
-        if cards:
+        page: Path | None = None
+        if output is not None:
+            write_plan(planned.plan, output)
+        progress("drawing the cards", 3, 4)
+        if output is not None and cards:
             from analyze.cards.page import write_cards
 
             page = output.with_name(f"{output.stem}-cards.html")
             write_cards(planned.plan, planned.model, planned.spec, page)
-    if scenes is not None:
-        from analyze.replay_cards import write_card_scenes
+        if scenes is not None:
+            from analyze.replay_cards import write_card_scenes
 
-        write_card_scenes(planned.plan, planned.model, planned.spec, planned.camera, scenes)
+            write_card_scenes(planned.plan, planned.model, planned.spec, planned.camera, scenes)
     if as_json:
         click.echo(planned.plan.model_dump_json())
     else:

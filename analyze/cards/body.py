@@ -70,7 +70,7 @@ def draw_body(view: View, body: Placed, highlighted: tuple[int, ...] = (), ring:
     # Neighbours of one tone are one element: a picture of a fine mesh is then half as large.
     for tone, same in groupby(sorted(items, key=lambda item: item[0]), key=lambda item: item[1]):
         drawn = "".join(content for _, _, content in same)
-        elements.append(f'<path d="{drawn}" fill="{tone}" stroke="{tone}" stroke-width=".8"/>' if tone else drawn)
+        elements.append(f'<path d="{drawn}" fill="{tone}" stroke="{tone}" stroke-width="1.2"/>' if tone else drawn)
     return elements
 
 
