@@ -23,6 +23,8 @@ DEFAULT_STEPS = 5
 SLOWEST_RAD_S, RUN_UP_S = 0.6, 0.065
 """the arm's least speed, and how long it needs to run up, each with a margin to what the striker refuses"""
 DECIMALS = 4
+TRIES = 4
+"""of a swing: a host that stands still for 100 ms stops the arm"""
 
 
 @contextlib.contextmanager
@@ -120,14 +122,19 @@ def calibrate(
             raise StrikerRefused("not calibrated: the answer was no")
         for body in (None, *order.bodies_kg):
             for speed in (speed for speed in order.speeds_m_s for _ in range(order.repeats)):
-                outcome = strike_once(client, f"calibrate-{len(swings) + 1}", speed, _before(body, ask))
-                if outcome.contact_time_ns is None:
-                    raise SessionError(
-                        f"swing {len(swings) + 1} at {speed:.3f} m/s did not come to angle 0: check that the arm moves freely"
-                    )
+                outcome = _through(client, f"calibrate-{len(swings) + 1}", speed, _before(body, ask))
                 swings.append(_swing(outcome, speed, body, rig))
                 heard(swings[-1])
     return swings
+
+
+def _through(client: DaemonClient, name: str, tip_speed_m_s: float, ask: Ask) -> StrikeOutcome:
+    """A swing that came to angle 0, made again where it did not."""
+    for _ in range(TRIES):
+        outcome = strike_once(client, name, tip_speed_m_s, ask)
+        if outcome.contact_time_ns is not None:
+            return outcome
+    raise SessionError(f"{name}: the arm did not come to angle 0 at {tip_speed_m_s:.3f} m/s in {TRIES} tries: check that it moves freely")
 
 
 def _before(body_kg: float | None, ask: Ask) -> Ask:

@@ -48,6 +48,7 @@ class Daemon:
     recording: str | None = None
     homed: bool = False
     meets: bool = True
+    misses: int = 0
     fails: type[Exception] | None = None
 
     def handlers(self) -> dict[str, Any]:
@@ -76,10 +77,11 @@ class Daemon:
         if self.fails is not None:
             raise self.fails("the arm is jammed")
         self.homed = False
+        meets, self.misses = self.meets and not self.misses, max(self.misses - 1, 0)
         speed = 0.98 * params["tip_speed_m_s"]
         impulse = MASS * 0.25 * speed
         sd = impulse * ((MASS_SD / MASS) ** 2 + 0.1**2) ** 0.5
-        return asdict(StrikeOutcome(1_200_000_000 if self.meets else None, 2e5, speed, 0.002, impulse, sd, 1 if self.meets else 0, 10**9))
+        return asdict(StrikeOutcome(1_200_000_000 if meets else None, 2e5, speed, 0.002, impulse, sd, int(meets), 10**9))
 
     @property
     def orders(self) -> list[str]:
@@ -200,9 +202,18 @@ def test_an_arm_that_does_not_come_through_is_said(daemon: Daemon, tmp_path: Pat
     rig = read_rig(tmp_path / "rig.toml")
     with (
         DaemonClient(rig.daemon.socket_path()) as client,
-        pytest.raises(SessionError, match=r"swing 1 at 0\.200 m/s did not come to angle 0"),
+        pytest.raises(SessionError, match=r"calibrate-1: the arm did not come to angle 0"),
     ):
         single_strike.calibrate(client, rig, single_strike.CalibrationOrder((0.2,), 1, ()), lambda _text: True)
+
+
+def test_a_swing_that_came_to_nothing_is_made_again(daemon: Daemon, tmp_path: Path) -> None:
+    rig = read_rig(tmp_path / "rig.toml")
+    daemon.misses = 2
+    with DaemonClient(rig.daemon.socket_path()) as client:
+        swings = single_strike.calibrate(client, rig, single_strike.CalibrationOrder((0.2,), 2, ()), lambda _text: True)
+    assert len(swings) == 2
+    assert daemon.orders.count("strike") == 4
 
 
 def test_the_default_speeds_are_ones_the_striker_takes(daemon: Daemon, tmp_path: Path) -> None:
