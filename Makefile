@@ -47,8 +47,8 @@ COMPUTING := tests/analyze tests/schemas tests/test_architecture.py
 TIMED := tests/acquire tests/contracts tests/system
 
 test: setup  ## every test that needs no hardware
-	@$(BIN)/python -m pytest -n auto $(COMPUTING)
-	@$(BIN)/python -m pytest $(TIMED)
+	@$(BIN)/python -m pytest -n auto --durations=12 $(COMPUTING)
+	@$(BIN)/python -m pytest --durations=12 $(TIMED)
 
 test-slow: setup  ## the tests that take longer: faults, whole sessions
 	@$(BIN)/python -m pytest -m 'slow and not hardware'

@@ -82,6 +82,7 @@ def test_a_rig_of_virtual_devices(tmp_path: Path) -> None:
     assert checks["camera clock"]["measured"]["value"] < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("aravis")
 def test_a_daemon_is_asked_and_tells_its_service_manager(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"

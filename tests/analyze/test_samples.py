@@ -32,6 +32,7 @@ def test_a_sample_gives_the_right_answer(sample):
     assert all(strike.used for strike in result.strikes)
 
 
+@pytest.mark.slow
 def test_marker_masses_are_part_of_what_tips_and_said(tmp_path):
     sample = RECORDINGS / f"sample-{SCHEMA_VERSION}.mcap"
     with open_recording(sample) as recording:

@@ -579,6 +579,7 @@ def wait_until_gone(folder: Path, patience_s: float = 40.0) -> list[str]:
     return left
 
 
+@pytest.mark.slow
 def test_a_taken_camera_address_ends_the_demo_with_its_older_recording_untouched(short_folder: Path) -> None:
     older = write(short_folder / "r.mcap", "older")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
@@ -595,7 +596,7 @@ def test_a_taken_camera_address_ends_the_demo_with_its_older_recording_untouched
     assert processes_of(short_folder) == []
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupted_demo_takes_everything_down(short_folder: Path, number: signal.Signals) -> None:
     process = start_demo(short_folder, "--address", loopback(65))
     assert process.stderr is not None
@@ -611,6 +612,7 @@ def test_an_interrupted_demo_takes_everything_down(short_folder: Path, number: s
     assert names_in(short_folder) == set()
 
 
+@pytest.mark.slow
 def test_a_killed_demo_leaves_no_process(short_folder: Path) -> None:
     process = start_demo(short_folder, "--address", loopback(66))
     assert process.stderr is not None
