@@ -2,7 +2,6 @@
 
 import re
 from functools import cache
-from html.parser import HTMLParser
 from pathlib import Path
 
 import cv2
@@ -20,6 +19,7 @@ from analyze.object_files import object_files
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
 from schemas.documents import LengthUnit
+from tests.analyze.balanced_html import Balanced
 
 OBJECTS = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data"
 
@@ -29,23 +29,6 @@ def planned(name):
     files = object_files(OBJECTS / f"{name}.toml")
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
     return make_plan(model, files.spec, files.sha256, StrikerModel()), model, files.spec
-
-
-class Balanced(HTMLParser):
-    VOID = frozenset({"meta", "br", "path", "circle", "rect"})
-
-    def __init__(self):
-        super().__init__()
-        self.open, self.tags = [], []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        if tag not in self.VOID:
-            assert self.open.pop() == tag
 
 
 @pytest.mark.parametrize("name", ["carton", "salt"])

@@ -1,5 +1,4 @@
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -8,6 +7,7 @@ from analyze.errors import OutputError
 from analyze.pipeline import estimate_evidence
 from analyze.results.document import quantity
 from analyze.results.report import Still, render_report, write_report
+from tests.analyze.balanced_html import Balanced
 from tests.analyze.simulated_session import carton, session
 
 STILL = Still("z-/x+", "strike 1", "data:image/jpeg;base64,AAAA")
@@ -21,23 +21,6 @@ def estimate():
 @pytest.fixture(scope="module")
 def html(estimate):
     return render_report(estimate, [STILL])
-
-
-class Balanced(HTMLParser):
-    VOID = frozenset({"meta", "br", "img", "path", "use", "rect"})
-
-    def __init__(self):
-        super().__init__()
-        self.open, self.tags = [], []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        if tag not in self.VOID:
-            assert self.open.pop() == tag
 
 
 def test_it_is_whole_and_loads_nothing_from_elsewhere(html):
