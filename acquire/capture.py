@@ -261,8 +261,8 @@ class Capture:
         recording.require_space()
         return {"start_ns": self._frames(recording).open_window(self._clock.monotonic_ns())}
 
-    def _close_window(self, *_: object) -> dict[str, Any]:
-        return asdict(self._frames(self._open()).close_window(self._clock.monotonic_ns()))
+    def _close_window(self, header: dict[str, Any], *_: object) -> dict[str, Any]:
+        return asdict(self._frames(self._open()).close_window(self._clock.monotonic_ns(), int(header.get("end_ns", 0))))
 
     def _messages(self, header: dict[str, Any], payload: bytes) -> None:
         recording = self._recording

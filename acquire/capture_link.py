@@ -162,9 +162,9 @@ class CaptureProcess:
         """Keep every image from `pre_trigger_s` before now on. Returns the start as a log time."""
         return int(self._call({"op": "open_window"})["start_ns"])
 
-    def close_window(self) -> WindowReport:
-        """Stop keeping every image; what is reported is in the file."""
-        return WindowReport(**self._call({"op": "close_window"}, timeout_s=FINISH_S))
+    def close_window(self, end_ns: int = 0) -> WindowReport:
+        """Stop keeping every image, from now or from `end_ns` (log time) where that has passed; what is reported is in the file."""
+        return WindowReport(**self._call({"op": "close_window", "end_ns": end_ns}, timeout_s=FINISH_S))
 
     def write(self, topic_name: str, log_time_ns: int, data: bytes) -> None:
         """Record one small message. Returns at once; messages travel in batches, in order, and before any later command.

@@ -141,8 +141,8 @@ class Daemon:
     def _open_window(self, *_: object) -> dict[str, Any]:
         return {"start_ns": self._recording.open_window()}
 
-    def _close_window(self, *_: object) -> dict[str, Any]:
-        return self._recording.close_window()
+    def _close_window(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
+        return self._recording.close_window(int(params.get("end_ns", 0)))
 
     def _write_state(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         self._recording.present()

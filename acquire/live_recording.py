@@ -214,8 +214,11 @@ class LiveRecording:
         opened.window_part = opened.part
         return start_ns
 
-    def close_window(self) -> dict[str, Any]:
+    def close_window(self, end_ns: int = 0) -> dict[str, Any]:
         """What the window holds.
+
+        Args:
+            end_ns: log time at which it may end where that has passed; 0 for now. Late images that nobody needs are not waited for.
 
         Raises:
             RecordingBroken: it was opened in a file that broke off.
@@ -225,7 +228,7 @@ class LiveRecording:
         if part is not None and part != opened.part:
             raise RecordingBroken(f"the window was cut off: {part_path(opened.path, part).name} ends in it")
         try:
-            return asdict(self._capture.close_window())
+            return asdict(self._capture.close_window(end_ns))
         except CaptureGone as error:
             raise RecordingBroken(f"the window was cut off: {error}") from None
 

@@ -35,7 +35,9 @@ POSE_TOLERANCE_RAD = 0.14
 SERVO_TIMEOUT_S, SERVO_RETRY_S = 120.0, 0.5
 """for somebody to see to the servo's cable or supply in the middle of a session, and between two looks"""
 REST_TIMEOUT_S = 3.0
-"""for the object to come to rest after a strike; one that still rolls then has long landed, and a window of it is large and says no more"""
+"""of images, for the object to come to rest; one that still rolls then has long landed, and a window of it is large and says no more"""
+LATE_TIMEOUT_S = 9.0
+"""of the host's time for the same: images that come late are waited for so long"""
 REST_MINIMUM_S = 0.9
 """a tip that hangs at the top looks like rest"""
 
@@ -282,15 +284,16 @@ class SessionRunner:
 
     def _record_until_rest(self) -> s.Event:
         start = time.monotonic()
-        struck_ns = time.monotonic_ns() + self._anchor_ns
-        while time.monotonic() - start < REST_TIMEOUT_S:
+        struck_ns, end_ns = time.monotonic_ns() + self._anchor_ns, 0
+        while time.monotonic() - start < LATE_TIMEOUT_S:
             time.sleep(0.05)
             answer = self._client.call("watch.latest")
             event = answer["event"]
-            settled_ns = struck_ns + int(REST_MINIMUM_S * 1e9)
-            if not answer["alive"] or (event and event["at_rest"] and event["time_ns"] > settled_ns):
+            since_s = 1e-9 * (event["time_ns"] - struck_ns) if event else time.monotonic() - start
+            if not answer["alive"] or since_s > REST_TIMEOUT_S or (event and event["at_rest"] and since_s > REST_MINIMUM_S):
+                end_ns = event["time_ns"] if answer["alive"] else 0
                 break
-        report = self._client.call("window.close")
+        report = self._client.call("window.close", end_ns=end_ns)
         self._frames += int(report["frames"])
         self._lost += int(report["lost"])
         return s.Recorded(int(report["start_ns"]), int(report["end_ns"]), int(report["frames"]), int(report["lost"]))

@@ -237,7 +237,7 @@ def _strike(recording: Recording, spec: ObjectSpec, record: pb.StrikeRecord) -> 
     ]
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers)
-    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, record.window_end_ns)
+    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns)
     expected = [track for track in report.tracks if track.marker_id in planned.visible_markers]
     return analyse_strike(expected or report.tracks, markers, camera, task), report
 

@@ -157,7 +157,7 @@ class Observer:
             )
         try:
             report = track_markers(self._window(request), self._camera, self._markers)
-            task = StrikeTask(request.strike_id, planned, request.contact_time_ns, self._span(request)[1])
+            task = StrikeTask(request.strike_id, planned, request.contact_time_ns, report.images_end_ns)
             motion = analyse_strike(report.tracks, self._markers, self._camera, task)
         except AnalyzeError as error:
             return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=str(error))

@@ -185,8 +185,14 @@ class FrameRecorder:
             self._line.clear()
             return self._anchor + window.start_ns
 
-    def close_window(self, now_ns: int) -> WindowReport:
-        """Keep what was exposed until now (host monotonic), wait until it is in the file, and say what it is."""
+    def close_window(self, now_ns: int, end_ns: int = 0) -> WindowReport:
+        """Keep what was exposed until now (host monotonic), wait until it is in the file, and say what it is.
+
+        Args:
+            now_ns: host monotonic.
+            end_ns: log time; where it is before now the window need not last longer. 0: until now.
+        """
+        now_ns = min(now_ns, end_ns - self._anchor) if end_ns else now_ns
         with self._lock:
             window = self._window
             if window is None:

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 _REST_BEFORE_CONTACT_NS = 4_000_000
 """half a frame at 120 fps: the exposure of a resting frame must end before the contact"""
 _STILL_PX = 0.15
+_SEEN_AFTER_NS = 200_000_000
+"""of images after the contact: with fewer nobody can say whether the object moved"""
 
 
 @dataclass(frozen=True)
@@ -39,8 +41,8 @@ class StrikeTask:
     planned: PlannedStrike
     contact_time_ns: int = 0
     """log_time as the striker felt it, 0 = not known"""
-    window_end_ns: int = 0
-    """log_time of the last image, 0 = not known"""
+    images_end_ns: int | None = None
+    """log_time of the last image, 0 where there is none; None = not known"""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,8 @@ def analyse_strike(
         settings: limits; None for the defaults.
     """
     settings = settings or MotionSettings()
+    if (unseen := _unseen(task)) is not None:
+        return _without_motion(task, unseen)
     rest_end_ns = rest_end(tracks, task.contact_time_ns)
     try:
         motion = tip_angle(tracks, markers, camera, placement_of(task.planned), rest_end_ns)
@@ -90,7 +94,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     angle = motion.angle
     frame_ns = float(np.median(np.diff(angle.time_ns))) if len(angle.time_ns) > 1 else 1.0
     course = find_course(angle, task.contact_time_ns, settings.window)
-    judgement = judge_motion(motion, course, frame_ns, task.window_end_ns, settings.verdict)
+    judgement = judge_motion(motion, course, frame_ns, task.images_end_ns, settings.verdict)
     if course.released is None or (judgement is not None and judgement.code is Verdict.NOT_MOVED):
         return _result(task, judgement or Judgement(Verdict.NOT_MOVED, "no tip"), angle, course, None, ())
     try:
@@ -121,6 +125,16 @@ def verdict_of(motion: TipMotion) -> StrikeVerdict:
         energy_ratio=motion.energy_ratio,
         theta_max_rad=top,
     )
+
+
+def _unseen(task: StrikeTask) -> Judgement | None:
+    """Verdict where the images end before a tip could be seen in them: that says nothing, least of all that the object stood still."""
+    end = task.images_end_ns
+    if end is None or (end and not task.contact_time_ns) or end >= task.contact_time_ns + _SEEN_AFTER_NS:
+        return None
+    after_ms = 1e-6 * (end - task.contact_time_ns)
+    where = "it has no images" if not end else f"its images end {abs(after_ms):.0f} ms {'after' if after_ms >= 0 else 'before'} the contact"
+    return Judgement(Verdict.UNREADABLE, f"{where}: the camera was lost, or came late; strike again")
 
 
 def rest_end(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:

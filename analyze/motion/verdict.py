@@ -56,7 +56,9 @@ def _smooth_peak(values: Array, sd: Array) -> float:
     return float(np.max(np.median(windows, axis=1) - 2.0 * noise, initial=0.0))
 
 
-def judge_motion(motion: PlanarMotion, course: Course, frame_ns: float, window_end_ns: int, limits: VerdictLimits) -> Judgement | None:
+def judge_motion(
+    motion: PlanarMotion, course: Course, frame_ns: float, images_end_ns: int | None, limits: VerdictLimits
+) -> Judgement | None:
     """Verdicts that the raw motion gives, None where it looks like a tip."""
     angle = motion.angle
     if course.moved is None or course.released is None:
@@ -68,7 +70,7 @@ def judge_motion(motion: PlanarMotion, course: Course, frame_ns: float, window_e
     steps = np.diff(times) / frame_ns if len(times) > 1 else np.zeros(0)
     longest = round(float(np.max(steps, initial=1.0))) - 1
     share = len(times) / max(1.0, float(np.sum(np.rint(steps))) + 1.0)
-    unseen_end = (window_end_ns - last_seen) / frame_ns if window_end_ns else 0.0
+    unseen_end = (images_end_ns - last_seen) / frame_ns if images_end_ns else 0.0
     lost_early = (
         unseen_end > limits.gap and course.ended == len(angle.theta) and not course.came_back and angle.theta[-1] < math.radians(30.0)
     )

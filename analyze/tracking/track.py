@@ -48,6 +48,8 @@ class TrackingReport:
     """markers of the family that the object does not carry"""
     gaps: tuple[Gap, ...]
     frames_total: int
+    images_end_ns: int
+    """time of the last image that was looked at, 0 where there was none"""
 
 
 @dataclass
@@ -82,6 +84,7 @@ class MarkerFollower:
         self._unknown: dict[int, int] = {}
         self._gaps: list[Gap] = []
         self.frames_total = 0
+        self._last_ns = 0
 
     def add(self, frame: ImageFrame) -> dict[int, Square]:
         """Markers found in this frame, by id.
@@ -95,6 +98,7 @@ class MarkerFollower:
                 f" {self._camera.width} x {self._camera.height}: recalibrate, or use the rig file of this recording"
             )
         self.frames_total += 1
+        self._last_ns = frame.time_ns
         found: dict[int, Square] = {}
         for marker_id, path in self._paths.items():
             if path.time_ns and (square := self._follow(frame, path)) is not None:
@@ -120,7 +124,7 @@ class MarkerFollower:
         if unknown and not tracks:
             known = ", ".join(str(i) for i in sorted(self._paths)) or "none"
             raise TrackingError(f"marker {unknown[0]} is in view, but the object carries {known}: correct the object file or the marker")
-        return TrackingReport(tracks, unknown, tuple(self._gaps), self.frames_total)
+        return TrackingReport(tracks, unknown, tuple(self._gaps), self.frames_total, self._last_ns)
 
     def _follow(self, frame: ImageFrame, path: _Path) -> Square | None:
         expected, reach = path.predict(frame.time_ns)

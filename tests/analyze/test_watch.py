@@ -151,10 +151,25 @@ def test_a_strike_that_nobody_felt_is_found_in_a_long_window_and_timed(tip):
     assert len(decoded) - looks < len(tip[1]) + 100
 
 
+def test_nothing_is_concluded_from_images_that_end_before_the_tip(tip):
+    """A camera that is seconds behind its strike: all it shows is rest, and that is not what "not moved" means."""
+    motion, images = tip
+    watcher, _ = observer()
+    contact_ns = ANCHOR + int(motion.contact * 1e9)
+    for image in images:
+        if image.log_time_ns < contact_ns:
+            watcher.add(image)
+    verdict = watcher.judge(request_for(motion, images))
+    assert verdict.code is Verdict.UNREADABLE
+    assert "before the contact" in verdict.reason
+
+
 def test_what_cannot_be_judged_is_a_verdict_too(tip):
     motion, images = tip
     watcher, _ = observer()
-    assert watcher.judge(request_for(motion, images)).code is Verdict.MARKER_LOST
+    verdict = watcher.judge(request_for(motion, images))
+    assert verdict.code is Verdict.UNREADABLE
+    assert "no images" in verdict.reason
     assert "no strike 'x'" in watcher.judge(request_for(motion, images, plan_strike_id="x")).reason
 
 

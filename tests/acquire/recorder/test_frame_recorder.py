@@ -155,6 +155,15 @@ def test_a_camera_that_falls_silent_owes_its_frames(rig: Rig) -> None:
     assert report.lost == pytest.approx(50, abs=1)
 
 
+def test_images_that_come_late_and_that_nobody_needs_are_not_waited_for(rig: Rig) -> None:
+    rig.feed(30)
+    rig.recorder.open_window(rig.now_ns)
+    rig.feed(10)
+    late_ns = rig.now_ns + 50 * PERIOD_NS  # the camera is half a second behind
+    report = rig.recorder.close_window(late_ns, ANCHOR_NS + rig.now_ns - 2 * PERIOD_NS)
+    assert (report.frames, report.lost) == (10 + 10, 0)
+
+
 def test_a_window_nobody_closes_does_not_fill_the_disk(tmp_path: Path) -> None:
     rig = Rig(tmp_path / "a.mcap", max_window_s=0.5, preview_hz=0.0)
     rig.feed(20)
