@@ -42,13 +42,13 @@ demo: setup  ## a whole session on the virtual rig, and its answer beside the tr
 	@$(BIN)/analyze report $(DEMO_FILE) -o $(DEMO_FILE:.mcap=.html)
 	@$(BIN)/analyze replay $(DEMO_FILE) --save $(DEMO_FILE:.mcap=.rrd)
 
-# What only computes runs on all cores; what keeps time with devices runs alone.
+# What only computes runs on all cores. What keeps time with devices mostly waits for them, the longest of it (whole sessions) first.
 COMPUTING := tests/analyze tests/schemas tests/test_architecture.py
-TIMED := tests/acquire tests/contracts tests/system
+TIMED := tests/system tests/contracts tests/acquire
 
 test: setup  ## every test that needs no hardware
-	@$(BIN)/python -m pytest -n auto --durations=12 $(COMPUTING)
-	@$(BIN)/python -m pytest --durations=12 $(TIMED)
+	@$(BIN)/python -m pytest -n auto --dist loadfile --durations=12 $(COMPUTING)
+	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=12 $(TIMED)
 
 test-slow: setup  ## the tests that take longer: faults, whole sessions
 	@$(BIN)/python -m pytest -m 'slow and not hardware'

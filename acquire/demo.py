@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -119,14 +120,15 @@ def _session(
     common = ["--object", object_name, "--seed", str(seed), "--dir", str(folder), "--parent", str(os.getpid())]
     world_ready = cleanup.enter_context(started("world", folder, "acquire.virtual.world_process", *common))
     rig_path.write_text(rig_toml(calibration_sheet(seed), address, world_ready["port"], folder / "run" / "daemon.sock"), encoding="utf-8")
+    planning = cleanup.enter_context(_planning(object_path, plan_path, rig_path, strikes))
     progress("starting: camera", 0, 1)
     cleanup.enter_context(started("camera", folder, "acquire.virtual.camera_process", *common, "--address", address))
-    progress("starting: plan", 0, 1)
-    _plan(object_path, plan_path, rig_path, strikes)
     progress("starting: daemon", 0, 1)
     socket = read_rig(rig_path).daemon.socket_path()
     cleanup.enter_context(started("daemon", folder, "acquire", "run", str(rig_path), "--json", "--parent", str(os.getpid())))
     wait_for_socket(socket, lambda: True, START_TIMEOUT_S)
+    progress("starting: plan", 0, 1)
+    _planned(planning)
 
     world = cleanup.enter_context(contextlib.closing(OperatorLink(folder / "world.sock")))
     client = cleanup.enter_context(contextlib.closing(DaemonClient(socket)))
@@ -197,7 +199,9 @@ def _write_object(thing: VirtualObject, path: Path) -> None:
         (path.parent / name).write_bytes(data)
 
 
-def _plan(object_path: Path, plan_path: Path, rig_path: Path, strikes: int) -> None:
+@contextlib.contextmanager
+def _planning(object_path: Path, plan_path: Path, rig_path: Path, strikes: int) -> Iterator[subprocess.Popen[str]]:
+    """`analyze plan`, which works while the rig comes up."""
     command = [
         sys.executable,
         "-m",
@@ -211,9 +215,23 @@ def _plan(object_path: Path, plan_path: Path, rig_path: Path, strikes: int) -> N
         "--strikes",
         str(strikes),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise SessionError(f"no plan: {done.stderr.strip() or done.stdout.strip()}")
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _planned(planning: subprocess.Popen[str]) -> None:
+    """Wait for the plan.
+
+    Raises:
+        SessionError: there is none; why.
+    """
+    stdout, stderr = planning.communicate()
+    if planning.returncode != 0:
+        raise SessionError(f"no plan: {stderr.strip() or stdout.strip()}")
 
 
 def _refuse_other_address(address: str) -> None:

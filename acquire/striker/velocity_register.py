@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline
-from scipy.signal import lfilter
 
 from acquire.striker.servo import TICK_RAD, VELOCITY_UNIT_RAD_S
 
@@ -112,9 +110,27 @@ class Reads:
 
 
 def filtered(signal: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
-    """First-order filter along axis 0, in steps of FINE_S, at rest with the first row before it."""
-    gain = 1.0 - math.exp(-FINE_S / tau)
-    return lfilter([gain], [1.0, gain - 1.0], signal, axis=0, zi=(1.0 - gain) * signal[:1])[0]
+    """First-order filter along axis 0, in steps of FINE_S, at rest with the first row before it.
+
+    The sum of 1, 2, 4, ... decaying terms, each from the one before. scipy.signal has it as `lfilter`, but to load that takes longer than
+    all else that starts a daemon.
+    """
+    kept = math.exp(-FINE_S / tau)
+    total = signal - signal[:1]
+    weight, terms = kept, 1
+    while terms < len(signal):
+        total[terms:] += weight * total[:-terms]  # the right side is computed before anything is added
+        weight, terms = weight * weight, 2 * terms
+    return signal[:1] + (1.0 - kept) * total
+
+
+def cubic_splines(time: NDArray[np.float64], start: float, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Cubic B-splines on even knots (de Boor 1978, ch. IX) and their derivatives (n, count); the i-th ends KNOT_S (i + 1) after `start`."""
+    u = (time[:, None] - start) / KNOT_S - np.arange(count) + 1.0
+    far = np.minimum(np.abs(u), 2.0)
+    value = np.where(far < 1, 2 / 3 - far**2 + far**3 / 2, (2 - far) ** 3 / 6)
+    slope = np.where(far < 1, 1.5 * far**2 - 2 * far, -((2 - far) ** 2) / 2) * np.sign(u)
+    return value, slope / KNOT_S
 
 
 def learn_register(samples: Sequence[Sample], turned_ns: int) -> tuple[RegisterModel, ...]:
@@ -159,12 +175,10 @@ def _scores(reads: Reads) -> NDArray[np.float64]:
     """(phase, tau, lag): minus twice the log-likelihood of a smooth motion (cubic spline) that both registers show."""
     margin = KNOT_S + LAG_S[-1] + PERIOD_NS * 1e-9
     inner = np.arange(-margin, reads.time[-1] + 2 * KNOT_S, KNOT_S)
-    knots = np.concatenate([[inner[0]] * 3, inner, [inner[-1]] * 3])
-    count = len(knots) - 4
-    spline = BSpline(knots, np.eye(count), 3)
+    count = len(inner) + 2
     fine = np.arange(-margin, reads.time[-1] + 2 * FINE_S, FINE_S)
-    speed = spline.derivative()(fine)
-    from_position = spline(reads.time) / reads.position_sd[:, None]
+    speed = cubic_splines(fine, -margin, count)[1]
+    from_position = cubic_splines(reads.time, -margin, count)[0] / reads.position_sd[:, None]
     smooth = ROUGHNESS * np.diff(np.eye(count), 3, axis=0)
     normal = from_position.T @ from_position + smooth.T @ smooth
     y_position = reads.position / reads.position_sd
