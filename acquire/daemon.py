@@ -95,11 +95,7 @@ class Daemon:
         return ManualStriker(*arguments) if self._config.striker.kind == "manual" else DynamixelStriker(*arguments)
 
     def _handlers(self) -> dict[str, Any]:
-        return {
-            "status": self._status,
-            "shutdown": self._shutdown,
-            "recording.open": self._open_recording,
-            "recording.close": self._close_recording,
+        owned = {
             "recording.state": self._write_state,
             "recording.strike": self._write_strike,
             "window.open": self._open_window,
@@ -108,13 +104,30 @@ class Daemon:
             "striker.arm": self._arm,
             "striker.cock": self._striker_call("cock"),
             "striker.strike": self._strike,
-            "striker.stop": self._stop_striker,
-            "watch.latest": self._latest,
             "watch.expect": self._expect,
             "watch.judge": self._judge,
             "prompt": self._prompts.ask,
+        }
+        return {name: self._for_owner(handler) for name, handler in owned.items()} | {
+            "status": self._status,
+            "shutdown": self._shutdown,
+            "recording.open": self._open_recording,
+            "recording.close": self._close_recording,
+            "striker.stop": self._stop_striker,
+            "watch.latest": self._latest,
             "prompt.answer": self._prompts.answer,
         }
+
+    def _for_owner(self, handler: Callable[[Connection, dict[str, Any]], dict[str, Any]]) -> Any:
+        """While a recording is open its client alone gives orders; whoever else is connected may look, stop the arm, and end it."""
+
+        def call(connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
+            owner = self._recording.owner
+            if owner is not None and owner is not connection:
+                raise SessionError("another program's session is open: wait for its end, or end it with `acquire stop`")
+            return handler(connection, params)
+
+        return call
 
     # --- recording ------------------------------------------------------------------------------------------------
 

@@ -72,7 +72,10 @@ class OperatorLink:
         )
 
     def state(self) -> dict[str, Any]:
-        """Now: time_ns, at_rest, arm_angle, arm_velocity, p_world_object, q_world_object_wxyz."""
+        """Now: time_ns, at_rest, arm_angle, arm_velocity, p_world_object, q_world_object_wxyz.
+
+        stale_ns: since it was last asked, the worst by which the servo's answers were older than they say; 0 where the computer kept up.
+        """
         return self._call("state")
 
     def truth(self) -> str:

@@ -66,6 +66,8 @@ class WorldProcess:
         self._ring = PoseRing.create(folder / "pose.ring")
         self._truth = TruthWriter(folder / "truth.bin", truth_body(thing, seed, table_tilt))
         self._ticks = 0
+        self._stale_ns = 0
+        """by how much what the servo tells may be older than a servo's answer is; the worst since somebody asked"""
         self.world = World(
             thing,
             self._torque,
@@ -132,7 +134,9 @@ class WorldProcess:
         while now_ns - self.world.time_ns > _SLICE_NS:
             self.world.step_to(self.world.time_ns + _SLICE_NS)
             if self.servo.plugged_in:
-                self.servo.service(self._clock_ns())
+                clock_ns = self._clock_ns()
+                self._stale_ns = max(self._stale_ns, clock_ns - self.world.time_ns)
+                self.servo.service(clock_ns)
         self.world.step_to(now_ns)
 
     def _torque(self, position_rad: float, velocity_rad_s: float, time_ns: int) -> float:
@@ -198,7 +202,9 @@ class WorldProcess:
 
     def _state(self) -> dict[str, Any]:
         state = self.world.state()
+        stale_ns, self._stale_ns = self._stale_ns, 0
         return {
+            "stale_ns": stale_ns,
             "time_ns": state.time_ns,
             "at_rest": state.at_rest,
             "arm_angle": state.arm_angle,

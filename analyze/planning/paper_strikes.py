@@ -76,9 +76,10 @@ def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> S
 
 
 def paper_axis(prepared: Prepared, strike: PaperStrike, name: str) -> PivotAxis:
-    """Pivot through p^r_ij, on the centre line of the edge's rounding (square walls taken)."""
+    """Pivot through p^r_ij, on the centre line of the edge's rounding (square walls taken); named by its point beside the impact point."""
     radius = prepared.spec.edge_radius_m
     point = strike.rotation_point + radius * (strike.plane.up - strike.tip)
+    point = point + strike.axis * float(strike.axis @ (strike.impact_point - point))
     return PivotAxis(name, strike.plane, strike.axis, strike.tip, point, radius, EDGE_SD, rolls=False)
 
 
