@@ -42,6 +42,9 @@ How it is done:
   `acquire recover`, and the gap is said in the next file's `/log`, to every client and on standard error. A strike that was in the
   making is made again by the session. Waiting clients wait up to 30 s.
 - `analyze watch` is started again up to twice in a recording.
+- Images that come late are waited for in their own time, for up to 9 s. A strike whose images end before its tip is "unreadable": it is
+  made again, and nothing is learned from it.
+- While a session is open its client alone gives orders; any other may look, stop the arm, and end the recording.
 - The daemon says to a waiting client once a second that it is at work; 6 s of silence are a hang, said in one line. Its own loop
   feeds systemd's watchdog (docs/percuss.service), which ends and restarts a daemon whose loop hangs.
 - While the arm moves, the servo's bus watchdog (100 ms) runs: whatever silences the host stops the motor. It never takes the torque off,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,3 +44,10 @@ def session(tmp_path_factory) -> Session:
     done = subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True, timeout=110, check=False)
     assert done.returncode in {0, 3}, done.stderr
     return Session(path, json.loads(done.stdout))
+
+
+@pytest.fixture
+def nothing_left(tmp_path: Path) -> Iterator[None]:
+    """No file with a temporary name outlives a complaint."""
+    yield
+    assert [path for path in tmp_path.rglob("*") if path.name.endswith(".part") or path.name.startswith(".")] == []

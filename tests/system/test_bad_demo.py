@@ -1,0 +1,132 @@
+"""A demo that cannot begin, is interrupted or killed: one line, nothing left behind; wrong usage."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from acquire.cli import main as acquire
+from analyze.cli import main as analyze
+from tests.loopback import loopback
+from tests.system.complaints import complaint, names_in, write
+
+pytestmark = pytest.mark.usefixtures("nothing_left")
+
+TAKEN_ADDRESS = loopback(64)
+
+
+def test_a_demo_that_cannot_begin(tmp_path: Path) -> None:
+    taken = write(tmp_path / "taken.mcap", "mine")
+    assert "exists already: choose another name, or give --force" in complaint(acquire, "demo", "-o", taken)
+    assert "10.0.0.1: the virtual camera lives on loopback" in complaint(
+        acquire, "demo", "-o", tmp_path / "r.mcap", "--address", "10.0.0.1"
+    )
+    assert "lives on loopback" in complaint(acquire, "demo", "-o", tmp_path / "r.mcap", "--address", "camera")
+    assert "is a folder" in complaint(acquire, "demo", "--force", "-o", tmp_path)
+    assert "cannot be made" in complaint(acquire, "demo", "-o", "/proc/x/r.mcap", "--address", loopback(61))
+    assert names_in(tmp_path) == {"taken.mcap"}
+    assert taken.read_text() == "mine"
+
+
+@pytest.fixture
+def short_folder() -> Iterator[Path]:
+    folder = Path(tempfile.mkdtemp(prefix="pc-"))
+    yield folder
+    shutil.rmtree(folder)
+
+
+def start_demo(folder: Path, *more: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "acquire", "demo", "-o", str(folder / "r.mcap"), *more]
+    environment = os.environ | {"TMPDIR": str(folder)}
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True)
+
+
+def processes_of(folder: Path) -> list[str]:
+    found: list[str] = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+            except OSError:
+                continue
+            if str(folder) in command:
+                found.append(command)
+    return found
+
+
+def wait_until_gone(folder: Path, patience_s: float = 40.0) -> list[str]:
+    """What still runs after a patience that suits a loaded machine: a child that is still importing ends only then."""
+    end = time.monotonic() + patience_s
+    while (left := processes_of(folder)) and time.monotonic() < end:
+        time.sleep(0.05)
+    return left
+
+
+@pytest.mark.slow
+def test_a_taken_camera_address_ends_the_demo_with_its_older_recording_untouched(short_folder: Path) -> None:
+    older = write(short_folder / "r.mcap", "older")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind((TAKEN_ADDRESS, 3956))
+        process = start_demo(short_folder, "--force", "--address", TAKEN_ADDRESS)
+        output, errors = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert output == ""
+    (line,) = [line for line in errors.splitlines() if not line.startswith("starting: ")]
+    assert f"UDP port 3956 of {TAKEN_ADDRESS} is in use" in line
+    assert "stop it or give another address" in line
+    assert older.read_text() == "older"
+    assert names_in(short_folder) == {"r.mcap"}
+    assert processes_of(short_folder) == []
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+def test_an_interrupted_demo_takes_everything_down(short_folder: Path, number: signal.Signals) -> None:
+    process = start_demo(short_folder, "--address", loopback(65))
+    assert process.stderr is not None
+    while "starting: camera" not in process.stderr.readline():
+        assert process.poll() is None
+    os.killpg(process.pid, number)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert output == ""
+    assert errors.splitlines()[-1] == "acquire: interrupted"
+    assert "Traceback" not in errors
+    assert wait_until_gone(short_folder) == []
+    assert names_in(short_folder) == set()
+
+
+@pytest.mark.slow
+def test_a_killed_demo_leaves_no_process(short_folder: Path) -> None:
+    process = start_demo(short_folder, "--address", loopback(66))
+    assert process.stderr is not None
+    while "starting: plan" not in process.stderr.readline():
+        assert process.poll() is None
+    process.kill()
+    process.communicate(timeout=60)
+    assert wait_until_gone(short_folder) == []
+    assert not (short_folder / "r.mcap").exists()
+
+
+def test_wrong_usage_is_code_2() -> None:
+    for command, arguments in (
+        (acquire, ["demo", "--object", "teapot", "-o", "x.mcap"]),
+        (acquire, ["demo"]),
+        (acquire, ["demo", "-o", "x.mcap", "--strikes", "2"]),
+        (analyze, ["estimate"]),
+        (analyze, ["plan", "x.toml", "--strikes", "0"]),
+        (analyze, ["divine", "x.mcap"]),
+    ):
+        result = CliRunner().invoke(command, arguments)
+        assert result.exit_code == 2
+        assert "Error: " in result.stderr
