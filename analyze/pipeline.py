@@ -236,10 +236,9 @@ def _strike(recording: Recording, spec: ObjectSpec, record: pb.StrikeRecord) -> 
         for marker in spec.marker
     ]
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
-    report = track_markers(frames, camera, markers)
+    report = track_markers(frames, camera, markers, planned.visible_markers)
     task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns)
-    expected = [track for track in report.tracks if track.marker_id in planned.visible_markers]
-    return analyse_strike(expected or report.tracks, markers, camera, task), report
+    return analyse_strike(report.tracks, markers, camera, task), report
 
 
 def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None) -> Estimate:

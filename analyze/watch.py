@@ -156,7 +156,7 @@ class Observer:
                 reason=f"the plan has no strike {request.plan_strike_id!r}: it has {known}",
             )
         try:
-            report = track_markers(self._window(request), self._camera, self._markers)
+            report = track_markers(self._window(request), self._camera, self._markers, planned.visible_markers)
             task = StrikeTask(request.strike_id, planned, request.contact_time_ns, report.images_end_ns)
             motion = analyse_strike(report.tracks, self._markers, self._camera, task)
         except AnalyzeError as error:

@@ -25,6 +25,8 @@ _FULL_SCANS = 2
 """first frames that are searched completely, for markers that should not be there"""
 _RESCAN_EVERY = 25
 """frames between full searches while a marker is missing"""
+_LOOKED_FOR = 8
+"""frames that a lost marker is looked for near its last place; one that has turned away would cost a search in every frame"""
 _NEAR_PX = 1.2
 """a fit that moved farther than this from its start is not trusted without OpenCV's reading"""
 
@@ -75,12 +77,20 @@ class _Path:
 
 
 class MarkerFollower:
-    """Finds the markers of one object frame by frame. Feed frames in the order of time."""
+    """Finds the markers of one object frame by frame. Feed frames in the order of time.
 
-    def __init__(self, camera: CameraModel, markers: Sequence[Marker]) -> None:
+    Args:
+        camera: that took the frames.
+        markers: all that the object carries.
+        expected: ids of those that the camera shall see; once one of them was found the others are not followed, each costs milliseconds.
+    """
+
+    def __init__(self, camera: CameraModel, markers: Sequence[Marker], expected: Sequence[int] = ()) -> None:
         self._camera = camera
         self._pixels = pixel_map(camera)
         self._paths = {marker.id: _Path(marker) for marker in markers}
+        self._known = frozenset(self._paths)
+        self._expected = frozenset(expected) & self._known
         self._unknown: dict[int, int] = {}
         self._gaps: list[Gap] = []
         self.frames_total = 0
@@ -111,6 +121,9 @@ class MarkerFollower:
                 if sighting.marker_id not in found and (square := self._fit(frame, sighting.corners_px)) is not None:
                     found[sighting.marker_id] = square
         self._note(frame, found)
+        if any(self._paths[marker_id].time_ns for marker_id in self._expected):
+            self._paths = {marker_id: self._paths[marker_id] for marker_id in self._paths if marker_id in self._expected}
+            self._expected = frozenset()
         return found
 
     def report(self) -> TrackingReport:
@@ -122,7 +135,7 @@ class MarkerFollower:
         tracks = tuple(track for path in self._paths.values() if (track := self._track(path)) is not None)
         unknown = tuple(sorted(i for i, times in self._unknown.items() if times >= min(2, self.frames_total)))
         if unknown and not tracks:
-            known = ", ".join(str(i) for i in sorted(self._paths)) or "none"
+            known = ", ".join(str(i) for i in sorted(self._known)) or "none"
             raise TrackingError(f"marker {unknown[0]} is in view, but the object carries {known}: correct the object file or the marker")
         return TrackingReport(tracks, unknown, tuple(self._gaps), self.frames_total, self._last_ns)
 
@@ -132,6 +145,8 @@ class MarkerFollower:
             square = self._fit(frame, expected)
             if square is not None and self._trusted(frame, square, expected, path.marker.id):
                 return square
+        if path.missed >= _LOOKED_FOR:
+            return None
         margin = int(reach + 0.35 * float(np.ptp(expected, axis=0).max())) + 2
         left, top = np.maximum(np.floor(expected.min(axis=0)).astype(int) - margin, 0)
         right, bottom = np.ceil(expected.max(axis=0)).astype(int) + margin
@@ -154,11 +169,11 @@ class MarkerFollower:
         known: list[Sighting] = []
         seen: set[int] = set()
         for sighting in detect(frame.image):
-            if sighting.marker_id in seen and sighting.marker_id in self._paths:
+            if sighting.marker_id in seen and sighting.marker_id in self._known:
                 raise TrackingError(f"marker {sighting.marker_id} is in view twice: cover or remove one, every marker needs its own id")
             if sighting.marker_id in self._paths:
                 known.append(sighting)
-            elif sighting.marker_id not in seen:
+            elif sighting.marker_id not in seen and sighting.marker_id not in self._known:
                 self._unknown[sighting.marker_id] = self._unknown.get(sighting.marker_id, 0) + 1
             seen.add(sighting.marker_id)
         return known
@@ -204,27 +219,15 @@ class MarkerFollower:
         )
 
 
-def track_markers(frames: Iterable[ImageFrame], camera: CameraModel, markers: Sequence[Marker]) -> TrackingReport:
-    """Follow all `markers` through `frames` (in the order of time), with what else was seen.
+def track_markers(
+    frames: Iterable[ImageFrame], camera: CameraModel, markers: Sequence[Marker], expected: Sequence[int] = ()
+) -> TrackingReport:
+    """Follow `markers` through `frames` (in the order of time), with what else was seen; see MarkerFollower.
 
     Raises:
         TrackingError: a marker is in view twice, or only unknown ones are.
     """
-    follower = MarkerFollower(camera, markers)
+    follower = MarkerFollower(camera, markers, expected)
     for frame in frames:
         follower.add(frame)
     return follower.report()
-
-
-def track_window(
-    frames: Iterable[ImageFrame], camera: CameraModel, markers: Sequence[Marker], expected_ids: Sequence[int] = ()
-) -> list[MarkerTrack]:
-    """Tracks of the markers that a strike should show; all of the object's markers are followed where `expected_ids` is empty.
-
-    Raises:
-        TrackingError: a marker is in view twice, or only markers that the object does not carry are.
-    """
-    report = track_markers(frames, camera, markers)
-    expected = set(expected_ids) or {marker.id for marker in markers}
-    chosen = [track for track in report.tracks if track.marker_id in expected]
-    return chosen or list(report.tracks)

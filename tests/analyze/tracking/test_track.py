@@ -9,7 +9,7 @@ import pytest
 from analyze.errors import TrackingError
 from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.pose import solve_pose
-from analyze.tracking.track import MarkerFollower, track_markers, track_window
+from analyze.tracking.track import MarkerFollower, track_markers
 from analyze.types import CameraModel, ImageFrame, Marker
 from tests.analyze.tracking.rendering import corners_of, project, render
 
@@ -57,7 +57,7 @@ def test_every_frame_of_a_tip_is_tracked_cheaply(camera, turning):
 
 
 def test_pose_turns_with_the_tag_and_never_flips(camera, turning):
-    (track,) = track_window(turning, camera, [Marker(7, SIZE, None)], [7])
+    (track,) = track_markers(turning, camera, [Marker(7, SIZE, None)], [7]).tracks
     relative = track.R_camera_marker @ track.R_camera_marker[0].T
     angle = np.arctan2(relative[:, 1, 0], relative[:, 0, 0])
     assert np.allclose(angle[10:], 0.03 * np.arange(1, 17), atol=np.radians(0.6))
@@ -84,7 +84,7 @@ def two(camera, rng, first, second):
 
 def test_a_marker_seen_twice_is_refused(camera, rng):
     with pytest.raises(TrackingError, match="marker 7 is in view twice: cover or remove one"):
-        track_window(two(camera, rng, 7, 7), camera, [Marker(7, SIZE, None)])
+        track_markers(two(camera, rng, 7, 7), camera, [Marker(7, SIZE, None)])
 
 
 def test_an_unknown_marker_beside_a_known_one_is_reported(camera, rng):
@@ -93,14 +93,22 @@ def test_an_unknown_marker_beside_a_known_one_is_reported(camera, rng):
     assert len(report.tracks) == 1
 
 
+def test_others_are_not_followed_once_the_expected_one_is_seen(camera, rng):
+    markers = [Marker(7, SIZE, None), Marker(8, SIZE, None)]
+    frames = two(camera, rng, 7, 8)
+    assert [track.marker_id for track in track_markers(frames, camera, markers, [7]).tracks] == [7]
+    assert [track.marker_id for track in track_markers(frames, camera, markers, [9]).tracks] == [7, 8]
+    assert track_markers(frames, camera, markers, [7]).unknown_ids == ()
+
+
 def test_only_unknown_markers_are_refused(camera, rng):
     with pytest.raises(TrackingError, match="marker 98 is in view, but the object carries 7"):
-        track_window(two(camera, rng, 98, 99), camera, [Marker(7, SIZE, None)])
+        track_markers(two(camera, rng, 98, 99), camera, [Marker(7, SIZE, None)])
 
 
 def test_an_image_of_another_size_is_refused(camera, rng):
     with pytest.raises(TrackingError, match="640 x 480 px, the calibration 656 x 492"):
-        track_window([ImageFrame(0, 0, np.zeros((480, 640), np.uint8))], camera, [Marker(7, SIZE, None)])
+        track_markers([ImageFrame(0, 0, np.zeros((480, 640), np.uint8))], camera, [Marker(7, SIZE, None)])
 
 
 def test_both_poses_of_a_square_come_back_better_one_first(camera):
