@@ -16,7 +16,7 @@ from typing import Any
 import click
 
 from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
-from schemas.command_line import one_line_errors
+from schemas.command_line import NumberRange, one_line_errors
 
 _one_line_errors = one_line_errors("acquire", AcquireError)
 
@@ -141,16 +141,12 @@ def demo(object_name: str, seed: int, output: Path, address: str, strikes: int, 
 
 @main.command()
 @click.option("--rig", type=click.Path(path_type=Path), help="Rig file that names the daemon's socket; --calibrate needs it.")
-@click.option("--speed", type=click.FloatRange(0, min_open=True), help="Tip speed, m/s.")
+@click.option("--speed", type=NumberRange(0, 100, min_open=True), help="Tip speed, m/s.")
 @click.option("--plan", type=click.Path(path_type=Path), help="Take the speed from this plan, for --strike.")
 @click.option("--strike", "strike_id", help="Which strike of the plan.")
-@click.option(
-    "--energy", type=click.FloatRange(0.1, 3.0), help="Energy ratio wanted of the plan's strike; default: as a session would begin."
-)
+@click.option("--energy", type=NumberRange(0.1, 3.0), help="Energy ratio wanted of the plan's strike; default: as a session would begin.")
 @click.option("--calibrate", is_flag=True, help="Swing a bare striker at several speeds, then at the bodies given.")
-@click.option(
-    "--body-mass-kg", "bodies", type=click.FloatRange(0, min_open=True), multiple=True, help="A free body to strike; inf: a wall."
-)
+@click.option("--body-mass-kg", "bodies", type=NumberRange(0, min_open=True), multiple=True, help="A free body to strike; inf: a wall.")
 @click.option("--speeds", help="With --calibrate: tip speeds in m/s, comma-separated; default: five, all that it can.")
 @click.option("--repeats", default=2, show_default=True, type=click.IntRange(1, 20), help="With --calibrate: swings at each speed.")
 @click.option("--write", is_flag=True, help="With --calibrate: put what was learned into the rig file.")

@@ -16,12 +16,13 @@ from acquire.config import RigConfig
 from acquire.errors import ConfigError, SessionError, StrikerRefused
 from acquire.striker.base import StrikeOutcome
 from acquire.striker.calibration import StrikerNumbers, Swing
+from schemas.rig_limits import SLOWEST_RAD_S, tip_speeds
 
 Ask = Callable[[str], bool]
 """puts a question to the person at the rig; False: no"""
 DEFAULT_STEPS = 5
-SLOWEST_RAD_S, RUN_UP_S = 0.6, 0.065
-"""the arm's least speed, and how long it needs to run up, each with a margin to what the striker refuses"""
+ABOVE_SLOWEST, LONGER_RUN_UP = 1.2, 1.08
+"""margins of a calibration's speeds to what the striker refuses"""
 DECIMALS = 4
 TRIES = 4
 """of a swing: a host that stands still for 100 ms stops the arm"""
@@ -89,8 +90,8 @@ class CalibrationOrder:
 def speeds_within(rig: RigConfig, steps: int = DEFAULT_STEPS) -> tuple[float, ...]:
     """Tip speeds [m/s] that this striker can swing, evenly from the slowest to the fastest."""
     arm = rig.striker
-    slowest = SLOWEST_RAD_S * arm.arm_length_m
-    fastest = min(arm.velocity_limit_rad_s, abs(arm.cocked_angle_rad) / RUN_UP_S) * arm.arm_length_m
+    slowest = ABOVE_SLOWEST * SLOWEST_RAD_S * arm.arm_length_m
+    fastest = tip_speeds(arm.arm_length_m, arm.cocked_angle_rad / LONGER_RUN_UP, arm.velocity_limit_rad_s).fastest_m_s
     return tuple(round(slowest + (fastest - slowest) * i / (steps - 1), DECIMALS) for i in range(steps))
 
 

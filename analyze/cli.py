@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from analyze.errors import AnalyzeError
-from schemas.command_line import one_line_errors
+from schemas.command_line import NumberRange, one_line_errors
 
 if TYPE_CHECKING:
     from analyze.pipeline import Estimate
@@ -52,7 +52,7 @@ def _with_estimate_options(function: Callable[..., Any]) -> Callable[..., Any]:
 @click.option("--strikes", default=9, show_default=True, type=click.IntRange(1, 200), help="How many strikes; with --given: how many more.")
 @click.option(
     "--target-com-mm",
-    type=click.FloatRange(0, 1000, min_open=True),
+    type=NumberRange(0, 1000, min_open=True),
     metavar="X",
     help="Instead: the fewest strikes that bring the centre of mass to X mm (root mean square distance), or how near they come.",
 )
@@ -92,7 +92,7 @@ def plan(
 ) -> None:
     """Plan the strikes for OBJECT (TOML): how to place it, where to strike, how hard, and how well the answer will be known."""
     from analyze.output_file import refuse_unwritable
-    from analyze.plan_files import PlanOptions, plan_object, write_plan
+    from analyze.plan_files import STEPS, PlanOptions, plan_object, write_plan
     from analyze.plan_table import render_plan
     from analyze.progress import StrikeProgress
     from schemas.documents import PlanMethod
@@ -107,7 +107,7 @@ def plan(
         page: Path | None = None
         if output is not None:
             write_plan(planned.plan, output)
-        progress("drawing the cards", 3, 4)
+        progress("drawing the cards", STEPS - 1, STEPS)
         if output is not None and cards:
             from analyze.cards.page import write_cards
 
@@ -230,7 +230,7 @@ def watch(file: Path) -> None:
 @click.option("--object", "object_file", type=click.Path(path_type=Path), help="Take family, ids and sizes from this object file.")
 @click.option("--ids", help="Which tags: 0-11, or 0,3,7.  [default: 0-11]")
 @click.option("--size-mm", type=float, help="Edge of the black square.  [default: 30]")
-@click.option("--family", help="Tag family.  [default: 36h11; of a board 5x5_100]")
+@click.option("--family", help="Tag family; object files name 36h11 only.  [default: 36h11; of a board 5x5_100]")
 @click.option("--board", type=click.Choice(["charuco"]), help="Instead: a board to calibrate a camera with.")
 @click.option("--squares", metavar="CxR", help="Of the board: columns x rows.  [default: 7x9]")
 @click.option("--square-mm", type=float, help="Of the board: edge of a square.  [default: 22]")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +26,16 @@ from analyze.planning.information import Errors
 from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import FRICTION, Request, finish, prepare
 from analyze.types import CameraModel
-from schemas.documents import CameraCalibrationSpec, DocumentError, ObjectSpec, PlanMethod, Result, StrikePlan, validate
+from schemas.documents import DocumentError, ObjectSpec, PlanMethod, Result, StrikePlan, validate
+from schemas.rig import RigConfig, StrikerConfig
 
 CELLS = 800
 """pieces of the body for the prediction of region masses"""
 STRIKES = 9
 """how many, if nobody says"""
 MOST_STRIKES = 200
+STEPS = 7
+"""that the progress bar counts; the last draws the cards"""
 
 Progress = Callable[[str, int, int], None]
 
@@ -66,20 +69,26 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = la
         RecordingError, EstimationError: of the recording given as result so far.
         PlanError: the rig file or the result so far cannot be used, or no set of strikes determines the centre of mass.
     """
-    progress("reading the shape", 0, 4)
+    progress("reading the files", 0, STEPS)
+    rig = planned_rig(options.rig_path)
     files = object_files(object_path)
+    progress("making a body of the shape", 1, STEPS)
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
-    rig = _rig(options.rig_path)
-    given = None if options.given_path is None else _given(options.given_path, files.sha256, files.spec.mass_kg)
-    progress("trying the axes", 1, 4)
-    prepared = prepare(model, files.spec, Bench(rig.striker, rig.camera, rig.friction, rig.gravity), rig.errors, given)
+    view.refuse_off_surface(model, files.spec)
+    given = None
+    if options.given_path is not None:
+        progress("reading the result so far", 2, STEPS)
+        given = _given(options.given_path, files.sha256, files.spec.mass_kg)
+    progress("trying the axes", 3, STEPS)
+    prepared = prepare(model, files.spec, rig.bench, rig.errors, given)
     if options.method is PlanMethod.PAPER:
-        return PlannedObject(paper_strike_plan(prepared, files.sha256, options.strikes), model, files.spec, rig.camera)
-    progress("cutting the body into pieces", 2, 4)
+        return PlannedObject(paper_strike_plan(prepared, files.sha256, options.strikes), model, files.spec, rig.bench.camera)
+    progress("cutting the body into pieces", 4, STEPS)
     cells = _pieces(model, wall_thickness(files.spec, model))
-    progress("choosing the strikes", 3, 4)
+    progress("choosing the strikes", 5, STEPS)
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
-    return PlannedObject(finish(prepared, files.sha256, Request(options.strikes, target), cells), model, files.spec, rig.camera)
+    plan = finish(prepared, files.sha256, Request(options.strikes, target), cells)
+    return PlannedObject(plan, model, files.spec, rig.bench.camera)
 
 
 def _pieces(model: ObjectModel, wall: float) -> Pieces:
@@ -148,74 +157,62 @@ def _single(value: float | list[float] | list[list[float]] | None, otherwise: fl
 
 
 @dataclass(frozen=True)
-class _Rig:
-    striker: StrikerModel
-    camera: CameraModel
-    friction: float
-    gravity: float
+class PlannedRig:
+    """What planning takes from a rig file."""
+
+    bench: Bench
     errors: Errors
 
 
-def _rig(path: Path | None) -> _Rig:
-    """What planning needs of a rig file, which belongs to `acquire`: camera, striker, table_friction, gravity and its tilt."""
-    striker, errors = StrikerModel(), Errors()
+def planned_rig(path: Path | None) -> PlannedRig:
+    """The rig of a rig file, which holds for planning as it does for `acquire`; without one, the nominal rig.
+
+    Only the camera's address may be missing: nobody is asked anything.
+
+    Raises:
+        PlanError: `acquire` would refuse it, or its striker can swing at no speed at all.
+    """
     if path is None:
-        return _Rig(striker, view.default_camera(), FRICTION, 9.81, errors)
+        return PlannedRig(Bench(StrikerModel(), view.default_camera(), FRICTION), Errors())
     try:
         data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-        calibration = validate(CameraCalibrationSpec, data["camera"]["calibration"], f"{path}: camera.calibration")
-        given: dict[str, Any] = data.get("striker", {})
-        fastest = striker.fastest_m_s
-        if "velocity_limit_rad_s" in given and "arm_length_m" in given:
-            fastest = _between(given, "velocity_limit_rad_s", 8.0, 0.0, 100.0) * _between(given, "arm_length_m", 0.12, 0.0, 2.0)
-        striker = replace(
-            striker,
-            effective_mass_kg=_between(given, "effective_mass_kg", striker.effective_mass_kg, 0.0, 10.0),
-            restitution=_between(given, "restitution", striker.restitution, -1e-12, 1.0),
-            effective_mass_sd_kg=max(_between(given, "effective_mass_sd_kg", striker.effective_mass_sd_kg, -1e-12, 10.0), 1e-4),
-            restitution_sd=max(_between(given, "restitution_sd", striker.restitution_sd, -1e-12, 1.0), 1e-3),
-            fastest_m_s=fastest,
-            **_reach(given),
-        )
-        friction = _between(data, "table_friction", FRICTION, 0.0, 10.0)
-        gravity = _between(data, "g_m_s2", 9.81, 9.7, 9.9)
-        tilt = _between(data, "gravity_tilt_sd_rad", errors.tilt, -1e-12, 1.0)
-        gravity_sd = _between(data, "g_sd_m_s2", errors.gravity * gravity, -1e-12, 1.0)
-        errors = replace(errors, tilt=max(tilt, 1e-6), gravity=max(gravity_sd / gravity, 1e-7))
     except FileNotFoundError:
         raise PlanError(f"{path}: no such rig file: check the path") from None
     except OSError as error:
         raise PlanError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, nested too deep
         raise PlanError(f"{path}: not valid TOML: {error}") from None
-    except KeyError:
-        raise PlanError(f"{path}: cannot be used as a rig file: it has no section [camera.calibration]") from None
+    camera = data.get("camera")
+    if not isinstance(camera, dict) or "calibration" not in camera:
+        raise PlanError(f"{path}: cannot be used as a rig file: it has no section [camera.calibration]")
+    camera.setdefault("address", "none")
+    try:
+        rig = validate(RigConfig, data, str(path))
     except DocumentError as error:
         raise PlanError(str(error)) from None
-    except (TypeError, ValueError, AttributeError) as error:
-        raise PlanError(f"{path}: cannot be used as a rig file: {error}: correct [striker], table_friction or gravity") from None
-    camera = CameraModel(
-        calibration.width,
-        calibration.height,
-        np.array(calibration.K),
-        np.array(calibration.distortion),
-        np.array(calibration.T_world_camera),
+    striker = striker_model(rig.striker)
+    if striker.slowest_m_s > striker.fastest_m_s:
+        raise PlanError(
+            f"{path}: its striker can swing at no speed: {striker.slowest_m_s:.3g} m/s is its least, {striker.fastest_m_s:.3g} m/s all "
+            "that velocity_limit_rad_s and cocked_angle_rad leave: raise them"
+        )
+    seen = rig.camera.calibration
+    lens = CameraModel(seen.width, seen.height, np.array(seen.K), np.array(seen.distortion), np.array(seen.T_world_camera))
+    errors = Errors(tilt=max(rig.gravity_tilt_sd_rad, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
+    return PlannedRig(Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors)
+
+
+def striker_model(striker: StrikerConfig) -> StrikerModel:
+    """The striker of a rig file as plans reckon with it; an sd of 0 is none."""
+    speeds = striker.tip_speeds()
+    lowest, highest = striker.reach_m
+    return StrikerModel(
+        effective_mass_kg=striker.effective_mass_kg,
+        restitution=striker.restitution,
+        effective_mass_sd_kg=max(striker.effective_mass_sd_kg, 1e-4),
+        restitution_sd=max(striker.restitution_sd, 1e-3),
+        slowest_m_s=speeds.slowest_m_s,
+        fastest_m_s=speeds.fastest_m_s,
+        lowest_m=lowest,
+        highest_m=highest,
     )
-    return _Rig(striker, camera, friction, gravity, errors)
-
-
-def _reach(section: dict[str, Any]) -> dict[str, float]:
-    """Heights [m] over the table that the striker's tip can be set to."""
-    if "reach_m" not in section:
-        return {}
-    low, high = (float(value) for value in section["reach_m"])
-    if not 0 < low < high < 2:
-        raise ValueError(f"reach_m = [{low:g}, {high:g}] is not two rising heights in metres")
-    return {"lowest_m": low, "highest_m": high}
-
-
-def _between(section: dict[str, Any], key: str, otherwise: float, low: float, high: float) -> float:
-    value = float(section.get(key, otherwise))
-    if not low < value <= high:
-        raise ValueError(f"{key} = {value:g} is not between {low:g} and {high:g}")
-    return value

@@ -23,11 +23,15 @@ class StrikeProgress:
             transient=True,
             disable=not console.is_terminal,
         )
-        self._task = self._progress.add_task("reading", total=1)
+        self._text = "starting"
+        self._task = self._progress.add_task(self._text, total=1)
 
     def __call__(self, text: str, done: int, total: int) -> None:
-        """Update the bar."""
+        """Update the bar; a new step is shown at once, for it may not let the bar's own thread run until it ends."""
         self._progress.update(self._task, description=text, completed=done, total=max(total, 1))
+        if text != self._text:
+            self._text = text
+            self._progress.refresh()
 
     def __enter__(self) -> StrikeProgress:
         self._progress.start()

@@ -5,10 +5,13 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from functools import wraps
-from typing import NoReturn, ParamSpec, TypeVar
+from typing import Any, NoReturn, ParamSpec, TypeVar
+
+import click
 
 from schemas.documents import DocumentError
 
@@ -17,6 +20,17 @@ R = TypeVar("R")
 
 PROBLEM, LOSS, INTERRUPTED = 1, 3, 130
 """exit codes"""
+
+
+class NumberRange(click.FloatRange):
+    """A range of numbers; click's own takes `nan`, which is neither below nor above anything."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number."""
+        number = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{value} is no number.", param, ctx)
+        return number
 
 
 def one_line_errors(command: str, *problems: type[Exception]) -> Callable[[Callable[P, R]], Callable[P, R]]:

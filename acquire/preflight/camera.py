@@ -11,6 +11,7 @@ import numpy as np
 
 from acquire.errors import AcquireError, CameraSettingError
 from acquire.preflight.check import Check, Measured, failed, failed_as, not_checked, passed
+from schemas.rig_limits import SMALLEST_TAG_PX
 
 if TYPE_CHECKING:
     from acquire.config import CameraConfig
@@ -26,8 +27,6 @@ SATURATED_LIMIT = 0.02
 """of the image: a lamp's reflection, not the tag's paper"""
 BRIGHT_LIMIT = 60
 """grey level that the brightest hundredth must reach; below it white paper drowns in noise"""
-SMALLEST_TAG_PX = 60.0
-"""edge; at 80 px a tag gives 0.07 deg a frame, and the noise grows with the inverse square"""
 
 
 def check_camera(filming: Filming, config: CameraConfig, folder: Path) -> Iterator[Check]:

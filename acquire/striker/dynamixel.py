@@ -56,9 +56,6 @@ DAMPED_S = 0.02
 """a stopped arm is given to come to rest before its place is held"""
 GLANCE_S = 0.002
 """pauses end at a stop within this"""
-MIN_VELOCITY_RAD_S = 0.5
-RUN_UP_S = 0.06
-"""the servo follows its profile within 1 % after this"""
 
 _NOT_REACHED = "the arm did not reach the impact point; check that it moves freely"
 _Event = pb.StrikerEvent
@@ -210,15 +207,14 @@ class DynamixelStriker(Striker):
             return outcome
 
     def _checked_velocity(self, tip_speed_m_s: float) -> float:
-        length, cocked = self._config.arm_length_m, abs(self._config.cocked_angle_rad)
-        highest = min(self._config.velocity_limit_rad_s, cocked / RUN_UP_S)
-        velocity = tip_speed_m_s / length
-        if not (math.isfinite(velocity) and MIN_VELOCITY_RAD_S <= velocity <= highest):
+        # In terms of the tip, as the plan's limits: no rounding on the way makes a planned speed one that is refused.
+        limits = self._config.tip_speeds()
+        if not limits.allow(tip_speed_m_s):
             raise StrikerRefused(
-                f"a tip speed of {tip_speed_m_s:.3g} m/s is outside {MIN_VELOCITY_RAD_S * length:.3g} to {highest * length:.3g} m/s; "
+                f"a tip speed of {tip_speed_m_s:.3g} m/s is outside {limits.slowest_m_s:.3g} to {limits.fastest_m_s:.3g} m/s; "
                 "change velocity_limit_rad_s, cocked_angle_rad or arm_length_m in the rig file"
             )
-        return velocity
+        return tip_speed_m_s / self._config.arm_length_m
 
     def _strike(self, velocity: float) -> StrikeOutcome:
         self._servo.guard()

@@ -13,7 +13,7 @@ from analyze.planning.hypothesis import Hypothesis
 from analyze.planning.impact import ImpactPoint, StrikerModel
 from analyze.planning.information import Candidate
 from analyze.planning.pivots import PivotAxis, Swing, swing
-from analyze.planning.precision import FRAME_PX, frame_sd, strike_covariance
+from analyze.planning.precision import FRAME_PX, FRAME_RATE, frame_sd, strike_covariance
 from analyze.types import CameraModel
 from schemas.documents import ObjectSpec, Rejection
 
@@ -31,6 +31,8 @@ class Bench:
     friction: float
     """least coefficient between object and table"""
     gravity: float = impact.GRAVITY
+    frame_rate: float = FRAME_RATE
+    """Hz, of the camera"""
 
 
 @dataclass(frozen=True)
@@ -72,12 +74,11 @@ def examine(
             continue
         energy, friction = outcome
         speed = impact.tip_speed_for(bench.striker, each.expected, each.point.height, _impulse(each, energy))
-        if not bench.striker.slowest_m_s <= speed <= bench.striker.fastest_m_s:
-            limits = f"{bench.striker.slowest_m_s:g} to {bench.striker.fastest_m_s:g}"
-            rejected.append(_reject(each.axis, "speed", speed, f"needs a tip speed of {speed:.2f} m/s: the striker gives {limits}"))
+        if problem := bench.striker.too_fast_or_slow(speed):
+            rejected.append(_reject(each.axis, "speed", speed, problem))
             continue
         pixels = each.sight.pixels if each.sight.markers else FRAME_PX
-        noise = strike_covariance(each.expected, energy, frame_sd(pixels))
+        noise = strike_covariance(each.expected, energy, frame_sd(pixels), bench.frame_rate)
         usable.append(
             Usable(
                 Candidate(each.axis, each.expected, noise),
@@ -108,8 +109,7 @@ def _reach(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, believed: Hypo
     placed = [marker for marker in spec.marker if marker.T_object_marker is not None]
     sight = view.visible_markers(model, spec, axis, expected.phi, bench.camera)
     if placed and not sight.markers:
-        text = f"no marker faces the camera through the tip (best is {np.degrees(sight.least_angle):.0f} deg off the axis)"
-        return _reject(axis, "no_marker", sight.least_angle, text)
+        return _reject(axis, sight.fault.code, sight.fault.number, sight.fault.text)
     cards = [(np.array(marker.T_object_marker)[:3, 3], marker.size_m) for marker in placed]
     rise = axis.plane.up * float(np.sqrt(axis.plane.up @ believed.region.covariance() @ axis.plane.up))
     swings = [expected] + [

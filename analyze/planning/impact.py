@@ -10,7 +10,9 @@ import numpy as np
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning.pivots import PivotAxis, Swing
 from analyze.types import Array
+from schemas.rig_limits import tip_speeds
 
+NOMINAL = tip_speeds()
 GRAVITY = 9.81
 """m/s^2: plans need no better"""
 TIP_RADIUS = 0.008
@@ -38,10 +40,23 @@ class StrikerModel:
     restitution: float = 0.4
     effective_mass_sd_kg: float = 0.05
     restitution_sd: float = 0.15
-    slowest_m_s: float = 0.05
-    fastest_m_s: float = 0.9
+    slowest_m_s: float = NOMINAL.slowest_m_s
+    fastest_m_s: float = NOMINAL.fastest_m_s
     lowest_m: float = 0.015
     highest_m: float = 0.4
+
+    def too_fast_or_slow(self, speed: float) -> str:
+        """In words, where the striker refuses a tip speed [m/s]; else empty."""
+        if self.slowest_m_s <= speed <= self.fastest_m_s:
+            return ""
+        return f"it needs a tip speed of {speed:.2f} m/s: the striker gives {self.slowest_m_s:.3g} to {self.fastest_m_s:.3g}"
+
+    def too_high_or_low(self, height: float) -> str:
+        """In words, where the tip cannot be set to a height [m]; else empty."""
+        if self.lowest_m <= height <= self.highest_m:
+            return ""
+        lowest, highest = 1000 * self.lowest_m, 1000 * self.highest_m
+        return f"it is struck at {1000 * height:.0f} mm: the striker reaches {lowest:.0f} to {highest:.0f} mm over the table"
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> S
     """The paper's first three impact points, `strikes` shared out evenly among them.
 
     The speed is what eq. (2)'s energy asks of the striker, E that energy over the one that the hypothesis asks. Where our checks find fault
-    (slip, lift, no tag in view, a singular set) the plan says so and keeps the strike.
+    (slip, lift, no tag in view, too fast or too high for the striker, a singular set) the plan says so and keeps the strike.
 
     Raises:
         PlanError: as `paper_plan`, or fewer strikes than impact points.
@@ -96,18 +96,27 @@ def _strikes(
     case = feasibility.case(axis, expected, believed.region.centre, believed.unit_inertia, height, impulse, bench.friction)
     outcome = feasibility.tips([case], bench.gravity)
     needed = float(feasibility.least_friction([case], bench.gravity)[0])
+    load, slides = float(outcome.least_load[0]), float(outcome.slip[0])
     rejected: list[Rejection] = []
-    if float(outcome.slip[0]) > feasibility.SLIP_LIMIT:
-        text = f"kept, though the edge would slide {min(1000 * float(outcome.slip[0]), 999):.1f} mm"
-        rejected.append(Rejection(axis_id=axis.id, code="slips", number=needed if np.isfinite(needed) else None, text=text))
-    if float(outcome.least_load[0]) <= 0:
-        text = "kept, though the edge would leave the table"
-        rejected.append(Rejection(axis_id=axis.id, code="lifts", number=float(outcome.least_load[0]), text=text))
+
+    def kept(code: str, number: float | None, text: str) -> None:
+        rejected.append(Rejection(axis_id=axis.id, code=code, number=number, text=f"kept, though {text}"))
+
+    if slides > feasibility.SLIP_LIMIT:
+        kept("slips", needed if np.isfinite(needed) else None, f"the edge would slide {min(1000 * slides, 999):.1f} mm")
+    if load <= 0:
+        kept("lifts", load, "the edge would leave the table")
     if not sight.markers and any(marker.T_object_marker is not None for marker in spec.marker):
-        text = "kept, though no marker faces the camera through the tip"
-        rejected.append(Rejection(axis_id=axis.id, code="no_marker", number=sight.least_angle, text=text))
-    noise = strike_covariance(expected, max(energy, 1.0), frame_sd(sight.pixels if sight.markers else FRAME_PX))
+        kept(sight.fault.code, sight.fault.number, sight.fault.text)
+    if problem := bench.striker.too_fast_or_slow(speed):
+        kept("speed", speed, problem)
+    if problem := bench.striker.too_high_or_low(height):
+        kept("impact_unreachable", height, problem)
+    pixels = sight.pixels if sight.markers else FRAME_PX
+    noise = strike_covariance(expected, max(energy, 1.0), frame_sd(pixels), bench.frame_rate)
     slower, faster = speed / np.sqrt(energy), speed * 1.2
+    if not bench.striker.too_fast_or_slow(speed):
+        slower, faster = np.clip([slower, faster], bench.striker.slowest_m_s, bench.striker.fastest_m_s)
     entry = PlannedStrike(
         id="",
         plane_id=axis.plane.id,

@@ -52,7 +52,7 @@ class Request:
     """What the user asks for."""
 
     strikes: int = 9
-    """how many (more); with a target that is reached: ignored"""
+    """how many (more); with a target: the most that may be made for it, if more than `forecast.MOST_STRIKES`"""
     target_com: float | None = None
     """m, root mean square distance of c from the truth: the fewest strikes that reach it"""
 
@@ -227,19 +227,20 @@ def _chosen(prepared: Prepared, request: Request) -> tuple[design.Design, str]:
     """The design, and how near it comes where it misses the target."""
     information, model = prepared.information, prepared.model
     least = 1 if prepared.made else LEAST_STRIKES
+    most = max(forecast.MOST_STRIKES, request.strikes)
     if request.target_com is not None:
-        found = forecast.strikes_for(information, request.target_com, least)
+        found = forecast.strikes_for(information, request.target_com, least, most)
         if found is not None:
             return found[1], ""
     plain = design.choose(information, request.strikes)
     if plain is None:
         raise PlanError(why_not(model, prepared.planes, prepared.stable, information.candidates, prepared.rejected))
-    if request.target_com is None:
+    if request.target_com is None or plain.com_rms <= request.target_com:
         return plain, ""
-    most = design.choose(information, forecast.MOST_STRIKES) or plain
+    best = design.choose(information, most) or plain
     told = forecast.advice(information, plain, prepared.made)
     text = (
-        f"{1000 * request.target_com:g} mm is out of reach: {forecast.MOST_STRIKES} strikes come to {1000 * most.com_rms:.2f} mm; "
+        f"{1000 * request.target_com:g} mm is out of reach: {most} strikes come to {1000 * best.com_rms:.3g} mm; "
         f"these {sum(plain.repeats)}: {told.text}"
     )
     return plain, text

@@ -9,7 +9,13 @@ from analyze.planning.pivots import Swing
 from analyze.types import Array
 
 FRAME_RATE = 120.0
-"""Hz"""
+"""Hz, of the nominal camera"""
+FINE_RATE = 120.0
+"""Hz, steps of the motion: slower frames are picked from among them"""
+DENSE_RATE = 240.0
+"""Hz, beyond which twice the frames tell just twice as much"""
+UNKNOWN = 1.0
+"""1 sigma (rad, or relative) of each unknown before the strike: only where the frames are too few to tell them does it matter"""
 FRAME_SD = np.radians(0.03)
 """rad per frame, of a tag `FRAME_PX` wide that is seen along the pivot axis; a plain square-marker pose has 0.07 degrees"""
 FRAME_PX = 80.0
@@ -40,14 +46,17 @@ def strike_covariance(expected: Swing, energy_ratio: float, angle_sd: float, fra
         frame_rate: Hz.
     """
     rate = release_rate(expected, max(energy_ratio, SLOWEST_OVER))
-    time = np.arange(0.0, LONGEST, 1 / frame_rate)
+    taken = min(frame_rate, DENSE_RATE)
+    between = max(1, int(np.ceil(FINE_RATE / taken)))
+    time = np.arange(0.0, LONGEST, 1 / (taken * between))
     # The motion itself, then with phi, ln k, theta_0 and ln omega_0 a little larger and smaller.
     steps = np.vstack([np.zeros(4), STEP * np.eye(4), -STEP * np.eye(4)])
     start = np.stack([expected.phi + steps[:, 0], expected.k * np.exp(steps[:, 1]), steps[:, 2], rate * np.exp(steps[:, 3])])
-    theta = _motion(time, *start)
+    theta = _motion(time, *start)[::between]
     seen = np.cumsum(theta[:, 0] > expected.phi + PAST_BALANCE) == 0
     rows = (theta[seen, 1:5] - theta[seen, 5:]) / (2 * STEP)
-    return np.asarray(np.linalg.inv(rows.T @ rows / angle_sd**2)[:2, :2], dtype=np.float64)
+    known = rows.T @ rows / angle_sd**2 * (frame_rate / taken) + np.eye(4) / UNKNOWN**2
+    return np.asarray(np.linalg.inv(known)[:2, :2], dtype=np.float64)
 
 
 def _motion(time: Array, phi: Array, k: Array, theta: Array, omega: Array) -> Array:

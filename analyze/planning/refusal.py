@@ -22,6 +22,9 @@ FACE = 0.02
 DIRECTIONS = 400
 REMEDIES = {
     "no_marker": "glue markers to the faces square to the edges",
+    "tag_small": "print larger tags, or bring the camera nearer",
+    "out_of_image": "move or turn the camera (camera.calibration in the rig file), or glue the tags where it sees the whole tip",
+    "hidden": "glue the tags where no part of the object stands before them",
     "slips": "use a mat with more friction",
     "speed": "change the striker's effective mass or its speed limits",
     "impact_unreachable": "glue on a plate that the striker can meet",
@@ -29,6 +32,8 @@ REMEDIES = {
     "too_steep": "stand it on a smaller face, or glue on a base that allows it",
 }
 """in order of ease: what is cheapest to change among the things that stood in the way"""
+SIGHT = frozenset({"no_marker", "tag_small", "out_of_image", "hidden"})
+"""of these the one that stood in the way most often: they are alike in ease, and each asks for something else"""
 FOOT = "stick on a foot (a flat plate with straight edges, its weight given as a marker's), scan both together, and plan again"
 
 
@@ -50,7 +55,9 @@ def why_not(
         along = ", ".join(f"{value:.2f}" for value in np.round(worst, 2) + 0.0)
         state = f"the {len(candidates)} usable axes leave the centre of mass unknown along ({along})"
     reasons = ", ".join(f"{number} {code}" for code, number in counts.most_common()) or _shape_says(model, planes, stable)
-    remedy = next((text for code, text in REMEDIES.items() if code in counts), FOOT)
+    unseen = [code for code, _ in counts.most_common() if code in SIGHT][:1]
+    in_the_way = {*unseen, *(code for code in counts if code not in SIGHT)}
+    remedy = next((text for code, text in REMEDIES.items() if code in in_the_way), FOOT)
     return f"{model.name}: {state}; rejected: {reasons}: {remedy}"
 
 

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analyze.errors import PlanError
 from analyze.geometry import polyhedron
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply, inverse_transform, matrix_from_vector
 from analyze.planning.pivots import PivotAxis
 from analyze.types import Array, CameraModel
 from schemas.documents import MarkerSpec, ObjectSpec
+from schemas.rig_limits import SMALLEST_TAG_PX
 
 FACING = np.radians(15.0)
 """angle between a marker's normal and the pivot axis up to which its pose does not flip"""
@@ -19,18 +21,33 @@ PAST_BALANCE = np.radians(25.0)
 """how far past phi the marker must stay in view"""
 BORDER_PX = 10.0
 STEPS = 9
+OFF_SURFACE = 0.003
+"""m, as well as the place of a glued tag is measured by hand"""
+SURFACE_SDS = 2.0
+CODES = ("no_marker", "out_of_image", "tag_small", "hidden")
 HAIR = 1e-9
 """m"""
 
 
 @dataclass(frozen=True)
+class Fault:
+    """Why a tip cannot be watched, as a Rejection has it."""
+
+    code: str
+    """no_marker, out_of_image, tag_small or hidden: in this order a marker is looked at"""
+    number: float | None
+    text: str
+
+
+@dataclass(frozen=True)
 class Sight:
-    """Markers seen through a tip; if there are none, the least angle [rad] of any marker's normal from the axis."""
+    """Markers seen through a tip, the one that looks straightest along the axis first; if there are none, why."""
 
     markers: list[int]
-    least_angle: float
+    fault: Fault
+    """of the marker that comes nearest to being seen"""
     pixels: float = 0.0
-    """edge of the first one's black square in the image at rest [px]"""
+    """mean edge of the first one's black square in the image at rest [px]"""
 
 
 def default_camera() -> CameraModel:
@@ -40,55 +57,109 @@ def default_camera() -> CameraModel:
     return CameraModel(656, 492, K, np.zeros(5), T_world_camera)
 
 
+def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
+    """Refuse a marker whose centre does not lie on the surface: its pose was measured in another frame or unit, or mistyped.
+
+    It may hang over an edge. A cloud's hollows are filled in the model, not on the object: there it may lie as deep as they are.
+
+    Raises:
+        PlanError: names the marker, and how far off it is.
+    """
+    cloud = model.cloud
+    unsure = model.surface_sd if cloud is None else float(np.hypot(model.surface_sd, cloud.smooth_sd))
+    hollow = 0.0 if cloud is None else cloud.hollow_depth
+    for marker in spec.marker:
+        if marker.T_object_marker is None:
+            continue
+        outside = float(model.signed_distance(np.array(marker.T_object_marker)[:3, 3])[0])
+        most = OFF_SURFACE + marker.thickness_m + SURFACE_SDS * unsure
+        if -most - hollow <= outside <= most:
+            continue
+        where = "outside" if outside > 0 else "inside"
+        raise PlanError(
+            f"{spec.name}: marker {marker.id} lies {1000 * abs(outside):.0f} mm {where} the surface, its centre must lie on it "
+            f"(within {1000 * most:.0f} mm): correct T_object_marker, its last column is the centre in the shape's frame, in metres"
+        )
+
+
 def visible_markers(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: float, camera: CameraModel) -> Sight:
-    """Markers that look along the axis at the camera, in the image and hidden by nothing from rest until `PAST_BALANCE` past phi.
+    """Markers that look along the axis at the camera, in the image, large enough, hidden by nothing, from rest to `PAST_BALANCE` past phi.
 
     Lens distortion is left out: it is a few px at the border, within `BORDER_PX`.
     """
-    seen: list[tuple[float, int]] = []
+    seen: list[tuple[float, int, float]] = []
     least = np.pi
+    faults: list[Fault] = []
     for marker in spec.marker:
         if marker.T_object_marker is None:
             continue
         T_object_marker = np.array(marker.T_object_marker)
         angle = float(np.arccos(np.clip(-T_object_marker[:3, 2] @ axis.direction, -1, 1)))
         least = min(least, angle)
-        if (
-            angle <= FACING
-            and _in_view(axis, marker, T_object_marker, phi, camera)
-            and not _hidden(model, axis, T_object_marker, phi, camera)
-        ):
-            seen.append((round(angle, 3), marker.id))
-    ids = [marker_id for _, marker_id in sorted(seen)]
-    if not ids:
-        return Sight(ids, least)
-    first = next(marker for marker in spec.marker if marker.id == ids[0])
-    centre = axis.R_world_object @ np.array(first.T_object_marker)[:3, 3] + axis.p_world_object
-    far = float(np.linalg.norm(centre - camera.T_world_camera[:3, 3]))
-    return Sight(ids, least, float(camera.K[0, 0]) * first.size_m / far)
+        if angle > FACING:
+            continue
+        path = _path(axis, marker, T_object_marker, phi, camera)
+        fault = _out_of_image(path, marker.id, phi, camera) or _small(path, marker.id)
+        fault = fault or _hidden(model, axis, marker.id, T_object_marker, phi, camera)
+        if fault is None:
+            seen.append((round(angle, 3), marker.id, _edge(path[0])))
+        else:
+            faults.append(fault)
+    none = f"no marker faces the camera through the tip (best is {np.degrees(least):.0f} deg off the axis)"
+    nearest = max([Fault("no_marker", least, none), *faults], key=lambda each: CODES.index(each.code))
+    seen.sort()
+    return Sight([marker_id for _, marker_id, _ in seen], nearest, seen[0][2] if seen else 0.0)
 
 
-def _in_view(axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: float, camera: CameraModel) -> bool:
+def _path(axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: float, camera: CameraModel) -> Array:
+    """Corners [px] (STEPS, 4, 2) of a marker's black square while the object turns; inf where they are not before the camera."""
     half = marker.size_m / 2
     corners = apply(T_object_marker, np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]]))
     world = corners @ axis.R_world_object.T + axis.p_world_object
     pivot = np.array([0.0, 0.0, axis.radius])
     T_camera_world = inverse_transform(camera.T_world_camera)
-    for step in range(STEPS):
-        theta = (phi + float(PAST_BALANCE)) * step / (STEPS - 1)
+    path = np.full((STEPS, 4, 2), np.inf)
+    for step, theta in enumerate(_turns(phi)):
         turned = (world - pivot) @ matrix_from_vector(np.array([0.0, theta, 0.0])).T + pivot
         in_camera = apply(T_camera_world, turned)
-        if in_camera[:, 2].min() <= 0:
-            return False
-        pixel = in_camera @ camera.K.T
-        pixel = pixel[:, :2] / pixel[:, 2:]
-        if pixel.min() < BORDER_PX or np.any(pixel.max(axis=0) > np.array([camera.width, camera.height]) - 1 - BORDER_PX):
-            return False
-    return True
+        if in_camera[:, 2].min() > HAIR:
+            pixel = in_camera @ camera.K.T
+            path[step] = pixel[:, :2] / pixel[:, 2:]
+    return path
 
 
-def _hidden(model: ObjectModel, axis: PivotAxis, T_object_marker: Array, phi: float, camera: CameraModel) -> bool:
-    """Whether the object itself stands between the marker's centre and the camera, at rest, at balance or past it."""
+def _turns(phi: float) -> list[float]:
+    """Angles [rad] at which a tip is looked at."""
+    return np.linspace(0.0, phi + float(PAST_BALANCE), STEPS).tolist()
+
+
+def _edge(corners: Array) -> float:
+    """Mean edge [px] of a square given by its corners (4, 2)."""
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
+
+
+def _out_of_image(path: Array, marker_id: int, phi: float, camera: CameraModel) -> Fault | None:
+    if not np.isfinite(path).all():
+        return Fault("out_of_image", None, f"marker {marker_id} is beside or behind the camera in some part of the tip")
+    last = np.array([camera.width, camera.height]) - 1 - BORDER_PX
+    over = np.maximum(BORDER_PX - path, path - last).max(axis=(1, 2))
+    worst = int(np.argmax(over))
+    if over[worst] <= 0:
+        return None
+    turned = np.degrees(_turns(phi)[worst])
+    text = f"marker {marker_id} is {over[worst]:.0f} px too far out for the image when the object has turned by {turned:.0f} deg"
+    return Fault("out_of_image", float(over[worst]), text)
+
+
+def _small(path: Array, marker_id: int) -> Fault | None:
+    pixels = _edge(path[0])
+    if pixels >= SMALLEST_TAG_PX:
+        return None
+    return Fault("tag_small", pixels, f"marker {marker_id} is {pixels:.0f} px wide in the image: {SMALLEST_TAG_PX:g} px are wanted")
+
+
+def _hidden(model: ObjectModel, axis: PivotAxis, marker_id: int, T_object_marker: Array, phi: float, camera: CameraModel) -> Fault | None:
+    """Where the object itself stands between the marker's centre and the camera, at rest, at balance or past it."""
     start = T_object_marker[:3, 3] + 0.002 * T_object_marker[:3, 2]
     pivot = np.array([0.0, 0.0, axis.radius])
     for theta in (0.0, phi, phi + float(PAST_BALANCE)):
@@ -98,8 +169,9 @@ def _hidden(model: ObjectModel, axis: PivotAxis, T_object_marker: Array, phi: fl
         ray = axis.R_world_object.T @ (camera_world - axis.p_world_object) - start
         far = float(np.linalg.norm(ray))
         if _meets(model, start, ray / far, far):
-            return True
-    return False
+            text = f"the object itself hides marker {marker_id} from the camera when it has turned by {np.degrees(theta):.0f} deg"
+            return Fault("hidden", float(theta), text)
+    return None
 
 
 def _meets(model: ObjectModel, start: Array, direction: Array, far: float) -> bool:

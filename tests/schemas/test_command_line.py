@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import click
 import pytest
 
-from schemas.command_line import INTERRUPTED, PROBLEM, one_line_errors
+from schemas.command_line import INTERRUPTED, PROBLEM, NumberRange, one_line_errors
 from schemas.documents import DocumentError
 
 
@@ -44,3 +45,31 @@ def test_a_mistake_of_ours_keeps_its_traceback_and_a_result_passes() -> None:
     assert verb.__doc__ == "Divide."
     with pytest.raises(ZeroDivisionError):
         verb(0)
+
+
+@pytest.mark.parametrize("text", ["nan", "-NaN", "0", "-1", "much"])
+def test_what_is_no_number_of_a_range(text: str) -> None:
+    with pytest.raises(click.BadParameter):
+        NumberRange(0, min_open=True).convert(text, None, None)
+
+
+def test_numbers_of_a_range() -> None:
+    assert NumberRange(0, min_open=True).convert("inf", None, None) == float("inf")
+    assert NumberRange(0.1, 3.0).convert("3", None, None) == 3.0
+
+
+def test_no_option_of_either_command_takes_nan_for_a_number() -> None:
+    """Sizes to print are no ranges: they are refused where the paper is known."""
+    from acquire.cli import main as acquire
+    from analyze.cli import main as analyze
+
+    elsewhere = {"size_mm", "square_mm"}
+    floats = [
+        option
+        for command in (acquire, analyze)
+        for verb in command.commands.values()
+        for option in verb.params
+        if isinstance(option.type, click.types.FloatParamType) and option.name not in elsewhere
+    ]
+    assert {option.name for option in floats} == {"speed", "energy", "bodies", "target_com_mm"}
+    assert all(isinstance(option.type, NumberRange) for option in floats)

@@ -67,6 +67,32 @@ def test_target(tmp_path: Path):
     assert "out of reach" in far["prediction"]["advice"]
 
 
+def test_a_target_that_is_no_number_is_wrong_usage():
+    done = run(str(CARTON), "--target-com-mm", "nan")
+    assert done.exit_code == 2
+    assert "nan is no number" in done.output
+
+
+def test_the_papers_plan_says_what_the_striker_cannot_do():
+    """It asks 0.98 to 1.13 m/s of a striker that gives 0.96."""
+    done = run(str(CARTON.parents[3] / "docs" / "examples" / "teabox.toml"), "--method", "paper", "--json")
+    plan = json.loads(done.output)
+    told = {entry["axis_id"]: entry for entry in plan["rejected"] if entry["code"] == "speed"}
+    fast = {strike["axis_id"] for strike in plan["strikes"] if strike["tip_speed_m_s"]["target"] > 0.96}
+    assert fast
+    assert set(told) == fast
+    assert all(entry["text"].startswith("kept, though it needs a tip speed of") for entry in told.values())
+
+
+def test_a_tag_that_floats_is_one_line(tmp_path: Path):
+    thing = tmp_path / "carton.toml"
+    thing.write_text(CARTON.read_text().replace("[0, 0, 1, 0.04]", "[0, 0, 1, 0.09]"))
+    done = run(str(thing))
+    assert done.exit_code == 1
+    assert done.output.startswith("analyze: carton: marker 0 lies 50 mm outside the surface")
+    assert done.output.count("\n") == 1
+
+
 def test_a_missing_result_is_one_line():
     done = run(str(CARTON), "--given", "gone.json")
     assert done.exit_code == 1

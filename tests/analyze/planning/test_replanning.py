@@ -12,8 +12,9 @@ import pytest
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
 from analyze.plan_files import PlanOptions, plan_object
+from analyze.planning.design import choose
 from analyze.planning.examine import Bench
-from analyze.planning.forecast import strikes_for
+from analyze.planning.forecast import MOST_STRIKES, strikes_for
 from analyze.planning.given import Given, StrikeMade
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
@@ -93,6 +94,18 @@ def test_target_out_of_reach_says_how_near_it_comes():
     assert len(plan.strikes) == 9
     assert plan.prediction.target_reached is False
     assert "0.001 mm is out of reach: 36 strikes come to 0." in plan.prediction.advice
+
+
+def test_more_strikes_asked_for_may_be_used_for_the_target():
+    model, spec = box()
+    prepared = prepare(model, spec, BENCH)
+    usual, many = (choose(prepared.information, strikes).com_rms for strikes in (MOST_STRIKES, 2 * MOST_STRIKES))
+    target = (usual + many) / 2
+    assert many < target < usual
+    plan = finish(prepared, "", Request(2 * MOST_STRIKES, target))
+    assert plan.prediction.target_reached
+    assert plan.prediction.com_rms_m <= target
+    assert MOST_STRIKES < len(plan.strikes) <= 2 * MOST_STRIKES
 
 
 def test_advice_to_stop_when_what_strikes_share_dominates():

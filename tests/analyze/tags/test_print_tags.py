@@ -154,6 +154,11 @@ def test_many_tags_take_more_pages():
             assert placed.x + 60 + placed.quiet <= page.width - 12
 
 
+def test_tags_that_no_object_may_bear_are_printed_and_said_so(tmp_path):
+    assert "an object file can only name 36h11" in run("--family", "36h10", "--ids", "0-1", "-o", tmp_path / "t.pdf").output
+    assert "object file" not in run("--ids", "0-1", "-o", tmp_path / "u.pdf").output
+
+
 def test_ids():
     assert parse_ids("0-3, 7,2") == [0, 1, 2, 3, 7]
 

@@ -1,0 +1,128 @@
+"""Tags in view: why a tip cannot be watched is said with its own number and remedy; a tag that floats or sinks is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analyze.errors import PlanError
+from analyze.geometry.object_model import load_object_model
+from analyze.planning.examine import Bench
+from analyze.planning.impact import StrikerModel
+from analyze.planning.plan import Request, finish, make_plan, prepare
+from analyze.planning.view import default_camera, refuse_off_surface
+from schemas.rig_limits import SMALLEST_TAG_PX
+from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
+from tests.analyze.planning.test_plan import SIZE, side_markers
+
+STRIKER = StrikerModel(fastest_m_s=5.0)
+
+
+def box_with(markers, camera=None, friction=1.0):
+    spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=markers)
+    return prepare(load_object_model(spec, None, ""), spec, Bench(STRIKER, camera or default_camera(), friction))
+
+
+def sized(size):
+    return [marker | {"size_m": size} for marker in side_markers()]
+
+
+def codes(prepared):
+    return {entry.code for entry in prepared.rejected}
+
+
+def test_tags_of_3_mm_are_too_small_and_a_plan_says_so():
+    prepared = box_with(sized(0.003))
+    small = [entry for entry in prepared.rejected if entry.code == "tag_small"]
+    assert small
+    assert all(6 < entry.number < 10 for entry in small)
+    with pytest.raises(PlanError, match=r"tag_small.*: print larger tags") as caught:
+        finish(prepared, "", Request(9))
+    assert "\n" not in str(caught.value)
+
+
+def test_the_least_size_is_the_one_that_the_rig_is_checked_for():
+    """The near face is 0.52 m from the camera: 2.75 px/mm."""
+    exact = SMALLEST_TAG_PX / (1430 / (0.55 - SIZE[1] / 2))
+    only = [marker for marker in side_markers() if marker["id"] in {2, 3}]
+    assert not codes(box_with([marker | {"size_m": exact * 1.001} for marker in only])) & {"tag_small"}
+    assert "tag_small" in codes(box_with([marker | {"size_m": exact * 0.999} for marker in only]))
+
+
+def test_tags_out_of_the_image():
+    lens = default_camera()
+    moved = lens.T_world_camera.copy()
+    moved[0, 3] += 0.15
+    prepared = box_with(side_markers(), replace(lens, T_world_camera=moved))
+    out = [entry for entry in prepared.rejected if entry.code == "out_of_image"]
+    assert out
+    assert all(entry.number > 0 and "too far out" in entry.text for entry in out)
+    with pytest.raises(PlanError, match=r"out_of_image.*: move or turn the camera"):
+        finish(prepared, "", Request(9))
+
+
+def test_a_tag_in_a_recess_is_hidden():
+    """A slab stands 60 mm before the tag's face, on the same foot."""
+    body = np.concatenate([box_triangles(np.array([80.0, 60, 150])), box_triangles(np.array([80.0, 80, 20]), (0, -70, -65))])
+    body = np.concatenate([body, box_triangles(np.array([80.0, 20, 150]), (0, -100, 0))])
+    marker = next(marker for marker in side_markers() if marker["id"] == 3)
+    spec = spec_of({"file": "b.stl", "unit": "mm"}, 0.2, markers=[marker])
+    prepared = prepare(load_object_model(spec, stl(body), "b.stl"), spec, Bench(STRIKER, default_camera(), 1.0))
+    hidden = [entry for entry in prepared.rejected if entry.code == "hidden"]
+    assert hidden
+    assert "hides marker 3" in hidden[0].text
+    with pytest.raises(PlanError, match="glue"):
+        finish(prepared, "", Request(9))
+
+
+def moved(by_m, index=0):
+    """Marker `index` of the box, lifted off its face."""
+    markers = side_markers()
+    pose = np.array(markers[index]["T_object_marker"])
+    pose[:3, 3] += by_m * pose[:3, 2]
+    markers[index]["T_object_marker"] = pose.tolist()
+    return markers
+
+
+def check(markers, **shape):
+    spec = spec_of({"box": {"size_m": list(SIZE)}} | shape, markers=markers)
+    refuse_off_surface(load_object_model(spec, None, ""), spec)
+
+
+@pytest.mark.parametrize(("by", "says"), [(0.050, "marker 0 lies 50 mm outside"), (-0.010, "marker 0 lies 10 mm inside")])
+def test_a_tag_off_the_surface_is_refused(by, says):
+    with pytest.raises(PlanError, match=says) as caught:
+        check(moved(by))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_tag_on_the_surface_within_a_hand_s_accuracy_is_taken():
+    for by in (-0.0025, 0.0, 0.0025):
+        check(moved(by))
+    check([marker | {"size_m": 0.09} for marker in side_markers()])
+    check([marker | {"thickness_m": 0.004} for marker in moved(0.006)])
+
+
+def test_a_surface_that_is_not_well_known_asks_less():
+    with pytest.raises(PlanError):
+        check(moved(0.008))
+    check(moved(0.008), surface_sd_m=0.003)
+
+
+def test_slow_frames_tell_less():
+    """A sixth of the frames: at best 2.4 times the sd from noise, and no more than the unknowns themselves at 2 frames a second."""
+    spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=side_markers())
+    model = load_object_model(spec, None, "")
+    noise = {}
+    for rate in (2.0, 20.0, 119.0, 120.0, 241.0, 480.0):
+        prepared = prepare(model, spec, Bench(STRIKER, default_camera(), 1.0, frame_rate=rate))
+        noise[rate] = np.sqrt(prepared.usable[0].candidate.noise[0, 0])
+    assert 2.2 < noise[20.0] / noise[120.0] < 4.0
+    assert noise[119.0] == pytest.approx(noise[120.0], rel=0.05)
+    assert noise[241.0] / noise[480.0] == pytest.approx(np.sqrt(480 / 241), rel=0.05)
+    assert noise[20.0] < noise[2.0] < 1.1
+    fast = make_plan(model, spec, "", STRIKER, friction=1.0)
+    slow = finish(prepare(model, spec, Bench(STRIKER, default_camera(), 1.0, frame_rate=20.0)), "", Request(9))
+    assert slow.predicted_com_sd_m > fast.predicted_com_sd_m

@@ -1,0 +1,170 @@
+"""One rig file for both commands: what a plan asks for the striker accepts, and what `acquire` refuses is not planned with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from acquire.clock import SystemClock
+from acquire.config import read_rig
+from acquire.errors import ConfigError, StrikerRefused
+from acquire.striker.dynamixel import DynamixelStriker
+from analyze.errors import PlanError
+from analyze.geometry.object_model import load_object_model
+from analyze.plan_files import planned_rig, striker_model
+from analyze.planning import view
+from analyze.planning.examine import Bench
+from analyze.planning.impact import StrikerModel
+from analyze.planning.paper_strikes import paper_strike_plan
+from analyze.planning.plan import Prepared, Request, finish, prepare
+from schemas.rig import StrikerConfig
+from tests.analyze.geometry.shapes import spec_of
+from tests.analyze.planning.random_bodies import FAR_TAG
+
+RIG = """{top}
+[camera]
+address = "10.0.0.2"
+{camera}
+[camera.calibration]
+width = 656
+height = 492
+K = [[1430, 0, 327.5], [0, 1430, 245.5], [0, 0, 1]]
+T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]
+{calibration}
+[striker]
+{striker}
+[recorder]
+{recorder}
+[daemon]
+{daemon}
+"""
+SECTIONS = ("top", "camera", "calibration", "striker", "recorder", "daemon")
+
+
+def rig_file(path: Path, **sections: str) -> Path:
+    path.write_text(RIG.format(**(dict.fromkeys(SECTIONS, "") | sections)), encoding="utf-8")
+    return path
+
+
+def accepts(config: StrikerConfig, speed: float) -> bool:
+    """The striker's own word, without a servo."""
+    striker = DynamixelStriker(config, lambda *_: None, lambda *_: None, lambda *_: None, SystemClock())
+    try:
+        striker._checked_velocity(speed)
+    except StrikerRefused:
+        return False
+    return True
+
+
+def test_without_a_rig_file_plans_are_for_the_nominal_striker() -> None:
+    assert striker_model(StrikerConfig()) == StrikerModel()
+    assert planned_rig(None).bench.striker == StrikerModel()
+
+
+def test_the_limits_by_hand(tmp_path: Path) -> None:
+    """0.3 rad in 0.06 s are 5 rad/s, below the limit of 8, times 50 mm."""
+    path = rig_file(tmp_path / "rig.toml", striker="arm_length_m = 0.05\ncocked_angle_rad = -0.3")
+    striker = planned_rig(path).bench.striker
+    assert striker.fastest_m_s == pytest.approx(0.25)
+    assert striker.slowest_m_s == pytest.approx(0.025)
+
+
+@given(
+    st.floats(0.01, 2.0),
+    st.floats(-math.pi, -0.04),
+    st.floats(0.6, 100.0),
+    st.floats(0.0, 1.0),
+)
+def test_a_speed_that_may_be_planned_is_one_that_is_accepted(arm: float, cocked: float, limit: float, share: float) -> None:
+    config = StrikerConfig(arm_length_m=arm, cocked_angle_rad=cocked, velocity_limit_rad_s=limit)
+    model = striker_model(config)
+    low, high = model.slowest_m_s, model.fastest_m_s
+    assert low < high
+    for speed in (low, high, low + share * (high - low), math.nextafter(low, 0), math.nextafter(high, math.inf), math.nan, math.inf):
+        assert accepts(config, speed) == (not model.too_fast_or_slow(speed))
+
+
+@pytest.fixture(scope="module")
+def prepared() -> Prepared:
+    """A box before striker and rig are known."""
+    spec = spec_of({"box": {"size_m": [0.08, 0.06, 0.15]}}, markers=[FAR_TAG])
+    return prepare(load_object_model(spec, None, ""), spec, Bench(StrikerModel(), view.default_camera(), 0.5))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_speed_of_a_plan_is_accepted(prepared: Prepared, seed: int) -> None:
+    rng = np.random.default_rng((seed, 0x5A11))
+    config = StrikerConfig(
+        arm_length_m=rng.uniform(0.04, 0.3),
+        cocked_angle_rad=-rng.uniform(0.2, 1.2),
+        velocity_limit_rad_s=rng.uniform(3, 10),
+        effective_mass_kg=rng.uniform(0.05, 0.5),
+    )
+    bench = replace(prepared.bench, striker=striker_model(config))
+    mine = prepare(prepared.model, prepared.spec, bench)
+    strikes, refused = [], ""
+    try:
+        strikes = finish(mine, "0" * 64, Request(6)).strikes
+    except PlanError as error:
+        refused = str(error)
+    assert strikes or "speed" in refused
+    for strike in strikes:
+        speeds = strike.tip_speed_m_s
+        assert all(accepts(config, speed) for speed in (speeds.min, speeds.target, speeds.max))
+    papers = paper_strike_plan(mine, "0" * 64, 9)
+    too_fast = {each.axis_id for each in papers.rejected if each.code == "speed"}
+    for strike in papers.strikes:
+        speeds = strike.tip_speed_m_s
+        taken = [accepts(config, speed) for speed in (speeds.min, speeds.target, speeds.max)]
+        assert all(taken) if strike.axis_id not in too_fast else not taken[1]
+
+
+@pytest.mark.parametrize("section", SECTIONS)
+def test_a_key_that_is_not_known_is_refused_by_both_alike(tmp_path: Path, section: str) -> None:
+    path = rig_file(tmp_path / "rig.toml", **{section: "table_fricton = 0.6"})
+    with pytest.raises(ConfigError, match=r"unknown key '.*table_fricton'") as daemons:
+        read_rig(path)
+    with pytest.raises(PlanError) as plans:
+        planned_rig(path)
+    assert str(plans.value) == str(daemons.value)
+
+
+@pytest.mark.parametrize(
+    ("section", "line"),
+    [
+        ("top", "table_friction = 0"),
+        ("top", "g_m_s2 = 98.1"),
+        ("striker", "restitution = 1.2"),
+        ("striker", "cocked_angle_rad = 0.3"),
+        ("striker", "reach_m = [0.3, 0.1]"),
+        ("striker", "effective_mass_kg = nan"),
+        ("camera", "frame_rate_hz = 0"),
+        ("recorder", 'mode = "some"'),
+    ],
+)
+def test_a_value_that_cannot_be_is_refused_by_both_alike(tmp_path: Path, section: str, line: str) -> None:
+    path = rig_file(tmp_path / "rig.toml", **{section: line})
+    with pytest.raises(ConfigError) as daemons:
+        read_rig(path)
+    with pytest.raises(PlanError) as plans:
+        planned_rig(path)
+    assert str(plans.value) == str(daemons.value)
+    assert "\n" not in str(plans.value)
+
+
+def test_an_arm_that_can_swing_at_no_speed(tmp_path: Path) -> None:
+    path = rig_file(tmp_path / "rig.toml", striker="cocked_angle_rad = -0.02")
+    with pytest.raises(PlanError, match="can swing at no speed"):
+        planned_rig(path)
+
+
+def test_a_plan_asks_no_camera_and_needs_no_address(tmp_path: Path) -> None:
+    path = rig_file(tmp_path / "rig.toml", camera="frame_rate_hz = 60")
+    path.write_text(path.read_text(encoding="utf-8").replace('address = "10.0.0.2"\n', ""), encoding="utf-8")
+    assert planned_rig(path).bench.frame_rate == 60
