@@ -112,7 +112,7 @@ def test_an_object_file_that_is_none(tmp_path: Path) -> None:
         ("rig : 1\n", "not valid TOML"),
         ("table_friction = -1\n{calibration}", "table_friction: Input should be greater than 0"),
         ("[striker]\neffective_mass_kg = nan\n{calibration}", r"striker.effective_mass_kg: Input should be .*finite"),
-        ("{calibration}\nfocus = 3\n", "unknown key 'focus'"),
+        ("{calibration}\nfocus = 3\n", "unknown key 'camera.calibration.focus'"),
     ],
 )
 def test_a_rig_file_that_cannot_be_planned_with(tmp_path: Path, text: str | None, says: str) -> None:

@@ -11,7 +11,8 @@ from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import Request, finish, make_plan, prepare
+from analyze.planning.plan import Request, finish, prepare
+from analyze.planning.precision import strike_covariance
 from analyze.planning.view import default_camera, refuse_off_surface
 from schemas.rig_limits import SMALLEST_TAG_PX
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
@@ -115,14 +116,11 @@ def test_slow_frames_tell_less():
     """A sixth of the frames: at best 2.4 times the sd from noise, and no more than the unknowns themselves at 2 frames a second."""
     spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=side_markers())
     model = load_object_model(spec, None, "")
-    noise = {}
-    for rate in (2.0, 20.0, 119.0, 120.0, 241.0, 480.0):
-        prepared = prepare(model, spec, Bench(STRIKER, default_camera(), 1.0, frame_rate=rate))
-        noise[rate] = np.sqrt(prepared.usable[0].candidate.noise[0, 0])
+    fast, slow = (prepare(model, spec, Bench(STRIKER, default_camera(), 1.0, frame_rate=rate)) for rate in (120.0, 20.0))
+    expected = fast.usable[0].candidate.expected
+    noise = {rate: np.sqrt(strike_covariance(expected, 1.15, 5e-4, rate)[0, 0]) for rate in (2.0, 20.0, 119.0, 120.0, 241.0, 480.0)}
     assert 2.2 < noise[20.0] / noise[120.0] < 4.0
     assert noise[119.0] == pytest.approx(noise[120.0], rel=0.05)
     assert noise[241.0] / noise[480.0] == pytest.approx(np.sqrt(480 / 241), rel=0.05)
     assert noise[20.0] < noise[2.0] < 1.1
-    fast = make_plan(model, spec, "", STRIKER, friction=1.0)
-    slow = finish(prepare(model, spec, Bench(STRIKER, default_camera(), 1.0, frame_rate=20.0)), "", Request(9))
-    assert slow.predicted_com_sd_m > fast.predicted_com_sd_m
+    assert finish(slow, "", Request(9)).predicted_com_sd_m > finish(fast, "", Request(9)).predicted_com_sd_m
