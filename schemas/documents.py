@@ -280,7 +280,7 @@ class Prediction(Document):
     error_sources_m: dict[str, float] = Field(default={}, description="part of com_rms_m by its cause; the squares add up")
     curve: list[PredictionStep] = []
     floor_m: float = Field(ge=0, description="com_rms_m with any number of strikes on these axes")
-    stop: bool = Field(description="what strikes share dominates: twice as many would gain less than a tenth")
+    stop: bool = Field(description="more strikes no longer pay: each doubling, on whatever axes, would gain less than a tenth")
     advice: str
 
 

@@ -12,7 +12,7 @@ from analyze.planning.information import COM, ENTRIES, INERTIA, MASS, Candidate,
 from analyze.types import Array
 
 PAYS = 0.10
-"""doubling the strikes pays if it lessens the error of c by more than this part"""
+"""more strikes pay if they lessen the error of c by more than this part, and by as much for each doubling of their number"""
 MOST_STRIKES = 36
 ENDLESS = 100_000
 """strikes per axis that stand for any number"""
@@ -114,11 +114,18 @@ def strikes_for(information: Information, target: float, least: int, most: int =
     return high, best
 
 
-def advice(information: Information, design: Design, made: int) -> Advice:
-    """Compare the design with fewer and more strikes; `made` is how many were made before."""
+def advice(information: Information, design: Design, made: int, exact_shape: bool = False) -> Advice:
+    """Compare the design with fewer and more strikes, on other axes too where they serve.
+
+    Args:
+        information: what is known, and what could be struck.
+        design: what is planned.
+        made: strikes that were made before; whether more pay is then judged from them, however many are planned.
+        exact_shape: it was given by its dimensions, no scan could be better.
+    """
     planned = int(sum(design.repeats))
     members = [information.candidates[i] for i in design.chosen]
-    numbers = sorted({3, 6, planned, 2 * planned} | ({1} if made else set()))
+    numbers = sorted({3, 6, planned, 2 * planned, 4 * planned} | ({1, made, 3 * made} if made else set()))
     curve: list[tuple[int, float]] = []
     for many in numbers:
         other = design if many == planned else choose(information, many)
@@ -126,9 +133,11 @@ def advice(information: Information, design: Design, made: int) -> Advice:
             curve.append((many, other.com_rms))
     floor = _rms(information, members, [ENDLESS] * len(members))
     sources = information.sources(members, design.repeats)
-    twice = dict(curve).get(2 * planned, floor)
-    gain = 1 - twice / design.com_rms
-    stop = gain < PAYS
+    have, rms = (made, _now(information)) if made else (planned, design.com_rms)
+    more = [(many if made else many - planned, other) for many, other in curve if many > (0 if made else planned)]
+    paying = [(many, other) for many, other in more if other < rms * (1 - PAYS) ** max(1.0, np.log2((have + many) / have))]
+    stop = not paying
+    further, twice = min(paying) if paying else (planned, dict(curve).get(2 * planned, floor))
     worst = [name for name, _ in sorted(sources.items(), key=lambda pair: -pair[1]) if name in REMEDIES][:2]
     parts = ", ".join(
         f"{name} {1000 * value:.2f} mm" for name, value in sorted(sources.items(), key=lambda pair: -pair[1])[:4] if value > 0
@@ -137,24 +146,25 @@ def advice(information: Information, design: Design, made: int) -> Advice:
     if stop:
         text = (
             f"{head}; {planned} more would only bring {1000 * twice:.2f} mm, any number on these axes {1000 * floor:.2f} mm: "
-            f"what strikes share dominates, more strikes no longer pay; instead: {REMEDIES[worst[0]]}"
+            f"what strikes share dominates, more strikes no longer pay; instead: {_remedy(worst[0], exact_shape)}"
         )
     else:
-        text = f"{head}; {planned} more would bring {1000 * twice:.2f} mm"
+        text = head if made else f"{head}; {further} more would bring {1000 * twice:.2f} mm"
     if made:
-        text = _after(information, design, made, text)
+        so_far = f"the {made} strikes so far give c to {1000 * rms:.2f} mm"
+        text = f"{so_far}: stop striking. {text}" if stop else f"{so_far}; {text}"
     return Advice(tuple(curve), floor, sources, stop, text)
 
 
-def _after(information: Information, design: Design, made: int, text: str) -> str:
-    """The same, if `made` strikes are there already: whether the planned ones pay at all."""
-    now = float(np.sqrt(np.trace(information.covariance([], [])[COM, COM])))
-    gain = 1 - design.com_rms / now
-    so_far = f"the {made} strikes so far give c to {1000 * now:.2f} mm"
-    if gain < PAYS:
-        planned = int(sum(design.repeats))
-        return f"{so_far}; {planned} more would only bring {1000 * design.com_rms:.2f} mm: stop striking. {text}"
-    return f"{so_far}; {text}"
+def _now(information: Information) -> float:
+    """Error of c [m] by what is known already."""
+    return float(np.sqrt(np.trace(information.covariance([], [])[COM, COM])))
+
+
+def _remedy(cause: str, exact_shape: bool) -> str:
+    if cause == "place of the edges" and exact_shape:
+        return "measure how square the object is, or give a scan of it"
+    return REMEDIES[cause]
 
 
 def _rms(information: Information, members: Sequence[Candidate], repeats: Sequence[int]) -> float:

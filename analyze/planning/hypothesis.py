@@ -1,10 +1,14 @@
 """Where the centre of mass may be before any strike: the region Q (paper 3.1.1), faithful and ours."""
 
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from analyze.geometry.object_model import ObjectModel
 from analyze.types import Array, IntArray
@@ -15,23 +19,29 @@ SAMPLES_ACROSS = 36
 """surface samples along the body's size"""
 TIE = 1e-3
 """relative difference of two eigenvalues below which their directions are a free choice"""
+ROUND = 0.05
+"""the same where Q of ours is round across them, so that nothing hangs on the choice, nor on the noise that would make it"""
+MOST_DIRECTIONS = 500
 
 
 @dataclass(frozen=True)
 class Region:
-    """Box Q in O that is believed to hold c."""
+    """Q in O, which is believed to hold c: a box; round (a cylinder, a ball) across axes that are in one group."""
 
     centre: Array
     """(3,) m"""
     axes: Array
     """(3, 3) rows are unit vectors, longest spread first"""
     half: Array
-    """(3,) m, half edges along `axes`"""
+    """(3,) m, half edges along `axes`, radii where they are in one group"""
+    groups: tuple[int, int, int] = (0, 1, 2)
+    """of each axis"""
 
-    def corners(self) -> Array:
-        """(8, 3) m."""
-        signs = np.argwhere(np.ones((2, 2, 2))) * 2.0 - 1
-        return self.centre + (signs * self.half) @ self.axes
+    def reach(self, directions: Array) -> Array:
+        """How far Q extends from its centre along unit `directions` (k, 3), as (k,) [m]."""
+        along = np.atleast_2d(directions) @ self.axes.T * self.half
+        members = [[i for i in range(3) if self.groups[i] == group] for group in set(self.groups)]
+        return np.sum([np.linalg.norm(along[:, each], axis=1) for each in members], axis=0)
 
     def covariance(self) -> Array:
         """Covariance (3, 3) [m^2] of c, if Q's half edges are two standard deviations."""
@@ -88,14 +98,34 @@ def hypothesis(model: ObjectModel) -> Hypothesis:
     arm = points - shell_centre
     second = (arm * weight[:, None]).T @ arm
     axes = principal_axes(second)
-    along = arm @ axes.T
+    groups = _groups(np.einsum("ai,ij,aj->a", axes, second, axes))
     length = np.linalg.norm(arm, axis=1)
-    asymmetry = np.abs((np.sign(along) * length[:, None]).T @ weight)
-    extent = np.ptp(model.hull_vertices @ axes.T, axis=0) / 2
     step = body_size(model) / SAMPLES_ACROSS
-    half = np.minimum(asymmetry + step + UNEVEN_FILLING * extent, extent)
+    half = np.zeros(3)
+    for group in set(groups):
+        members = np.array(groups) == group
+        directions = _directions(model, axes[members])
+        asymmetry = np.abs((np.sign(arm @ directions.T) * length[:, None]).T @ weight).max()
+        extent = np.ptp(model.hull_vertices @ directions.T, axis=0).min() / 2
+        half[members] = min(asymmetry + step + UNEVEN_FILLING * extent, extent)
     shell = np.trace(second) * np.eye(3) - second
-    return Hypothesis(Region(centre, axes, half), (shell + model.unit_inertia) / 2)
+    return Hypothesis(Region(centre, axes, half, groups), (shell + model.unit_inertia) / 2)
+
+
+def _groups(values: Array) -> tuple[int, int, int]:
+    """Group of each of three eigenvalues, largest first: neighbours that differ by less than `ROUND` of the larger are in one."""
+    first = int(values[0] - values[1] > ROUND * values[0])
+    return 0, first, first + int(values[1] - values[2] > ROUND * values[1])
+
+
+def _directions(model: ObjectModel, axes: Array) -> Array:
+    """Unit vectors (k, 3) in the space of `axes` (d, 3) that turn with the body: the axis itself, or across the faces of its hull there."""
+    if len(axes) == 1:
+        return axes
+    hull = ConvexHull(model.hull_vertices @ axes.T)
+    normals = np.unique(hull.equations[:, :-1].round(6), axis=0)
+    normals = normals[:: -(-len(normals) // MOST_DIRECTIONS)] @ axes
+    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def principal_axes(second_moments: Array) -> Array:

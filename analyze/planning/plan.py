@@ -165,7 +165,7 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
         first = prepared.made + len(planned) + 1
         axis = predicted[each.candidate.axis.id]
         planned += [_strike(f"s{first + i}", each, prepared, axis) for i in range(repeats)]
-    told = forecast.advice(information, chosen, prepared.made)
+    told = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None)
     inertia_sd, determined = forecast.inertia_forecast(information, chosen)
     regions: list[PredictedRegion] = []
     if cells is not None:
@@ -238,7 +238,7 @@ def _chosen(prepared: Prepared, request: Request) -> tuple[design.Design, str]:
     if request.target_com is None or plain.com_rms <= request.target_com:
         return plain, ""
     best = design.choose(information, most) or plain
-    told = forecast.advice(information, plain, prepared.made)
+    told = forecast.advice(information, plain, prepared.made, model.primitive is not None)
     text = (
         f"{1000 * request.target_com:g} mm is out of reach: {most} strikes come to {1000 * best.com_rms:.3g} mm; "
         f"these {sum(plain.repeats)}: {told.text}"
@@ -253,7 +253,7 @@ def _unstable(planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], be
     strips = [plane for plane in left if plane.area < STRIP * sum(each.area for each in planes)]
     text = "the object may fall over on this face: the centre of mass may lie outside its support"
     rejected = [
-        Rejection(axis_id=plane.id, code="unstable_plane", number=plane.margin(believed.region.corners()), text=text)
+        Rejection(axis_id=plane.id, code="unstable_plane", number=plane.margin_of(believed.region), text=text)
         for plane in left
         if plane not in strips
     ]

@@ -59,6 +59,12 @@ class RestingPlane:
         out = self.outward()
         return float(np.min(np.einsum("ki,ki->k", start, out) - points @ out.T))
 
+    def margin_of(self, region: Region) -> float:
+        """The same of all points of `region`."""
+        start, _ = self.edges
+        out = self.outward()
+        return float(np.min(np.einsum("ki,ki->k", start - region.centre, out) - region.reach(out)))
+
 
 def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
     """All faces of the convex hull, coplanar facets merged, largest first; slivers left out.
@@ -121,7 +127,7 @@ def _coplanar(seed: int, hull: ConvexHull, splinter: BoolArray, used: BoolArray,
 
 def stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
     """Ours: every plane over whose support polygon all of Q lies, parallel ones included."""
-    return tuple(plane for plane in planes if plane.margin(region.corners()) > 0)
+    return tuple(plane for plane in planes if plane.margin_of(region) > 0)
 
 
 def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:

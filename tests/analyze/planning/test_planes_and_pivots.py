@@ -32,6 +32,16 @@ def frustum(low: float, high: float, height: float) -> np.ndarray:
     return np.stack([triangles[..., 0] * half, triangles[..., 1] * half, (z + 1) / 2 * height], axis=-1)
 
 
+def hexagon(radius: float, height: float) -> np.ndarray:
+    """Upright prism on a regular hexagon [mm]."""
+    turn = np.arange(6) * np.pi / 3
+    ring = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(6)])
+    after, up = np.roll(ring, -1, axis=0), np.array([0.0, 0.0, height])
+    middle = np.zeros((6, 3))
+    sides = [np.stack([ring, after, after + up], axis=1), np.stack([ring, after + up, ring + up], axis=1)]
+    return np.concatenate([*sides, np.stack([middle, after, ring], axis=1), np.stack([middle + up, ring + up, after + up], axis=1)])
+
+
 def test_box_has_six_planes_and_twenty_four_axes():
     _, _, planes, axes = box_axes()
     assert len(planes) == 6
@@ -149,6 +159,31 @@ def test_region_turns_with_the_object():
     turned = hypothesis(load_object_model(spec, stl(turn.apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)), "f.stl"))
     assert np.allclose(turned.region.centre, turn.apply(plain.region.centre), atol=MICROMETRE)
     assert np.allclose(np.sort(turned.region.half), np.sort(plain.region.half), atol=2e-4)
+
+
+@pytest.mark.parametrize("shape", ["square frustum", "square box", "prism of six"])
+@pytest.mark.parametrize("angle_deg", [15, 30, 45])
+def test_nothing_hangs_on_the_frame_where_the_shape_leaves_the_axes_open(shape, angle_deg):
+    """A regular base has no axes of its own: Q is round there, and which faces it stands on safely stays the same."""
+    triangles = {"square frustum": frustum(44, 100, 120), "square box": frustum(60, 60, 150), "prism of six": hexagon(30, 120)}[shape]
+    turn = Rotation.from_euler("xyz", [angle_deg, 0.5 * angle_deg, angle_deg], degrees=True)
+    spec = spec_of({"file": "f.stl", "unit": "mm"}, 0.2)
+    plain, turned = (
+        load_object_model(spec, stl(r.apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)), "f.stl") for r in (Rotation.identity(), turn)
+    )
+    before, after = hypothesis(plain).region, hypothesis(turned).region
+    R = turn.as_matrix()
+    assert np.allclose(R.T @ after.covariance() @ R, before.covariance(), atol=1e-8)
+    margins = [sorted(plane.margin_of(region) for plane in resting_planes(model)) for model, region in ((plain, before), (turned, after))]
+    assert np.allclose(*margins, atol=2e-5)
+
+
+def test_what_is_nearly_square_is_planned_as_if_it_were():
+    spec = spec_of({"box": {"size_m": [0.06, 0.06, 0.15]}})
+    near = spec_of({"box": {"size_m": [0.06, 0.0603, 0.15]}})
+    square, other = (hypothesis(load_object_model(each, None, "")).region for each in (spec, near))
+    assert np.allclose(square.half, other.half, rtol=0.01)
+    assert square.groups == other.groups == (0, 1, 1)
 
 
 @pytest.mark.parametrize("mass", [0.02, 0.2])

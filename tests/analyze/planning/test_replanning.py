@@ -108,6 +108,13 @@ def test_more_strikes_asked_for_may_be_used_for_the_target():
     assert MOST_STRIKES < len(plan.strikes) <= 2 * MOST_STRIKES
 
 
+def test_whether_to_stop_does_not_hang_on_how_many_were_asked_for():
+    model, spec = box()
+    given = given_after(6)[1]
+    plans = [make_plan(model, spec, "", BENCH.striker, strikes=many, friction=0.6, given=given) for many in (1, 9)]
+    assert plans[0].prediction.stop == plans[1].prediction.stop
+
+
 def test_advice_to_stop_when_what_strikes_share_dominates():
     model, spec = box()
     many = make_plan(model, spec, "", BENCH.striker, strikes=36, friction=0.6)
