@@ -8,6 +8,7 @@ PCD is read here: its specification is short, and the libraries for it are heavy
 
 from __future__ import annotations
 
+import re
 import struct
 import warnings
 from io import BytesIO
@@ -37,16 +38,20 @@ def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, .
     """Points (n, 3) of a point cloud file, and what was left out.
 
     Raises:
-        ShapeError: not readable, or fewer than `FEWEST` points.
+        ShapeError: not readable, of unclear numbers, or fewer than `FEWEST` points.
     """
     readers = {"ply": _ply, "pcd": _pcd, "xyz": _xyz, "las": _las, "laz": _las}
+    notes: list[str] = []
+    if suffix == "xyz":
+        data, commas = _with_decimal_points(data, name)
+        if commas:
+            notes.append(f"{name}: its commas are read as decimal commas")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             points = np.asarray(readers[suffix](data), dtype=np.float64)
     except Exception:  # the readers raise whatever the damaged byte leads to
         raise ShapeError(f"{name}: cannot be read as {suffix.upper()}: it is damaged or of another format: export it anew") from None
-    notes: list[str] = []
     good = np.isfinite(points).all(axis=1) & (np.abs(points) < 1e12).all(axis=1)
     if not good.all():
         notes.append(f"{name}: {int(np.sum(~good))} points that are no numbers are left out")
@@ -92,6 +97,39 @@ def _xyz(data: bytes) -> Array:
     text = data.replace(b",", b" ").replace(b";", b" ").replace(b"//", b"#")
     lines = [line for line in (line.split(b"#")[0] for line in text.splitlines()) if line.strip()]
     return _table(lines[sum(not _is_row(line) for line in lines[:2]) :])[:, :3]
+
+
+def _with_decimal_points(data: bytes, name: str) -> tuple[bytes, bool]:
+    """An XYZ's text with points for decimal commas, and whether it had any.
+
+    Commas are decimal where semicolons or blanks part the columns and each of three columns or more has one comma at most, between digits.
+
+    Raises:
+        ShapeError: points and commas in one number, or commas between decimals and columns alike.
+    """
+    if b"," not in data:
+        return data, False
+    lines = [line for line in (line.split(b"#")[0].strip() for line in data.replace(b"//", b"#").splitlines()) if line]
+    text = b"\n".join(lines[2:])
+    unclear = "write numbers with decimal points, and blanks between the columns"
+    if b"," not in text or re.search(rb",[ \t]|[ \t],|,[;\n]|,,", text):
+        return data, False
+    columns = [line.replace(b";", b" ").split() for line in lines[2:]]
+    fewest = min(len(row) for row in columns)
+    single = all(word.count(b",") <= 1 for row in columns for word in row)
+    if fewest >= 3 and single:
+        if b"." in text:
+            raise ShapeError(f"{name}: has both points and commas within its numbers: {unclear}")
+        return data.replace(b",", b"."), True
+    if b";" in text:
+        raise ShapeError(f"{name}: parts its columns by commas and semicolons alike: {unclear}")
+    # Pairs of whole numbers may be decimals; a sign at every second place says that they are not.
+    many = len(lines[-1].split(b","))
+    if b"." not in text and fewest == 1 and many >= 6 and many % 2 == 0:
+        signed = any(word.startswith(b"-") for line in lines[2:] for word in line.split(b",")[1::2])
+        if not signed:
+            raise ShapeError(f"{name}: its commas may part columns or decimals: {unclear}")
+    return data, False
 
 
 def _is_row(line: bytes) -> bool:

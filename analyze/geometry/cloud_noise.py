@@ -46,7 +46,7 @@ def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
         small = radius < WIDEST_PATCH * extent
         if sd > 0 and small.mean() < 0.3:
             break
-        residual = _patch_scatter(points[index])
+        residual = patch_scatter(points[index])
         # The flattest quarter: the others hold an edge.
         flattest = float(np.quantile(residual, 0.25))
         sd = max(sd, flattest)
@@ -55,7 +55,7 @@ def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
     return CloudNoise(sd, _surface_spacing(points))
 
 
-def _patch_scatter(patches: Array) -> Array:
+def patch_scatter(patches: Array) -> Array:
     """RMS distance (p,) of the points of each patch (p, k, 3) from a quadric over its plane."""
     many = patches.shape[1]
     centred = patches - patches.mean(axis=1, keepdims=True)

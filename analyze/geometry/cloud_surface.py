@@ -16,9 +16,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, HalfspaceIntersection, KDTree, QhullError
 
+from analyze.geometry import scanned_surface
 from analyze.geometry.cloud_noise import CloudNoise, cloud_noise
-from analyze.geometry.hull_planes import DIRECTIONS, FittedPlane, even_directions, fitted_planes
+from analyze.geometry.hull_planes import DIRECTIONS, FINEST, FittedPlane, even_directions, fitted_planes
 from analyze.geometry.polyhedron import BoolArray
+from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.types import Array, IntArray
 
 LONELY = 8.0
@@ -41,6 +43,12 @@ WIDEST_GAP = np.radians(60.0)
 """of a rim without points, up to which a circle is still fitted"""
 DEEP = 0.01
 """part of the largest extent below the hull from which a point lies in a hollow"""
+SHEET = 4.5
+"""scatters of a plane, above which a point stands on it"""
+SPREAD = 0.05
+"""part of the largest extent by which a table reaches beyond what stands on it"""
+SPREAD_SHARE = 0.15
+"""part of the plane's points that lie out there"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +69,10 @@ class CloudSurface:
     """part of the points that lie deep under the hull"""
     hollow_depth: float
     """m, of the deepest but 1 in 100"""
-    bare_share: float
-    """part of the surface that has no points near"""
+    scanned: ScannedSurface
+    """where it has points near"""
+    sheet: float
+    """m, by which a plane thinner than the noise reaches beyond all that stands on it, as a table does; 0: none does"""
 
 
 def cloud_surface(points: Array) -> CloudSurface:
@@ -93,6 +103,7 @@ def cloud_surface(points: Array) -> CloudSurface:
     some = kept[:: max(1, len(kept) // DEPTH_SAMPLES)]
     depth = -(some @ equations[:, :3].T + equations[:, 3]).max(axis=1)
     deep = depth > max(4 * sd, DEEP * extent)
+    reach = max(4 * sd, DEEP * extent) + 2.5 * noise.spacing
     return CloudSurface(
         vertices,
         faces,
@@ -102,7 +113,8 @@ def cloud_surface(points: Array) -> CloudSurface:
         strays,
         float(deep.mean()),
         float(np.quantile(depth[deep], 0.99)) if deep.any() else 0.0,
-        _bare(vertices, faces, tree, max(4 * sd, DEEP * extent) + 2.5 * noise.spacing),
+        scanned_surface.of_cloud(vertices, faces, tree, reach, max(2 * sd, 1.5 * noise.spacing), max(sd, FINEST * extent)),
+        _sheet(kept, planes, noise.spacing, extent),
     )
 
 
@@ -142,6 +154,29 @@ def _without_strays(points: Array) -> tuple[Array, int]:
     size = np.asarray(np.bincount(clump))
     keep = ~lonely & (size[clump] >= SPECK * len(points))
     return points[keep], int(np.sum(~keep))
+
+
+def _sheet(points: Array, planes: tuple[FittedPlane, ...], spacing: float, extent: float) -> float:
+    """How far [m] a plane without thickness reaches beyond the outline of what stands on it; 0: no plane does.
+
+    A foot, a flange or a plate that was scanned all round has its other side over it, and that side's outline is its own.
+    """
+    for plane in planes:
+        height = plane.heights(points)
+        over = points[height < -SHEET * plane.scatter]
+        if len(over) < FEWEST_NEIGHBOURS:
+            continue
+        try:
+            outline = ConvexHull(over @ plane.basis.T).equations
+        except QhullError:
+            continue
+        on = points[np.abs(height) <= SHEET * plane.scatter]
+        beyond = (on @ plane.basis.T @ outline[:, :2].T + outline[:, 2]).max(axis=1)
+        # A slanting wall has left its foot's outline where it can be told from the plane.
+        far = beyond > SPREAD * extent + 2 * spacing + 2 * SHEET * plane.scatter
+        if far.mean() > SPREAD_SHARE:
+            return float(beyond.max())
+    return 0.0
 
 
 def _corners(points: Array, tree: KDTree, planes: tuple[FittedPlane, ...], sd: float, spacing: float, extent: float) -> Array:
@@ -300,19 +335,3 @@ def _oriented(hull: ConvexHull) -> tuple[Array, IntArray]:
     inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
     faces[inwards] = faces[inwards][:, ::-1]
     return vertices, faces
-
-
-def _bare(vertices: Array, faces: IntArray, tree: KDTree, reach: float) -> float:
-    """Part of the surface farther than `reach` [m] from every point; sampled at about a thousandth of it each."""
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    many = np.maximum(1, np.round(1000 * area / area.sum())).astype(int)
-    owner = np.repeat(np.arange(len(faces)), many)
-    rank = np.arange(len(owner)) - np.repeat(np.cumsum(many) - many, many)
-    # A low-discrepancy sequence in the triangle (Basu and Owen 2015 in spirit): even, and the same every time.
-    u, v = (0.5 + rank * 0.7548776662466927) % 1, (0.5 + rank * 0.5698402909980532) % 1
-    folded = u + v > 1
-    u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
-    samples = a[owner] + u[:, None] * (b - a)[owner] + v[:, None] * (c - a)[owner]
-    bare = np.asarray(tree.query(samples)[0]) > reach
-    return float(np.sum((area / many)[owner] * bare) / area.sum())

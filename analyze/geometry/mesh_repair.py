@@ -1,7 +1,8 @@
 """A mesh as files have it made into one closed surface, outside out: what can be repaired well is, and is said; what cannot is refused.
 
-Flat holes are closed flat and small ones by a fan; overlapping bodies are united (manifold3d); inner surfaces are dropped. A single surface
-that runs through itself is not mended: where it does so, inside and outside are a matter of opinion.
+Flat holes are closed flat, also where their border is a little ragged, and small ones by a fan; what closes them is marked. Overlapping
+bodies are united (manifold3d); inner surfaces are dropped. A single surface that runs through itself is not mended: where it does so,
+inside and outside are a matter of opinion.
 """
 
 # scipy and manifold3d are only partly typed; their unknowns are no mistakes of ours.
@@ -19,10 +20,13 @@ from scipy.spatial import ConvexHull, QhullError
 
 from analyze.errors import ShapeError
 from analyze.geometry import polyhedron
+from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array, IntArray
 
 FLAT_HOLE = 0.01
-"""part of the hole's width by which its border may leave a plane"""
+"""part of the hole's width by which its border may leave a plane, without a word"""
+ROUGH_HOLE = 0.05
+"""the same where the border is ragged, as a scan's end is: closed over its projection"""
 SMALL_HOLE = 0.10
 """width of a hole, part of the largest extent, up to which it is closed whatever its shape"""
 MOST_HOLES = 200
@@ -41,6 +45,8 @@ class ClosedMesh:
 
     vertices: Array
     faces: IntArray
+    added: BoolArray
+    """(f,) the faces that close holes: nobody has seen what is there"""
     notes: tuple[str, ...]
     """what was repaired"""
 
@@ -62,9 +68,11 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
         faces = min(faces, _once(faces), key=polyhedron.open_edges)
         vertices, faces = _without_cracks(vertices, faces)
     faces, body, turned = polyhedron.wound_alike(faces)
+    added = np.zeros(len(faces), dtype=bool)
     if torn and polyhedron.open_edges(faces):
         vertices, faces, note = _filled(vertices, faces, name)
         notes.append(note)
+        added = np.arange(len(faces)) >= len(added)
         faces, body, more = polyhedron.wound_alike(faces)
         turned = max(turned, more)
     faces, inside_out = polyhedron.outward(vertices, faces, body)
@@ -72,9 +80,9 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
         notes.append(f"{name}: {turned} faces were wound against their neighbours and have been turned")
     if inside_out:
         notes.append(f"{name}: the normals pointed inwards and have been turned outwards")
-    vertices, faces = _exterior(vertices, faces, body, name, notes)
+    vertices, faces, added = _exterior(vertices, faces, added, body, name, notes)
     _refuse_self_crossing(vertices, faces, name)
-    return ClosedMesh(vertices, faces, tuple(notes))
+    return ClosedMesh(vertices, faces, added, tuple(notes))
 
 
 def _once(faces: IntArray) -> IntArray:
@@ -96,7 +104,7 @@ def _without_cracks(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
 
 
 def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArray, str]:
-    """Holes closed: flat ones flat, small ones by a fan around their middle."""
+    """Holes closed: flat ones flat, small ones by a fan around their middle; the faces that do so come last."""
     holes = polyhedron.open_edges(faces)
     remedy = "close the holes in a mesh editor, scan what is missing, or give a primitive (box, cylinder) instead"
     loops = _loops(faces)
@@ -104,33 +112,49 @@ def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArra
         raise ShapeError(f"{name}: not a closed body ({holes} open edges that do not run round plain holes): {remedy}")
     extent = float(np.ptp(vertices, axis=0).max())
     added: list[IntArray] = [faces]
-    widest = 0.0
+    widest = uneven = 0.0
     for loop in loops:
         ring = vertices[loop]
         centre = ring.mean(axis=0)
         _, _, frame = np.linalg.svd(ring - centre, full_matrices=False)
         width = float(np.ptp((ring - centre) @ frame[0]))
-        crooked = float(np.ptp((ring - centre) @ frame[-1])) > FLAT_HOLE * max(width, 1e-12)
-        if crooked and width > SMALL_HOLE * extent:
+        rough = float(np.ptp((ring - centre) @ frame[-1]))
+        flat = _flat_fill(np.ascontiguousarray((ring[::-1] - centre) @ frame[:2].T)) if rough <= ROUGH_HOLE * width else None
+        if flat is None and width > SMALL_HOLE * extent:
             part = 100 * width / extent
             raise ShapeError(f"{name}: not a closed body ({holes} open edges; one hole is {part:.0f} % of the size and not flat): {remedy}")
         widest = max(widest, width)
-        if crooked:
+        if rough > FLAT_HOLE * width:
+            uneven = max(uneven, rough)
+        if flat is None:
             vertices = np.vstack([vertices, centre])
             middle = np.full(len(loop), len(vertices) - 1)
             added.append(np.stack([np.roll(loop, -1), loop, middle], axis=1))
         else:
-            flat = np.ascontiguousarray((ring[::-1] - centre) @ frame[:2].T)
-            if _signed_area(flat) < 0:
-                flat = flat * [1.0, -1.0]
-            added.append(loop[::-1][np.asarray(manifold3d.triangulate([flat]), dtype=np.int64)])
+            added.append(loop[::-1][flat])
     filled = np.vstack(added)
     left = polyhedron.open_edges(filled)
     if left:
         raise ShapeError(f"{name}: not a closed body ({left} edges stay open): {remedy}")
     part = 100 * widest / extent
     many = f"{len(loops)} holes were" if len(loops) > 1 else "a hole was"
-    return vertices, filled, f"{name}: {many} closed (the widest {part:.0f} % of the size): check that nothing is missing there"
+    border = f", its border uneven by {1000 * uneven:.1f} mm" if uneven else ""
+    what = f"{many} closed (the widest {part:.0f} % of the size{border})"
+    return vertices, filled, f"{name}: {what}: check that nothing is missing there; no strike is planned on it"
+
+
+def _flat_fill(outline: Array) -> IntArray | None:
+    """Triangles (n - 2, 3) over an outline (n, 2); None: it runs through itself."""
+    if _signed_area(outline) < 0:
+        outline = outline * [1.0, -1.0]
+    try:
+        triangles = np.asarray(manifold3d.triangulate([outline]), dtype=np.int64).reshape(-1, 3)
+    except RuntimeError:
+        return None
+    # A fill that folds over has more area than its outline.
+    area = np.array([_signed_area(outline[each]) for each in triangles])
+    whole = len(triangles) == len(outline) - 2 and float(np.abs(area).sum()) <= (1 + 1e-6) * _signed_area(outline)
+    return triangles if whole else None
 
 
 def _loops(faces: IntArray) -> list[IntArray] | None:
@@ -157,11 +181,13 @@ def _loops(faces: IntArray) -> list[IntArray] | None:
     return loops
 
 
-def _exterior(vertices: Array, faces: IntArray, body: IntArray, name: str, notes: list[str]) -> tuple[Array, IntArray]:
-    """The outer bodies, united where they overlap."""
+def _exterior(
+    vertices: Array, faces: IntArray, added: BoolArray, body: IntArray, name: str, notes: list[str]
+) -> tuple[Array, IntArray, BoolArray]:
+    """The outer bodies, united where they overlap, and which of their faces are of those `added` (f,)."""
     count = int(body.max()) + 1
     if count == 1:
-        return vertices, faces
+        return vertices, faces, added
     volumes = np.array([_volume(vertices, faces[body == index]) for index in range(count)])
     dust = volumes < SPECK * volumes.max()
     buried = _buried(vertices, faces, body, dust)
@@ -170,15 +196,17 @@ def _exterior(vertices: Array, faces: IntArray, body: IntArray, name: str, notes
     if buried.any():
         notes.append(f"{name}: inner surfaces are ignored: only the exterior counts")
     outer = np.flatnonzero(~dust & ~buried)
-    faces, body = faces[np.isin(body, outer)], body[np.isin(body, outer)]
+    kept = np.isin(body, outer)
+    faces, added, body = faces[kept], added[kept], body[kept]
     if len(outer) > 1:
-        united = _united(vertices, [faces[body == index] for index in outer])
+        united = _united(vertices, faces, [np.flatnonzero(body == index) for index in outer])
         if united is None:
             notes.append(f"{name}: {len(outer)} separate bodies; where they overlap, volume counts twice")
         else:
-            apart = float(volumes[outer].sum()) - _volume(*united)
+            apart = float(volumes[outer].sum()) - _volume(*united[:2])
             if apart > 1e-6 * float(volumes.max()):
-                vertices, faces = united
+                vertices, faces, source = united
+                added = added[source]
                 notes.append(f"{name}: {len(outer)} bodies overlapped and have been united")
             left = _pieces(faces)
             if left > 1:
@@ -186,7 +214,7 @@ def _exterior(vertices: Array, faces: IntArray, body: IntArray, name: str, notes
                     f"{name}: {left} separate bodies: they are taken as one rigid object, joined by something the file does not show"
                 )
     used, faces = np.unique(faces, return_inverse=True)
-    return vertices[used], faces.reshape(-1, 3).astype(np.int64)
+    return vertices[used], faces.reshape(-1, 3).astype(np.int64), added
 
 
 def _buried(vertices: Array, faces: IntArray, body: IntArray, dust: polyhedron.BoolArray) -> polyhedron.BoolArray:
@@ -212,18 +240,20 @@ def _buried(vertices: Array, faces: IntArray, body: IntArray, dust: polyhedron.B
     return buried
 
 
-def _united(vertices: Array, bodies: list[IntArray]) -> tuple[Array, IntArray] | None:
-    """Union of closed bodies; None where manifold3d does not take one as a manifold."""
+def _united(vertices: Array, faces: IntArray, bodies: list[IntArray]) -> tuple[Array, IntArray, IntArray] | None:
+    """Union of closed bodies, each a list of `faces`, and of which face each of its faces is a part; None: manifold3d does not take one."""
     solids: list[manifold3d.Manifold] = []
-    for faces in bodies:
-        used, local = np.unique(faces, return_inverse=True)
-        mesh = manifold3d.Mesh64(np.ascontiguousarray(vertices[used]), np.ascontiguousarray(local.reshape(-1, 3).astype(np.uint64)))
+    for body in bodies:
+        used, local = np.unique(faces[body], return_inverse=True)
+        corners = np.ascontiguousarray(local.reshape(-1, 3).astype(np.uint64))
+        mesh = manifold3d.Mesh64(np.ascontiguousarray(vertices[used]), corners, face_id=body.astype(np.uint64))
         solid = manifold3d.Manifold(mesh)
         if solid.status() != manifold3d.Error.NoError or solid.is_empty():
             return None
         solids.append(solid)
     mesh = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add).to_mesh64()
-    return np.asarray(mesh.vert_properties)[:, :3].astype(np.float64), np.asarray(mesh.tri_verts).astype(np.int64)
+    source = np.asarray(mesh.face_id, dtype=np.int64)
+    return np.asarray(mesh.vert_properties)[:, :3].astype(np.float64), np.asarray(mesh.tri_verts).astype(np.int64), source
 
 
 def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:

@@ -13,10 +13,11 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from analyze.errors import ShapeError
-from analyze.geometry import cloud_files, distance, mesh_files, polyhedron
+from analyze.geometry import cloud_files, distance, mesh_files, polyhedron, scanned_surface
 from analyze.geometry.cloud_surface import CloudSurface, cloud_surface, line_sd
 from analyze.geometry.hull_planes import COARSE
 from analyze.geometry.mesh_repair import closed_mesh
+from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.types import Array, IntArray
 from schemas.documents import Box, Cylinder, LengthUnit, ObjectSpec
 
@@ -68,6 +69,8 @@ class ObjectModel:
     """m, 1 sigma of how far all of the surface may lie off together"""
     cloud: CloudSurface | None = None
     """how the exterior was made of a point cloud"""
+    scanned: ScannedSurface | None = None
+    """which parts of it a scan has left out; None: all of it is known"""
 
     @property
     def extent(self) -> Array:
@@ -162,7 +165,8 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
     raw = mesh_files.read_mesh(shape_bytes, shape_name, suffix, shape.unit)
     _refuse_size(shape_name, np.ptp(raw.vertices, axis=0) * shape.unit.metres, shape.unit)
     mesh = closed_mesh(raw.vertices * shape.unit.metres, raw.faces, shape_name)
-    return _checked(spec, mesh.vertices, mesh.faces, shape_name, shape.unit, mesh.notes, None)
+    scanned = scanned_surface.of_mesh(mesh.vertices, mesh.faces, mesh.added) if mesh.added.any() else None
+    return _checked(spec, mesh.vertices, mesh.faces, shape_name, shape.unit, mesh.notes, None, scanned)
 
 
 def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: LengthUnit) -> ObjectModel:
@@ -176,7 +180,13 @@ def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: Len
     except (ValueError, ArithmeticError, QhullError) as error:
         reason = str(error).partition("\n")[0]
         raise ShapeError(f"{name}: no exterior can be made of it ({reason}): scan the object from all sides") from None
-    return _checked(spec, surface.vertices, surface.faces, name, unit, (*notes, *_cloud_notes(surface, spec, name)), surface)
+    if surface.sheet > 0:
+        raise ShapeError(
+            f"{name}: seems to hold the table: a plane without thickness reaches {1000 * surface.sheet:.0f} mm beyond what stands on it: "
+            "cut it off; if it is a thin foot of the object, give a mesh"
+        )
+    scanned = surface.scanned if surface.scanned.bare.any() else None
+    return _checked(spec, surface.vertices, surface.faces, name, unit, (*notes, *_cloud_notes(surface, spec, name)), surface, scanned)
 
 
 def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str]:
@@ -191,10 +201,11 @@ def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str
         notes.append(
             f"{name}: {share:.0f} % of the points lie up to {deep:.0f} mm below the hull: hollows count as filled; give a mesh to keep them"
         )
-    if surface.bare_share > BARE:
-        share = 100 * surface.bare_share
+    if surface.scanned.bare_share > BARE:
+        share = 100 * surface.scanned.bare_share
         notes.append(
-            f"{name}: {share:.0f} % of the surface has no points and is closed flat: do not stand the object on it, or scan that side too"
+            f"{name}: {share:.0f} % of the surface has no points and is closed flat: do not stand the object on it, no strike is planned "
+            "there; or scan that side too"
         )
     if scatter > NOISY and spec.shape.surface_sd_m == 0:
         scatter_mm = 1000 * scatter
@@ -212,13 +223,14 @@ def _checked(
     unit: LengthUnit,
     notes: tuple[str, ...],
     cloud: CloudSurface | None,
+    scanned: ScannedSurface | None,
 ) -> ObjectModel:
     properties = polyhedron.mass_properties(vertices, faces)
     extent = np.ptp(vertices, axis=0)
     if properties.volume <= 1e-6 * float(extent.max()) ** 3:
         raise ShapeError(f"{name}: holds no volume ({properties.volume * 1e6:.3g} cm3): it is flat or folded; export the solid's exterior")
     _believable(name, extent, properties.volume, spec.mass_kg, unit)
-    return _model(spec, vertices, faces, None, notes, cloud)
+    return _model(spec, vertices, faces, None, notes, cloud, scanned)
 
 
 def _model(
@@ -228,6 +240,7 @@ def _model(
     primitive: Box | Cylinder | None,
     warnings: tuple[str, ...],
     cloud: CloudSurface | None = None,
+    scanned: ScannedSurface | None = None,
 ) -> ObjectModel:
     hull = ConvexHull(vertices)
     if isinstance(primitive, Cylinder):
@@ -250,6 +263,7 @@ def _model(
         warnings=warnings,
         surface_sd=spec.shape.surface_sd_m,
         cloud=cloud,
+        scanned=scanned,
     )
 
 

@@ -20,6 +20,7 @@ from analyze.planning.information import Belief, Errors, Information
 from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.refusal import why_not
 from analyze.planning.stable_planes import RestingPlane, resting_planes, stable_planes
+from analyze.planning.unscanned import on_scanned_edges, on_scanned_planes
 from analyze.types import CameraModel
 from schemas.documents import (
     Impact,
@@ -121,8 +122,9 @@ def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors |
     planes = resting_planes(model)
     if given is not None:
         believed = believed_after(believed, given)
-    stable = stable_planes(planes, believed.region)
-    axes = pivot_axes(model, spec, stable, believed)
+    standing = stable_planes(planes, believed.region)
+    stable, bare = on_scanned_planes(model, standing)
+    axes, cut = on_scanned_edges(model, pivot_axes(model, spec, stable, believed))
     usable, rejected = examine(model, spec, axes, believed, bench)
     inertia = spec.mass_kg * believed.unit_inertia
     belief = Belief(body_size(model) / 4, inertia, INERTIA_SD * float(np.trace(inertia)) / 3)
@@ -131,7 +133,7 @@ def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors |
         belief = with_strikes(belief, given, every, believed, spec.mass_kg, bench.gravity)
     shared = replace(errors or Errors(), scale=spec.shape.scale_sd, edge_radius=spec.edge_radius_sd_m, mass=spec.mass_sd_kg / spec.mass_kg)
     information = Information(tuple(each.candidate for each in usable), belief, shared)
-    unstable = _unstable(planes, stable, believed)
+    unstable = _unstable(planes, standing, believed)
     return Prepared(
         model,
         spec,
@@ -140,7 +142,7 @@ def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors |
         stable,
         believed,
         tuple(usable),
-        (*unstable, *rejected),
+        (*unstable, *bare, *cut, *rejected),
         information,
         0 if given is None else len(given.strikes),
     )

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
+from analyze.planning import unscanned
 from analyze.planning.information import Candidate, unknown_direction
 from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
@@ -20,7 +21,12 @@ ROUND = 0.08
 FACE = 0.02
 """part of the hull's area below which a face counts as a strip of something round"""
 DIRECTIONS = 400
+SPECK = 0.005
+"""part of the surface below which a gap of the scan is not spoken of"""
+PART_OF_A_BALL = 0.3
+"""part of a sphere that must have been scanned to call it one"""
 REMEDIES = {
+    unscanned.CODE: f"what is missing of the scan is in the way: {unscanned.REMEDY}",
     "no_marker": "glue markers to the faces square to the edges",
     "tag_small": "print larger tags, or bring the camera nearer",
     "out_of_image": "move or turn the camera (camera.calibration in the rig file), or glue the tags where it sees the whole tip",
@@ -47,24 +53,32 @@ def why_not(
     """One line: what the object lacks, what stood in the way, what would help."""
     axes = [rejection for rejection in rejected if rejection.code not in ("unstable_plane", "flank")]
     counts = Counter(rejection.code for rejection in axes)
-    if not candidates and not counts:
-        return f"{model.name}: {_shape_says(model, planes, stable)}"
+    if not candidates and not counts.keys() - {unscanned.CODE}:
+        return f"{model.name}: {_shape_says(model, planes, stable, counts[unscanned.CODE])}"
     state = "no axis can be used"
     if candidates:
         worst = unknown_direction(np.array([each.normal for each in candidates]))
         along = ", ".join(f"{value:.2f}" for value in np.round(worst, 2) + 0.0)
         state = f"the {len(candidates)} usable axes leave the centre of mass unknown along ({along})"
-    reasons = ", ".join(f"{number} {code}" for code, number in counts.most_common()) or _shape_says(model, planes, stable)
+    reasons = ", ".join(f"{number} {code}" for code, number in counts.most_common()) or _shape_says(model, planes, stable, 0)
     unseen = [code for code, _ in counts.most_common() if code in SIGHT][:1]
     in_the_way = {*unseen, *(code for code in counts if code not in SIGHT)}
     remedy = next((text for code, text in REMEDIES.items() if code in in_the_way), FOOT)
     return f"{model.name}: {state}; rejected: {reasons}: {remedy}"
 
 
-def _shape_says(model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane]) -> str:
-    """What kind of object has no edge to tip over."""
+def _shape_says(model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], unseen: int) -> str:
+    """What kind of object has no edge to tip over; `unseen` faces and edges were not scanned."""
+    across = _part_of_a_ball(model) if _missing(model) > SPECK else None
+    if across is not None:
+        return (
+            f"what was scanned is part of a ball of {1000 * across:.0f} mm: if the rest is round too, there is no face to rest on and no "
+            f"edge to tip over: set it in a ring stand glued to it, or {FOOT}; if not: {unscanned.REMEDY}"
+        )
     if _ball(model):
         return f"it is a ball: it has no face to rest on and no edge to tip over: set it in a ring stand glued to it, or {FOOT}"
+    if unseen or (not stable and _missing(model) > FACE):
+        return f"{REMEDIES[unscanned.CODE]}; if the border of a mesh's hole is where the object ends, close it in a mesh editor"
     round_about = _round_about(model)
     area = sum(plane.area for plane in planes)
     flat = [plane for plane in planes if plane.area > FACE * area] if area > 0 else []
@@ -84,6 +98,31 @@ def _shape_says(model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequ
 def _ball(model: ObjectModel) -> bool:
     widths = _widths(model, _directions())
     return float(np.ptp(widths)) < BALL * float(widths.mean())
+
+
+def _missing(model: ObjectModel) -> float:
+    """Part of the surface that was not scanned."""
+    return 0.0 if model.scanned is None else model.scanned.bare_share
+
+
+def _part_of_a_ball(model: ObjectModel) -> float | None:
+    """Diameter [m] of the sphere on which all lies that was scanned; None: it does not, or is too little of it."""
+    if model.scanned is None:
+        return None
+    seen = model.scanned.surely_seen()
+    if len(seen) < DIRECTIONS:
+        return None
+    origin = seen.mean(axis=0)
+    arm = seen - origin
+    design = np.column_stack([2 * arm, np.ones(len(arm))])
+    answer: Array = np.linalg.lstsq(design, np.sum(arm**2, axis=1), rcond=None)[0]
+    centre = answer[:3]
+    radius = float(np.sqrt(max(float(answer[3] + centre @ centre), 0.0)))
+    off = np.linalg.norm(arm - centre, axis=1) - radius
+    area = model.scanned.area * (1 - model.scanned.bare_share)
+    if float(np.ptp(np.quantile(off, [0.01, 0.99]))) > BALL * radius or area < PART_OF_A_BALL * 4 * np.pi * radius**2:
+        return None
+    return 2 * radius
 
 
 def _round_about(model: ObjectModel) -> Array | None:

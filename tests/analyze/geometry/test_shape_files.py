@@ -223,6 +223,53 @@ def test_cloud_with_strays_and_hollows():
     assert any("hollows count as filled" in note for note in model.warnings)
 
 
+@pytest.mark.parametrize(("many", "half"), [(3000, 200.0), (12_000, 150.0), (6000, 60.0)])
+def test_a_table_left_in_the_scan_is_refused(many, half):
+    table = np.random.default_rng(1).uniform(-half, half, (many, 3)) * [1, 1, 1e-3] - [0, 0, SIZE[2] / 2]
+    with pytest.raises(ShapeError, match=r"seems to hold the table: .* beyond what stands on it: cut it off"):
+        load(*cloud_bytes("xyz", np.vstack([box_cloud(noise=0.1, many=6000), table])))
+
+
+@pytest.mark.parametrize("thickness", [1.5, 4.0, 20.0])
+def test_a_foot_is_no_table(thickness):
+    lamp = trimesh.boolean.union([box_mesh(), box_mesh([180, 160, thickness], (0, 0, -100 + thickness / 2))])
+    points = np.asarray(trimesh.sample.sample_surface(lamp, 12_000, seed=1)[0])
+    model = load(*cloud_bytes("xyz", points + np.random.default_rng(1).normal(0, 0.1, points.shape)), mass=0.2)
+    assert model.cloud.sheet == 0
+
+
+def written(row: str) -> tuple[bytes, str]:
+    """The box's cloud, every line as `row` has it."""
+    lines = [row.format(*(f"{value:.2f}" for value in point)) for point in box_cloud(many=1500)]
+    return "\n".join(["x;y;z", *lines]).encode(), "cloud.xyz"
+
+
+@pytest.mark.parametrize("row", ["{};{};{}", "{} {} {}", "{}; {}; {}; 128", "{}\t{}\t{}\t7\t8\t9"])
+def test_decimal_commas_are_read(row):
+    data, name = written(row)
+    model = load(data.replace(b".", b","), name)
+    assert np.allclose(model.extent, SIZE / 1000, atol=1e-4)
+    assert model.warnings[0] == "cloud.xyz: its commas are read as decimal commas"
+
+
+@pytest.mark.parametrize("row", ["{},{},{}", "{}, {}, {}", "{},{},{} 255 0 0", "{};{};{}", "{} , {} , {}"])
+def test_commas_between_columns_are_no_decimals(row):
+    model = load(*written(row))
+    assert np.allclose(model.extent, SIZE / 1000, atol=1e-4)
+    assert "decimal" not in model.warnings[0]
+
+
+def test_whole_numbers_in_six_columns_are_columns_where_a_sign_says_so():
+    lines = ["{:.0f},{:.0f},{:.0f},9,9,9".format(*point) for point in box_cloud(many=6000)]
+    assert np.allclose(load("\n".join(lines).encode(), "cloud.xyz").extent, SIZE / 1000, atol=2e-3)
+
+
+@pytest.mark.parametrize("lines", ["12,5,30,1,7,9", "1.012,5;30,1;7,9", "1,012.5 30.1 7.9", "12.5,30.1;7.9"])
+def test_commas_of_unclear_meaning_are_refused(lines):
+    with pytest.raises(ShapeError, match=r"^cloud\.xyz: [^\n]*write numbers with decimal points"):
+        load("\n".join([lines] * 300).encode(), "cloud.xyz")
+
+
 def test_noise_that_drowns_the_faces_is_said():
     prism = trimesh.creation.cylinder(25, 100, sections=6)
     points = trimesh.sample.sample_surface(prism, 6000, seed=1)[0] + np.random.default_rng(1).normal(0, 4, (6000, 3))

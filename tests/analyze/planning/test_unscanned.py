@@ -1,0 +1,164 @@
+"""Scans with a side missing: what closes them is no face to rest on, its border no edge to tip over."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+
+from analyze.errors import PlanError
+from analyze.geometry.object_model import ObjectModel, load_object_model
+from analyze.planning.hypothesis import hypothesis
+from analyze.planning.impact import StrikerModel
+from analyze.planning.pivots import pivot_axes
+from analyze.planning.plan import make_plan
+from analyze.planning.stable_planes import resting_planes, stable_planes
+from analyze.planning.unscanned import on_scanned_edges, on_scanned_planes
+from schemas.documents import ObjectSpec, StrikePlan
+from tests.analyze.geometry.shapes import spec_of
+from tests.analyze.planning.random_bodies import FAR_TAG
+
+SIZE = np.array([75.0, 65.0, 130.0])
+RADIUS = 0.001
+LEVEL, SLOPE = -57.0, 0.15
+"""mm: the cut's height over the middle of the bottom, 8 mm under it, and its slope along x"""
+
+
+def thing(name: str, mass: float = 0.182) -> ObjectSpec:
+    return spec_of({"file": name, "unit": "mm"}, mass, [FAR_TAG], edge_radius_m=RADIUS, edge_radius_sd_m=0.0003)
+
+
+def xyz(points) -> bytes:
+    return "\n".join("{:.4f} {:.4f} {:.4f}".format(*point) for point in points).encode()
+
+
+def cloud(mesh: trimesh.Trimesh, many: int, noise: float = 0.1) -> np.ndarray:
+    points = np.asarray(trimesh.sample.sample_surface(mesh, many, seed=1)[0])
+    return points + np.random.default_rng(0).normal(0, noise, points.shape)
+
+
+def cut_cloud(many: int) -> bytes:
+    points = cloud(trimesh.creation.box(SIZE), many)
+    return xyz(points[points[:, 2] > LEVEL + SLOPE * points[:, 0]])
+
+
+def cut_mesh(ragged: float = 0.0) -> bytes:
+    """A box without its bottom, cut slanting, its border ragged by up to `ragged` [mm] either way."""
+    box = trimesh.creation.box(SIZE)
+    for _ in range(5):
+        box = box.subdivide()
+    vertices = np.array(box.vertices)
+    bottom = vertices[:, 2] < -SIZE[2] / 2 + 1e-6
+    top = SIZE[2] / 2
+    vertices[:, 2] = top - (top - vertices[:, 2]) * (top - LEVEL - SLOPE * vertices[:, 0]) / SIZE[2]
+    vertices[bottom, 2] += np.random.default_rng(0).uniform(-ragged, ragged, int(bottom.sum()))
+    return trimesh.Trimesh(vertices, box.faces[~bottom[box.faces].all(axis=1)], process=False).export(file_type="stl")
+
+
+def holed_mesh(hole: float) -> bytes:
+    """A fine box; without the triangles that lie within `hole` [mm] of the middle of its +x side."""
+    box = trimesh.creation.box(SIZE)
+    for _ in range(5):
+        box = box.subdivide()
+    middle = np.linalg.norm(box.triangles_center - [SIZE[0] / 2, 0, 0], axis=1)
+    return trimesh.Trimesh(box.vertices, box.faces[middle > hole], process=False).export(file_type="stl")
+
+
+def planned(data: bytes, name: str) -> tuple[ObjectModel, StrikePlan]:
+    spec = thing(name)
+    model = load_object_model(spec, data, name)
+    return model, make_plan(model, spec, "", StrikerModel(fastest_m_s=5.0), friction=1.0)
+
+
+@cache
+def plan_of_a_cut_box(name: str) -> StrikePlan:
+    made = {
+        "sparse.xyz": lambda: cut_cloud(3000),
+        "cut.xyz": lambda: cut_cloud(12_000),
+        "dense.xyz": lambda: cut_cloud(25_000),
+        "cut.stl": cut_mesh,
+        "ragged.stl": lambda: cut_mesh(1.0),
+    }
+    return planned(made[name](), name)[1]
+
+
+CUTS = ("sparse.xyz", "cut.xyz", "dense.xyz", "cut.stl", "ragged.stl")
+
+
+@pytest.mark.parametrize("name", CUTS)
+def test_every_planned_edge_of_a_box_without_its_bottom_is_the_boxs(name):
+    half = SIZE / 2000 - RADIUS
+    strikes = plan_of_a_cut_box(name).strikes
+    for strike in strikes:
+        tip, _, up = np.array(strike.R_world_object)
+        for direction in (-up, tip):
+            axis = int(np.argmax(np.abs(direction)))
+            true = np.sign(direction[axis]) * half[axis]
+            assert abs(strike.pivot.point[axis] - true) < 3 * strike.pivot.sd_m
+            assert not (axis == 2 and direction[2] < 0)
+    assert len({strike.axis_id for strike in strikes}) >= 3
+
+
+@pytest.mark.parametrize("name", CUTS)
+def test_what_is_not_planned_with_is_named_with_its_share(name):
+    unseen = [each for each in plan_of_a_cut_box(name).rejected if each.code == "not_scanned"]
+    assert sum("e" in each.axis_id for each in unseen) >= 4
+    assert all(each.number > 0.5 for each in unseen)
+    assert all("scan that side too" in each.text for each in unseen)
+
+
+def test_a_ragged_border_is_said():
+    notes = plan_of_a_cut_box("ragged.stl").warnings
+    assert any("its border uneven by 2.0 mm" in note for note in notes)
+
+
+def test_a_small_hole_changes_nothing():
+    model, plan = planned(holed_mesh(5.0), "holed.stl")
+    assert model.scanned is not None
+    assert model.scanned.bare_share > 0
+    _, whole = planned(holed_mesh(0.0), "holed.stl")
+    assert [each.code for each in plan.rejected] == [each.code for each in whole.rejected]
+    assert len(plan.strikes) == len(whole.strikes)
+    assert np.isclose(plan.predicted_com_sd_m, whole.predicted_com_sd_m, rtol=1e-3)
+
+
+def test_hollows_of_a_cloud_were_seen():
+    """A stool of three plates: between its feet, and at its open sides, the hull spans air; the scan has seen what is behind."""
+    parts = [(70, 60, 20, 0, 0, 50), (70, 12, 80, 0, 24, 0), (70, 12, 80, 0, -24, 0)]
+    bodies = [trimesh.creation.box(part[:3], trimesh.transformations.translation_matrix(part[3:])) for part in parts]
+    stool = trimesh.boolean.union(bodies)
+    spec = thing("stool.xyz")
+    model = load_object_model(spec, xyz(cloud(stool, 15_000)), "stool.xyz")
+    believed = hypothesis(model)
+    planes = stable_planes(resting_planes(model), believed.region)
+    assert any(plane.up[2] > 0.99 for plane in planes)
+    assert on_scanned_planes(model, planes) == (planes, [])
+    axes = pivot_axes(model, spec, planes, believed)
+    assert on_scanned_edges(model, axes) == (axes, [])
+
+
+def refusal(data: bytes, name: str) -> str:
+    with pytest.raises(PlanError) as caught:
+        planned(data, name)
+    line = str(caught.value)
+    assert "\n" not in line
+    assert len(line) < 400
+    return line
+
+
+@pytest.mark.parametrize("level", [-0.3, -24.0, -34.0])
+def test_a_ball_without_its_bottom_is_part_of_a_ball(level):
+    points = cloud(trimesh.creation.icosphere(5, 40.0), 6000)
+    line = refusal(xyz(points[points[:, 2] > level]), "ball.xyz")
+    assert "part of a ball of 80 mm" in line
+    assert "ring stand" in line
+    assert "scan that side too" in line
+
+
+def test_a_dome_that_shows_nothing_else_asks_for_the_missing_side():
+    """A round lid, scanned from above: all it seems to stand on is where the scan ends."""
+    points = cloud(trimesh.creation.icosphere(5, 40.0), 12_000) * [1.0, 1.0, 1.6]
+    line = refusal(xyz(points[points[:, 2] > 5]), "lid.xyz")
+    assert "what is missing of the scan is in the way: scan that side too" in line
