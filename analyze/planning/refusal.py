@@ -115,9 +115,9 @@ def _part_of_a_ball(model: ObjectModel) -> float | None:
     origin = seen.mean(axis=0)
     arm = seen - origin
     design = np.column_stack([2 * arm, np.ones(len(arm))])
-    answer: Array = np.linalg.lstsq(design, np.sum(arm**2, axis=1), rcond=None)[0]
-    centre = answer[:3]
-    radius = float(np.sqrt(max(float(answer[3] + centre @ centre), 0.0)))
+    answer = np.linalg.pinv(design) @ np.sum(arm**2, axis=1)
+    centre: Array = np.array(answer[:3], dtype=np.float64)
+    radius = float(np.sqrt(max(float(answer[3]) + float(centre @ centre), 0.0)))
     off = np.linalg.norm(arm - centre, axis=1) - radius
     area = model.scanned.area * (1 - model.scanned.bare_share)
     if float(np.ptp(np.quantile(off, [0.01, 0.99]))) > BALL * radius or area < PART_OF_A_BALL * 4 * np.pi * radius**2:
