@@ -26,7 +26,7 @@ OWNERS = {
 STDLIB = {"__future__", "collections", "dataclasses", "enum", "functools", "itertools", "math", "typing"}
 FOUNDATION = STDLIB | {"numpy", "scipy", "analyze.errors", "analyze.types", "schemas.documents", "schemas.rig_limits"}
 """what every pure package may use; `schemas.documents` for its types, `schemas.rig_limits` for its numbers"""
-SHAPE_FORMATS = {"trimesh", "manifold3d", "laspy", "json", "struct", "warnings", "zipfile.ZipFile"}
+SHAPE_FORMATS = {"trimesh", "manifold3d", "laspy", "json", "re", "struct", "warnings", "zipfile.ZipFile"}
 """what turns a shape file's bytes into arrays, in memory"""
 PURE = {
     "analyze/geometry": FOUNDATION | {"analyze.geometry", "io.BytesIO", "pathlib.PurePath"} | SHAPE_FORMATS,

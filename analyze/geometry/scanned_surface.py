@@ -49,6 +49,10 @@ class ScannedSurface:
         """Part of the surface that was not scanned."""
         return float(self.bare.mean())
 
+    def bare_at(self, point: Array) -> bool:
+        """Whether the surface nearest to `point` (3,) [m] was not scanned."""
+        return bool(self.bare[int(np.argmin(np.linalg.norm(self.points - point, axis=1)))])
+
     def surely_seen(self) -> Array:
         """Samples (k, 3) [m] that do not lie on what closes a gap, near its border either."""
         if not self.bare.any():

@@ -60,7 +60,8 @@ def default_camera() -> CameraModel:
 def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
     """Refuse a marker whose centre does not lie on the surface: its pose was measured in another frame or unit, or mistyped.
 
-    It may hang over an edge. A cloud's hollows are filled in the model, not on the object: there it may lie as deep as they are.
+    It may hang over an edge. A cloud's hollows are filled in the model, not on the object: there it may lie as deep as they are. Where the
+    scan has a gap nobody knows the surface.
 
     Raises:
         PlanError: names the marker, and how far off it is.
@@ -71,9 +72,10 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
     for marker in spec.marker:
         if marker.T_object_marker is None:
             continue
-        outside = float(model.signed_distance(np.array(marker.T_object_marker)[:3, 3])[0])
+        centre = np.array(marker.T_object_marker)[:3, 3]
+        outside = float(model.signed_distance(centre)[0])
         most = OFF_SURFACE + marker.thickness_m + SURFACE_SDS * unsure
-        if -most - hollow <= outside <= most:
+        if -most - hollow <= outside <= most or (model.scanned is not None and model.scanned.bare_at(centre)):
             continue
         where = "outside" if outside > 0 else "inside"
         raise PlanError(
