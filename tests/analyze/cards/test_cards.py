@@ -95,7 +95,7 @@ def painted(svg):
     return image
 
 
-@pytest.mark.parametrize("name", ["carton", "spray", "salt"])
+@pytest.mark.parametrize("name", ["carton", pytest.param("spray", marks=pytest.mark.slow), "salt"])
 def test_the_tag_in_the_pictures_is_the_tag_that_faces_the_camera(name):
     plan, model, spec = planned(name)
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))

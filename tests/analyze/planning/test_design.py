@@ -183,7 +183,7 @@ def quartered(triangles):
     return np.concatenate([np.stack(part, axis=1) for part in [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]])
 
 
-@pytest.mark.parametrize("seed", [3, 5, 10])
+@pytest.mark.parametrize("seed", [3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (5, 10))])
 def test_design_commutes_with_turning_scaling_and_meshing_anew(seed):
     """A box has several best sets, mirrored; a leaning prism has one. Feasibility is left out: gravity and the striker do not scale."""
     body = random_body(seed, "prism" if seed % 2 else "box")

@@ -84,7 +84,7 @@ def same_faces_and_axes(plain, other, turn=IDENTITY, scale=1.0):
         assert len(match) == 1
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_faces_and_axes_turn_and_grow_with_the_object(seed):
     rng = np.random.default_rng(seed)
     for _, mesh in generated_bodies(5, seed=10 + seed):
@@ -95,13 +95,13 @@ def test_faces_and_axes_turn_and_grow_with_the_object(seed):
         same_faces_and_axes(plain, faces_and_axes(moved), turn, scale)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_faces_and_axes_do_not_depend_on_the_mesh(seed):
     for _, mesh in generated_bodies(5, seed=20 + seed):
         same_faces_and_axes(faces_and_axes(mesh), faces_and_axes(mesh.subdivide().subdivide_to_size(40.0)))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_planes_of_a_cloud_turn_with_it(seed):
     """Within the noise: other points are searched first, the same ones are fitted."""
     points = noisy_cloud(BOX(), 1.0, seed, outward=False)
