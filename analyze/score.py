@@ -148,19 +148,24 @@ def render_score(score: dict[str, Any]) -> None:
     from rich.table import Table
 
     console = Console(highlight=False)
-    strikes = Table("strike", "phi", "phi error", "I_edge error", title="Strikes against the truth", title_justify="left", box=SIMPLE_HEAD)
+    strikes = Table(
+        "strike", "true phi", "phi error", "I_edge error", title="Strikes against the truth", title_justify="left", box=SIMPLE_HEAD
+    )
     moments = score["i_edge_relative_error"] + [None] * len(score["strike_ids"])
     for name, phi, wrong, moment in zip(score["strike_ids"], score["phi_true_rad"], score["phi_error_rad"], moments, strict=False):
         strikes.add_row(name, f"{np.degrees(phi):.2f} deg", f"{np.degrees(wrong):+.3f} deg", "" if moment is None else f"{moment:+.2%}")
     console.print(strikes)
-    x, y, z = (1e3 * v for v in score["centre_of_mass_error_vector_m"])
+    true, off = (1e3 * np.array(score[key]) for key in ("centre_of_mass_true_m", "centre_of_mass_error_vector_m"))
+    x, y, z = off
     console.print(
-        f"centre of mass off by [bold]{1e3 * score['centre_of_mass_error_m']:.2f} mm[/] ({x:+.2f}, {y:+.2f}, {z:+.2f});"
+        f"centre of mass in truth ({', '.join(f'{v:.2f}' for v in true)}) mm, estimated ({', '.join(f'{v:.2f}' for v in true + off)}) mm:"
+        f" off by [bold]{1e3 * score['centre_of_mass_error_m']:.2f} mm[/] ({x:+.2f}, {y:+.2f}, {z:+.2f});"
         f" the paper's estimator: {1e3 * score['centre_of_mass_paper_error_m']:.2f} mm"
     )
     if score["region_mass_error_relative"] is not None:
         naive = min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
+        masses = ", ".join(f"{n} {1e3 * m:.1f} g" for n, m in zip(score["region_names"], score["region_mass_true_kg"], strict=True))
         console.print(
-            f"region masses off by [bold]{score['region_mass_error_relative']:.1%}[/] of the total"
+            f"region masses in truth {masses}; estimates off by [bold]{score['region_mass_error_relative']:.1%}[/] of the total"
             f" ({score['mass_in_wrong_region']:.1%} in the wrong region); best naive answer ({naive[0].replace('_', ' ')}): {naive[1]:.1%}"
         )
