@@ -215,12 +215,11 @@ def _planning(object_path: Path, plan_path: Path, rig_path: Path, strikes: int) 
         "--strikes",
         str(strikes),
     ]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 def _planned(planning: subprocess.Popen[str]) -> None:

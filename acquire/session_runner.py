@@ -288,10 +288,14 @@ class SessionRunner:
         while time.monotonic() - start < LATE_TIMEOUT_S:
             time.sleep(0.05)
             answer = self._client.call("watch.latest")
-            event = answer["event"]
-            since_s = 1e-9 * (event["time_ns"] - struck_ns) if event else time.monotonic() - start
-            if not answer["alive"] or since_s > REST_TIMEOUT_S or (event and event["at_rest"] and since_s > REST_MINIMUM_S):
-                end_ns = event["time_ns"] if answer["alive"] else 0
+            event = answer["event"] if answer["alive"] else None
+            if event is None:  # nobody looks: the tip is recorded all the same
+                if time.monotonic() - start > REST_TIMEOUT_S:
+                    break
+                continue
+            since_s = 1e-9 * (event["time_ns"] - struck_ns)
+            if since_s > REST_TIMEOUT_S or (event["at_rest"] and since_s > REST_MINIMUM_S):
+                end_ns = event["time_ns"]
                 break
         report = self._client.call("window.close", end_ns=end_ns)
         self._frames += int(report["frames"])
