@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from analyze.geometry.cloud_noise import patch_scatter
+from analyze.geometry.even_samples import even_samples
 from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array, IntArray
 
@@ -113,19 +114,9 @@ def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float
 
 
 def _spread(vertices: Array, faces: IntArray) -> tuple[Array, Array, IntArray, float]:
-    """`SAMPLES` points (n, 3) evenly over the surface, normals (n, 3), faces (n,), and its area; the same surface gives the same ones.
-
-    A face's share follows its area; within it the points follow the R2 sequence (Roberts 2018).
-    """
+    """`SAMPLES` points (n, 3) evenly over the surface, normals (n, 3), faces (n,), and its area."""
+    points, owner = even_samples(vertices, faces, SAMPLES)
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     across = np.cross(b - a, c - a)
     double = np.linalg.norm(across, axis=1)
-    border = np.concatenate([[0.0], np.cumsum(double)])
-    at = (np.arange(SAMPLES) + 0.5) / SAMPLES * border[-1]
-    owner: IntArray = np.minimum(np.asarray(np.searchsorted(border, at, side="right"), dtype=np.int64) - 1, len(faces) - 1)
-    root = 1.32471795724474602596
-    u, v = (np.outer(np.arange(SAMPLES), [1 / root, 1 / root**2]) % 1).T
-    folded = u + v > 1
-    u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
-    points = a[owner] + u[:, None] * (b - a)[owner] + v[:, None] * (c - a)[owner]
-    return points, across[owner] / double[owner, None], owner, float(border[-1]) / 2
+    return points, across[owner] / double[owner, None], owner, float(double.sum()) / 2

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from analyze.geometry.even_samples import even_samples
 from analyze.geometry.object_model import ObjectModel
-from analyze.types import Array, IntArray
+from analyze.types import Array
 
 UNEVEN_FILLING = 0.2
 """part of the half extent by which an unknown filling may shift c"""
@@ -168,20 +169,8 @@ def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
 
 
 def even_cloud(model: ObjectModel, count: int) -> Array:
-    """About `count` points (n, 3) [m] at equal steps of the surface's area, whatever its triangles; the same body gives the same points.
-
-    A face's share of points follows its area; within a face they follow the R2 sequence (Roberts 2018).
-    """
-    a, b, c = np.moveaxis(model.vertices[model.faces], 1, 0)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    edge = np.concatenate([[0.0], np.cumsum(area)])
-    at = (np.arange(count) + 0.5) / count * edge[-1]
-    face: IntArray = np.minimum(np.asarray(np.searchsorted(edge, at, side="right"), dtype=np.int64) - 1, len(area) - 1)
-    root = 1.32471795724474602596
-    u, v = (np.outer(np.arange(count), [1 / root, 1 / root**2]) % 1).T
-    fold = u + v > 1
-    u, v = np.where(fold, 1 - u, u), np.where(fold, 1 - v, v)
-    return a[face] + u[:, None] * (b - a)[face] + v[:, None] * (c - a)[face]
+    """`count` points (n, 3) [m] at equal steps of the surface's area; the same body gives the same points."""
+    return even_samples(model.vertices, model.faces, count)[0]
 
 
 def _subtriangles(many: int) -> Array:

@@ -26,20 +26,20 @@ from acquire.preflight.picture import CheckPicture
 from acquire.preflight.servo import ServoState
 from acquire.preflight.session import LINES, Probes, RunningDaemon, check_rig
 from schemas.documents import SeenMarker, WatchEvent
+from tests.rig_text import CALIBRATION
 
-RIG = """name = "bench"
+RIG = (
+    """name = "bench"
 [camera]
 address = "192.168.10.2"
-[camera.calibration]
-width = 656
-height = 492
-K = [[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]]
-T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]
-[recorder]
+"""
+    + CALIBRATION
+    + """[recorder]
 directory = "{folder}"
 [daemon]
 socket = "{folder}/run/daemon.sock"
 """
+)
 PIXELS_PER_S = 656 * 492 * 120
 
 

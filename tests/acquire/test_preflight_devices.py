@@ -16,24 +16,24 @@ import pytest
 from tests.acquire.striker.plant import Plant
 from tests.acquire.tag_camera import EDGE_PX, TAG
 from tests.loopback import loopback
+from tests.rig_text import CALIBRATION
 
 ADDRESS = loopback(173)
-RIG = """name = "virtual"
+RIG = (
+    """name = "virtual"
 [camera]
 address = "{address}"
 receive_buffer_bytes = 8388608
-[camera.calibration]
-width = 656
-height = 492
-K = [[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]]
-T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]
-[striker]
+"""
+    + CALIBRATION
+    + """[striker]
 port = "{port}"
 [recorder]
 directory = "{folder}"
 [daemon]
 socket = "{folder}/run/daemon.sock"
 """
+)
 THIS_COMPUTERS_OWN = {"receive buffer", "disk speed", "frames", "camera clock"}
 """what a machine that is busy with other tests may rightly be refused for"""
 

@@ -28,6 +28,7 @@ from tests.acquire.striker.plant import EFFECTIVE_MASS, Plant
 from tests.acquire.test_session import planned
 from tests.carton import CARTON
 from tests.loopback import loopback
+from tests.rig_text import CALIBRATION
 
 SLOW_M_S, FAST_M_S = 0.15, 0.3
 """tip speeds of strikes to break and of strikes to come through"""
@@ -197,12 +198,7 @@ class FaultRig:
             f"""[camera]
 address = "{address}"
 frame_rate_hz = {RATE_HZ}
-[camera.calibration]
-width = 656
-height = 492
-K = [[1430, 0, 328], [0, 1430, 246], [0, 0, 1]]
-T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]
-[striker]
+{CALIBRATION}[striker]
 {port}
 [recorder]
 disk_reserve_bytes = 0

@@ -27,6 +27,7 @@ from acquire.virtual.pattern_source import PatternSource
 from tests.acquire.striker.plant import Plant
 from tests.carton import CARTON
 from tests.loopback import loopback
+from tests.rig_text import CALIBRATION
 from tests.system.complaints import complaint, names_in, one_line, spec_and_plan, write
 
 pytestmark = pytest.mark.usefixtures("nothing_left")
@@ -43,12 +44,7 @@ class Rig:
             self.folder / f"{name}.toml",
             f"""[camera]
 address = "{address}"
-[camera.calibration]
-width = 656
-height = 492
-K = [[1430, 0, 328], [0, 1430, 246], [0, 0, 1]]
-T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]
-[striker]
+{CALIBRATION}[striker]
 {striker}
 [recorder]
 disk_reserve_bytes = 0

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
+from scipy.signal import lfilter
 
 from acquire.striker.contact import fit_contact
 from acquire.striker.detector import ContactDetector, count_contacts
 from acquire.striker.dynamixel import DITHER_NS, GOLDEN
 from acquire.striker.servo import TICK_RAD, VELOCITY_UNIT_RAD_S, Sample
-from acquire.striker.velocity_register import learn_register
+from acquire.striker.velocity_register import FINE_S, KNOT_S, cubic_splines, filtered, learn_register
 
 LENGTH = 0.12
 RESTITUTION = 0.4
@@ -149,3 +151,19 @@ def test_an_arm_that_lingers_or_comes_back_is_not_one_contact() -> None:
     assert count_contacts(turned, 0, 35_000_000, LENGTH) == 2  # told too late
     assert count_contacts([*turned, sample(90, -0.001, 0.5)], 0, 5_000_000, LENGTH) == 2
     assert count_contacts([sample(ms, 0.01, 0.4) for ms in range(1, 60)], 0, 5_000_000, LENGTH) == 2
+
+
+@pytest.mark.parametrize("tau", [5e-4, 6e-3])
+def test_the_filter_is_scipys(tau: float) -> None:
+    signal = np.random.default_rng(1).normal(size=(1234, 3))
+    gain = 1 - np.exp(-FINE_S / tau)
+    theirs = lfilter([gain], [1, gain - 1], signal, axis=0, zi=(1 - gain) * signal[:1])[0]
+    assert np.allclose(filtered(signal, tau), theirs, rtol=0, atol=1e-12)
+
+
+def test_the_splines_are_scipys() -> None:
+    time, count = np.linspace(0.0, 0.1, 777), 39
+    spline = BSpline(KNOT_S * np.arange(-5, count - 1), np.eye(count), 3)
+    value, slope = cubic_splines(time, -2 * KNOT_S, count)
+    assert np.allclose(value, spline(time), rtol=0, atol=1e-12)
+    assert np.allclose(slope, spline.derivative()(time), rtol=0, atol=1e-9)
