@@ -50,9 +50,10 @@ class ScannedSurface:
         """Part of the surface that was not scanned."""
         return float(self.bare.mean())
 
-    def bare_at(self, point: Array) -> bool:
-        """Whether the surface nearest to `point` (3,) [m] was not scanned."""
-        return bool(self.bare[int(np.argmin(np.linalg.norm(self.points - point, axis=1)))])
+    def unknown_at(self, point: Array) -> float:
+        """How far [m] the true surface near `point` (3,) [m] may lie off what closes the scan: as far as its gaps are wide; 0 where it was seen."""
+        nearest = int(np.argmin(np.linalg.norm(self.points - point, axis=1)))
+        return float(np.sqrt(self.bare_share * self.area)) if self.bare[nearest] else 0.0
 
     def surely_seen(self) -> Array:
         """Samples (k, 3) [m] that do not lie on what closes a gap, near its border either."""

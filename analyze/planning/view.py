@@ -61,7 +61,7 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
     """Refuse a marker whose centre does not lie on the surface: its pose was measured in another frame or unit, or mistyped.
 
     It may hang over an edge. A cloud's hollows are filled in the model, not on the object: there it may lie as deep as they are. Where the
-    scan has a gap nobody knows the surface.
+    scan has a gap the surface is known no better than the gap is wide.
 
     Raises:
         PlanError: names the marker, and how far off it is.
@@ -75,7 +75,9 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
         centre = np.array(marker.T_object_marker)[:3, 3]
         outside = float(model.signed_distance(centre)[0])
         most = OFF_SURFACE + marker.thickness_m + SURFACE_SDS * unsure
-        if -most - hollow <= outside <= most or (model.scanned is not None and model.scanned.bare_at(centre)):
+        if model.scanned is not None:
+            most += model.scanned.unknown_at(centre)
+        if -most - hollow <= outside <= most:
             continue
         where = "outside" if outside > 0 else "inside"
         raise PlanError(

@@ -16,6 +16,7 @@ from analyze.planning.pivots import pivot_axes
 from analyze.planning.plan import make_plan
 from analyze.planning.stable_planes import resting_planes, stable_planes
 from analyze.planning.unscanned import on_scanned_edges, on_scanned_planes
+from analyze.planning.view import refuse_off_surface
 from schemas.documents import ObjectSpec, StrikePlan
 from tests.analyze.geometry.shapes import spec_of
 from tests.analyze.planning.random_bodies import FAR_TAG
@@ -162,3 +163,17 @@ def test_a_dome_that_shows_nothing_else_asks_for_the_missing_side():
     points = cloud(trimesh.creation.icosphere(5, 40.0), 12_000) * [1.0, 1.0, 1.6]
     line = refusal(xyz(points[points[:, 2] > 5]), "lid.xyz")
     assert "what is missing of the scan is in the way: scan that side too" in line
+
+
+@pytest.mark.parametrize("name", ["cut.xyz", "cut.stl"])
+def test_a_marker_under_a_gap_may_lie_as_far_off_as_the_gap_is_wide(name):
+    """On the true bottom, 8 mm under the scan's end; a metre in place of a millimetre is a mistake there as well."""
+    model = load_object_model(thing(name), cut_cloud(12_000) if name == "cut.xyz" else cut_mesh(), name)
+
+    def at(height: float) -> ObjectSpec:
+        tag = {**FAR_TAG, "T_object_marker": [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, height], [0, 0, 0, 1]]}
+        return spec_of({"file": name, "unit": "mm"}, 0.182, [tag])
+
+    refuse_off_surface(model, at(-SIZE[2] / 2000))
+    with pytest.raises(PlanError, match="outside the surface"):
+        refuse_off_surface(model, at(-SIZE[2] / 2000 - 0.2))
