@@ -10,8 +10,9 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from analyze.errors import RecordingCut
+from analyze.errors import RecordingCut, RecordingError
 from analyze.file_row import missing_text
+from analyze.planned_strikes import PlannedStrikes, planned_strikes
 from analyze.recording import Recording, TopicInfo, open_partial, open_recording
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
@@ -63,6 +64,7 @@ def _describe(recording: Recording, *, complete: bool) -> dict[str, Any]:
         "clocks": _clocks(recording),
         "time_source": {"kind": manifest.time_source.value, "sd_ns": manifest.time_source_sd_ns},
         "strikes": [_strike(recording, record) for record in recording.strikes],
+        "plan": _plan(recording),
         "states": [
             {
                 "time_ns": message.log_time_ns,
@@ -169,10 +171,22 @@ def _strike(recording: Recording, record: pb.StrikeRecord) -> dict[str, Any]:
     }
 
 
+def _plan(recording: Recording) -> dict[str, Any] | None:
+    """Which planned strikes were struck; None where the recording holds no plan that can be read."""
+    try:
+        done = planned_strikes(recording.plan, (record.plan_strike_id for record in recording.strikes))
+    except RecordingError:
+        return None
+    return {"planned": list(done.planned), "missing": list(done.missing)}
+
+
 def render_inspection(found: dict[str, Any], console: Console | None = None) -> None:
     """Print what `inspect_recording` found, for people."""
     console = console or Console()
-    state = "complete" if found["complete"] else "[bold red]cut short[/]: `acquire recover` makes it whole again"
+    plan = found["plan"]
+    done = None if plan is None else PlannedStrikes(tuple(plan["planned"]), tuple(plan["missing"]))
+    whole = "complete" if done is None or not done.missing else "the file is whole"
+    state = whole if found["complete"] else "[bold red]cut short[/]: `acquire recover` makes it whole again"
     console.print(f"[bold]{found['path']}[/]  {found['bytes'] / 1e6:.1f} MB, {found['duration_s']:.1f} s, {state}", highlight=False)
     if len(found["files"]) > 1:
         console.print(f"in {len(found['files'])} files: {', '.join(Path(file['path']).name for file in found['files'])}", highlight=False)
@@ -219,6 +233,9 @@ def render_inspection(found: dict[str, Any], console: Console | None = None) -> 
                 strike["verdict_text"],
             )
         console.print(strikes)
+    if done is not None:
+        remedy = f"`analyze plan OBJECT.toml --given {Path(found['path']).name}` plans what is worth adding"
+        console.print(f"[bold red]{done.text()}[/]: {remedy}" if done.missing else done.text(), highlight=False)
     for fault in found["faults"]:
         console.print(f"[bold red]striker fault[/]: {fault['text']}", highlight=False)
 

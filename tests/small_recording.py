@@ -67,9 +67,10 @@ def manifest(**changes: object) -> SessionManifest:
     return plain.model_copy(update=changes)
 
 
-def write_head(writer: McapWriter, manifest_json: str | None = None) -> None:
-    writer.metadata(MANIFEST_NAME, {"json": canonical_json(manifest()) if manifest_json is None else manifest_json})
-    writer.attachment("plan.json", "application/json", PLAN)
+def write_head(writer: McapWriter, manifest_json: str | None = None, plan: bytes = PLAN) -> None:
+    whole = manifest(hashes={"plan.json": hashlib.sha256(plan).hexdigest()})
+    writer.metadata(MANIFEST_NAME, {"json": canonical_json(whole) if manifest_json is None else manifest_json})
+    writer.attachment("plan.json", "application/json", plan)
     writer.attachment("shape/box.stl", "model/stl", b"solid")
 
 
@@ -107,9 +108,15 @@ def write_body(writer: McapWriter, *, png: bool = False, missing: tuple[int, ...
 
 
 def write_recording(
-    path: Path, *, png: bool = False, missing: tuple[int, ...] = (), clocks: bool = True, manifest_json: str | None = None
+    path: Path,
+    *,
+    png: bool = False,
+    missing: tuple[int, ...] = (),
+    clocks: bool = True,
+    manifest_json: str | None = None,
+    plan: bytes = PLAN,
 ) -> Seal:
     writer = McapWriter(path)
-    write_head(writer, manifest_json)
+    write_head(writer, manifest_json, plan)
     write_body(writer, png=png, missing=missing, clocks=clocks)
     return writer.finish()

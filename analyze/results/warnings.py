@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.file_row import missing_text
+from analyze.planned_strikes import planned_strikes
 from analyze.types import EquiPlane, InertialParameters, MassDistribution
 from schemas.documents import ResultWarning, TimeSource, Verdict, WarningCode
 
@@ -41,6 +42,9 @@ def result_warnings(
     com = inertial.com
     if evidence.missing_files:
         warn(WarningCode.RECORDING_INCOMPLETE, f"not used, because it is not beside the others: {missing_text(evidence.missing_files)}")
+    done = planned_strikes(evidence.plan, (motion.plan_strike_id for motion in evidence.motions))
+    if done.missing:
+        warn(WarningCode.RECORDING_INCOMPLETE, done.text())
     if evidence.object_path_used:
         warn(WarningCode.OBJECT_OVERRIDDEN, "the object file given replaces the recording's; pivots are the plan's")
     if options.exclude:

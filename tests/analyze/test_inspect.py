@@ -11,7 +11,9 @@ from rich.console import Console
 
 from analyze.errors import RecordingError
 from analyze.inspect import inspect_recording, render_inspection
+from schemas.documents import StrikePlan, canonical_json
 from tests import small_recording as small
+from tests.analyze.motion.tipping import planned
 
 
 def test_counts_rates_and_gaps(tmp_path: Path) -> None:
@@ -72,3 +74,43 @@ def test_an_empty_session_is_inspected(tmp_path: Path) -> None:
     render_inspection(found, Console(file=io.StringIO()))
     with pytest.raises(RecordingError):
         inspect_recording(tmp_path / "missing.mcap")
+
+
+def _planned(*names: str) -> bytes:
+    strikes = [planned().model_copy(update={"id": name}) for name in names]
+    return canonical_json(StrikePlan(object_name="box", object_sha256="0", strikes=strikes)).encode()
+
+
+def _rendered(path: Path) -> str:
+    text = io.StringIO()
+    render_inspection(inspect_recording(path), Console(file=text, width=400))
+    return text.getvalue()
+
+
+def test_an_interrupted_session_is_not_called_complete(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap", plan=_planned("s1", "s2", "s3"))
+    found = inspect_recording(tmp_path / "a.mcap")
+    assert found["complete"] is True  # the file
+    assert found["plan"] == {"planned": ["s1", "s2", "s3"], "missing": ["s2", "s3"]}
+    text = _rendered(tmp_path / "a.mcap")
+    assert "the file is whole" in text
+    assert " complete" not in text
+    assert "1 of 3 planned strikes were struck; missing: s2, s3: `analyze plan OBJECT.toml --given a.mcap`" in text
+
+
+def test_a_session_to_its_end_is_complete(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap", plan=_planned("s1"))
+    text = _rendered(tmp_path / "a.mcap")
+    assert ", complete" in text
+    assert "1 of 1 planned strikes were struck\n" in text
+
+
+def test_a_recording_without_a_readable_plan_is_inspected_all_the_same(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap")
+    assert inspect_recording(tmp_path / "a.mcap")["plan"] is None
+    assert "planned strikes" not in _rendered(tmp_path / "a.mcap")
+
+
+def test_many_missing_strikes_are_counted(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap", plan=_planned(*(f"s{number}" for number in range(1, 31))))
+    assert "missing: s2, s3, s4, s5, s6, s7, s8, s9, s10, s11, s12, s13 and 17 more" in _rendered(tmp_path / "a.mcap")

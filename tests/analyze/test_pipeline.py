@@ -80,6 +80,14 @@ def test_a_bad_strike_is_listed_with_its_reason_and_not_used(evidence):
     assert not found.result.strikes[2].used
 
 
+def test_strikes_that_were_planned_and_not_made_are_named(evidence, estimate):
+    assert WarningCode.RECORDING_INCOMPLETE not in codes(estimate)
+    found = estimate_evidence(replace(evidence, motions=evidence.motions[:-2]))
+    text = next(each.text for each in found.result.warnings if each.code is WarningCode.RECORDING_INCOMPLETE)
+    missing = ", ".join(motion.plan_strike_id for motion in evidence.motions[-2:])
+    assert text == f"10 of 12 planned strikes were struck; missing: {missing}"
+
+
 def test_too_few_strikes_are_refused_with_count_and_remedy(evidence):
     with pytest.raises(EstimationError, match=r"^2 good strikes of 2, 3 are needed.*strike again$"):
         estimate_evidence(replace(evidence, motions=evidence.motions[:2]))
