@@ -51,7 +51,7 @@ class ScannedSurface:
         return float(self.bare.mean())
 
     def unknown_at(self, point: Array) -> float:
-        """How far [m] the true surface near `point` (3,) [m] may lie off what closes a gap: as far as gaps are wide; 0 where it was seen."""
+        """How far [m] the true surface near `point` (3,) [m] may lie off what closes a gap: as far as gaps are wide; else 0."""
         nearest = int(np.argmin(np.linalg.norm(self.points - point, axis=1)))
         return float(np.sqrt(self.bare_share * self.area)) if self.bare[nearest] else 0.0
 
