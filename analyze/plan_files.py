@@ -120,7 +120,7 @@ def _given(path: Path, object_sha256: str, mass: float) -> Given:
             raise PlanError(f"{path}: cannot be read: {error.strerror}") from None
         except (ValueError, RecursionError):
             raise PlanError(f"{path}: is no result: give a recording (.mcap) or what `analyze estimate --json` printed") from None
-        result = validate(Result, data, str(path))
+        result = validate(Result, data, str(path), "print it anew with `analyze estimate --json`")
     if result.inputs.object_sha256 != object_sha256:
         raise PlanError(f"{path}: is of another object, or of this one before its file was changed: give a result of this object file")
     return given_from_result(result, str(path), mass)
@@ -183,9 +183,8 @@ def planned_rig(path: Path | None) -> PlannedRig:
     except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, nested too deep
         raise PlanError(f"{path}: not valid TOML: {error}") from None
     camera = data.get("camera")
-    if not isinstance(camera, dict) or "calibration" not in camera:
-        raise PlanError(f"{path}: cannot be used as a rig file: it has no section [camera.calibration]")
-    camera.setdefault("address", "none")
+    if isinstance(camera, dict):
+        camera.setdefault("address", "none")
     try:
         rig = validate(RigConfig, data, str(path))
     except DocumentError as error:

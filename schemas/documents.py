@@ -10,9 +10,11 @@ import hashlib
 import json
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, cast
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from schemas.document_problems import problems_in_one_line
 
 SCHEMA_VERSION = "1.0"
 POSE_TOLERANCE = 1e-3
@@ -38,6 +40,9 @@ class Document(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
+    by_hand: ClassVar[bool] = False
+    """people write it: what is missing is said with how to add it"""
+
 
 # --- the object ---------------------------------------------------------------------------------------------------
 
@@ -59,7 +64,7 @@ class LengthUnit(enum.Enum):
 class Box(Document):
     """Cuboid centred on O, edges along O's axes."""
 
-    size_m: Vector3
+    size_m: Vector3 = Field(description="its edges along x, y, z, in metres")
 
     @field_validator("size_m")
     @classmethod
@@ -72,8 +77,8 @@ class Box(Document):
 class Cylinder(Document):
     """Cylinder centred on O, axis along O's z."""
 
-    radius_m: float = Field(gt=0)
-    height_m: float = Field(gt=0)
+    radius_m: float = Field(gt=0, description="in metres")
+    height_m: float = Field(gt=0, description="in metres")
 
 
 class Shape(Document):
@@ -123,8 +128,8 @@ class MarkerSpec(Document):
     """One square marker glued to the object. `T_object_marker` maps M to O: M's x right, y up, z out of the marker's face."""
 
     family: Literal["36h11"] = "36h11"
-    id: int = Field(ge=0, le=586)
-    size_m: float = Field(gt=0.002, lt=0.5, description="edge of the black square")
+    id: int = Field(ge=0, le=586, description="number of the tag, 0 to 586")
+    size_m: float = Field(gt=0.002, lt=0.5, description="edge of the black square, in metres")
     mass_kg: float = Field(default=0.0, ge=0)
     thickness_m: float = Field(default=0.0, ge=0)
     T_object_marker: Matrix4 | None = None
@@ -140,16 +145,18 @@ class MarkerSpec(Document):
 class ObjectSpec(Document):
     """What the user knows of the object (TOML). Inner masses have no place here: they are what is asked."""
 
-    name: str = Field(min_length=1)
-    mass_kg: float = Field(gt=0)
-    mass_sd_kg: float = Field(gt=0)
+    by_hand: ClassVar[bool] = True
+
+    name: str = Field(min_length=1, description="what to call the object")
+    mass_kg: float = Field(gt=0, description="what it weighs, in kilograms")
+    mass_sd_kg: float = Field(gt=0, description="1 sigma of the scale, in kilograms")
     mass_includes_markers: bool = True
-    shape: Shape
+    shape: Shape = Field(description="file and unit, or [shape.box] with size_m, or [shape.cylinder] with radius_m and height_m")
     edge_radius_m: float = Field(default=0.0, ge=0)
     edge_radius_sd_m: float = Field(default=0.0, ge=0)
     shell_thickness_m: float | None = Field(default=None, gt=0)
     labels: str | None = None
-    marker: list[MarkerSpec] = Field(min_length=1)
+    marker: list[MarkerSpec] = Field(min_length=1, description="for each tag: id, size_m, T_object_marker")
 
     @field_validator("shell_thickness_m", "edge_radius_m")
     @classmethod
@@ -348,11 +355,11 @@ class TimeSource(enum.Enum):
 class CameraCalibrationSpec(Document):
     """Pinhole with OpenCV distortion (k1, k2, p1, p2, k3), and the camera's place in W."""
 
-    width: int = Field(gt=0)
-    height: int = Field(gt=0)
-    K: Matrix3
+    width: int = Field(gt=0, description="of the image, in pixels")
+    height: int = Field(gt=0, description="of the image, in pixels")
+    K: Matrix3 = Field(description="focal lengths and middle of the image in pixels, 3 x 3")
     distortion: list[float] = Field(default=[0.0] * 5, min_length=4, max_length=8)
-    T_world_camera: Matrix4
+    T_world_camera: Matrix4 = Field(description="the camera's pose, 4 x 4, in metres")
     rms_px: float | None = None
 
     @field_validator("T_world_camera")
@@ -645,15 +652,18 @@ def parse_strike_plan(text: str, name: str) -> StrikePlan:
     except (ValueError, RecursionError):
         raise DocumentError(f"{name}: not a plan: make one with `analyze plan`") from None
     _refuse_other_major(data, name)
-    return validate(StrikePlan, data, name)
+    return validate(StrikePlan, data, name, "make it anew with `analyze plan`")
 
 
-def validate(model: type[T], data: object, name: str) -> T:
-    """Validate `data` as `model`; the first problem becomes one line that starts with `name`."""
+def validate(model: type[T], data: object, name: str, remedy: str = "") -> T:
+    """Validate `data` as `model`; its problems become one line that starts with `name` and ends with the remedy."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise DocumentError(f"{name}: {_first_problem(error)}") from None
+        by_hand = issubclass(model, Document) and model.by_hand
+        raise DocumentError(
+            f"{name}: {problems_in_one_line(error, model, data, by_hand=by_hand)}{f': {remedy}' if remedy else ''}"
+        ) from None
 
 
 def _refuse_other_major(data: object, name: str) -> None:
@@ -685,17 +695,6 @@ def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
 def canonical_json(document: Document) -> str:
     """One line of JSON with sorted keys: the same document gives the same bytes."""
     return json.dumps(document.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False)
-
-
-def _first_problem(error: ValidationError) -> str:
-    # A misspelt key is unknown and missing at once: the unknown one is what the user can see.
-    first = next((problem for problem in error.errors() if problem["type"] == "extra_forbidden"), error.errors()[0])
-    where = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        return f"unknown key '{where}': remove it or correct its spelling"
-    message = first["msg"].removeprefix("Value error, ")
-    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    return f"{where}: {message}{more}" if where else f"{message}{more}"
 
 
 def _read_text(path: Path) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
@@ -34,7 +34,7 @@ class CameraConfig(Document):
     receive_buffer_bytes: int = Field(default=16 << 20, gt=0)
     buffers: int = Field(default=64, ge=8)
     stall_s: float = Field(default=1.0, gt=0)
-    calibration: CameraCalibrationSpec
+    calibration: CameraCalibrationSpec = Field(description="width, height, K, distortion and T_world_camera: docs/guide.md")
 
 
 class StrikerConfig(Document):
@@ -106,6 +106,8 @@ class DaemonConfig(Document):
 class RigConfig(Document):
     """A whole rig."""
 
+    by_hand: ClassVar[bool] = True
+
     name: str = "rig"
     g_m_s2: float = Field(default=9.81, gt=9.7, lt=9.9)
     g_sd_m_s2: float = Field(default=0.005, ge=0, le=1)
@@ -113,7 +115,7 @@ class RigConfig(Document):
     table_friction: float = Field(
         default=0.4, gt=0, le=10, description="least friction coefficient between table and object; plans count on it"
     )
-    camera: CameraConfig
+    camera: CameraConfig = Field(description="with address and [camera.calibration]: docs/guide.md shows a whole rig file")
     striker: StrikerConfig = StrikerConfig()
     recorder: RecorderConfig = RecorderConfig()
     daemon: DaemonConfig = DaemonConfig()

@@ -68,6 +68,58 @@ def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
     assert "\n" not in message
 
 
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        (GOOD.replace("mass_kg = 0.044\n", ""), "missing: add mass_kg = ... (what it weighs, in kilograms)"),
+        (
+            GOOD.replace("mass_kg = 0.044\nmass_sd_kg", "mass_sdkg"),
+            "correct its spelling (mass_sd_kg?); missing: add mass_kg = ... (what it weighs, in kilograms)",
+        ),
+        (
+            GOOD.replace("size_m = [", "size_mm = ["),
+            "unknown key 'shape.box.size_mm': remove it or correct its spelling (size_m?)",
+        ),
+        (
+            GOOD + "\n[[marker]]\nid = 3\n",
+            "missing: add size_m = ... in [[marker]] number 2 (edge of the black square, in metres)",
+        ),
+        (
+            "mass_kg = 1\n[shape.box]\nsize_m = [1, 1, 1]\n",
+            "missing: add name = ... (what to call the object), mass_sd_kg = ... (1 sigma of the scale, in kilograms), [[marker]] (for",
+        ),
+        (
+            GOOD.replace("mass_sd_kg = 0.0001\n", "") + "mass_sd_kg = 0.0001\n",
+            "unknown key 'marker.0.mass_sd_kg': remove it or correct its spelling (mass_sd_kg belongs above the first [section])",
+        ),
+        (
+            GOOD + 'a = 1\nb = 1\nc = 1\nd = 1\ne = 1\nf = 1\n"g\\nh" = 1\n',
+            "'marker.0.b', 'marker.0.c', 'marker.0.d', 'marker.0.e' and 2 more: remove them or correct their spelling",
+        ),
+        (
+            GOOD.replace("0.044", "-1").replace("id = 0", "id = 900"),
+            "mass_kg: Input should be greater than 0, not -1; wrong too: 'marker.0.id'",
+        ),
+        (GOOD.replace("[shape.box]\nsize_m = [0.08, 0.06, 0.15]", "shape = 5"), "shape: should be [shape] (file and unit, or"),
+        ("marker = 3\n", "marker: should be [[marker]] (for each tag: id, size_m, T_object_marker), not 3"),
+    ],
+)
+def test_every_missing_and_unknown_key_is_named_with_its_table_and_the_remedy(text, line):
+    with pytest.raises(DocumentError) as caught:
+        parse_object_spec(text, "carton.toml")
+    assert line in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_what_a_plan_lacks_is_named_and_the_plan_is_to_be_made_anew():
+    with pytest.raises(DocumentError) as caught:
+        parse_strike_plan('{"object_name": "x", "strikes": []}', "plan.json")
+    assert str(caught.value) == (
+        "plan.json: missing: 'object_sha256'; strikes: List should have at least 1 item after validation, not 0:"
+        " make it anew with `analyze plan`"
+    )
+
+
 def test_a_marker_listed_twice_is_refused():
     with pytest.raises(DocumentError, match="marker id 0 is listed twice"):
         parse_object_spec(GOOD + "\n[[marker]]\nid = 0\nsize_m = 0.03\n", "carton.toml")

@@ -105,8 +105,9 @@ def test_an_object_file_that_is_none(tmp_path: Path) -> None:
     ("text", "says"),
     [
         (None, "no such rig file: check the path"),
-        ("[camera]\naddress = '1'\n", r"no section \[camera.calibration\]"),
-        ("camera = 5\n", "cannot be used as a rig file"),
+        ("[camera]\naddress = '1'\n", r"missing: add \[camera.calibration\] \(.*docs/guide.md\)$"),
+        ('name = "a"\n', r"missing: add \[camera\] \(with address and \[camera.calibration\]: docs/guide.md"),
+        ("camera = 5\n", r"camera: should be \[camera\] \(with address .*\), not 5$"),
         ("table_fricton = 0.6\n{calibration}", "unknown key 'table_fricton': remove it or correct its spelling"),
         ("{calibration}[striker]\narm_lenght_m = 0.1\n", "unknown key 'striker.arm_lenght_m'"),
         ("rig : 1\n", "not valid TOML"),

@@ -1,0 +1,161 @@
+"""What is wrong with a document, in one line: every unknown and every missing key with its table, then the values, each with the remedy."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from typing import Any, cast, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+MOST_NAMED = 5
+"""keys of a kind that the line names; more are counted"""
+LONGEST_SHOWN = 40
+"""characters of a key or a value that was found"""
+
+Path = tuple[int | str, ...]
+
+
+def problems_in_one_line(error: ValidationError, model: type[BaseModel], data: object, *, by_hand: bool) -> str:
+    """All that keeps `data` from being a `model`.
+
+    Args:
+        error: what pydantic says.
+        model: of the document.
+        data: what was read.
+        by_hand: people write such documents (TOML): say how to add what is missing. Else a program made it, and its keys are named only.
+    """
+    found = error.errors()
+    unknown = [each["loc"] for each in found if each["type"] == "extra_forbidden"]
+    missing = [each["loc"] for each in found if each["type"] == "missing"]
+    wrong = [each for each in found if each["type"] not in {"extra_forbidden", "missing"}]
+    parts: list[str] = []
+    if unknown:
+        # A misspelt or misplaced key is unknown and missing at once: it is named once, as what the user can see.
+        hints = [_hint(loc, model, data, missing) for loc in unknown[:MOST_NAMED]] if by_hand else []
+        meant = [loc for _, loc in hints if loc is not None]
+        missing = [loc for loc in missing if loc not in meant]
+        parts.append(_unknown_text(unknown, [text for text, _ in hints if text]))
+    if missing:
+        named = [_remedy(loc, model) if by_hand else f"'{_dotted(loc)}'" for loc in missing]
+        parts.append(f"missing: {'add ' if by_hand else ''}{_listed(named)}")
+    if wrong:
+        parts.append(_wrong_text(wrong, model, by_hand=by_hand))
+    return "; ".join(parts)
+
+
+def _unknown_text(unknown: Sequence[Path], hints: Sequence[str]) -> str:
+    names = _listed([f"'{_dotted(loc)}'" for loc in unknown])
+    one = len(unknown) == 1
+    text = (
+        f"unknown key {names}: remove it or correct its spelling" if one else f"unknown keys {names}: remove them or correct their spelling"
+    )
+    return f"{text} ({', '.join(hints)})" if hints else text
+
+
+def _wrong_text(wrong: Sequence[ErrorDetails], model: type[BaseModel], *, by_hand: bool) -> str:
+    first = wrong[0]
+    where = _dotted(first["loc"])
+    message = first["msg"].removeprefix("Value error, ")
+    field = _field_at(model, first["loc"]) if first["loc"] else None
+    if by_hand and field is not None and _model_of(field.annotation) is not None and first["type"] in {"model_type", "list_type"}:
+        message = f"should be {_remedy(first['loc'], model)}"
+    elif first["type"] == "model_type":
+        message = "should be an object with keys"
+    if first["type"] != "value_error":
+        message += _shown(first["input"])
+    others = [f"'{_dotted(each['loc'])}'" for each in wrong[1:]]
+    more = f"; wrong too: {_listed(others)}" if others else ""
+    return f"{where}: {message}{more}" if where else f"{message}{more}"
+
+
+def _hint(loc: Path, model: type[BaseModel], data: object, missing: Sequence[Path]) -> tuple[str, Path | None]:
+    """What an unknown key may be meant as, and which missing key it then stands for."""
+    table, name = loc[:-1], str(loc[-1])
+    if table and (name,) in missing:
+        return f"{name} belongs above the first [section]", (name,)
+    here = _model_at(model, table)
+    if here is None:
+        return "", None
+    given = _value_at(data, table)
+    free = [field for field in here.model_fields if not isinstance(given, dict) or field not in given]
+    wanted = [field for field in free if (*table, field) in missing]
+    for names in (wanted, free):
+        for likely in difflib.get_close_matches(name, names, n=1):
+            return f"{likely}?", (*table, likely)
+    return "", None
+
+
+def _remedy(loc: Path, model: type[BaseModel]) -> str:
+    """How to add a missing key to a TOML file."""
+    field = _field_at(model, loc)
+    name, table = str(loc[-1]), loc[:-1]
+    inner = None if field is None else _model_of(field.annotation)
+    if inner is None:
+        text = f"{name} = ..." + (f" in {_section(table)}" if table else "")
+    else:
+        text = f"[[{_dotted(loc)}]]" if field is not None and "list" in str(field.annotation) else f"[{_dotted(loc)}]"
+    return f"{text} ({field.description})" if field is not None and field.description else text
+
+
+def _section(table: Path) -> str:
+    """Name of a table as a TOML file has it; tables of a row are counted from 1, as people do."""
+    rows = [part for part in table if isinstance(part, int)]
+    name = ".".join(_clean(part) for part in table if isinstance(part, str))
+    return f"[[{name}]] number {rows[-1] + 1}" if rows else f"[{name}]"
+
+
+def _field_at(model: type[BaseModel], loc: Path) -> FieldInfo | None:
+    here = _model_at(model, loc[:-1])
+    return None if here is None else here.model_fields.get(str(loc[-1]))
+
+
+def _model_at(model: type[BaseModel], loc: Path) -> type[BaseModel] | None:
+    here: type[BaseModel] | None = model
+    for part in loc:
+        if isinstance(part, int):
+            continue
+        field = here.model_fields.get(part) if here is not None else None
+        here = None if field is None else _model_of(field.annotation)
+    return here
+
+
+def _model_of(annotation: Any) -> type[BaseModel] | None:
+    """The document inside `X`, `X | None` or `list[X]`."""
+    if isinstance(annotation, type) and not get_args(annotation):
+        return annotation if issubclass(annotation, BaseModel) else None
+    return next((found for inner in get_args(annotation) if (found := _model_of(inner)) is not None), None)
+
+
+def _value_at(data: object, loc: Path) -> object:
+    for part in loc:
+        if isinstance(part, int) and isinstance(data, list):
+            data = cast("list[object]", data)[part]
+        elif isinstance(data, dict):
+            data = cast("dict[object, object]", data).get(part)
+        else:
+            return None
+    return data
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    return ", ".join(names[:MOST_NAMED]) + more
+
+
+def _dotted(loc: Path) -> str:
+    return ".".join(_clean(part) for part in loc)
+
+
+def _clean(part: int | str) -> str:
+    """A key as part of one line, whatever the file calls it."""
+    text = "".join(letter if letter.isprintable() else "?" for letter in str(part))
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+
+
+def _shown(value: object) -> str:
+    """What was found, where it is short."""
+    text = repr(value) if isinstance(value, str | int | float) else ""
+    return f", not {text}" if text and len(text) <= LONGEST_SHOWN else ""
