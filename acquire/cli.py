@@ -110,8 +110,10 @@ def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_js
     """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon; asks you to place it."""
     from acquire.api import DaemonClient
     from acquire.console import ConsoleOperator, SessionProgress
+    from acquire.recorder.atomic import refuse_unwritable
     from acquire.session_runner import SessionInput, SessionRunner
 
+    refuse_unwritable(output)
     given = SessionInput(object_file, plan)
     socket = _socket(rig)
     with DaemonClient(socket) as client, SessionProgress() as progress, ConsoleOperator(socket, progress):

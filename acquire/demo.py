@@ -21,6 +21,7 @@ from typing import Any
 from acquire.api import DaemonClient, wait_for_socket
 from acquire.config import read_rig
 from acquire.errors import ConfigError, RecorderError, SessionError
+from acquire.recorder.atomic import refuse_unwritable
 from acquire.session_runner import Progress, SessionInput, SessionReport, SessionRunner
 from acquire.virtual.objects import VirtualObject, load_object
 from acquire.virtual.operator import VirtualOperator
@@ -47,8 +48,9 @@ def fresh_output(path: Path) -> DemoOutput:
     """A recording where there is none.
 
     Raises:
-        RecorderError: there is one.
+        RecorderError: there is one, or no place for it.
     """
+    refuse_unwritable(path)
     for taken in (path, Path(f"{path}.part")):
         if taken.exists():
             raise RecorderError(f"{taken}: exists already: choose another name, or give --force to replace it")
@@ -59,12 +61,10 @@ def replaced_output(path: Path) -> DemoOutput:
     """A recording in the place of what may be there.
 
     Raises:
-        RecorderError: what is there is no file.
+        RecorderError: what is there is no file, or there is no place for one.
     """
-    older = tuple(taken for taken in (path, Path(f"{path}.part")) if taken.exists())
-    if path.is_dir():
-        raise RecorderError(f"{path}: is a folder: name a file in it")
-    return DemoOutput(path, older)
+    refuse_unwritable(path)
+    return DemoOutput(path, tuple(taken for taken in (path, Path(f"{path}.part")) if taken.exists()))
 
 
 def run_demo(object_name: str, seed: int, output: DemoOutput, *, address: str, strikes: int, progress: Progress) -> SessionReport:
@@ -82,12 +82,6 @@ def run_demo(object_name: str, seed: int, output: DemoOutput, *, address: str, s
         AcquireError: what the session raised; the rig is taken down in any case.
     """
     _refuse_other_address(address)
-    try:
-        output.path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecorderError(f"{output.path.parent}: the folder cannot be made: {error.strerror}: choose another place") from None
-    if not os.access(output.path.parent, os.W_OK | os.X_OK):
-        raise RecorderError(f"{output.path}: its folder is not yours to write in: choose another place")
     _remove_leftovers(Path(tempfile.gettempdir()))
     folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER}{os.getpid()}-"))
     kept_truth = folder / "kept-truth.bin"

@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 from analyze.errors import OutputError
+from schemas.output_file import why_unwritable
 
 
 def refuse_unwritable(output: Path, *inputs: Path) -> None:
@@ -15,16 +16,8 @@ def refuse_unwritable(output: Path, *inputs: Path) -> None:
     Raises:
         OutputError: so it is.
     """
-    folder = output.parent
-    if output.is_dir():
-        raise OutputError(f"{output}: is a folder: name a file in it")
-    if not folder.is_dir():
-        raise OutputError(f"{output}: cannot be written: there is no folder {folder}: create it first")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OutputError(f"{output}: cannot be written: the folder {folder} is not yours to write in: choose another place")
-    for path in inputs:
-        if output.exists() and path.exists() and output.samefile(path):
-            raise OutputError(f"{output}: is what is read, and would be replaced: choose another name for the output")
+    if (reason := why_unwritable(output, *inputs)) is not None:
+        raise OutputError(reason)
 
 
 def write_text(output: Path, text: str) -> None:

@@ -8,9 +8,16 @@ from pathlib import Path
 
 from acquire.errors import RecorderError
 from schemas.container import Buffer
+from schemas.output_file import why_unwritable
 
 _IOV_MAX = 1024
 """buffers that writev takes at once on Linux"""
+
+
+def refuse_unwritable(path: Path) -> None:
+    """Raise RecorderError unless a file may be made at `path`; early, before the work for it begins."""
+    if (reason := why_unwritable(path)) is not None:
+        raise RecorderError(reason)
 
 
 def refuse_taken(path: Path) -> None:

@@ -78,6 +78,7 @@ def recover(path: Path, out: Path) -> RecoverReport:
     Raises:
         RecorderError: nothing can be saved, or `out` is taken or cannot be written; nothing is left behind then.
     """
+    atomic.refuse_unwritable(out)
     atomic.refuse_taken(out)
     report = RecoverReport(path, out)
     with mapped(path) as data:

@@ -34,7 +34,9 @@ def test_a_demo_that_cannot_begin(tmp_path: Path) -> None:
     )
     assert "lives on loopback" in complaint(acquire, "demo", "-o", tmp_path / "r.mcap", "--address", "camera")
     assert "is a folder" in complaint(acquire, "demo", "--force", "-o", tmp_path)
-    assert "cannot be made" in complaint(acquire, "demo", "-o", "/proc/x/r.mcap", "--address", loopback(61))
+    for force in ([], ["--force"]):  # as `analyze` does: a misspelt folder is not made
+        line = complaint(acquire, "demo", "-o", tmp_path / "gone" / "r.mcap", *force)
+        assert f"there is no folder {tmp_path / 'gone'}: create it first" in line
     assert names_in(tmp_path) == {"taken.mcap"}
     assert taken.read_text() == "mine"
 

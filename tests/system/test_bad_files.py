@@ -229,7 +229,8 @@ def test_recover_refuses_what_it_cannot_save_and_what_exists(tmp_path: Path) -> 
     assert "is empty" in complaint(acquire, "recover", write(tmp_path / "empty.mcap", b""))
     assert "is not a recording" in complaint(acquire, "recover", write(tmp_path / "noise.mcap", bytes(99)))
     assert "nothing can be saved" in complaint(acquire, "recover", write(tmp_path / "head.mcap", whole.read_bytes()[:30]))
-    assert "check the folder" in complaint(acquire, "recover", whole, "-o", tmp_path / "gone" / "new.mcap")
+    assert "create it first" in complaint(acquire, "recover", whole, "-o", tmp_path / "gone" / "new.mcap")
+    assert "is a folder: name a file in it" in complaint(acquire, "recover", whole, "-o", tmp_path)
     assert names_in(tmp_path) == {"whole.mcap", "empty.mcap", "noise.mcap", "head.mcap"}
 
 

@@ -178,9 +178,9 @@ def test_a_session_whose_recording_has_no_place(daemon: Path, tmp_path: Path) ->
     taken = write(tmp_path / "taken.mcap", "mine")
     for output, says in (
         (taken, "taken.mcap: exists already"),
-        (tmp_path / "gone" / "r.mcap", "create the folder first"),
+        (tmp_path / "gone" / "r.mcap", f"there is no folder {tmp_path / 'gone'}: create it first"),
         (Path("/proc/r.mcap"), "/proc/r.mcap"),
-        (tmp_path, "exists already"),
+        (tmp_path, "is a folder: name a file in it"),
     ):
         assert says in complaint(acquire, "session", *given, "-o", output, "--rig", daemon)
     assert taken.read_text() == "mine"
