@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from analyze.recording import Recording, open_recording
 from analyze.results.document import build_result, result_json
 from analyze.results.summary import render_summary
 from analyze.results.warnings import result_warnings
+from analyze.too_few import too_few
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import CentreOfMass, EquiPlane, InertialParameters, Marker, MassDistribution, TipMotion
@@ -251,7 +252,8 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     manifest, spec, model = evidence.manifest, evidence.spec, evidence.model
     used = [motion for motion in evidence.motions if _usable(motion, options)]
     if len(used) < LEAST_STRIKES:
-        raise EstimationError(_too_few(evidence, used, options))
+        usable = [motion.strike_id for motion in evidence.motions if _usable(motion, EstimateOptions())]
+        raise EstimationError(too_few(LEAST_STRIKES, evidence.motions, usable, options.exclude, evidence.plan))
     planes = tuple(_plane(evidence.planned(motion), motion, options) for motion in used)
     systematic = SystematicErrors(
         gravity_tilt_sd=manifest.gravity_tilt_sd_rad, scale_sd=spec.shape.scale_sd, edge_radius_sd=spec.edge_radius_sd_m
@@ -299,14 +301,6 @@ def _paper_plane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
     """By the paper's sign change of the acceleration, where it was found."""
     found = next((fit for fit in motion.alternatives if fit.estimator == "sign_change"), None)
     return equiplane(motion.strike_id, planned, motion) if found is None else equiplane_from_fit(motion.strike_id, planned, found)
-
-
-def _too_few(evidence: Evidence, used: Sequence[TipMotion], options: EstimateOptions) -> str:
-    lost = ", ".join(f"{motion.strike_id} {motion.verdict.value}" for motion in evidence.motions if motion not in used)
-    remedy = "exclude fewer" if options.exclude else "strike again"
-    reasons = f" ({lost})" if lost else ""
-    unreadable = next((f"; {motion.reason}" for motion in evidence.motions if motion.verdict is Verdict.UNREADABLE), "")
-    return f"{len(used)} good strikes of {len(evidence.motions)}, {LEAST_STRIKES} are needed{reasons}{unreadable}: {remedy}"
 
 
 def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:

@@ -93,6 +93,23 @@ def test_too_few_strikes_are_refused_with_count_and_remedy(evidence):
         estimate_evidence(replace(evidence, motions=evidence.motions[:2]))
 
 
+def test_strikes_excluded_on_request_are_named_apart_from_those_that_went_wrong(evidence):
+    four = evidence.motions[:4]
+    slid = replace(four[3], verdict=Verdict.SLID, fit=None)
+    names = [motion.strike_id for motion in four]
+    found = replace(evidence, motions=(*four[:3], slid), plan=evidence.plan.model_copy(update={"strikes": evidence.plan.strikes[:4]}))
+    with pytest.raises(EstimationError) as caught:
+        estimate_evidence(found, EstimateOptions(exclude=frozenset(names[:2])))
+    assert str(caught.value) == (
+        f"1 good strike of 4, 3 are needed (excluded on request: {names[0]}, {names[1]}; not usable: {names[3]} slid): exclude fewer"
+    )
+    both = found.plan.model_copy(update={"strikes": evidence.plan.strikes[:2]})
+    with pytest.raises(EstimationError, match=r"^0 good strikes of 2, 3 are needed \(excluded on request: [^;]*\): strike again$"):
+        estimate_evidence(replace(found, motions=four[:2], plan=both), EstimateOptions(exclude=frozenset(names[:2])))
+    with pytest.raises(EstimationError, match=r"2 of 12 planned strikes were struck; missing: .*: strike again$"):
+        estimate_evidence(replace(evidence, motions=evidence.motions[:2]))
+
+
 def test_parallel_axes_end_in_a_result_that_names_the_open_direction(evidence):
     along_y = tuple(motion for motion in evidence.motions if motion.strike_id.startswith(("z-/x", "x-/z")))
     found = estimate_evidence(replace(evidence, motions=along_y))
