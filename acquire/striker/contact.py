@@ -41,8 +41,8 @@ GRID_BEFORE_S = 0.02
 """from here on a touch is looked for"""
 RECOVERY_PER_S, RECOVERY_SD_PER_S = 150.0, 40.0
 """how fast the servo makes up for a loss of speed: acceleration = this times the loss (XM430 with 0.0025 kg m2: 149 by its data sheet)"""
-TYPICAL_DROP = 0.2
-"""of the speed"""
+TYPICAL_DROP, DROP_SD = 0.2, 0.5
+"""of the speed: an arm that stops and bounces back from a wall loses 1.5, so that even few reads give no absurd loss"""
 GRID_S = 1e-4
 LEAST_NOISE = 0.4
 """of what the fit allows for (registers' rounding, and as much again for a servo that differs), as variance: less is chance"""
@@ -71,7 +71,7 @@ def fit_contact(samples: Sequence[Sample], turned_ns: int, arm_length: float, re
 
     x'(t) = b - d lost(u) - d_r d lost / d r, u = t - tc: `lost` is the share of the drop d that is taken and not yet recovered at the
     rate r, d_r = d times r's error; the velocity register shows x' through what `learn_register` found. tc, the touch's duration and the
-    register's model are scanned, the rest (x(tc), b, d, d_r) is linear and integrated out; tc's prior is where the tip should touch, with
+    register's model are scanned, the rest (x(tc), b, d, d_r) is linear, with what is known of d and d_r beforehand, and integrated out; tc's prior is where the tip should touch, with
     the tails of a Cauchy distribution, so that a clear drop elsewhere wins.
 
     Args:
@@ -175,8 +175,10 @@ def _touches(reads: Reads, models: Sequence[RegisterModel], restitution: float) 
     u = reads.time[None, :] - tc[:, None]
     one, zero = np.ones_like(u), np.zeros_like(u)
     x_sd = reads.position_sd
-    recovery_sd = RECOVERY_SD_PER_S * TYPICAL_DROP * max(float(np.median(reads.velocity)), VELOCITY_SD)
-    recovery = np.broadcast_to(np.array([0.0, 0.0, 0.0, 1.0]) / recovery_sd, (len(u), 1, 4))
+    speed = max(float(np.median(reads.velocity)), VELOCITY_SD)
+    # What is known of d and d_r before any read.
+    known = np.diag([1.0 / (DROP_SD * speed), 1.0 / (RECOVERY_SD_PER_S * TYPICAL_DROP * speed)]) @ np.eye(4)[2:]
+    known = np.broadcast_to(known, (len(u), 2, 4))
     parts: list[_Touches] = []
     for z, exponent in itertools.product(TOUCH_GRID, FORCE_EXPONENTS):
         courses = _courses(_force(restitution, exponent), TOUCH_S + float(z) * TOUCH_SD_S, -float(reads.time[0]))
@@ -188,8 +190,8 @@ def _touches(reads: Reads, models: Sequence[RegisterModel], restitution: float) 
             seen = u - age - model.lag
             shown = [_at(filtered(course, model.tau), seen) for course in courses]
             from_velocity = np.stack([zero, one, -shown[0], -shown[1]], -1) / v_sd[None, :, None]
-            A = np.concatenate([from_position, from_velocity, recovery], axis=1)
-            y = np.concatenate([reads.position / x_sd, reads.velocity / v_sd, [0.0]])
+            A = np.concatenate([from_position, from_velocity, known], axis=1)
+            y = np.concatenate([reads.position / x_sd, reads.velocity / v_sd, [TYPICAL_DROP / DROP_SD, 0.0]])
             covariance: NDArray[np.float64] = np.linalg.inv(np.swapaxes(A, 1, 2) @ A).astype(np.float64)
             solution = np.einsum("gij,gj->gi", covariance, np.einsum("gni,n->gi", A, y))
             residual = y[None, :] - np.einsum("gni,gi->gn", A, solution)

@@ -15,7 +15,7 @@ from tests.system.fault_rig import TABLE_VARIABLE
 ROOT = Path(__file__).resolve().parents[2]
 TESTS = tuple(
     f"tests/system/test_{name}.py"
-    for name in ("servo_faults", "striker_faults", "faults", "capture_faults", "session_faults", "session_servo_faults")
+    for name in ("servo_faults", "striker_faults", "faults", "capture_faults", "session_faults", "session_servo_faults", "damaged_files")
 )
 PAGE = """\
 # What goes wrong, what is lost, and how long until it works again
@@ -30,7 +30,7 @@ here was tried on real devices.
 |---|---|---|
 {rows}
 
-Damaged and truncated files: `tests/acquire/recorder/test_recover.py`. Full and slow disks: `tests/acquire/recorder`.
+More on damaged files, full and slow disks: `tests/acquire/recorder`.
 
 How it is done:
 

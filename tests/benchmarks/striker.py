@@ -151,8 +151,8 @@ def main(objects: str, speeds: str, swings: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     result = Table(title="striker against the world's truth", title_justify="left")
     for heading in (
-        "object", "m/s", "time error [ms]", "rms", "worst", "stated sd", "error / sd, rms", "tip speed error [%]", "impulse / truth", "stated sd",
-        "single", "reads/s", "CPU",
+        "object", "m/s", "time error [ms]", "rms", "worst", "stated sd", "error / sd, rms", "tip speed error [%]", "impulse / truth",
+        "stated sd", "single", "reads/s", "CPU",
     ):  # fmt: skip
         result.add_column(heading)
     everything: list[Swing] = []

@@ -1,0 +1,104 @@
+"""`acquire recover` on recordings that were cut anywhere, or have a wrong byte anywhere. Its rows stand in docs/faults.md."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from mcap.reader import make_reader
+
+from acquire.cli import main as acquire
+from tests import small_recording as small
+from tests.system.fault_rig import add_row
+
+CASES = 150
+EARLY, EARLY_BYTES = 10, 400
+"""of them in the first bytes, where there is nothing to save yet"""
+LOST, REFUSED = 3, 1
+"""exit codes"""
+CHUNK_END = 256
+"""bytes behind an image's last pixel up to which its record may reach"""
+OTHER_IMAGES = 1
+"""that a wrong byte may cost besides its own: the one whose record it makes look longer"""
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> bytes:
+    path = tmp_path_factory.mktemp("whole") / "a.mcap"
+    small.write_recording(path)
+    return path.read_bytes()
+
+
+def recovered(data: bytes, folder: Path) -> tuple[int, list[int], dict]:
+    """Exit code, numbers of the images in the new file, each compared with the original, and the report."""
+    source, output = folder / "bad.mcap", folder / "good.mcap"
+    source.write_bytes(data)
+    output.unlink(missing_ok=True)
+    result = CliRunner().invoke(acquire, ["recover", str(source), "-o", str(output), "--json"])
+    if result.exit_code == REFUSED:
+        assert result.stderr.count("\n") == 1, result.stderr
+        assert [path.name for path in folder.iterdir()] == ["bad.mcap"]
+        return REFUSED, [], {}
+    assert result.exit_code in {0, LOST}, result.output
+    report = json.loads(result.stdout)
+    assert report["anything_lost"] == (result.exit_code == LOST)
+    numbers = []
+    with output.open("rb") as file:
+        for _, _, message in make_reader(file, validate_crcs=True).iter_messages(topics=["/camera/main/image"]):
+            assert small.image(message.sequence).tobytes() in message.data
+            numbers.append(message.sequence)
+    assert source.read_bytes() == data
+    return result.exit_code, numbers, report
+
+
+def ends(data: bytes) -> np.ndarray:
+    """Where the pixels of each image end in a file."""
+    pixels = [small.image(number).tobytes() for number in range(small.FRAMES)]
+    return np.array([data.find(each) + len(each) for each in pixels])
+
+
+def test_a_file_cut_anywhere(whole: bytes, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    places = np.concatenate([rng.integers(1, len(whole), CASES - EARLY), rng.integers(1, EARLY_BYTES, EARLY)])
+    image_ends, refused = ends(whole), 0
+    for place in places.tolist():
+        code, numbers, _ = recovered(whole[:place], tmp_path)
+        refused += code == REFUSED
+        surely, perhaps = int(np.sum(image_ends + CHUNK_END <= place)), int(np.sum(image_ends <= place))
+        assert surely <= len(numbers) <= perhaps
+        assert numbers == list(range(len(numbers)))
+        if code == REFUSED:
+            assert place < image_ends[0] + CHUNK_END
+    add_row(
+        f"a recording cut at any of {CASES} places, into `acquire recover`",
+        f"the record at the cut; every image before it comes out byte for byte; {refused} cuts left nothing to save: refused in one line",
+        "at once; exit code 3 says that something is lost",
+    )
+
+
+def test_a_wrong_byte_anywhere(whole: bytes, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    places = rng.integers(8, len(whole), CASES)
+    image_ends, most, unnoticed = ends(whole), 0, 0
+    for place in places.tolist():
+        data = bytearray(whole)
+        data[place] ^= int(rng.integers(1, 256))
+        code, numbers, report = recovered(bytes(data), tmp_path)
+        lost = small.FRAMES - len(numbers)
+        most = max(most, lost)
+        assert lost <= 1 + OTHER_IMAGES, place
+        inside = np.any((image_ends - small.WIDTH * small.HEIGHT <= place) & (place < image_ends))
+        if lost or inside:
+            assert code == LOST
+        if code == 0:
+            # What is written anew at the end (indexes, summary), or the seal's own text.
+            unnoticed += 1
+            assert report["topics"]["/striker/sample"] == small.SAMPLES
+    add_row(
+        f"one byte wrong at any of {CASES} places, into `acquire recover`",
+        f"the record it lies in, at most {most} image; {unnoticed} lay in what is written anew (index, summary): nothing",
+        "at once; exit code 3 where something is lost",
+    )
