@@ -71,8 +71,8 @@ def fit_contact(samples: Sequence[Sample], turned_ns: int, arm_length: float, re
 
     x'(t) = b - d lost(u) - d_r d lost / d r, u = t - tc: `lost` is the share of the drop d that is taken and not yet recovered at the
     rate r, d_r = d times r's error; the velocity register shows x' through what `learn_register` found. tc, the touch's duration and the
-    register's model are scanned, the rest (x(tc), b, d, d_r) is linear, with what is known of d and d_r beforehand, and integrated out; tc's prior is where the tip should touch, with
-    the tails of a Cauchy distribution, so that a clear drop elsewhere wins.
+    register's model are scanned, the rest (x(tc), b, d, d_r) is linear, d and d_r with what is known of them before any read, and
+    integrated out; tc's prior is where the tip should touch, with the tails of a Cauchy distribution, so that a clear drop elsewhere wins.
 
     Args:
         samples: of the swing and of the retraction, in order.
