@@ -14,7 +14,7 @@ from analyze.results.style import BLUE, CYCLE, GREEN, INK, MUTED, ORANGE, PHASES
 from analyze.types import Array, EquiPlane, TipMotion
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
 
@@ -55,11 +55,12 @@ def strike_figure(motion: TipMotion, title: str) -> Figure:
             )
             lower.plot(time[inside], np.degrees(fit.residual), ".", color=BLUE, ms=3)
             lower.set_xlim(time[max(0, start - 30)], time[min(len(time) - 1, stop + 30)])
+        upper.margins(y=0.12)
         upper.set_title(title)
         upper.set_ylabel("θ [°]")
         lower.set_ylabel("residual [°]")
         lower.set_xlabel("time [s]")
-        upper.legend(loc="lower right")
+        upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2, handlelength=1.2)
         figure.align_ylabels()
     return figure
 
@@ -74,47 +75,49 @@ def _bands(axes: Axes, motion: TipMotion, time: Array) -> None:
             axes.axvspan(float(time[span[0]]), float(time[end]), color=PHASES[name], lw=0, zorder=0)
 
 
-def projections_figure(estimate: Estimate, com_true: Array | None = None) -> Figure:
-    """Silhouettes from three sides with the equi-planes seen edge-on and the centre of mass; below, the same ten times closer.
+def projection_figures(estimate: Estimate, com_true: Array | None = None) -> list[Figure]:
+    """Per view a silhouette with the equi-planes seen edge-on and the centre of mass; below, the same many times closer.
 
     Args:
         estimate: with model and planes.
         com_true: (3,) m, drawn where it is known.
     """
-    vertices = estimate.evidence.model.vertices
-    extent = np.ptp(vertices, axis=0)
+    extent = np.ptp(estimate.evidence.model.vertices, axis=0)
     com, covariance = estimate.com.position, estimate.com.covariance
     # The close-up shows the ellipse, the truth, and the planes passing by.
     widest = 3 * float(np.sqrt(np.diag(covariance)).max())
     off = 0.0 if com_true is None else 1.5 * float(np.abs(com_true - com).max())
     reach = float(np.clip(max(widest, off, 1.3 * float(np.abs(estimate.com.residuals).max()), 5e-4), 0.0, 0.5 * extent.max()))
+    return [_projection(estimate, com_true, reach, view, name) for *view, name in VIEWS]
+
+
+def _projection(estimate: Estimate, com_true: Array | None, reach: float, view: Sequence[int], name: str) -> Figure:
+    i, j = view
+    vertices = estimate.evidence.model.vertices
+    com = estimate.com.position
     with style():
-        figure = Figure(figsize=(9.2, 6.6), layout="constrained")
-        grid = figure.subplots(2, 3, height_ratios=(1.45, 1))
-        for column, (i, j, name) in enumerate(VIEWS):
-            view = (i, j)
-            whole, close = grid[0, column], grid[1, column]
-            outline = vertices[:, view][ConvexHull(vertices[:, view]).vertices]
-            whole.add_patch(Polygon(1e3 * outline, facecolor="#f4f6f8", edgecolor=INK, lw=1.0))
-            for axes, size in ((whole, None), (close, reach)):
-                _planes(axes, estimate.planes, view)
-                _centre(axes, com, covariance, view)
-                if com_true is not None:
-                    axes.plot(*(1e3 * com_true[list(view)]), "x", color=RED, ms=7, mew=1.8, zorder=6)
-                if size is not None:
-                    axes.plot(*(1e3 * estimate.com_paper.position[list(view)]), "D", color=ORANGE, ms=5, zorder=4)
-                axes.set_aspect("equal")
-                axes.set_xlabel(f"{'xyz'[i]} [mm]")
-                axes.set_ylabel(f"{'xyz'[j]} [mm]")
-            plain(whole)
-            margin = 0.12 * extent.max()
-            low, high = vertices.min(axis=0) - margin, vertices.max(axis=0) + margin
-            whole.set_xlim(1e3 * low[i], 1e3 * high[i])
-            whole.set_ylim(1e3 * low[j], 1e3 * high[j])
-            whole.set_title(name)
-            close.set_xlim(1e3 * (com[i] - reach), 1e3 * (com[i] + reach))
-            close.set_ylim(1e3 * (com[j] - reach), 1e3 * (com[j] + reach))
-            close.set_title("close up")
+        figure = Figure(figsize=(3.05, 5.6), layout="constrained")
+        whole, close = figure.subplots(2, 1, height_ratios=(1.25, 1))
+        outline = vertices[:, view][ConvexHull(vertices[:, view]).vertices]
+        whole.add_patch(Polygon(1e3 * outline, facecolor="#f4f6f8", edgecolor=INK, lw=1.0))
+        for axes in (whole, close):
+            _planes(axes, estimate.planes, (i, j))
+            _centre(axes, com, estimate.com.covariance, (i, j))
+            if com_true is not None:
+                axes.plot(*(1e3 * com_true[list(view)]), "x", color=RED, ms=7, mew=1.8, zorder=6)
+            axes.set_xlabel(f"{'xyz'[i]} [mm]")
+            axes.set_ylabel(f"{'xyz'[j]} [mm]")
+        close.plot(*(1e3 * estimate.com_paper.position[list(view)]), "D", color=ORANGE, ms=5, zorder=4)
+        close.set_aspect("equal")
+        plain(whole)
+        margin = 0.12 * np.ptp(vertices, axis=0).max()
+        low, high = vertices.min(axis=0) - margin, vertices.max(axis=0) + margin
+        whole.set_xlim(1e3 * low[i], 1e3 * high[i])
+        whole.set_ylim(1e3 * low[j], 1e3 * high[j])
+        whole.set_title(name)
+        close.set_xlim(1e3 * (com[i] - reach), 1e3 * (com[i] + reach))
+        close.set_ylim(1e3 * (com[j] - reach), 1e3 * (com[j] + reach))
+        close.set_title(f"{name}, close up")
     return figure
 
 
@@ -162,7 +165,8 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
             axes.plot(1e3 * estimate.distribution_paper.masses, place + 0.36, "D", color=ORANGE, ms=5, label="the paper's")
         if truth is not None:
             values = [1e3 * truth[name] for name in distribution.names]
-            axes.plot(values, place, "|", color=RED, ms=24, mew=2.4, label="truth", zorder=5)
+            axes.plot(values, place, "|", color=RED, ms=24, mew=2.4, zorder=5)
+            axes.plot([], [], "|", color=RED, ms=9, mew=2.4, label="truth")  # in the legend no taller than a line
         axes.set_yticks(place, distribution.names)
         axes.set_ylim(len(masses) - 0.45, -0.5)
         axes.set_xlim(left=0)
@@ -183,7 +187,8 @@ def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
         spread = 1.96e7 * np.array([axis.i_com_sd for axis in axes_of])
         axes.errorbar(value, place, xerr=spread, fmt="o", color=GREEN, ms=5, elinewidth=1.4, capsize=3, label="estimate")
         if truth is not None:
-            axes.plot(1e7 * np.array([truth[axis.axis_id] for axis in axes_of]), place, "|", color=RED, ms=14, mew=2.2, label="truth")
+            axes.plot(1e7 * np.array([truth[axis.axis_id] for axis in axes_of]), place, "|", color=RED, ms=14, mew=2.2)
+            axes.plot([], [], "|", color=RED, ms=9, mew=2.2, label="truth")
         axes.set_yticks(place, [axis.axis_id for axis in axes_of])
         axes.set_ylim(len(axes_of) - 0.5, -0.5)
         axes.set_xlim(left=0)

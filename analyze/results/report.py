@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,9 +17,10 @@ from matplotlib.figure import Figure
 
 from analyze.output_file import write_text
 from analyze.recording import open_recording
-from analyze.results.plots import moments_figure, projections_figure, regions_figure, strike_figure
+from analyze.results.plots import moments_figure, projection_figures, regions_figure, strike_figure
 from analyze.results.style import svg
 from analyze.results.summary import DEGREES, GRAM_CM2, with_interval
+from analyze.results.truth import ShownTruth, shown_truth
 from schemas.documents import Quantity, StrikeResult, Verdict
 
 if TYPE_CHECKING:
@@ -56,32 +58,31 @@ def write_report(estimate: Estimate, recording_path: Path, output: Path, score: 
 def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
     """The report as HTML text."""
     environment = Environment(loader=PackageLoader("analyze.results"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    environment.filters.update(deg=_degrees, inertia=_inertia, rate=_rate, grams=_grams, millimetres=_millimetres)
+    environment.filters.update(
+        deg=_degrees, inertia=_inertia, rate=_rate, grams=_grams, millimetres=_millimetres, number=number, signed=signed
+    )
     result = estimate.result
-    com_true = None if score is None else np.array(score["centre_of_mass_true_m"])
-    regions_true = None
-    moments_true = None
-    if score is not None and score.get("region_mass_true_kg") is not None:
-        regions_true = dict(zip(score["region_names"], score["region_mass_true_kg"], strict=True))
-    if score is not None:
-        moments_true = {axis.axis_id: axis.i_com / (1 + score["i_com_relative_error"][axis.axis_id]) for axis in estimate.inertial.axes}
+    truth = None if score is None else shown_truth(score, estimate)
     return environment.get_template("report.html").render(
         name=estimate.evidence.spec.name,
         result=result,
         manifest=estimate.evidence.manifest,
         verdict=verdict_in_words(estimate),
-        com=_com_rows(result.centre_of_mass),
+        com=_com_rows(result.centre_of_mass, truth),
         used=[strike for strike in result.strikes if strike.used],
         axes=len({plane.axis_id for plane in estimate.planes}),
         reasons=[strike for strike in result.strikes if strike.reason and strike.verdict is not Verdict.GOOD],
         stills=images,
-        projections=_drawn(projections_figure(estimate, com_true)),
-        regions=_drawn(regions_figure(estimate, regions_true)),
-        moments=_drawn(moments_figure(estimate, moments_true)),
+        created=manifest_time(estimate.evidence.manifest.created),
+        truth=truth,
+        projections=[_drawn(figure) for figure in projection_figures(estimate, None if truth is None else truth.com)],
+        regions=_drawn(regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)),
+        moments=_drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
         strikes=_strike_plots(estimate),
         score=score,
-        phi_error=dict(zip(score["strike_ids"], score["phi_error_rad"], strict=True)) if score else {},
-        best_naive=min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1]) if regions_true and score else None,
+        best_naive=min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
+        if score is not None and truth is not None and truth.regions
+        else None,
         inertia_rows=_inertia_rows(estimate),
     )
 
@@ -101,7 +102,7 @@ def verdict_in_words(estimate: Estimate) -> str:
     heaviest = int(np.argmax(share))
     where = {"surface": "in the wall", "upper": "inside, above the border", "lower": "inside, below the border"}
     place = where.get(estimate.distribution.names[heaviest], estimate.distribution.names[heaviest])
-    return f"{text} Most of the mass ({share[heaviest]:.0%}) sits {place}."
+    return f"{text} Most of the mass ({100 * share[heaviest]:.0f} %) sits {place}."
 
 
 def stills(estimate: Estimate, recording_path: Path) -> list[Still]:
@@ -119,7 +120,7 @@ def stills(estimate: Estimate, recording_path: Path) -> list[Still]:
             seen.add(plane.axis_id)
             nearest = int(np.argmin(np.abs(motion.angle.theta - plane.phi)))
             moment = int(motion.angle.time_ns[nearest])
-            caption = f"strike {plane.strike_id} at θ = {DEGREES * motion.angle.theta[nearest]:.1f}°"
+            caption = f"strike {plane.strike_id} at θ\u00a0=\u00a0{DEGREES * motion.angle.theta[nearest]:.1f}°"
             frames = recording.images(start_ns=moment, end_ns=moment)
             found.extend(Still(plane.axis_id, caption, _outlined(frame.image, report.tracks, moment)) for frame in frames)
     return found
@@ -151,9 +152,18 @@ def _strike_plots(estimate: Estimate) -> list[tuple[StrikeResult, Markup]]:
     return plots
 
 
-def _com_rows(com: Quantity) -> list[dict[str, str]]:
+def _com_rows(com: Quantity, truth: ShownTruth | None) -> list[dict[str, str]]:
     values, half = 1e3 * np.array(com.value), 1.96e3 * np.array(com.sd)
-    return [{"axis": axis, "value": f"{v:.2f}", "half": f"{h:.2f}"} for axis, v, h in zip("xyz", values, half, strict=True)]
+    rows = [{"axis": axis, "value": number(v, 2), "half": number(h, 2)} for axis, v, h in zip("xyz", values, half, strict=True)]
+    if truth is not None:
+        digits = 3 if half.max() < 0.2 else 2
+        for row, value, spread, true in zip(rows, values, half, 1e3 * truth.com, strict=True):
+            row.update(
+                estimate=f"{number(value, digits)} ± {number(spread, digits)}",
+                true=number(true, digits),
+                error=signed(value - true, digits),
+            )
+    return rows
 
 
 def _inertia_rows(estimate: Estimate) -> list[list[dict[str, Any]]]:
@@ -161,7 +171,7 @@ def _inertia_rows(estimate: Estimate) -> list[list[dict[str, Any]]]:
     return [
         [
             {
-                "value": f"{GRAM_CM2 * inertial.inertia[i, j]:.0f}",
+                "value": number(GRAM_CM2 * inertial.inertia[i, j], 0),
                 "half": f"{1.96 * GRAM_CM2 * inertial.inertia_sd[i, j]:.0f}",
                 "measured": bool(inertial.measured[i, j]),
             }
@@ -171,21 +181,42 @@ def _inertia_rows(estimate: Estimate) -> list[list[dict[str, Any]]]:
     ]
 
 
+def number(value: float, digits: int) -> str:
+    """With so many decimals and a typographic minus; what rounds to 0 has no sign."""
+    text = f"{value:.{digits}f}"
+    return f"{0.0:.{digits}f}" if float(text) == 0 else text.replace("-", "−")
+
+
+def signed(value: float, digits: int) -> str:
+    """As `number`, with a plus where it is positive."""
+    text = number(value, digits)
+    return f"+{text}" if value > 0 and float(text) != 0 else text
+
+
+def manifest_time(created: str) -> str:
+    """ISO 8601 as people read it, to the minute; as it stands where it is none."""
+    try:
+        moment = datetime.fromisoformat(created)
+    except ValueError:
+        return created
+    return f"{moment.astimezone(UTC):%Y-%m-%d %H:%M} UTC" if moment.tzinfo is not None else created
+
+
 def _degrees(quantity: Quantity | None) -> str:
-    return with_interval(quantity, DEGREES, 3, "°")
+    return with_interval(quantity, DEGREES, 3)
 
 
 def _inertia(quantity: Quantity | None) -> str:
-    return with_interval(quantity, GRAM_CM2, 0, "g cm²")
+    return with_interval(quantity, GRAM_CM2, 0)
 
 
 def _rate(quantity: Quantity | None) -> str:
-    return with_interval(quantity, 1.0, 1, "s⁻²")
+    return with_interval(quantity, 1.0, 1)
 
 
 def _grams(quantity: Quantity | None) -> str:
-    return with_interval(quantity, 1e3, 1, "g")
+    return with_interval(quantity, 1e3, 1)
 
 
 def _millimetres(value: float | None) -> str:
-    return "–" if value is None else f"{1e3 * value:+.2f} mm"
+    return "–" if value is None else signed(1e3 * value, 2)

@@ -1,5 +1,6 @@
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,7 +8,10 @@ import pytest
 from analyze.errors import OutputError
 from analyze.pipeline import estimate_evidence
 from analyze.results.document import quantity
-from analyze.results.report import Still, render_report, write_report
+from analyze.results.report import Still, manifest_time, number, render_report, signed, write_report
+from analyze.results.truth import shown_truth
+from analyze.score import score_estimate
+from schemas.proto import percuss_pb2 as pb
 from tests.analyze.balanced_html import Balanced
 from tests.analyze.simulated_session import carton, session
 
@@ -35,7 +39,7 @@ def test_it_is_whole_and_loads_nothing_from_elsewhere(html):
     parser = Balanced()
     parser.feed(html)
     assert parser.open == []
-    assert parser.tags.count("svg") == 3 + 6
+    assert parser.tags.count("svg") == 5 + 6  # three views, regions, moments; a plot per strike
     assert "script" not in parser.tags
     assert "link" not in parser.tags
     assert not re.search(r'(?:src|href)="(?!data:|#)', html)
@@ -43,7 +47,7 @@ def test_it_is_whole_and_loads_nothing_from_elsewhere(html):
 
 def test_it_holds_the_numbers(estimate, html):
     for value in estimate.com.position:
-        assert f"{1e3 * value:.2f}" in html
+        assert number(1e3 * value, 2) in html
     for region in estimate.result.regions.regions:
         assert f"{1e3 * region.mass.value:.1f}" in html
     for strike in estimate.result.strikes:
@@ -57,22 +61,62 @@ def test_the_same_estimate_gives_the_same_page(short):
     assert render_report(short, [STILL]) == render_report(short, [STILL])
 
 
-def test_truth_is_shown_only_where_there_is_a_score(short, html):
-    assert "truth" not in html.lower().replace("against the truth", "")
-    score = {
-        "centre_of_mass_error_m": 4e-4,
-        "centre_of_mass_true_m": carton().com.tolist(),
-        "region_mass_error_relative": 0.02,
-        "region_names": ["surface", "upper", "lower"],
-        "region_mass_true_kg": [0.026, 0.014, 0.004],
-        "region_mass_error_relative_baselines": {"surface": 0.27, "uniform": 0.2},
-        "i_com_relative_error": {axis.axis_id: 0.01 for axis in short.inertial.axes},
-        "strike_ids": [strike.id for strike in short.result.strikes],
-        "phi_error_rad": [1e-3] * len(short.result.strikes),
-    }
-    scored = render_report(short, [], score)
-    assert "0.40" in scored
-    assert "+0.057°" in scored
+@pytest.fixture(scope="module")
+def score(short):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analyze.score.read_truth", lambda path: type("Truth", (), {"body": truth_body()}))
+        return score_estimate(Path("r.mcap"), short)
+
+
+def truth_body():
+    body, normal = carton(), np.array([0.5, -0.35, 0.79])
+    return pb.TruthBody(
+        mass_kg=body.mass,
+        com_object=body.com,
+        inertia_com=body.inertia.ravel(),
+        edge_radius_m=body.edge_radius,
+        region_mass_kg=body.regions,
+        region_plane=[*(normal / np.linalg.norm(normal)), 0.005],
+    )
+
+
+def test_true_values_stand_beside_the_estimates(short, score):
+    page = render_report(short, [], score)
+    parser = Balanced()
+    parser.feed(page)
+    assert parser.open == []
+    shown = re.findall(r'<td class="n true">([^<]*)</td>', page)
+    digits = 3 if 1.96e3 * max(score["centre_of_mass_sd_m"]) < 0.2 else 2
+    com, phi = [number(1e3 * v, digits) for v in score["centre_of_mass_true_m"]], [number(np.degrees(v), 3) for v in score["phi_true_rad"]]
+    edge = [number(1e7 * v, 0) for v in score["i_edge_true_kg_m2"]]
+    about_c = [number(1e7 * float(axis.direction @ carton().inertia @ axis.direction), 0) for axis in short.inertial.axes]
+    masses = [number(1e3 * v, 1) for v in score["region_mass_true_kg"]]
+    assert len(shown) == 3 + 2 * 3 + 3 + 2 * 3
+    assert sorted(shown) == sorted([*com, *phi, *edge, *masses, *edge, *about_c])
+    for wrong in score["phi_error_rad"]:
+        assert f">{signed(np.degrees(wrong), 3)}</td>" in page
+
+
+def test_without_a_truth_no_column_speaks_of_one(html):
+    assert "truth" not in html.lower()
+    assert "true" not in re.sub(r"<style>.*?</style>", "", html, flags=re.DOTALL)
+
+
+def test_the_truth_of_the_interior_goes_by_the_estimates_names(short, score):
+    """The score names upper and lower by the truth's border; an estimate whose border points to the other side names them the other way."""
+    names = short.distribution.names
+    wall, upper, lower = score["region_mass_true_kg"]
+    same = shown_truth(score | {"region_mass_kg": short.distribution.masses.tolist()}, short)
+    assert same.regions == dict(zip(names, (wall, upper, lower), strict=True))
+    other = shown_truth(score | {"region_mass_kg": short.distribution.masses[[0, 2, 1]].tolist()}, short)
+    assert other.regions == dict(zip(names, (wall, lower, upper), strict=True))
+
+
+def test_numbers_are_set_as_people_write_them():
+    assert [signed(value, 2) for value in (0.004, -0.004, 0.25, -0.25)] == ["0.00", "0.00", "+0.25", "−0.25"]
+    assert number(-1234.5, 0) == "−1234"
+    assert manifest_time("2026-11-21T21:19:32+01:00") == "2026-11-21 20:19 UTC"
+    assert manifest_time("long ago") == "long ago"
 
 
 def test_a_name_cannot_break_the_page(short):
