@@ -16,12 +16,12 @@ from typing import Any
 import click
 
 from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
-from schemas.command_line import NumberRange, one_line_errors
+from schemas.command_line import Commands, NumberRange, one_line_errors
 
 _one_line_errors = one_line_errors("acquire", AcquireError)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group("acquire", cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="percuss")
 def main() -> None:
     """Drive the rig: strike, film, record."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from analyze.errors import AnalyzeError
-from schemas.command_line import NumberRange, one_line_errors
+from schemas.command_line import Commands, NumberRange, one_line_errors
 
 if TYPE_CHECKING:
     from analyze.pipeline import Estimate
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _one_line_errors = one_line_errors("analyze", AnalyzeError)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group("analyze", cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="percuss")
 def main() -> None:
     """Plan strikes; turn recordings into centre of mass, inertia and region masses."""

@@ -22,6 +22,7 @@ class Mine(Exception):
         (OSError("odd"), PROBLEM, "hit: odd: check disk and permissions\n"),
         (BrokenPipeError(), PROBLEM, ""),
         (KeyboardInterrupt(), INTERRUPTED, "hit: interrupted\n"),
+        (click.Abort(), INTERRUPTED, "hit: interrupted\n"),
     ],
 )
 def test_what_a_verb_raises(raised: BaseException, code: int, line: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import socket
@@ -120,15 +121,30 @@ def test_a_killed_demo_leaves_no_process(short_folder: Path) -> None:
     assert not (short_folder / "r.mcap").exists()
 
 
-def test_wrong_usage_is_code_2() -> None:
-    for command, arguments in (
-        (acquire, ["demo", "--object", "teapot", "-o", "x.mcap"]),
-        (acquire, ["demo"]),
-        (acquire, ["demo", "-o", "x.mcap", "--strikes", "2"]),
-        (analyze, ["estimate"]),
-        (analyze, ["plan", "x.toml", "--strikes", "0"]),
-        (analyze, ["divine", "x.mcap"]),
+def test_wrong_usage_is_one_line_and_code_2() -> None:
+    for command, arguments, line in (
+        (acquire, ["demo", "--object", "teapot", "-o", "x.mcap"], r"acquire: .*'teapot' is not one of .* \(see acquire demo --help\)"),
+        (acquire, ["demo"], r"acquire: Missing option '-o' / '--output' \(see acquire demo --help\)"),
+        (
+            acquire,
+            ["demo", "-o", "x.mcap", "--strikes", "2"],
+            r"acquire: .*'--strikes': 2 is not in the range .* \(see acquire demo --help\)",
+        ),
+        (acquire, ["--loud"], r"acquire: No such option.*--loud.* \(see acquire --help\)"),
+        (acquire, ["strike", "--speed", "1", "--plan", "p"], r"acquire: give --speed, or --plan .* \(see acquire strike --help\)"),
+        (analyze, ["estimate"], r"analyze: Missing argument 'FILE' \(see analyze estimate --help\)"),
+        (analyze, ["plan", "x.toml", "--strikes", "0"], r"analyze: .*'--strikes'.* \(see analyze plan --help\)"),
+        (analyze, ["plan", "x.toml", "--methd", "ours"], r"analyze: No such option.*--methd.*--method.* \(see analyze plan --help\)"),
+        (analyze, ["divine", "x.mcap"], r"analyze: No such command.*divine.* \(see analyze --help\)"),
     ):
         result = CliRunner().invoke(command, arguments)
         assert result.exit_code == 2
-        assert "Error: " in result.stderr
+        assert result.stdout == ""
+        assert re.fullmatch(line + "\n", result.stderr)
+
+
+def test_no_verb_at_all_is_told_the_verbs() -> None:
+    result = CliRunner().invoke(analyze, [])
+    assert result.exit_code == 2
+    assert "Plan strikes" in result.stderr
+    assert CliRunner().invoke(analyze, ["plan", "--help"]).exit_code == 0
