@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,6 +33,7 @@ def main() -> None:
         os.environ.setdefault(name, "1")
 
 
+_files = click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 _estimate_options = [
     click.option("--object", "object_file", type=click.Path(path_type=Path), help="Use this object file instead of the recording's."),
     click.option("--exclude", multiple=True, metavar="STRIKE", help="Leave a strike out (id as in the report); may be repeated."),
@@ -58,9 +59,10 @@ def _with_estimate_options(function: Callable[..., Any]) -> Callable[..., Any]:
 )
 @click.option(
     "--given",
+    multiple=True,
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Plan on from strikes made: a recording (.mcap) or what `estimate --json` printed. Says if more strikes pay.",
+    help="Plan on from strikes made: a recording (.mcap) or what `estimate --json` printed; may be repeated. Says if more strikes pay.",
 )
 @click.option(
     "--method",
@@ -86,7 +88,7 @@ def plan(
     rig: Path | None,
     strikes: int,
     target_com_mm: float | None,
-    given: Path | None,
+    given: tuple[Path, ...],
     method: str,
     as_json: bool,
 ) -> None:
@@ -97,11 +99,11 @@ def plan(
     from analyze.progress import StrikeProgress
     from schemas.documents import PlanMethod
 
-    if method == "paper" and (target_com_mm is not None or given is not None):
+    if method == "paper" and (target_com_mm is not None or given):
         raise click.UsageError("the paper's method knows neither --target-com-mm nor --given: leave them out, or plan with ours")
     for path in (output, scenes):
         if path is not None:
-            refuse_unwritable(path, object_file, *(each for each in (rig, given) if each is not None))
+            refuse_unwritable(path, object_file, *(each for each in (rig, *given) if each is not None))
     with StrikeProgress() as progress:
         planned = plan_object(object_file, PlanOptions(rig, strikes, target_com_mm, given, PlanMethod(method)), progress)
         page: Path | None = None
@@ -128,15 +130,15 @@ def plan(
 
 
 @main.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@_files
 @_with_estimate_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @_one_line_errors
-def estimate(file: Path, object_file: Path | None, exclude: tuple[str, ...], as_json: bool) -> None:
-    """Centre of mass, moments of inertia and region masses from a recording."""
+def estimate(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...], as_json: bool) -> None:
+    """Centre of mass, moments of inertia and region masses from a recording, or from several of one object."""
     from analyze.results.summary import render_summary
 
-    answer = _estimate(file, object_file, exclude)
+    answer = _estimate(files, object_file, exclude)
     if as_json:
         click.echo(answer.json())
     else:
@@ -144,16 +146,16 @@ def estimate(file: Path, object_file: Path | None, exclude: tuple[str, ...], as_
 
 
 @main.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@_files
 @_with_estimate_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors
-def score(file: Path, object_file: Path | None, exclude: tuple[str, ...], as_json: bool) -> None:
+def score(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...], as_json: bool) -> None:
     """Truth beside estimate, for virtual recordings."""
     from analyze.score import refuse_without_truth, render_score, score_estimate
 
-    refuse_without_truth(file)
-    result = score_estimate(file, _estimate(file, object_file, exclude))
+    refuse_without_truth(files)
+    result = score_estimate(files[0], _estimate(files, object_file, exclude))
     if as_json:
         click.echo(json.dumps(result, allow_nan=False))
     else:
@@ -161,21 +163,23 @@ def score(file: Path, object_file: Path | None, exclude: tuple[str, ...], as_jso
 
 
 @main.command()
-@click.argument("file", type=click.Path(path_type=Path))
+@_files
 @_with_estimate_options
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Where to write; default FILE with .html.")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Where to write; default FILE with .html; needed for several files.")
 @_one_line_errors
-def report(file: Path, object_file: Path | None, exclude: tuple[str, ...], output: Path | None) -> None:
+def report(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...], output: Path | None) -> None:
     """One HTML file with the answer, its reasons and its plots."""
     from analyze.file_row import row_of
     from analyze.output_file import refuse_unwritable
     from analyze.results.report import write_report
     from analyze.score import score_if_virtual
 
-    output = output or file.with_suffix(".html")
-    refuse_unwritable(output, *row_of(file).files)
-    answer = _estimate(file, object_file, exclude)
-    write_report(answer, file, output, score_if_virtual(file, answer))
+    if output is None and len(files) > 1:
+        raise click.UsageError("several recordings make one report: say where with -o, as in -o joint.html")
+    output = output or files[0].with_suffix(".html")
+    refuse_unwritable(output, *(part for file in files for part in row_of(file).files))
+    answer = _estimate(files, object_file, exclude)
+    write_report(answer, output, score_if_virtual(files, answer))
     click.echo(f"report: {output}")
 
 
@@ -194,7 +198,7 @@ def replay(file: Path, object_file: Path | None, exclude: tuple[str, ...], save:
     for path in (save, screenshot):
         if path is not None:
             refuse_unwritable(path, *row_of(file).files)
-    replay_recording(file, _estimate(file, object_file, exclude), save, screenshot)
+    replay_recording(file, _estimate((file,), object_file, exclude), save, screenshot)
     for path in (save, screenshot):
         if path is not None:
             click.echo(f"replay: {path}")
@@ -266,9 +270,9 @@ def print_tags(
         click.echo(printing.print_tags(printing.PrintOptions(family, ids, size_mm, object_file, paper), output))
 
 
-def _estimate(file: Path, object_file: Path | None, exclude: tuple[str, ...]) -> Estimate:
-    from analyze.pipeline import EstimateOptions, estimate_recording
+def _estimate(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> Estimate:
+    from analyze.pipeline import EstimateOptions, estimate_recordings
     from analyze.progress import StrikeProgress
 
     with StrikeProgress() as progress:
-        return estimate_recording(file, EstimateOptions(object_path=object_file, exclude=frozenset(exclude)), progress)
+        return estimate_recordings(files, EstimateOptions(object_path=object_file, exclude=frozenset(exclude)), progress)

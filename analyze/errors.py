@@ -7,6 +7,7 @@
     ├── ShapeError              a shape that is no closed body, has no unit, or cannot be read
     ├── PlanError               no set of strikes determines the centre of mass, or the plan is of another object
     ├── TrackingError           the marker is unknown, seen twice, or not seen
+    ├── JoinError               recordings that are not of one object, or would count a strike twice
     ├── EstimationError         too few good strikes
     └── OutputError             a file that cannot be written
 
@@ -40,6 +41,10 @@ class PlanError(AnalyzeError):
 
 class TrackingError(AnalyzeError):
     """The marker cannot be followed."""
+
+
+class JoinError(AnalyzeError):
+    """Recordings that cannot be evidence of one object."""
 
 
 class EstimationError(AnalyzeError):

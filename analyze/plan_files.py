@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +19,13 @@ from analyze.output_file import write_text
 from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.fillings import Pieces
-from analyze.planning.given import Given, StrikeMade
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
 from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import FRICTION, Request, finish, prepare
+from analyze.planning.striker_taught import taught
 from analyze.types import CameraModel
-from schemas.documents import DocumentError, ObjectSpec, PlanMethod, Result, StrikePlan, validate
+from schemas.documents import DocumentError, ObjectSpec, PlanMethod, StrikePlan, validate
 from schemas.rig import RigConfig, StrikerConfig
 
 CELLS = 800
@@ -47,7 +46,8 @@ class PlanOptions:
     rig_path: Path | None = None
     strikes: int = STRIKES
     target_com_mm: float | None = None
-    given_path: Path | None = None
+    given: tuple[Path, ...] = ()
+    """recordings and results so far"""
     method: PlanMethod = PlanMethod.OURS
 
 
@@ -66,7 +66,7 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = la
 
     Raises:
         DocumentError, ShapeError: the object file or its shape cannot be used.
-        RecordingError, EstimationError: of the recording given as result so far.
+        RecordingError, JoinError, EstimationError: of the recordings given as results so far.
         PlanError: the rig file or the result so far cannot be used, or no set of strikes determines the centre of mass.
     """
     progress("reading the files", 0, STEPS)
@@ -75,20 +75,26 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = la
     progress("making a body of the shape", 1, STEPS)
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
     view.refuse_off_surface(model, files.spec)
-    given = None
-    if options.given_path is not None:
-        progress("reading the result so far", 2, STEPS)
-        given = _given(options.given_path, files.sha256, files.spec.mass_kg)
+    given, bench, notes = None, rig.bench, list[str]()
+    if options.given:
+        from analyze.given_files import read_given  # takes what estimates need, which other plans do not
+
+        progress("reading the results so far", 2, STEPS)
+        so_far = read_given(options.given, files.sha256, files.spec.mass_kg, rig.config)
+        given = so_far.given
+        if so_far.touches:
+            bench = replace(bench, striker=taught(bench.striker, so_far.touches))
+            notes.append(_note_on_striker(bench.striker, len(so_far.touches)))
     progress("trying the axes", 3, STEPS)
-    prepared = prepare(model, files.spec, rig.bench, rig.errors, given)
+    prepared = prepare(model, files.spec, bench, rig.errors, given)
     if options.method is PlanMethod.PAPER:
-        return PlannedObject(paper_strike_plan(prepared, files.sha256, options.strikes), model, files.spec, rig.bench.camera)
+        return PlannedObject(paper_strike_plan(prepared, files.sha256, options.strikes), model, files.spec, bench.camera)
     progress("cutting the body into pieces", 4, STEPS)
     cells = _pieces(model, wall_thickness(files.spec, model))
     progress("choosing the strikes", 5, STEPS)
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
     plan = finish(prepared, files.sha256, Request(options.strikes, target), cells)
-    return PlannedObject(plan, model, files.spec, rig.bench.camera)
+    return PlannedObject(plan.model_copy(update={"warnings": [*plan.warnings, *notes]}), model, files.spec, bench.camera)
 
 
 def _pieces(model: ObjectModel, wall: float) -> Pieces:
@@ -105,55 +111,12 @@ def write_plan(plan: StrikePlan, path: Path) -> None:
     write_text(path, plan.model_dump_json(indent=1) + "\n")
 
 
-def _given(path: Path, object_sha256: str, mass: float) -> Given:
-    """A result so far: what `analyze estimate --json` printed, or a recording, which is then estimated."""
-    if path.suffix == ".mcap":
-        from analyze.pipeline import estimate_recording
-
-        result = estimate_recording(path).result
-    else:
-        try:
-            data = json.loads(path.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise PlanError(f"{path}: no such file: give a recording (.mcap) or what `analyze estimate --json` printed") from None
-        except OSError as error:
-            raise PlanError(f"{path}: cannot be read: {error.strerror}") from None
-        except (ValueError, RecursionError):
-            raise PlanError(f"{path}: is no result: give a recording (.mcap) or what `analyze estimate --json` printed") from None
-        result = validate(Result, data, str(path), "print it anew with `analyze estimate --json`")
-    if result.inputs.object_sha256 != object_sha256:
-        raise PlanError(f"{path}: is of another object, or of this one before its file was changed: give a result of this object file")
-    return given_from_result(result, str(path), mass)
-
-
-def given_from_result(result: Result, name: str, mass: float) -> Given:
-    """What a Result says to the planner.
-
-    Raises:
-        PlanError: it holds no strike that was used, or no centre of mass.
-    """
-    com, inertia = result.centre_of_mass, result.inertia
-    strikes = [
-        StrikeMade(
-            strike.axis_id,
-            _single(strike.phi.sd, 1e-3),
-            None if strike.k is None or strike.k.sd is None else _single(strike.k.sd, 0.0) / max(_single(strike.k.value, 1.0), 1e-9),
-        )
-        for strike in result.strikes
-        if strike.used and strike.phi is not None
-    ]
-    if not strikes or com.value is None or com.covariance is None:
-        raise PlanError(f"{name}: holds no strike that was used: plan from the first strike, without --given")
-    unit_inertia = None if inertia.value is None else np.array(inertia.value, dtype=np.float64) / mass
-    return Given(name, np.array(com.value, dtype=np.float64), np.array(com.covariance), unit_inertia, tuple(strikes), _directions(result))
-
-
-def _directions(result: Result) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-    return {moment.axis_id: np.array(moment.direction, dtype=np.float64) for moment in result.moments}
-
-
-def _single(value: float | list[float] | list[list[float]] | None, otherwise: float) -> float:
-    return value if isinstance(value, float | int) else otherwise
+def _note_on_striker(striker: StrikerModel, strikes: int) -> str:
+    mass, mass_sd = 1000 * striker.effective_mass_kg, 1000 * striker.effective_mass_sd_kg
+    return (
+        f"speeds are for the striker as {strikes} strikes so far showed it: effective mass {mass:.0f} ± {mass_sd:.0f} g, "
+        f"restitution {striker.restitution:.2f} ± {striker.restitution_sd:.2f}"
+    )
 
 
 @dataclass(frozen=True)
@@ -162,6 +125,8 @@ class PlannedRig:
 
     bench: Bench
     errors: Errors
+    config: RigConfig | None = None
+    """the file's content"""
 
 
 def planned_rig(path: Path | None) -> PlannedRig:
@@ -198,7 +163,7 @@ def planned_rig(path: Path | None) -> PlannedRig:
     seen = rig.camera.calibration
     lens = CameraModel(seen.width, seen.height, np.array(seen.K), np.array(seen.distortion), np.array(seen.T_world_camera))
     errors = Errors(tilt=max(rig.gravity_tilt_sd_rad, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
-    return PlannedRig(Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors)
+    return PlannedRig(Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors, rig)
 
 
 def striker_model(striker: StrikerConfig) -> StrikerModel:

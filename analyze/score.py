@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -85,19 +86,39 @@ def score_estimate(path: Path, estimate: Estimate) -> dict[str, Any]:
     return table
 
 
-def score_if_virtual(path: Path, estimate: Estimate) -> dict[str, Any] | None:
-    """The score, or None for a recording of the real world."""
-    return score_estimate(path, estimate) if _holds_truth(path) else None
+def score_if_virtual(paths: Sequence[Path], estimate: Estimate) -> dict[str, Any] | None:
+    """The score, or None unless all recordings are of the virtual world.
+
+    Raises:
+        RecordingError: their truths differ.
+    """
+    if not all(_holds_truth(path) for path in paths):
+        return None
+    refuse_without_truth(paths)
+    return score_estimate(paths[0], estimate)
 
 
-def refuse_without_truth(path: Path) -> None:
+def refuse_without_truth(paths: Sequence[Path]) -> None:
     """Say so before the work, not after it.
 
     Raises:
-        RecordingError: the recording holds no truth, or cannot be read.
+        RecordingError: a recording holds no truth, or another than the first, or cannot be read.
     """
-    if not _holds_truth(path):
-        raise RecordingError(f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored")
+    for path in paths:
+        if not _holds_truth(path):
+            raise RecordingError(f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored")
+    first = read_truth(paths[0]).body
+    for path in paths[1:]:
+        if _hidden(read_truth(path).body) != _hidden(first):
+            raise RecordingError(
+                f"{paths[0]} and {path}: hold different truths: what is hidden in the object is not the same: score each by itself"
+            )
+
+
+def _hidden(body: pb.TruthBody) -> list[float]:
+    """What of the truth is the object's, not the rig's or the session's."""
+    own = (body.com_object, body.inertia_com, body.region_mass_kg, body.region_plane)
+    return [body.mass_kg, body.edge_radius_m, *(value for part in own for value in part)]
 
 
 def _holds_truth(path: Path) -> bool:

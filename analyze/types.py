@@ -162,6 +162,8 @@ class EquiPlane:
     """m, position of the line across itself, shared by strikes on the axis"""
     heading: float = 0.0
     """rad, how the strike was turned on the table: which part of gravity's tilt it feels"""
+    level: int = 0
+    """number of the levelling of the table that it was made on: whose tilt of gravity it feels"""
 
 
 @dataclass(frozen=True)

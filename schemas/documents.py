@@ -12,7 +12,16 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from schemas.document_problems import problems_in_one_line
 
@@ -532,8 +541,18 @@ class Regions(Document):
     baselines: dict[str, list[float]] = Field(default={}, description="naive answers: name -> masses [kg]")
 
 
+class JoinedRecording(Document):
+    """One of several recordings that a result is of."""
+
+    number: int = Field(ge=1, description="by the time at which they began; its strikes are `<number>:<strike>`")
+    recording_id: str
+    content_id: str
+    created: str
+    plan_sha256: str
+
+
 class ResultInputs(Document):
-    """What went in."""
+    """What went in. Of several recordings `content_id` is the SHA-256 of theirs, sorted, a line each, and `plan_sha256` of their plans'."""
 
     recording_id: str
     content_id: str
@@ -541,6 +560,15 @@ class ResultInputs(Document):
     plan_sha256: str
     configuration_sha256: str
     software: str
+    recordings: list[JoinedRecording] | None = Field(default=None, description="not written where there is one")
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A result of one recording has the bytes that it always had."""
+        written: dict[str, Any] = write(self)
+        if self.recordings is None:
+            del written["recordings"]
+        return written
 
 
 class Result(Document):

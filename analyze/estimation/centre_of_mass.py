@@ -20,6 +20,7 @@ UNOBSERVED_FRACTION = 0.15
 SMALLEST_DISTANCE = 1e-3
 GLOBAL_TERMS = 4
 AXIS_TERMS = 3
+LEVEL_TERMS = 2
 RADIUS_TERM = 6
 
 
@@ -28,7 +29,7 @@ class SystematicErrors:
     """Errors that several strikes share, 1 sigma each. What repeats cannot average out."""
 
     gravity_tilt_sd: float
-    """rad, of the vertical against the table's normal, about W's y and x; all strikes"""
+    """rad, of the vertical against the table's normal, about W's y and x; all strikes on one levelling"""
     scale_sd: float = 0.0
     """relative, of the shape; all strikes"""
     edge_radius_sd: float = 0.0
@@ -37,6 +38,8 @@ class SystematicErrors:
     """rad, angle error common to the strikes on one axis (resting face, lens, slip of the edge)"""
     strike_angle_sd: float = 5e-4
     """rad, scatter of phi from strike to strike beyond what the fit of one motion can know (slip of the edge)"""
+    other_tilt_sds: tuple[float, ...] = ()
+    """rad, the same as `gravity_tilt_sd` of levellings 1, 2, ... (EquiPlane.level): each table has a tilt of its own"""
 
 
 @dataclass(frozen=True)
@@ -58,10 +61,10 @@ def centre_of_mass(planes: Sequence[EquiPlane], systematic: SystematicErrors, pr
     """The point nearest all equi-planes, n_j.(c - p_j) = 0, and how well it is known.
 
     Beside c the shared errors are unknowns with priors: gravity's tilt about W's y and x, the shape's scale, the edges' radius, and per
-    axis the edge's place (two directions across itself) and an angle. So repeats of one axis average their own scatter only. Residuals
-    are angles, n_j.(c - p_j) / R_j at the measured phi_j, so that weights follow R_j and no c is favoured for being near an edge. A strike
-    far off all others loses weight (Huber 1964, with redescending weights). If the strikes scatter more than they should, all random parts
-    are widened (Birge 1932).
+    axis the edge's place (two directions across itself) and an angle; every levelling of the table has its own tilt. So repeats of one
+    axis average their own scatter only. Residuals are angles, n_j.(c - p_j) / R_j at the measured phi_j, so that weights follow R_j and
+    no c is favoured for being near an edge. A strike far off all others loses weight (Huber 1964, with redescending weights). If the
+    strikes scatter more than they should, all random parts are widened (Birge 1932).
 
     Args:
         planes: one per strike, in O.
@@ -120,12 +123,17 @@ def _effective(precision: Array, design: Array, weight: Array) -> float:
 
 
 class _Terms:
-    """The unknowns: c (3) [m], then the shared errors, each in units of its sd: tilt about W's y and x, scale, radius, three per axis."""
+    """The unknowns: c (3) [m], then the shared errors, each in units of its sd.
+
+    They are tilt about W's y and x, scale, radius, three per axis, and two of tilt for each further levelling.
+    """
 
     def __init__(self, planes: Sequence[EquiPlane], systematic: SystematicErrors) -> None:
         axes = sorted({plane.axis_id for plane in planes})
         self.planes = planes
-        self.count = 3 + GLOBAL_TERMS + AXIS_TERMS * len(axes)
+        levels = 3 + GLOBAL_TERMS + AXIS_TERMS * len(axes)
+        tilts = (systematic.gravity_tilt_sd, *systematic.other_tilt_sds)
+        self.count = levels + LEVEL_TERMS * (len(tilts) - 1)
         self._point = np.array([plane.point for plane in planes])
         self._up = np.array([plane.up for plane in planes])
         self._forward = np.array([np.cross(plane.direction, plane.up) for plane in planes])
@@ -140,8 +148,9 @@ class _Terms:
             self._shift[i, :, RADIUS_TERM] = (plane.up - forward) * systematic.edge_radius_sd
             self._shift[i, :, first] = forward * plane.edge_sd
             self._shift[i, :, first + 1] = plane.up * plane.edge_sd
-            self._turn[i, 3] = np.cos(plane.heading) * systematic.gravity_tilt_sd
-            self._turn[i, 4] = np.sin(plane.heading) * systematic.gravity_tilt_sd
+            tilt = 3 if plane.level == 0 else levels + LEVEL_TERMS * (plane.level - 1)
+            self._turn[i, tilt] = np.cos(plane.heading) * tilts[plane.level]
+            self._turn[i, tilt + 1] = np.sin(plane.heading) * tilts[plane.level]
             self._turn[i, first + 2] = systematic.axis_angle_sd
 
     def residual(self, x: Array) -> Array:
@@ -207,10 +216,10 @@ def _result(terms: _Terms, solution: Array, covariance: Array, weight: Array, sd
 
 
 def _weights_among_repeats(planes: Sequence[EquiPlane], sd: Array) -> Array:
-    """First weights (strikes,): distance from the median phi of the same axis, where it was struck at least three times."""
+    """First weights (strikes,): distance from the median phi of the same axis and levelling, where there are at least three."""
     weight = np.ones(len(planes))
     for i, plane in enumerate(planes):
-        same = [other.phi for other in planes if other.axis_id == plane.axis_id]
+        same = [other.phi for other in planes if (other.axis_id, other.level) == (plane.axis_id, plane.level)]
         if len(same) >= 3:
             middle = float(np.median(same))
             spread = max(float(sd[i]), 1.4826 * float(np.median(np.abs(np.array(same) - middle))))

@@ -14,6 +14,8 @@ from analyze.planning.pivots import PivotAxis, swing
 from analyze.types import Array
 
 SAME_AXIS = np.cos(np.radians(3.0))
+SHARES = tuple(np.linspace(1.0, 0.0, 21).tolist())
+"""tried of two results"""
 LEAST_HALF = 5e-4
 """m, half edge below which Q does not shrink: the edges themselves are known no better"""
 
@@ -44,6 +46,32 @@ class Given:
     strikes: tuple[StrikeMade, ...]
     directions: Mapping[str, Array] = field(default_factory=dict[str, Array])
     """(3,) unit, of the struck axes by id: that the ids mean the same edges still"""
+
+
+def together(results: Sequence[Given]) -> Given:
+    """Results of different strikes as one, whatever their order.
+
+    They share errors (the edges, the table), and do not say how much: their c are joined by covariance intersection, which never makes c
+    surer than it is (Julier and Uhlmann 1997). Recordings that are estimated together know c better.
+    """
+    ordered = sorted(results, key=lambda each: (float(np.trace(each.com_covariance)), each.name))
+    first = ordered[0]
+    com, covariance = first.com, first.com_covariance
+    for other in ordered[1:]:
+        com, covariance = _intersection(com, covariance, other.com, other.com_covariance)
+    most = max(ordered, key=lambda each: len(each.strikes))
+    strikes = tuple(strike for each in ordered for strike in each.strikes)
+    directions = {name: direction for each in reversed(ordered) for name, direction in each.directions.items()}
+    return Given(", ".join(each.name for each in ordered), com, covariance, most.unit_inertia, strikes, directions)
+
+
+def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]:
+    """Means (3,) and covariances (3, 3) joined whatever their correlation, with the share of each that gives the least trace."""
+    of_a, of_b = np.linalg.inv(A), np.linalg.inv(B)
+    joined: list[Array] = [np.asarray(np.linalg.inv(share * of_a + (1 - share) * of_b), dtype=np.float64) for share in SHARES]
+    best = int(np.argmin([np.trace(each) for each in joined]))
+    share, covariance = SHARES[best], joined[best]
+    return covariance @ (share * of_a @ a + (1 - share) * of_b @ b), covariance
 
 
 def believed_after(believed: Hypothesis, given: Given) -> Hypothesis:

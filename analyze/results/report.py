@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -39,20 +40,19 @@ class Still:
     data_url: str
 
 
-def write_report(estimate: Estimate, recording_path: Path, output: Path, score: Mapping[str, Any] | None = None) -> None:
+def write_report(estimate: Estimate, output: Path, score: Mapping[str, Any] | None = None) -> None:
     """Write the report; either whole or not at all.
 
     Args:
-        estimate: from this recording.
-        recording_path: for the stills.
+        estimate: its recordings are read again, for the stills.
         output: the HTML file.
         score: from `score_estimate`, to show the truth beside the estimate.
 
     Raises:
-        RecordingError: the recording cannot be read.
+        RecordingError: a recording cannot be read.
         OutputError: the file cannot be written.
     """
-    write_text(output, render_report(estimate, stills(estimate, recording_path), score))
+    write_text(output, render_report(estimate, stills(estimate), score))
 
 
 def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
@@ -66,14 +66,14 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
     return environment.get_template("report.html").render(
         name=estimate.evidence.spec.name,
         result=result,
-        manifest=estimate.evidence.manifest,
+        recordings=estimate.evidence.recordings,
         verdict=verdict_in_words(estimate),
         com=_com_rows(result.centre_of_mass, truth),
         used=[strike for strike in result.strikes if strike.used],
         axes=len({plane.axis_id for plane in estimate.planes}),
         reasons=[strike for strike in result.strikes if strike.reason and strike.verdict is not Verdict.GOOD],
         stills=images,
-        created=manifest_time(estimate.evidence.manifest.created),
+        created=list(dict.fromkeys(manifest_time(each.manifest.created) for each in estimate.evidence.recordings)),
         truth=truth,
         projections=[_drawn(figure) for figure in projection_figures(estimate, None if truth is None else truth.com)],
         regions=_drawn(regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)),
@@ -105,15 +105,17 @@ def verdict_in_words(estimate: Estimate) -> str:
     return f"{text} Most of the mass ({100 * share[heaviest]:.0f} %) sits {place}."
 
 
-def stills(estimate: Estimate, recording_path: Path) -> list[Still]:
+def stills(estimate: Estimate) -> list[Still]:
     """One image per pivot axis: the first strike used, when the object stands near its balance point, with the marker outlined."""
     found: list[Still] = []
     seen: set[str] = set()
-    with open_recording(recording_path) as recording:
-        motions = {motion.strike_id: motion for motion in estimate.evidence.motions}
+    evidence = estimate.evidence
+    with ExitStack() as stack:
+        opened = {head.content_id: stack.enter_context(open_recording(head.path)) for head in evidence.recordings}
+        motions = {motion.strike_id: motion for motion in evidence.motions}
         # Strikes that tipped over first: one that rocked back never stood at phi.
         for plane in sorted(estimate.planes, key=lambda plane: motions[plane.strike_id].verdict is not Verdict.GOOD):
-            report = estimate.evidence.tracking.get(plane.strike_id)
+            report = evidence.tracking.get(plane.strike_id)
             motion = motions[plane.strike_id]
             if plane.axis_id in seen or report is None or not report.tracks or motion.angle is None:
                 continue
@@ -121,7 +123,7 @@ def stills(estimate: Estimate, recording_path: Path) -> list[Still]:
             nearest = int(np.argmin(np.abs(motion.angle.theta - plane.phi)))
             moment = int(motion.angle.time_ns[nearest])
             caption = f"strike {plane.strike_id} at θ\u00a0=\u00a0{DEGREES * motion.angle.theta[nearest]:.1f}°"
-            frames = recording.images(start_ns=moment, end_ns=moment)
+            frames = opened[evidence.recording_of(plane.strike_id).content_id].images(start_ns=moment, end_ns=moment)
             found.extend(Still(plane.axis_id, caption, _outlined(frame.image, report.tracks, moment)) for frame in frames)
     return found
 

@@ -22,9 +22,14 @@ def render_summary(estimate: Estimate, console: Console | None = None) -> None:
     """Print centre of mass, strikes, moments, regions and warnings."""
     console = console or Console(highlight=False)
     result = estimate.result
-    console.print(f"[bold]{estimate.evidence.spec.name}[/], {1e3 * estimate.inertial.mass:.1f} g, recording {result.inputs.recording_id}")
-    if len(estimate.evidence.files) > 1:
-        console.print(f"in {len(estimate.evidence.files)} files: {', '.join(estimate.evidence.files)}")
+    recordings = estimate.evidence.recordings
+    which = f"recording {result.inputs.recording_id}" if len(recordings) == 1 else f"{len(recordings)} recordings:"
+    console.print(f"[bold]{estimate.evidence.spec.name}[/], {1e3 * estimate.inertial.mass:.1f} g, {which}")
+    for number, recording in enumerate(recordings, 1):
+        if len(recordings) > 1:
+            console.print(f"  {number}: {', '.join(recording.files)}, begun {recording.manifest.created}")
+        elif len(recording.files) > 1:
+            console.print(f"in {len(recording.files)} files: {', '.join(recording.files)}")
     console.print(f"centre of mass (x, y, z) = {com_text(result.centre_of_mass)}")
     console.print()
     console.print(_strikes(result))

@@ -14,7 +14,8 @@ from schemas.documents import ResultWarning, TimeSource, Verdict, WarningCode
 
 if TYPE_CHECKING:
     from analyze.estimation.paper import PaperCentre
-    from analyze.pipeline import EstimateOptions, Evidence
+    from analyze.evidence import Evidence
+    from analyze.pipeline import EstimateOptions
 
 ENOUGH_STRIKES = 6
 POOR_RESIDUAL = np.radians(0.3)
@@ -40,8 +41,12 @@ def result_warnings(
         found.append(ResultWarning(code=code, text=text))
 
     com = inertial.com
-    if evidence.missing_files:
-        warn(WarningCode.RECORDING_INCOMPLETE, f"not used, because it is not beside the others: {missing_text(evidence.missing_files)}")
+    several = len(evidence.recordings) > 1
+    for number, recording in enumerate(evidence.recordings, 1):
+        if recording.missing_files:
+            which = f"of recording {number}, " if several else ""
+            text = f"not used, because it is not beside the others: {which}{missing_text(recording.missing_files)}"
+            warn(WarningCode.RECORDING_INCOMPLETE, text)
     done = planned_strikes(evidence.plan, (motion.plan_strike_id for motion in evidence.motions))
     if done.missing:
         warn(WarningCode.RECORDING_INCOMPLETE, done.text())
@@ -64,8 +69,9 @@ def result_warnings(
     apart = float(np.linalg.norm(com_paper.position - com.position))
     if apart > DISAGREEMENT:
         warn(WarningCode.ESTIMATORS_DISAGREE, f"the paper's centre of mass lies {apart * 1e3:.0f} mm from ours")
-    if evidence.manifest.gravity_tilt_sd_rad > 0:
-        tilt = np.degrees(evidence.manifest.gravity_tilt_sd_rad)
+    worst_tilt = max(recording.manifest.gravity_tilt_sd_rad for recording in evidence.recordings)
+    if worst_tilt > 0:
+        tilt = np.degrees(worst_tilt)
         warn(WarningCode.GRAVITY_ASSUMED, f"the table is taken for level to {tilt:.2f} deg; this is in the intervals")
     if not inertial.measured.all():
         entries = [f"I{'xyz'[i]}{'xyz'[j]}" for i in range(3) for j in range(i, 3) if not inertial.measured[i, j]]
@@ -93,8 +99,9 @@ def result_warnings(
         )
     if evidence.spec.labels is not None:
         warn(WarningCode.REGIONS_UNCERTAIN, "labels are not used by this version: the regions are the wall and two halves of the interior")
-    if evidence.manifest.time_source is not TimeSource.DEVICE_MAPPED:
-        warn(WarningCode.POOR_FIT, f"frame times come from {evidence.manifest.time_source.value}: k is less certain than it looks")
+    for source in dict.fromkeys(recording.manifest.time_source for recording in evidence.recordings):
+        if source is not TimeSource.DEVICE_MAPPED:
+            warn(WarningCode.POOR_FIT, f"frame times come from {source.value}: k is less certain than it looks")
     return found
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
+from analyze.evidence import Evidence, RecordingHead
 from analyze.geometry.object_model import load_object_model
-from analyze.pipeline import Evidence
 from analyze.types import MotionFit, Phases, TipAngle, TipMotion
 from schemas.documents import (
     Box,
@@ -38,7 +40,8 @@ def session(
         motions.append(motion(strike, phi + tilt + rng.normal(0, sd_phi), k * (1 + rng.normal(0, sd_k)), sd_phi, sd_k * k, rng))
     plan = StrikePlan(object_name=spec.name, object_sha256=object_sha256(spec, None), strikes=strikes)
     model = load_object_model(spec, None, spec.name)
-    return Evidence(manifest(spec), spec, model, plan, "c" * 64, object_sha256(spec, None), tuple(motions))
+    head = RecordingHead(Path("r.mcap"), manifest(spec), "c" * 64, tuple(motion.strike_id for motion in motions), files=("r.mcap",))
+    return Evidence((head,), spec, model, plan, object_sha256(spec, None), tuple(motions))
 
 
 def motion(strike: PlannedStrike, phi: float, k: float, sd_phi: float, sd_k: float, rng: np.random.Generator) -> TipMotion:

@@ -151,15 +151,15 @@ def test_a_recordings_result_is_taken_up(tmp_path: Path):
     (tmp_path / "r.json").write_text(result)
     thing = tmp_path / "object.toml"
     thing.write_bytes(_attachment(sample))
-    plan = plan_object(thing, PlanOptions(strikes=2, given_path=tmp_path / "r.json")).plan
+    plan = plan_object(thing, PlanOptions(strikes=2, given=(tmp_path / "r.json",))).plan
     assert plan.strikes[0].id == f"s{sum(strike['used'] for strike in json.loads(result)['strikes']) + 1}"
-    assert plan == plan_object(thing, PlanOptions(strikes=2, given_path=sample)).plan
+    assert plan == plan_object(thing, PlanOptions(strikes=2, given=(sample,))).plan
     (tmp_path / "other.json").write_text(result.replace(estimate.result.inputs.object_sha256, "0" * 64))
     with pytest.raises(PlanError, match="is of another object"):
-        plan_object(thing, PlanOptions(given_path=tmp_path / "other.json"))
+        plan_object(thing, PlanOptions(given=(tmp_path / "other.json",)))
     (tmp_path / "none.json").write_text("{")
     with pytest.raises(PlanError, match="is no result"):
-        plan_object(thing, PlanOptions(given_path=tmp_path / "none.json"))
+        plan_object(thing, PlanOptions(given=(tmp_path / "none.json",)))
 
 
 def _attachment(recording: Path) -> bytes:

@@ -129,7 +129,7 @@ def test_nothing_half_written_is_left(short, tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.results.report.stills", lambda *_: [])
     monkeypatch.setattr("analyze.output_file.os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "disk full")))
     with pytest.raises(OutputError, match="cannot be written: disk full"):
-        write_report(short, tmp_path / "r.mcap", tmp_path / "r.html")
+        write_report(short, tmp_path / "r.html")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,0 +1,225 @@
+"""From a recording to what its strikes showed: markers tracked, motions fitted, nothing estimated yet. Never reads /truth/."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from analyze.errors import PlanError, TrackingError
+from analyze.geometry.object_model import ObjectModel, load_object_model
+from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.object_files import object_files
+from analyze.recording import Recording, open_recording
+from analyze.tracking.camera_model import camera_from_spec
+from analyze.tracking.track import TrackingReport, track_markers
+from analyze.types import Marker, TipMotion
+from schemas.documents import ObjectSpec, PlannedStrike, SessionManifest, StrikePlan, Verdict, object_sha256
+from schemas.proto import percuss_pb2 as pb
+from schemas.software import software_version
+
+OVERRIDE_TOLERANCE = 0.05
+"""of the longest edge, by which an object file given afterwards may move the edges that were planned"""
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class RecordingHead:
+    """What a recording is, known before its images are looked at."""
+
+    path: Path
+    manifest: SessionManifest
+    content_id: str
+    strike_ids: tuple[str, ...] = ()
+    """in its order, as it names them"""
+    shape_sha256: str = ""
+    """of the shape file, "" for a primitive"""
+    files: tuple[str, ...] = ()
+    """names of its files"""
+    missing_files: tuple[int, ...] = ()
+    """numbers of its files that were not there"""
+
+
+@dataclass(frozen=True)
+class Blow:
+    """What the striker gave, as it felt it."""
+
+    tip_speed: float
+    """m/s, just before contact"""
+    height: float
+    """m, of the tip over the table"""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the strikes of one object showed, before anything is estimated from it: of one recording, or of several joined (joined.py)."""
+
+    recordings: tuple[RecordingHead, ...]
+    """by time; at least one"""
+    spec: ObjectSpec
+    model: ObjectModel
+    plan: StrikePlan
+    """of several recordings: all their strikes, renamed"""
+    object_sha256: str
+    motions: tuple[TipMotion, ...]
+    """in the order of the recordings"""
+    tracking: Mapping[str, TrackingReport] = field(default_factory=dict[str, TrackingReport])
+    """by strike id"""
+    object_path_used: bool = False
+    frames_lost: Mapping[str, int] = field(default_factory=dict[str, int])
+    """in each strike's window, by strike id"""
+    blows: Mapping[str, Blow] = field(default_factory=dict[str, Blow])
+    """by strike id, where the striker measured its speed"""
+    software: str = "percuss"
+    """the program that read the recordings"""
+    recorded_in: Mapping[str, int] = field(default_factory=dict[str, int])
+    """place in `recordings` by strike id, where there are several"""
+
+    @property
+    def manifest(self) -> SessionManifest:
+        """Of the first recording."""
+        return self.recordings[0].manifest
+
+    def recording_of(self, strike_id: str) -> RecordingHead:
+        """The recording that holds a strike."""
+        return self.recordings[self.recorded_in.get(strike_id, 0)]
+
+    def planned(self, motion: TipMotion) -> PlannedStrike:
+        """The plan's entry for a strike."""
+        return next(strike for strike in self.plan.strikes if strike.id == motion.plan_strike_id)
+
+
+def read_head(path: Path) -> RecordingHead:
+    """Open a recording and look at its head.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+    with open_recording(path) as recording:
+        shape = recording.shape_bytes
+        return RecordingHead(
+            path,
+            recording.manifest,
+            recording.content_id or "",
+            tuple(record.strike_id for record in recording.strikes),
+            "" if shape is None else hashlib.sha256(shape).hexdigest(),
+            tuple(part.path.name for part in recording.parts),
+            recording.missing_parts,
+        )
+
+
+def read_evidence(head: RecordingHead, object_path: Path | None = None, progress: Progress | None = None) -> Evidence:
+    """Track the markers and fit the motion of every strike.
+
+    Args:
+        head: of the recording.
+        object_path: use this object file instead of the recording's.
+        progress: called with (text, done, total) before each strike.
+
+    Raises:
+        RecordingError: the file cannot be read.
+        ShapeError: the object's shape cannot be used.
+        PlanError: the plan is of another object.
+        TrackingError: no strike's marker can be followed.
+    """
+    path = head.path
+    with open_recording(path) as recording:
+        spec, shape_bytes, shape_name = recording.object_spec, recording.shape_bytes, recording.object_spec.shape.file or str(path)
+        _refuse_other_plan(recording)
+        if object_path is not None:
+            files = object_files(object_path)
+            spec, shape_bytes, shape_name = files.spec, files.shape_bytes, files.shape_name
+        model = load_object_model(spec, shape_bytes, shape_name)
+        if object_path is not None:
+            _refuse_other_shape(object_path, model, recording)
+        own_hash = object_sha256(spec, shape_bytes)
+        spec = as_struck(spec)
+        motions: list[TipMotion] = []
+        tracking: dict[str, TrackingReport] = {}
+        problems: list[TrackingError] = []
+        for done, record in enumerate(recording.strikes):
+            if progress is not None:
+                progress(f"strike {record.strike_id}", done, len(head.strike_ids))
+            try:
+                motion, report = _strike(recording, spec, record)
+                tracking[record.strike_id] = report
+            except TrackingError as error:
+                problems.append(error)
+                motion = TipMotion(record.strike_id, record.plan_strike_id, Verdict.UNREADABLE, str(error), None, None, None, (), None)
+            motions.append(motion)
+        if problems and len(problems) == len(motions):
+            raise TrackingError(f"{path}: {problems[0]}")
+        return Evidence(
+            (head,),
+            spec,
+            model,
+            recording.plan,
+            own_hash,
+            tuple(motions),
+            tracking,
+            object_path is not None,
+            {record.strike_id: _frames_lost(recording, record) for record in recording.strikes},
+            {
+                record.strike_id: Blow(record.tip_speed_m_s, record.impact_height_m)
+                for record in recording.strikes
+                if record.tip_speed_m_s > 0 and record.impact_height_m > 0
+            },
+            software_version(),
+        )
+
+
+def as_struck(spec: ObjectSpec) -> ObjectSpec:
+    """The body that tips: with its markers, whose masses are added where `mass_kg` was weighed without them."""
+    if spec.mass_includes_markers:
+        return spec
+    whole = spec.mass_kg + sum(marker.mass_kg for marker in spec.marker)
+    return spec.model_copy(update={"mass_kg": whole, "mass_includes_markers": True})
+
+
+def _frames_lost(recording: Recording, record: pb.StrikeRecord) -> int:
+    """Frames missing between the first and the last of the strike's window."""
+    metas = recording.frame_meta(start_ns=record.window_start_ns + 1, end_ns=record.window_end_ns)
+    return sum(meta.frames_lost_before for meta in metas)
+
+
+def _refuse_other_plan(recording: Recording) -> None:
+    own = object_sha256(recording.object_spec, recording.shape_bytes)
+    if recording.plan.object_sha256 != own:
+        raise PlanError(
+            f"{recording.path}: its plan is of another object ({recording.plan.object_name}, {recording.plan.object_sha256[:12]},"
+            f" the object's is {own[:12]}): plan this object and record again"
+        )
+
+
+def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Recording) -> None:
+    """A corrected object file keeps the body where it was: the plan's edges still lie on it."""
+    tolerance = OVERRIDE_TOLERANCE * float(model.extent.max())
+    strikes = recording.plan.strikes
+    off = np.abs(model.depth(np.array([strike.pivot.point for strike in strikes])) - [strike.pivot.radius_m for strike in strikes])
+    worst = int(np.argmax(off))
+    if off[worst] > tolerance:
+        raise PlanError(
+            f"{object_path}: is of another shape than {recording.path}: the edge of strike {strikes[worst].id} lies "
+            f"{1000 * off[worst]:.0f} mm off its surface: give a corrected file of the object that was struck"
+        )
+
+
+def _strike(recording: Recording, spec: ObjectSpec, record: pb.StrikeRecord) -> tuple[TipMotion, TrackingReport]:
+    planned = next((strike for strike in recording.plan.strikes if strike.id == record.plan_strike_id), None)
+    if planned is None:
+        raise PlanError(
+            f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r}, which its plan does not hold"
+        )
+    camera = camera_from_spec(recording.manifest.cameras[0].calibration)
+    markers = [
+        Marker(marker.id, marker.size_m, None if marker.T_object_marker is None else np.array(marker.T_object_marker))
+        for marker in spec.marker
+    ]
+    frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
+    report = track_markers(frames, camera, markers, planned.visible_markers)
+    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns)
+    return analyse_strike(report.tracks, markers, camera, task), report
