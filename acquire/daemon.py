@@ -25,6 +25,7 @@ from acquire.clock import SystemClock
 from acquire.config import RigConfig
 from acquire.errors import AcquireError, SessionError, StrikerRefused
 from acquire.live_recording import LiveRecording
+from acquire.plan_fit import RigLimits
 from acquire.prompts import Prompts
 from acquire.service import ServiceManager
 from acquire.striker.base import Striker
@@ -110,6 +111,7 @@ class Daemon:
         }
         return {name: self._for_owner(handler) for name, handler in owned.items()} | {
             "status": self._status,
+            "rig": lambda *_: RigLimits.of(self._config).as_dict(),
             "shutdown": self._shutdown,
             "recording.open": self._open_recording,
             "recording.close": self._close_recording,

@@ -13,6 +13,7 @@ from typing import Any
 from acquire import session as s
 from acquire.api import DaemonClient
 from acquire.errors import RecordingBroken, SessionError, StrikerError, StrikerLost, StrikerNotFound, StrikerRefused
+from acquire.plan_fit import RigLimits, beyond_striker, camera_elsewhere
 from acquire.striker.base import StrikerState
 from schemas.documents import (
     DocumentError,
@@ -75,6 +76,11 @@ class SessionInput:
                 f"run `analyze plan {self.object_path} -o {self.plan_path}` anew"
             )
 
+    @property
+    def plan_anew(self) -> str:
+        """What to do where the plan is for another rig."""
+        return f"plan for this rig: `analyze plan {self.object_path} --rig RIG.toml -o {self.plan_path}`"
+
 
 @dataclass(frozen=True)
 class SessionReport:
@@ -114,6 +120,8 @@ class SessionRunner:
 
     def run(self) -> SessionReport:
         """Open the recording, strike by the plan, close the recording."""
+        limits = RigLimits.from_dict(self._client.call("rig"))
+        self._refuse_beyond_striker(limits)
         shape = self._input.shape
         opened = self._client.call(
             "recording.open",
@@ -126,6 +134,8 @@ class SessionRunner:
             shape_base64=base64.b64encode(shape[1]).decode() if shape else None,
         )
         self._anchor_ns = int(opened["wall_anchor_ns"])
+        if elsewhere := camera_elsewhere(self._input.plan, limits):
+            self._progress(f"{self._input.plan_path}: {elsewhere}: {self._input.plan_anew}", *self._machine.progress)
         event: s.Event = s.Started()
         try:
             self._client.call("striker.home")
@@ -143,6 +153,10 @@ class SessionRunner:
                 client.call("striker.stop")
                 self._keep_or_discard([Path(path) for path in client.call("recording.close")["files"]])
             raise
+
+    def _refuse_beyond_striker(self, limits: RigLimits) -> None:
+        if beyond := beyond_striker(self._input.plan, limits):
+            raise SessionError(f"{self._input.plan_path}: is not for this rig's striker: {beyond}: {self._input.plan_anew}")
 
     def _keep_or_discard(self, files: list[Path]) -> None:
         """After a failure: a recording without a single strike is of no use to anybody."""
