@@ -47,6 +47,10 @@ SHEET = 4.5
 """scatters of a plane, above which a point stands on it"""
 SPREAD = 0.05
 """part of the largest extent by which a table reaches beyond what stands on it"""
+PUSHED = 2.5
+"""sd of the noise by which it pushes out the outline of a face's points"""
+OUTLINE_GAP = 0.5
+"""of the spacing, that the outermost points may stay away from the true outline"""
 SPREAD_SHARE = 0.15
 """part of the plane's points that lie out there"""
 
@@ -73,6 +77,8 @@ class CloudSurface:
     """where it has points near"""
     sheet: float
     """m, by which a plane thinner than the noise reaches beyond all that stands on it, as a table does; 0: none does"""
+    unwalled: tuple[bool, ...]
+    """by plane: its outline is seen in its own points only, as the wall on it is too low to be followed"""
 
 
 def cloud_surface(points: Array) -> CloudSurface:
@@ -93,7 +99,11 @@ def cloud_surface(points: Array) -> CloudSurface:
     sd = max([noise.sd, *(plane.scatter for plane in planes)])
     sharp = _corners(kept, tree, planes, sd, noise.spacing, extent)
     smoothed, normals, smooth_sd = _smoothed(kept, planes, sharp, sd, noise.spacing, extent)
-    rims = [_rim(smoothed, normals, plane, planes, sd, noise.spacing, smooth_sd) for plane in planes]
+    rims, thin = [], []
+    for plane in planes:
+        rim, pulled = _within_outline(_rim(smoothed, normals, plane, planes, sd, noise.spacing, smooth_sd), kept, plane, sd)
+        rims.append(rim)
+        thin.append(pulled)
     try:
         hull = ConvexHull(np.vstack([sharp, smoothed, *rims]))
     except (QhullError, ValueError):
@@ -115,6 +125,7 @@ def cloud_surface(points: Array) -> CloudSurface:
         float(np.quantile(depth[deep], 0.99)) if deep.any() else 0.0,
         scanned_surface.of_cloud(vertices, faces, tree, reach, max(2 * sd, 1.5 * noise.spacing), max(sd, FINEST * extent)),
         _sheet(kept, planes, noise.spacing, extent),
+        tuple(thin),
     )
 
 
@@ -122,7 +133,8 @@ def line_sd(surface: CloudSurface, ends: Array) -> float:
     """1 sigma [m] of the place of a hull edge with `ends` (2, 3), across itself, in the worst direction.
 
     Two fitted planes that meet in it: N x = delta with their variances there. One: its own, the smoothed wall's, and `FOLLOWED` of the
-    noise, because the wall is followed over the band in which it cannot be told from the face. None: the noise itself and the spacing, as
+    noise, because the wall is followed over the band in which it cannot be told from the face (all of it, and how far apart the points lie,
+    where the wall is too low for that). None: the noise itself and the spacing, as
     nobody knows where between two points the object ends, and an edge that was not resolved is rounded off by the smoothing.
     """
     planes, sd = surface.planes, max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
@@ -137,7 +149,10 @@ def line_sd(surface: CloudSurface, ends: Array) -> float:
         variance = np.diag([float(plane.variance(middle)[0]) for plane in (first, second)])
         return float(np.sqrt(np.linalg.eigvalsh(inverse @ variance @ inverse.T)[-1]))
     if meeting:
-        return float(np.sqrt(meeting[0].variance(middle)[0] + surface.smooth_sd**2 + (FOLLOWED * sd) ** 2))
+        followed = (FOLLOWED * sd) ** 2
+        if surface.unwalled[planes.index(meeting[0])]:
+            followed = sd**2 + (OUTLINE_GAP * surface.noise.spacing) ** 2
+        return float(np.sqrt(meeting[0].variance(middle)[0] + surface.smooth_sd**2 + followed))
     return float(np.hypot(sd, surface.noise.spacing))
 
 
@@ -298,6 +313,28 @@ def _rim(
         if other is not plane and abs(float(other.normal @ plane.normal)) < 0.99:
             rim = rim[other.heights(rim) <= 0]
     return _on_circle(rim, plane, max(2.5 * smooth_sd, 0.3 * spacing))
+
+
+def _within_outline(rim: Array, points: Array, plane: FittedPlane, sd: float) -> tuple[Array, bool]:
+    """`rim` (k, 3) where the points of `plane` reach, and whether some of it lay beyond: what follows a wall over its top runs away.
+
+    The noise pushes the outline of the points out, by some `PUSHED` sd [m].
+    """
+    face = points[np.abs(plane.heights(points)) <= SHEET * plane.scatter]
+    if not len(rim) or len(face) < FEWEST_NEIGHBOURS:
+        return rim, False
+    try:
+        outline = ConvexHull(face @ plane.basis.T)
+    except QhullError:
+        return rim, False
+    middle = outline.points[outline.vertices].mean(axis=0)
+    flat = rim @ plane.basis.T - middle
+    room = -(outline.equations[:, :2] @ middle + outline.equations[:, 2])
+    if (flat @ outline.equations[:, :2].T <= room).all():
+        return rim, False
+    rise = flat @ outline.equations[:, :2].T / np.maximum(room - PUSHED * sd, 0.5 * room)
+    drawn = flat / np.maximum(rise.max(axis=1), 1.0)[:, None] - flat
+    return rim + drawn @ plane.basis, True
 
 
 def _on_circle(rim: Array, plane: FittedPlane, tolerance: float) -> Array:

@@ -62,6 +62,8 @@ SAME = np.cos(np.radians(15.0))
 APART = np.cos(np.radians(12.0))
 """cosine of the angle from which two planes make an edge"""
 FEW_ROUNDS, ROUNDS = 3, 8
+NEXT_ROW = 3.0
+"""spacings from a wall within which a face that ends there has points"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,22 +319,22 @@ def face_weights(points: Array, planes: list[tuple[Array, float]], index: int, s
     deepest = float(depth.max())
     margin = float(np.clip(EROSION * sd + spacing, 0.1 * deepest, 0.25 * deepest))
     kept = near[:, walls[index]].max(axis=1, initial=-np.inf) * sd <= -margin
-    if not _walled(planes, index):
-        # Curved neighbours have no plane: keep away from the outline, which the noise has pushed out.
+    met = near.max(axis=0) * sd > -(FIT_BAND * sd + NEXT_ROW * spacing)
+    if not _walled([plane for plane, meets in zip(planes, met, strict=True) if meets], normals[index]):
+        # Curved neighbours, and ledges under the hull, have no plane: keep away from the outline, which the noise has pushed out.
         kept &= depth >= min(2 * EROSION * sd + spacing, 0.5 * deepest)
     selected = np.flatnonzero(mine)
     weights[selected[~kept]] = 0.0
     return weights
 
 
-def _walled(planes: list[tuple[Array, float]], index: int) -> bool:
-    """Whether planes bound the face on all sides, so that no curved neighbour mixes in."""
-    normal, _ = planes[index]
+def _walled(planes: list[tuple[Array, float]], normal: Array) -> bool:
+    """Whether `planes`, which the face with `normal` (3,) reaches, bound it on all sides, so that no other neighbour mixes in."""
     basis = _basis(normal)
     walls = []
-    for other, (across, _) in enumerate(planes):
+    for across, _ in planes:
         flat = basis @ across
-        if other != index and -0.99 < float(across @ normal) < APART:
+        if -0.99 < float(across @ normal) < APART:
             walls.append(flat / np.linalg.norm(flat))
     if len(walls) < 3:
         return False

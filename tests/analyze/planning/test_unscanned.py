@@ -177,3 +177,26 @@ def test_a_marker_under_a_gap_may_lie_as_far_off_as_the_gap_is_wide(name):
     refuse_off_surface(model, at(-SIZE[2] / 2000))
     with pytest.raises(PlanError, match="outside the surface"):
         refuse_off_surface(model, at(-SIZE[2] / 2000 - 0.2))
+
+
+def stand(thickness: float) -> trimesh.Trimesh:
+    """A stem of 30 x 30 x 120 mm on a plate of 100 x 100 mm, `thickness` thick."""
+    move = trimesh.transformations.translation_matrix
+    plate = trimesh.creation.box((100, 100, thickness), move((0, 0, thickness / 2)))
+    return trimesh.boolean.union([plate, trimesh.creation.box((30, 30, 120), move((0, 0, 60)))])
+
+
+@pytest.mark.parametrize(("thickness", "noise"), [(16.0, 0.3), (8.0, 0.3), (8.0, 0.5), (4.0, 0.3)])
+def test_the_edges_of_a_plate_under_a_stem(thickness, noise):
+    """The plate's upper side is no face of the hull: what is seen of it must neither turn the walls nor carry the rim beyond the plate."""
+    spec = thing("stand.xyz")
+    model = load_object_model(spec, xyz(cloud(stand(thickness), 20_000, noise)), "stand.xyz")
+    believed = hypothesis(model)
+    below = [plane for plane in stable_planes(resting_planes(model), believed.region) if plane.up[2] > 0.99]
+    axes = pivot_axes(model, spec, below, believed)
+    square = [axis for axis in axes if np.abs(axis.tip[:2]).max() > 0.999]
+    assert {tuple(np.round(axis.tip[:2]).astype(int)) for axis in square} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
+    for axis in square:
+        off = axis.tip @ axis.point + RADIUS - 0.05
+        assert abs(off) < 3 * axis.sd + 5e-5
+        assert abs(off) < 5e-4
