@@ -32,26 +32,43 @@ KNOWN = [
 
 def split_recording(source: Path, first: Path, at_ns: int) -> list[Path]:
     """Write `first` with what `source` holds up to a log time, and `<first>-0002.mcap` with the rest."""
-    found: list[Path] = []
+    second = first.with_name(f"{first.stem}-0002{first.suffix}")
+    _write(source, first, (None, at_ns), (None, at_ns), {"part": 1})
+    _write(source, second, (at_ns + 1, None), (at_ns + 1, None), {"part": 2})
+    return [first, second]
+
+
+def as_two_sessions(source: Path, first: Path, second: Path, at_ns: int) -> None:
+    """Write what `source` holds up to a log time, and the rest, as recordings of their own; both know what is hidden in the object."""
+    _write(source, first, (None, at_ns), (None, at_ns), {"recording_id": "one", "created": "2026-01-01T10:00:00+00:00"})
+    _write(source, second, (at_ns + 1, None), (None, None), {"recording_id": "two", "created": "2026-01-01T11:00:00+00:00"})
+
+
+def rewritten(source: Path, path: Path, changed: dict[str, object]) -> None:
+    """Write all that `source` holds, with other entries in its manifest."""
+    _write(source, path, (None, None), (None, None), changed)
+
+
+Span = tuple[int | None, int | None]
+
+
+def _write(source: Path, path: Path, span: Span, truth_span: Span, changed: dict[str, object]) -> None:
     with open_recording(source) as recording:
         manifest, attachments = recording.manifest, recording.attachments
     row = IndexedRow([open_finished(source)])
     here = [topic for topic in KNOWN if (topic.name, topic.schema_name) in {(name, row.schema_of(name)) for name in row.topic_names()}]
-    for part, span in ((1, (None, at_ns)), (2, (at_ns + 1, None))):
-        path = first if part == 1 else first.with_name(f"{first.stem}-{part:04d}{first.suffix}")
-        with McapWriter(path) as writer:
-            writer.metadata(MANIFEST_NAME, {"json": canonical_json(manifest.model_copy(update={"part": part}))})
-            for name, data in attachments.items():
-                writer.attachment(name, "application/octet-stream", data)
-            for topic in (topic for topic in here if not _is_truth(topic)):
-                channel = writer.add_topic(topic)
-                for message in row.messages(topic.name, *span):
-                    writer.write(channel, message.log_time_ns, bytes(message.data), sequence=message.sequence)
-        truth = [topic for topic in here if _is_truth(topic)]
-        append_topics(path, [(topic, m.log_time_ns, bytes(m.data)) for topic in truth for m in row.messages(topic.name, *span)])
-        found.append(path)
+    with McapWriter(path) as writer:
+        writer.metadata(MANIFEST_NAME, {"json": canonical_json(manifest.model_copy(update=changed))})
+        for name, data in attachments.items():
+            writer.attachment(name, "application/octet-stream", data)
+        for topic in (topic for topic in here if not _is_truth(topic)):
+            channel = writer.add_topic(topic)
+            # A second session has the clock's samples of the first, which its frame times are mapped with.
+            for message in row.messages(topic.name, *(truth_span if topic is topics.CLOCK_SAMPLE else span)):
+                writer.write(channel, message.log_time_ns, bytes(message.data), sequence=message.sequence)
+    truth = [topic for topic in here if _is_truth(topic)]
+    append_topics(path, [(topic, m.log_time_ns, bytes(m.data)) for topic in truth for m in row.messages(topic.name, *truth_span)])
     row.close()
-    return found
 
 
 def _is_truth(topic: Topic) -> bool:

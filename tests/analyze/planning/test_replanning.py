@@ -15,7 +15,7 @@ from analyze.plan_files import PlanOptions, plan_object
 from analyze.planning.design import choose
 from analyze.planning.examine import Bench
 from analyze.planning.forecast import MOST_STRIKES, strikes_for
-from analyze.planning.given import Given, StrikeMade
+from analyze.planning.given import Given, StrikeMade, together
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
 from analyze.planning.plan import Request, finish, make_plan, prepare
@@ -72,6 +72,24 @@ def test_another_objects_result_is_refused():
     ):
         with pytest.raises(PlanError, match=r"so far: strike on axis .*plan from the first strike anew"):
             make_plan(model, spec, "", BENCH.striker, strikes=3, given=wrong)
+
+
+def test_results_that_share_unknown_errors_are_never_joined_to_more_than_they_know():
+    """Covariance intersection: no direction surer than the surest of both, and c between them; whatever the order."""
+    _, given = given_after(6)
+    flat, tall = (
+        replace(given, com=COM + shift, com_covariance=np.diag(sd) ** 2)
+        for shift, sd in ((np.array([1e-4, 0, 0]), [2e-4, 2e-4, 2e-3]), (np.array([-1e-4, 0, 0]), [1e-3, 1e-3, 3e-4]))
+    )
+    both = together([replace(flat, name="flat"), replace(tall, name="tall")])
+    assert both.name in {"flat, tall", "tall, flat"}
+    assert np.trace(both.com_covariance) < min(np.trace(flat.com_covariance), np.trace(tall.com_covariance))
+    best = np.minimum(np.diag(flat.com_covariance), np.diag(tall.com_covariance))
+    assert (np.diag(both.com_covariance) >= best).all()
+    assert len(both.strikes) == len(flat.strikes) + len(tall.strikes)
+    assert np.allclose(together([replace(tall, name="tall"), replace(flat, name="flat")]).com, both.com)
+    same = together([given, given])
+    assert np.allclose(same.com_covariance, given.com_covariance), "the same twice is known no better"
 
 
 def test_target_is_met_with_the_fewest_strikes():
@@ -153,7 +171,11 @@ def test_a_recordings_result_is_taken_up(tmp_path: Path):
     thing.write_bytes(_attachment(sample))
     plan = plan_object(thing, PlanOptions(strikes=2, given=(tmp_path / "r.json",))).plan
     assert plan.strikes[0].id == f"s{sum(strike['used'] for strike in json.loads(result)['strikes']) + 1}"
-    assert plan == plan_object(thing, PlanOptions(strikes=2, given=(sample,))).plan
+    taught = plan_object(thing, PlanOptions(strikes=2, given=(sample,))).plan
+    assert taught.prediction == plan.prediction
+    assert [strike.axis_id for strike in taught.strikes] == [strike.axis_id for strike in plan.strikes]
+    # Only the recording holds what the striker gave.
+    assert taught.hypothesis.striker.restitution_sd < 0.5 * plan.hypothesis.striker.restitution_sd
     (tmp_path / "other.json").write_text(result.replace(estimate.result.inputs.object_sha256, "0" * 64))
     with pytest.raises(PlanError, match="is of another object"):
         plan_object(thing, PlanOptions(given=(tmp_path / "other.json",)))
