@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from itertools import groupby
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from analyze.planning.rejections import counted
 from schemas.documents import PlanMethod, PlannedStrike, Prediction, StrikePlan
 
 NOT_DETERMINED = "not determined"
@@ -29,8 +29,7 @@ def render_plan(plan: StrikePlan, console: Console | None = None) -> None:
         for problem in plan.rejected:
             console.print(f"{problem.axis_id}: {problem.code}: {problem.text}", highlight=False)
     elif plan.rejected:
-        counts = ", ".join(f"{many} {code}" for code, many in Counter(entry.code for entry in plan.rejected).most_common())
-        console.print(f"left out: {counts}; the plan file says why, with numbers", highlight=False)
+        console.print(f"left out: {counted(plan.rejected)}; the plan file says why, with numbers", highlight=False)
 
 
 def _strike_table(plan: StrikePlan) -> Table:

@@ -10,6 +10,7 @@ import numpy as np
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning import unscanned
 from analyze.planning.information import Candidate, unknown_direction
+from analyze.planning.rejections import counted
 from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
 from schemas.documents import Rejection
@@ -60,11 +61,15 @@ def why_not(
         worst = unknown_direction(np.array([each.normal for each in candidates]))
         along = ", ".join(f"{value:.2f}" for value in np.round(worst, 2) + 0.0)
         state = f"the {len(candidates)} usable axes leave the centre of mass unknown along ({along})"
-    reasons = ", ".join(f"{number} {code}" for code, number in counts.most_common()) or _shape_says(model, planes, stable, 0)
+    if counts:
+        tried = "edges and faces" if unscanned.CODE in counts else "axes" if len(axes) > 1 else "axis"
+        reasons = f"{len(axes)} {tried} rejected: {counted(axes)}"
+    else:
+        reasons = f"rejected: {_shape_says(model, planes, stable, 0)}"
     unseen = [code for code, _ in counts.most_common() if code in SIGHT][:1]
     in_the_way = {*unseen, *(code for code in counts if code not in SIGHT)}
     remedy = next((text for code, text in REMEDIES.items() if code in in_the_way), FOOT)
-    return f"{model.name}: {state}; rejected: {reasons}: {remedy}"
+    return f"{model.name}: {state}; {reasons}: {remedy}"
 
 
 def _shape_says(model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], unseen: int) -> str:

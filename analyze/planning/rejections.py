@@ -1,0 +1,47 @@
+"""Axes left out, counted by reason with the numbers behind it, for one line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from analyze.planning import unscanned
+from schemas.documents import Rejection
+
+_WORDS = {
+    "slips": ("slipping", "friction needed", "", 1.0, 2),
+    "lifts": ("lifting off before balance", "", "", 1.0, 0),
+    "too_steep": ("too steep", "balance after", " deg", float(np.degrees(1.0)), 0),
+    "impact_unreachable": ("out of the striker's reach", "", "", 1.0, 0),
+    "speed": ("at another speed than the striker's", "needed", " m/s", 1.0, 2),
+    "no_marker": ("without a tag that faces along them", "best is off by", " deg", float(np.degrees(1.0)), 0),
+    "tag_small": ("with a tag too small in the image", "", " px", 1.0, 0),
+    "out_of_image": ("with the tag out of the image", "by", " px", 1.0, 0),
+    "hidden": ("with the tag hidden by the object", "when turned by", " deg", float(np.degrees(1.0)), 0),
+    "unstable_plane": ("faces it may fall over on", "", "", 1.0, 0),
+    "flank": ("round flank", "narrow faces:", "", 1.0, 0),
+    unscanned.CODE: ("not scanned", "missing beside them", " %", 100.0, 0),
+}
+"""by code: what the axes are, what their numbers are, unit, factor to it, decimals; a number without words or unit is left out"""
+
+
+def counted(rejected: Sequence[Rejection]) -> str:
+    """Like "7 slipping (friction needed 0.62 to 1.30), 5 out of the striker's reach"; the most frequent reason first."""
+    by_code: dict[str, list[Rejection]] = {}
+    for each in rejected:
+        by_code.setdefault(each.code, []).append(each)
+    ordered = sorted(by_code.items(), key=lambda item: -len(item[1]))
+    return ", ".join(f"{len(entries)} {_said(code, entries)}" for code, entries in ordered)
+
+
+def _said(code: str, entries: Sequence[Rejection]) -> str:
+    if code not in _WORDS:
+        return code.replace("_", " ")
+    words, what, unit, factor, decimals = _WORDS[code]
+    numbers = [factor * each.number for each in entries if each.number is not None]
+    if not numbers or not (what or unit):
+        return words
+    low, high = (f"{value:.{decimals}f}" for value in (min(numbers), max(numbers)))
+    span = low if low == high else f"{low} to {high}"
+    return f"{words} ({what} {span}{unit})".replace("( ", "(")
