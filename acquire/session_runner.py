@@ -114,7 +114,10 @@ class SessionRunner:
         self._progress = progress
         self._machine = s.SessionMachine(given.plan)
         self._anchor_ns = 0
+        self._ordered = 0
+        """strikes that the striker was told to make"""
         self._kept = 0
+        """of them, those whose record is in the file"""
         self._frames = 0
         self._lost = 0
 
@@ -159,12 +162,18 @@ class SessionRunner:
             raise SessionError(f"{self._input.plan_path}: is not for this rig's striker: {beyond}: {self._input.plan_anew}")
 
     def _keep_or_discard(self, files: list[Path]) -> None:
-        """After a failure: a recording without a single strike is of no use to anybody."""
-        if self._kept:
-            self._progress(f"kept: {self._kept} strikes in {', '.join(map(str, files))}", *self._machine.progress)
+        """After a failure: only a recording in which nothing was struck is of no use to anybody."""
+        named = ", ".join(map(str, files))
+        if not files:
+            return
+        if self._ordered:
+            unjudged = self._ordered - self._kept
+            more = f", and {unjudged} that ended before the verdict" if unjudged else ""
+            self._progress(f"kept: {self._kept} strikes{more} in {named}", *self._machine.progress)
             return
         for path in files:
             path.unlink(missing_ok=True)
+        self._progress(f"discarded: {named}: no strike was ordered yet", *self._machine.progress)
 
     def _finish(self, action: s.Finish) -> SessionReport:
         report = self._client.call("recording.close")
@@ -288,6 +297,7 @@ class SessionRunner:
 
     def _strike(self, action: s.Strike) -> s.Event:
         self._client.call("window.open")
+        self._ordered += 1  # from here on the file may hold what happens once only
         try:
             outcome = self._client.call("striker.strike", strike_id=action.strike_id, tip_speed_m_s=action.tip_speed_m_s)
         except StrikerError as error:

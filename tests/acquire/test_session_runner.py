@@ -1,14 +1,20 @@
-"""How a session waits for an object to come to rest, by the times of the images that `analyze watch` speaks of."""
+"""A session's client: how it waits for an object to come to rest, and what it leaves behind where it is interrupted."""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from acquire import session_runner
+from acquire.errors import DaemonSilent
 from acquire.session import Recorded
-from acquire.session_runner import LATE_TIMEOUT_S, REST_TIMEOUT_S, SessionRunner
+from acquire.session_runner import LATE_TIMEOUT_S, REST_TIMEOUT_S, SessionInput, SessionRunner
+from tests.acquire.test_session import POSE
+from tests.system.complaints import spec_and_plan, write
 
 
 class Host:
@@ -86,3 +92,70 @@ def test_a_tip_that_nobody_watches_is_recorded_to_its_end(monkeypatch: pytest.Mo
     passed, end = waited(monkeypatch, lag_s=0.1, rest_s=1.3, alive=alive, sees=sees)
     assert passed == pytest.approx(REST_TIMEOUT_S, abs=0.11)
     assert not end
+
+
+class Interrupted(Daemon):
+    """Answers as a daemon with a servo does, and ends the session in the middle of `at`, as Ctrl-C or an error would."""
+
+    def __init__(self, folder: Path, at: str, reason: BaseException) -> None:
+        super().__init__(Host(), 0.1, 1.0)
+        self.file = folder / "r.mcap"
+        self.at, self.reason = at, reason
+
+    def call(self, name: str, **params: Any) -> dict[str, Any]:
+        if name == "recording.open":
+            self.file.write_bytes(b"images")
+            return {"wall_anchor_ns": 0}
+        if name == self.at:
+            raise self.reason
+        answers: dict[str, dict[str, Any]] = {
+            "prompt": {"ok": True},
+            "rig": {"speeds_m_s": None, "reach_m": None, "T_world_camera": POSE},
+            "watch.expect": {"now_ns": 0},
+            "watch.latest": {"alive": False, "event": None},
+            "striker.strike": {"contact_time_ns": 5, "contact_time_sd_ns": 1.0, "tip_speed_m_s": 0.3, "contacts": 1},
+            "window.close": {"start_ns": 1, "end_ns": 2, "frames": 3, "lost": 0},
+            "watch.judge": {"verdict": None},
+            "recording.close": {"files": [str(self.file)]},
+        }
+        return answers.get(name, {})
+
+    @contextlib.contextmanager
+    def another(self) -> Iterator[Interrupted]:
+        yield self
+
+
+def interrupted(monkeypatch: pytest.MonkeyPatch, folder: Path, at: str, reason: BaseException) -> tuple[Path, list[str]]:
+    """The recording, and what was said in lines of their own."""
+    daemon, said = Interrupted(folder, at, reason), []
+    monkeypatch.setattr(session_runner, "time", daemon.host)
+    toml, plan = spec_and_plan()
+    object_path, plan_path = write(folder / "object.toml", toml), write(folder / "plan.json", plan.model_dump_json())
+    runner = SessionRunner(daemon, SessionInput(object_path, plan_path), daemon.file, lambda text, *_: said.append(text))  # type: ignore[arg-type]
+    with pytest.raises(type(reason)):
+        runner.run()
+    return daemon.file, [text for text in said if text.startswith(("kept", "discarded"))]
+
+
+REASONS = [KeyboardInterrupt(), DaemonSilent("the daemon hangs")]
+
+
+@pytest.mark.parametrize("reason", REASONS)
+@pytest.mark.parametrize("at", ["striker.strike", "window.close", "watch.judge", "recording.strike"])
+def test_a_session_that_ends_in_its_first_strike_keeps_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, at: str, reason: BaseException
+) -> None:
+    """Contact and images happen once: without a verdict too they are somebody's data."""
+    file, said = interrupted(monkeypatch, tmp_path, at, reason)
+    assert file.exists()
+    assert said == [f"kept: 0 strikes, and 1 that ended before the verdict in {file}"]
+
+
+@pytest.mark.parametrize("reason", REASONS)
+@pytest.mark.parametrize("at", ["striker.home", "prompt", "striker.arm", "window.open"])
+def test_a_recording_in_which_nothing_was_struck_goes_and_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, at: str, reason: BaseException
+) -> None:
+    file, said = interrupted(monkeypatch, tmp_path, at, reason)
+    assert not file.exists()
+    assert said == [f"discarded: {file}: no strike was ordered yet"]
