@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,8 @@ import numpy as np
 
 from analyze.errors import PlanError
 from analyze.evidence import RecordingHead
+from analyze.geometry.edge_line import EdgeLine
+from analyze.joined import edge_line
 from analyze.pipeline import Estimate, estimate_recordings
 from analyze.planning.given import Given, StrikeMade, together
 from analyze.planning.striker_taught import Touch
@@ -47,10 +49,12 @@ def read_given(paths: Sequence[Path], object_sha256: str, mass: float, rig: RigC
     recordings = [path for path in paths if path.suffix == RECORDING_SUFFIX]
     found: list[tuple[str, Result]] = []
     touches: tuple[Touch, ...] = ()
+    edges: dict[str, EdgeLine] = {}
     if recordings:
         estimate = estimate_recordings(recordings)
         found.append((", ".join(map(str, recordings)), estimate.result))
         touches = touches_of(estimate, rig)
+        edges = {strike.axis_id: edge_line(strike) for strike in estimate.evidence.plan.strikes}
     found += [(str(path), _result(path)) for path in paths if path not in recordings]
     for name, result in found:
         if result.inputs.object_sha256 != object_sha256:
@@ -58,7 +62,10 @@ def read_given(paths: Sequence[Path], object_sha256: str, mass: float, rig: RigC
     for (one, first), (other, second) in combinations(found, 2):
         if _recordings(first) & _recordings(second):
             raise PlanError(f"{one} and {other} are of the same recording: no strike may count twice, give one of them")
-    return ResultsSoFar(together([given_from_result(result, name, mass) for name, result in found]), touches)
+    given = [given_from_result(result, name, mass) for name, result in found]
+    if recordings:
+        given[0] = replace(given[0], edges=edges)
+    return ResultsSoFar(together(given), touches)
 
 
 def touches_of(estimate: Estimate, rig: RigConfig | None) -> tuple[Touch, ...]:

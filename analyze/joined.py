@@ -6,20 +6,16 @@ Recordings count by the time at which they began: `2:s3.1` is strike s3.1 of the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from analyze.errors import EstimationError, JoinError
 from analyze.evidence import Evidence, RecordingHead
-from analyze.types import Array, TipMotion
+from analyze.geometry.edge_line import SAME_LINE, EdgeLine
+from analyze.types import TipMotion
 from schemas.documents import PlannedStrike, SessionManifest, StrikePlan
-
-SAME_DIRECTION = float(np.cos(np.radians(1.0)))
-"""of an edge, and of the face that lies on the table, in two plans"""
-SAME_LINE = 5e-4
-"""m across itself, by which one edge may lie elsewhere in two plans of one object"""
 
 
 def in_order(heads: Sequence[RecordingHead]) -> list[RecordingHead]:
@@ -103,7 +99,7 @@ def join(evidence: Sequence[Evidence]) -> Evidence:
     heads = [each.recordings[0] for each in ordered]
     refuse_apart(heads, all(each.object_path_used for each in ordered))
     first = ordered[0]
-    axes: list[_Axis] = []
+    axes: dict[str, EdgeLine] = {}
     strikes: list[PlannedStrike] = []
     motions: list[TipMotion] = []
     where: dict[str, int] = {}
@@ -161,46 +157,25 @@ def _difference(one: RecordingHead, other: RecordingHead) -> str:
     return next((key for key in a if a[key] != b[key]), "by their checksums")
 
 
-@dataclass(frozen=True)
-class _Axis:
-    """An edge and the face it is struck on, under the id it has in the joint. All in O."""
-
-    id: str
-    direction: Array
-    up: Array
-    point: Array
-    radius: float
-
-    def distance(self, other: _Axis) -> float:
-        """Of the lines across themselves [m]; infinite where it is another direction or face."""
-        if float(self.direction @ other.direction) < SAME_DIRECTION or float(self.up @ other.up) < SAME_DIRECTION:
-            return np.inf
-        apart = other.point - self.point
-        across = float(np.linalg.norm(apart - self.direction * float(apart @ self.direction)))
-        # A corrected rounding moves the centre line, not the edge.
-        return max(0.0, across - float(np.sqrt(2)) * abs(self.radius - other.radius))
-
-
-def _axis_ids(plan: StrikePlan, number: int, known: list[_Axis]) -> dict[str, str]:
+def _axis_ids(plan: StrikePlan, number: int, known: dict[str, EdgeLine]) -> dict[str, str]:
     """Ids in the joint of a plan's axes, by their own ids; those not seen before are added to `known`. Within one plan ids tell."""
-    own: dict[str, PlannedStrike] = {}
+    own: dict[str, EdgeLine] = {}
     for strike in plan.strikes:
-        own.setdefault(strike.axis_id, strike)
-    before, taken = list(known), {axis.id for axis in known}
+        own.setdefault(strike.axis_id, edge_line(strike))
+    before = dict(known)
     found: dict[str, str] = {}
-    for name, strike in own.items():
-        axis = _axis_of(name, strike)
-        rivals = [(other.id != name, axis.distance(other), other.id) for other in before if other.id not in found.values()]
+    for name, edge in own.items():
+        rivals = [(other != name, edge.distance(line), other) for other, line in before.items() if other not in found.values()]
         nearest = min((rival for rival in rivals if rival[1] < SAME_LINE), default=None)
         if nearest is not None:
             found[name] = nearest[2]
             continue
-        found[name] = name if name not in taken else f"{number}:{name}"
-        known.append(replace(axis, id=found[name]))
-        taken.add(found[name])
+        found[name] = name if name not in known else f"{number}:{name}"
+        known[found[name]] = edge
     return found
 
 
-def _axis_of(name: str, strike: PlannedStrike) -> _Axis:
+def edge_line(strike: PlannedStrike) -> EdgeLine:
+    """The edge of a planned strike, in O."""
     direction, up = np.array(strike.pivot.direction), np.array(strike.R_world_object)[2]
-    return _Axis(name, direction / np.linalg.norm(direction), up, np.array(strike.pivot.point), strike.pivot.radius_m)
+    return EdgeLine(direction / np.linalg.norm(direction), up, np.array(strike.pivot.point), strike.pivot.radius_m)

@@ -1,4 +1,4 @@
-"""From recordings to everything Percuss says about the object. The only place where the stages meet I/O. Never reads /truth/."""
+"""From recordings to everything Percuss says about the object: what their strikes showed (evidence.py), joined, estimated, written down."""
 
 from __future__ import annotations
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analyze.errors import PlanError
+from analyze.geometry.edge_line import EdgeLine
 from analyze.planning.hypothesis import Hypothesis, Region
 from analyze.planning.information import Belief, Candidate
 from analyze.planning.pivots import PivotAxis, swing
@@ -46,6 +47,8 @@ class Given:
     strikes: tuple[StrikeMade, ...]
     directions: Mapping[str, Array] = field(default_factory=dict[str, Array])
     """(3,) unit, of the struck axes by id: that the ids mean the same edges still"""
+    edges: Mapping[str, EdgeLine] = field(default_factory=dict[str, EdgeLine])
+    """of the struck axes by id, where the plans are at hand: they tell better than ids"""
 
 
 def together(results: Sequence[Given]) -> Given:
@@ -62,7 +65,8 @@ def together(results: Sequence[Given]) -> Given:
     most = max(ordered, key=lambda each: len(each.strikes))
     strikes = tuple(strike for each in ordered for strike in each.strikes)
     directions = {name: direction for each in reversed(ordered) for name, direction in each.directions.items()}
-    return Given(", ".join(each.name for each in ordered), com, covariance, most.unit_inertia, strikes, directions)
+    edges = {name: edge for each in reversed(ordered) for name, edge in each.edges.items()}
+    return Given(", ".join(each.name for each in ordered), com, covariance, most.unit_inertia, strikes, directions, edges)
 
 
 def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]:
@@ -92,14 +96,30 @@ def with_strikes(belief: Belief, given: Given, axes: Sequence[PivotAxis], believ
     known = {axis.id: axis for axis in axes}
     made: dict[str, Array] = {}
     for strike in given.strikes:
-        told = given.directions.get(strike.axis_id)
-        if strike.axis_id not in known or (told is not None and float(told @ known[strike.axis_id].direction) < SAME_AXIS):
+        axis = _meant(strike.axis_id, given, known)
+        if axis is None:
             raise PlanError(
                 f"{given.name}: strike on axis {strike.axis_id!r}, which this object does not have: plan from the first strike anew"
             )
         weight = np.diag([strike.phi_sd**-2, 0.0 if strike.k_sd is None else strike.k_sd**-2])
-        made[strike.axis_id] = made.get(strike.axis_id, np.zeros((2, 2))) + weight
+        made[axis.id] = made.get(axis.id, np.zeros((2, 2))) + weight
     struck = tuple(
         Candidate(known[name], swing(known[name], believed.region.centre, mass, believed.unit_inertia, gravity), np.eye(2)) for name in made
     )
     return Belief(belief.com_sd, belief.inertia, belief.inertia_sd, made, struck)
+
+
+def _meant(name: str, given: Given, known: Mapping[str, PivotAxis]) -> PivotAxis | None:
+    """The axis that a result calls `name`: by where its edge runs, else by id and direction; None: the object has no such axis."""
+    axis, told, edge = known.get(name), given.directions.get(name), given.edges.get(name)
+    if edge is not None:
+        near = [(edge.distance(_line(each)), each.id != name, each.id) for each in known.values() if edge.is_same(_line(each))]
+        if near:
+            return known[min(near)[2]]
+    if axis is None or (told is not None and float(told @ axis.direction) < SAME_AXIS):
+        return None
+    return axis
+
+
+def _line(axis: PivotAxis) -> EdgeLine:
+    return EdgeLine(axis.direction, axis.plane.up, axis.point, axis.radius)

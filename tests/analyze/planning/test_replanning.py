@@ -11,6 +11,7 @@ import pytest
 
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
+from analyze.joined import edge_line
 from analyze.plan_files import PlanOptions, plan_object
 from analyze.planning.design import choose
 from analyze.planning.examine import Bench
@@ -90,6 +91,18 @@ def test_results_that_share_unknown_errors_are_never_joined_to_more_than_they_kn
     assert np.allclose(together([replace(tall, name="tall"), replace(flat, name="flat")]).com, both.com)
     same = together([given, given])
     assert np.allclose(same.com_covariance, given.com_covariance), "the same twice is known no better"
+
+
+def test_an_edge_made_under_another_name_is_known_by_its_place():
+    model, spec = box()
+    first, given = given_after(6)
+    edges = {f"old {strike.axis_id}": edge_line(strike) for strike in first.strikes}
+    older = replace(
+        given, strikes=tuple(replace(each, axis_id=f"old {each.axis_id}") for each in given.strikes), directions={}, edges=edges
+    )
+    plans = [make_plan(model, spec, "", BENCH.striker, strikes=2, friction=0.6, given=each) for each in (given, older)]
+    assert plans[0].predicted_com_covariance_m2 == plans[1].predicted_com_covariance_m2
+    assert [strike.axis_id for strike in plans[0].strikes] == [strike.axis_id for strike in plans[1].strikes]
 
 
 def test_target_is_met_with_the_fewest_strikes():
