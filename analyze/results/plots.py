@@ -96,8 +96,10 @@ def _projection(estimate: Estimate, com_true: Array | None, reach: float, view: 
     vertices = estimate.evidence.model.vertices
     com = estimate.com.position
     with style():
-        figure = Figure(figsize=(3.05, 5.6), layout="constrained")
-        whole, close = figure.subplots(2, 1, height_ratios=(1.25, 1))
+        # Fixed margins: the views stand beside each other in the page, and their close-ups shall be level.
+        figure = Figure(figsize=(3.05, 5.9))
+        margins = {"left": 0.21, "right": 0.98, "top": 0.96, "bottom": 0.075, "hspace": 0.27}
+        whole, close = figure.subplots(2, 1, height_ratios=(1.2, 1), gridspec_kw=margins)
         outline = vertices[:, view][ConvexHull(vertices[:, view]).vertices]
         whole.add_patch(Polygon(1e3 * outline, facecolor="#f4f6f8", edgecolor=INK, lw=1.0))
         for axes in (whole, close):

@@ -23,6 +23,8 @@ class ShownTruth:
     phi: Mapping[str, float]
     """rad, by strike used"""
     i_edge: Mapping[str, float]
+    """kg m^2, by strike used"""
+    i_edge_axis: Mapping[str, float]
     """kg m^2, by pivot axis"""
     i_com: Mapping[str, float]
     """kg m^2, by pivot axis"""
@@ -33,10 +35,12 @@ class ShownTruth:
 def shown_truth(score: Mapping[str, Any], estimate: Estimate) -> ShownTruth:
     """From what `score_estimate` says of this estimate."""
     axis_of = {strike.id: strike.axis_id for strike in estimate.result.strikes}
+    i_edge = dict(zip(score["strike_ids"], score["i_edge_true_kg_m2"], strict=True))
     return ShownTruth(
         com=np.array(score["centre_of_mass_true_m"], dtype=np.float64),
         phi=dict(zip(score["strike_ids"], score["phi_true_rad"], strict=True)),
-        i_edge={axis_of[name]: value for name, value in zip(score["strike_ids"], score["i_edge_true_kg_m2"], strict=True)},
+        i_edge=i_edge,
+        i_edge_axis={axis_of[name]: value for name, value in i_edge.items()},
         i_com={axis.axis_id: axis.i_com / (1 + score["i_com_relative_error"][axis.axis_id]) for axis in estimate.inertial.axes},
         regions=_regions(score, estimate),
     )
