@@ -23,7 +23,7 @@ from acquire.api import ApiServer, Connection
 from acquire.capture_link import CaptureProcess
 from acquire.clock import SystemClock
 from acquire.config import RigConfig
-from acquire.errors import AcquireError, SessionError, StrikerRefused
+from acquire.errors import AcquireError, SessionError, StrikerRefused, StrikerStopped
 from acquire.live_recording import LiveRecording
 from acquire.plan_fit import RigLimits
 from acquire.prompts import Prompts
@@ -52,8 +52,12 @@ class Daemon:
         self._recording = LiveRecording(config, rig_toml, self._capture, self._clock, self._on_watch, self._complain)
         self._striker = self._make_striker()
         self._striker_lock = threading.Lock()
-        self._stopped = False
-        """somebody said stop: nothing is armed before it is homed again"""
+        self._stops = 0
+        """how often somebody said stop"""
+        self._stops_over = 0
+        """of them, those after which a person had it homed again; while there are others nothing moves"""
+        self._striker_trouble = ""
+        """why it is in its fault"""
         self._prompts = Prompts(self._publish)
         self._server: ApiServer | None = None
         self._stopped_for: Connection | None = None
@@ -65,7 +69,7 @@ class Daemon:
         Raises:
             AcquireError: a device or the socket cannot be had; nothing is left behind.
         """
-        for number in (signal.SIGTERM, signal.SIGINT):
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, self._ask_to_stop)
         service = ServiceManager.of_this_process()  # before there are children
         with contextlib.ExitStack() as cleanup:
@@ -103,7 +107,7 @@ class Daemon:
             "window.close": self._close_window,
             "striker.home": self._home,
             "striker.arm": self._arm,
-            "striker.cock": self._striker_call("cock"),
+            "striker.cock": self._cock,
             "striker.strike": self._strike,
             "watch.expect": self._expect,
             "watch.judge": self._judge,
@@ -174,24 +178,43 @@ class Daemon:
 
     # --- striker --------------------------------------------------------------------------------------------------
 
-    def _striker_call(self, name: str) -> Any:
-        def call(*_: object) -> dict[str, Any]:
-            with self._striker_lock:
-                self._refuse_at_the_end()
-                getattr(self._striker, name)()
-            return {"state": self._striker.state.value}
+    def _home(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
+        """`after_stop` (True): a person starts anew; a program that goes on by itself says False, and is refused after a stop."""
+        stops = self._stops
+        with self._striker_lock:
+            self._refuse_at_the_end()
+            if not params.get("after_stop", True):
+                self._refuse_when_stopped()
+            self._striker.home(lambda: self._stops != stops)
+            self._stops_over = max(stops, self._stops_over)
+            self._striker_trouble = ""
+        return {"state": self._striker.state.value}
 
-        return call
+    def _arm(self, *_: object) -> dict[str, Any]:
+        self._refuse_when_stopped()
+        self._recording.require_space()  # no strike without room to record it; a capture process that was lost is waited for
+        with self._striker_lock:
+            self._refuse_when_stopped()
+            self._striker.arm()
+            if self._stopped:  # meanwhile
+                self._striker.stop()
+                raise StrikerStopped
+        return {"state": self._striker.state.value}
 
-    def _home(self, *arguments: object) -> dict[str, Any]:
-        self._stopped = False
-        return self._striker_call("home")(*arguments)
+    def _cock(self, *_: object) -> dict[str, Any]:
+        with self._striker_lock:
+            self._refuse_when_stopped()
+            self._striker.cock()
+        return {"state": self._striker.state.value}
 
-    def _arm(self, *arguments: object) -> dict[str, Any]:
+    @property
+    def _stopped(self) -> bool:
+        return self._stops > self._stops_over
+
+    def _refuse_when_stopped(self) -> None:
+        self._refuse_at_the_end()
         if self._stopped:
-            raise StrikerRefused("the striker was stopped on request: home it to go on")
-        self._recording.require_space()  # no strike without room to record it
-        return self._striker_call("arm")(*arguments)
+            raise StrikerStopped
 
     def _refuse_at_the_end(self) -> None:
         if self._ending:
@@ -211,15 +234,16 @@ class Daemon:
         if not self._striker_lock.acquire(timeout=0.1):
             raise StrikerRefused("the striker is busy with another order")
         try:
-            self._refuse_at_the_end()
+            self._refuse_when_stopped()
             outcome = self._striker.strike(str(params["strike_id"]), float(params["tip_speed_m_s"]))
         finally:
             self._striker_lock.release()
         return asdict(outcome)
 
     def _stop_striker(self, *_: object) -> dict[str, Any]:
-        self._stopped = True
+        self._stops += 1  # before all else: whoever is about to move the arm looks here
         self._striker.stop()
+        self._prompts.stop()
         self._recording.log("striker stopped on request", Log.Level.WARNING)
         return {"state": self._striker.state.value}
 
@@ -229,6 +253,9 @@ class Daemon:
     def _on_event(self, message: pb.StrikerEvent) -> None:
         self._recording.write(topics.STRIKER_EVENT, message, message.host_time_ns)
         self._publish("striker", {"kind": pb.StrikerEvent.Kind.Name(message.kind), "text": message.text})
+        if message.kind == pb.StrikerEvent.FAULT:
+            self._striker_trouble = message.text
+            self._complain(f"the striker is in a fault: {message.text}")
 
     def _on_clock(self, message: pb.ClockSample) -> None:
         self._recording.write(topics.CLOCK_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2)
@@ -312,6 +339,7 @@ class Daemon:
             "pid": os.getpid(),
             "socket": str(self._config.daemon.socket_path()),
             "striker": self._striker.state.value,
+            "striker_trouble": "stopped on request" if self._stopped else self._striker_trouble,
             "servo": asdict(health) if (health := self._striker.health) is not None else None,
             **{name: capture.get(name, 0) for name in numbers},
             "recording": str(capture["recording"]) if capture.get("recording") else None,

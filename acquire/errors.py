@@ -11,6 +11,7 @@
     │   ├── StrikerLost      the bus fell silent
     │   ├── StrikerFault     the servo reports a hardware error
     │   └── StrikerRefused   an interlock said no
+    │       └── StrikerStopped   somebody said stop
     ├── RecorderError        the file cannot be written, or a path is taken
     │   ├── CaptureGone      the process that writes it died or was ended
     │   └── RecordingBroken  what was asked about lies in a file that broke off
@@ -66,6 +67,13 @@ class StrikerFault(StrikerError):
 
 class StrikerRefused(StrikerError):
     """An interlock said no."""
+
+
+class StrikerStopped(StrikerRefused):
+    """Somebody said stop: nothing moves until a person starts something anew."""
+
+    def __init__(self, text: str = "the striker was stopped on request: home it to go on") -> None:
+        super().__init__(text)
 
 
 class RecorderError(AcquireError):

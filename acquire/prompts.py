@@ -55,6 +55,13 @@ class Prompts:
             self._changed.notify_all()
         return {}
 
+    def stop(self) -> None:
+        """Somebody said stop: every open question is answered with no."""
+        with self._changed:
+            for number in self._open:
+                self._answers.setdefault(number, {"ok": False, "text": "stopped on request"})
+            self._changed.notify_all()
+
     def close(self) -> None:
         """Release everybody who waits."""
         with self._changed:

@@ -12,7 +12,7 @@ from typing import Any
 
 from acquire import session as s
 from acquire.api import DaemonClient
-from acquire.errors import RecordingBroken, SessionError, StrikerError, StrikerLost, StrikerNotFound, StrikerRefused
+from acquire.errors import RecordingBroken, SessionError, StrikerError, StrikerLost, StrikerNotFound, StrikerRefused, StrikerStopped
 from acquire.plan_fit import RigLimits, beyond_striker, camera_elsewhere
 from acquire.striker.base import StrikerState
 from schemas.documents import (
@@ -149,8 +149,8 @@ class SessionRunner:
                     answer = self._carried_out(action)
                     if answer is not None:
                         event = answer
-                    if isinstance(answer, s.BrokenOff):
-                        break  # what was to follow is done after the strike that has to be made again
+                    if isinstance(answer, s.BrokenOff | s.StopRequested):
+                        break  # what was to follow is done after the strike that has to be made again, or not at all
         except BaseException:
             with contextlib.suppress(Exception), self._client.another() as client:
                 client.call("striker.stop")
@@ -204,8 +204,7 @@ class SessionRunner:
             case s.Arm():
                 return self._arm()
             case s.ClearFault():
-                self._clear_fault()
-                return None
+                return self._clear_fault()
             case s.Strike():
                 return self._strike(action)
             case s.RecordUntilRest():
@@ -271,13 +270,15 @@ class SessionRunner:
             return self._striker_failed(error)
         return s.Ready()
 
-    def _clear_fault(self) -> None:
-        """Home the striker again; where its servo is away, wait until somebody has put that right."""
+    def _clear_fault(self) -> s.StopRequested | None:
+        """Home the striker again; where its servo is away, wait until somebody has put that right, or says stop."""
         end = time.monotonic() + SERVO_TIMEOUT_S
         said = ""
         while True:
             try:
-                self._client.call("striker.home")
+                self._client.call("striker.home", after_stop=False)
+            except StrikerStopped as error:
+                return s.StopRequested(str(error))
             except (StrikerNotFound, StrikerLost) as error:
                 if time.monotonic() > end:
                     raise
@@ -286,12 +287,12 @@ class SessionRunner:
                     self._progress(f"waiting for the striker: {said}", *self._machine.progress)
                 time.sleep(SERVO_RETRY_S)
             else:
-                return
+                return None
 
     def _striker_failed(self, error: StrikerError) -> s.Event:
-        """A fault can be cleared; a refusal without one means that somebody stopped it, and that is an order."""
+        """A fault can be cleared; a stop is an order, also where it ended in a fault, and so is a refusal without one."""
         in_fault = self._client.call("status")["striker"] == StrikerState.FAULT.value
-        if isinstance(error, StrikerRefused) and not in_fault:
+        if isinstance(error, StrikerStopped) or (isinstance(error, StrikerRefused) and not in_fault):
             return s.StopRequested(str(error))
         return s.StrikerFailed(str(error))
 

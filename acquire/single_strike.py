@@ -46,16 +46,24 @@ def held_striker(client: DaemonClient) -> Iterator[None]:
         raise
 
 
-def strike_once(client: DaemonClient, name: str, tip_speed_m_s: float, ask: Ask) -> StrikeOutcome:
+def strike_once(client: DaemonClient, name: str, tip_speed_m_s: float, ask: Ask, *, after_stop: bool = True) -> StrikeOutcome:
     """Ask, home where that is needed, arm for one shot, cock, strike.
+
+    Args:
+        client: of the daemon.
+        name: of the strike.
+        tip_speed_m_s: how fast.
+        ask: a person, before anything moves.
+        after_stop: that person starts anew after somebody stopped the striker; else it stays stopped.
 
     Raises:
         StrikerRefused: the answer was no, or an interlock said no.
     """
     if not ask(f"the arm will swing at {tip_speed_m_s:.3f} m/s: all hands off, what it shall meet in its place?"):
         raise StrikerRefused("not struck: the answer was no")
-    if client.call("status")["striker"] != "homed":
-        client.call("striker.home")
+    status = client.call("status")
+    if status["striker"] != "homed" or status["striker_trouble"]:
+        client.call("striker.home", after_stop=after_stop)
     client.call("striker.arm")
     client.call("striker.cock")
     return StrikeOutcome(**client.call("striker.strike", strike_id=name, tip_speed_m_s=tip_speed_m_s))
@@ -69,11 +77,14 @@ def outcome_lines(outcome: StrikeOutcome, command_m_s: float) -> list[str]:
     impulse = "no loss of speed stands out"
     if outcome.impulse_n_s is not None:
         impulse = f"{1000 * outcome.impulse_n_s:.2f} ± {1000 * outcome.impulse_sd_n_s:.2f} mN s"
+    touches = f"{outcome.contacts}"
+    if outcome.contacts > 1:
+        touches += ": the arm met it again before it was out of the way: strike softer, or set it farther from what stands behind it"
     return [
         f"contact      {begin_ms:.2f} ± {outcome.contact_time_sd_ns * 1e-6:.2f} ms after release, {outcome.contact_time_ns} ns monotonic",
         f"tip speed    {outcome.tip_speed_m_s:.4f} ± {outcome.tip_speed_sd_m_s:.4f} m/s (commanded {command_m_s:.3f})",
         f"impulse      {impulse}",
-        f"contacts     {outcome.contacts}",
+        f"contacts     {touches}",
     ]
 
 
@@ -121,6 +132,7 @@ def calibrate(
     with held_striker(client):
         if not ask("take away all that the arm could meet: it swings in the air now"):
             raise StrikerRefused("not calibrated: the answer was no")
+        client.call("striker.home")
         for body in (None, *order.bodies_kg):
             for speed in (speed for speed in order.speeds_m_s for _ in range(order.repeats)):
                 outcome = _through(client, f"calibrate-{len(swings) + 1}", speed, _before(body, ask))
@@ -132,7 +144,7 @@ def calibrate(
 def _through(client: DaemonClient, name: str, tip_speed_m_s: float, ask: Ask) -> StrikeOutcome:
     """A swing that came to angle 0, made again where it did not."""
     for _ in range(TRIES):
-        outcome = strike_once(client, name, tip_speed_m_s, ask)
+        outcome = strike_once(client, name, tip_speed_m_s, ask, after_stop=False)
         if outcome.contact_time_ns is not None:
             return outcome
     raise SessionError(f"{name}: the arm did not come to angle 0 at {tip_speed_m_s:.3f} m/s in {TRIES} tries: check that it moves freely")

@@ -44,7 +44,7 @@ class StrikerConfig(Document):
     port: str = "/dev/ttyUSB0"
     baud_rate: int = 1_000_000
     id: int = Field(default=1, ge=0, le=252)
-    zero_position: int = Field(default=2048, description="ticks at angle 0")
+    zero_position: int = Field(default=2048, ge=0, le=4095, description="ticks at angle 0")
     direction: Literal[1, -1] = 1
     arm_length_m: float = Field(default=ARM_LENGTH_M, gt=0, le=2)
     effective_mass_kg: float = Field(default=0.2, gt=0, le=10, description="I_arm / r^2, as felt at the tip")
@@ -54,11 +54,11 @@ class StrikerConfig(Document):
     reach_m: tuple[float, float] = Field(
         default=(0.015, 0.4), description="heights over the table that the tip can be set to; for `analyze plan`"
     )
-    cocked_angle_rad: float = Field(default=COCKED_ANGLE_RAD, lt=0)
-    current_limit_a: float = Field(default=1.0, gt=0)
-    velocity_limit_rad_s: float = Field(default=VELOCITY_LIMIT_RAD_S, gt=0, le=100)
-    temperature_limit_c: int = Field(default=70, gt=0)
-    arming_expires_s: float = Field(default=20.0, gt=0)
+    cocked_angle_rad: float = Field(default=COCKED_ANGLE_RAD, ge=-2.5, lt=0)
+    current_limit_a: float = Field(default=1.0, gt=0, le=3.2, description="the servo's own register ends here, as those below")
+    velocity_limit_rad_s: float = Field(default=VELOCITY_LIMIT_RAD_S, gt=0, le=24.5)
+    temperature_limit_c: int = Field(default=70, gt=0, le=100)
+    arming_expires_s: float = Field(default=20.0, gt=0, le=600, description="an arming that nobody uses is void after this")
 
     @field_validator("reach_m")
     @classmethod

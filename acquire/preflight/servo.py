@@ -76,19 +76,20 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
     return [_model(config, state), _supply(state), _temperature(config, state), _health(state)]
 
 
-def check_held_servo(config: StrikerConfig, state: str, health: dict[str, Any] | None) -> list[Check]:
+def check_held_servo(config: StrikerConfig, state: str, health: dict[str, Any] | None, trouble: str = "") -> list[Check]:
     """The servo's lines while a daemon holds it.
 
     Args:
         config: the rig file's section.
         state: the striker's.
         health: what the daemon last read of the servo, as in its status; None: nothing yet, or its port is lost.
+        trouble: why the striker is in its fault.
     """
     if config.kind == "manual":
         return [passed("servo", "none: a hand strikes")]
     first = passed("servo", f"held by the daemon, {state}")
     if state == "fault":
-        first = failed("servo", "the daemon's striker is in state fault", "see the daemon's output; the next session homes it")
+        first = failed("servo", f"the daemon's striker is in a fault: {trouble}", "put that right; the next session homes it")
     if health is None:
         return [first, *(not_checked(name, "the daemon holds the servo and has not read it") for name in SERVO_LINES[1:])]
     known = ServoState(

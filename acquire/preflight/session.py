@@ -108,7 +108,8 @@ def check_rig(path: Path, probes: Probes) -> Iterator[Check]:
             yield from check_servo(probes.servo, rig.striker)
             yield from check_camera(probes.capture(rig), rig.camera, _film_folder(rig))
         else:
-            yield from check_held_servo(rig.striker, str(daemon.status["striker"]), daemon.status.get("servo"))
+            told = daemon.status
+            yield from check_held_servo(rig.striker, str(told["striker"]), told.get("servo"), str(told.get("striker_trouble", "")))
             yield from _check_held_camera(daemon, rig)
 
 

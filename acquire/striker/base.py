@@ -83,8 +83,15 @@ class Striker(ABC):
         """
 
     @abstractmethod
-    def home(self) -> None:
-        """Clear faults and watchdog, torque on, move slowly to the parked (cocked) angle. Leaves state HOMED."""
+    def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
+        """Clear faults and watchdog, torque on, move slowly to the parked (cocked) angle. Leaves state HOMED.
+
+        Args:
+            stopped: asked when older stops are forgotten: whether one came after this was ordered.
+
+        Raises:
+            StrikerStopped: one did, or does while the arm moves.
+        """
 
     @abstractmethod
     def arm(self) -> None:
@@ -100,6 +107,7 @@ class Striker(ABC):
 
         Raises:
             StrikerRefused: not armed and settled, or the speed is outside the limits.
+            StrikerStopped: a stop came in.
             StrikerFault, StrikerLost: the servo failed; torque is off where it can be reached.
         """
 

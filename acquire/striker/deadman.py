@@ -42,6 +42,11 @@ class DeadMan:
             raise StrikerError(f"the process that lets the servo go when this one dies does not start; can {sys.executable} be run?")
 
     @property
+    def alive(self) -> bool:
+        """Whether it stands by."""
+        return self._process.poll() is None
+
+    @property
     def pid(self) -> int:
         """Of the process that stands by."""
         return self._process.pid

@@ -12,12 +12,12 @@ import time
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
-from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerRefused
+from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerRefused, StrikerStopped
 from acquire.striker.base import ClockSink, EventSink, SampleSink, ServoHealth, StrikeOutcome, Striker, StrikerState
 from acquire.striker.contact import Contact, fit_contact
 from acquire.striker.detector import ContactDetector, count_contacts
 from acquire.striker.servo import RUN_THROUGH_RAD, TICK_RAD, VELOCITY_UNIT_RAD_S, Sample, Servo
-from acquire.striker.states import StrikerStatus, advance, arming_expired, overdue, unhomed
+from acquire.striker.states import GUARD_S, StrikerStatus, advance, arming_expired, overdue, unhomed
 from acquire.striker.tick import TickClock
 from schemas.proto import percuss_pb2 as pb
 
@@ -139,10 +139,12 @@ class DynamixelStriker(Striker):
 
     # --- verbs ------------------------------------------------------------------------------------------------------
 
-    def home(self) -> None:
+    def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
         """See Striker. Also the way out of FAULT: opens the port anew where it was lost."""
         with self._verb:
             self._consume_stop()
+            if stopped():
+                raise StrikerStopped
             if self._status.state not in {StrikerState.FAULT, StrikerState.HOMED, StrikerState.DISARMED}:
                 self._set(StrikerState.DISARMED)
             self._guarded(self._home)
@@ -172,6 +174,7 @@ class DynamixelStriker(Striker):
             self._expire()
             advance(self._status, StrikerState.ARMED, self._clock.monotonic_ns())
             self._guarded(self._servo.raise_hardware_error)
+            self._guarded(self._servo.keep_dead_man)
             self._set(StrikerState.ARMED, _Event.ARMED)
 
     def cock(self) -> None:
@@ -190,7 +193,7 @@ class DynamixelStriker(Striker):
     def _cock(self) -> None:
         self._servo.guard()
         self._servo.go(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
-        self._settle(self._config.arming_expires_s)
+        self._settle(min(self._config.arming_expires_s, GUARD_S[StrikerState.COCKING]))
         self._servo.unguard()
         self._set(StrikerState.SETTLED, _Event.COCKED)
 
@@ -235,7 +238,7 @@ class DynamixelStriker(Striker):
             for sample in samples:
                 self._publish(sample)
         self._set(StrikerState.CATCH)
-        self._settle(2.5)
+        self._settle(GUARD_S[StrikerState.CATCH])
         self._servo.unguard()
         # The fit takes a tenth of a second, as long as the watchdog waits: the arm stands by now.
         contact = fit_contact(samples, turned_ns, self._config.arm_length_m, self._config.restitution) if reached else None
@@ -368,7 +371,7 @@ class DynamixelStriker(Striker):
             return action()
         except _Stopped:
             self._hold()
-            raise StrikerRefused("the striker was stopped on request; home it to go on") from None
+            raise StrikerStopped from None
         except StrikerRefused:
             raise
         except StrikerError as error:
@@ -445,6 +448,7 @@ class DynamixelStriker(Striker):
                 if not self._servo.is_open:
                     self._health = None
                     continue
+                self._servo.keep_dead_man()
                 if self._status.state is not StrikerState.FAULT:
                     self._publish(self._servo.require_sample())
                 if self._health is None or self._clock.monotonic_ns() - self._health.read_ns > HEALTH_NS:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from acquire.errors import StrikerRefused
+from acquire.errors import StrikerStopped
 from acquire.striker.base import ClockSink, EventSink, SampleSink, StrikeOutcome, Striker, StrikerState
 from acquire.striker.states import StrikerStatus, advance, arming_expired, unhomed
 from schemas.proto import percuss_pb2 as pb
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from acquire.config import StrikerConfig
     from acquire.striker.bus import MonotonicClock
 
@@ -49,9 +51,11 @@ class ManualStriker(Striker):
     def open(self) -> None:
         """Nothing to open."""
 
-    def home(self) -> None:
+    def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
         """Nothing to move."""
         self._stop_requested = False
+        if stopped():
+            raise StrikerStopped
         self._set(StrikerState.HOMED, _Event.HOMED)
 
     def arm(self) -> None:
@@ -68,7 +72,8 @@ class ManualStriker(Striker):
         """Wait for the hand; the outcome's contact is unknown, its speed the one asked for, with that as its uncertainty.
 
         Raises:
-            StrikerRefused: not armed in time, or stopped while waiting.
+            StrikerRefused: not armed in time.
+            StrikerStopped: stopped while waiting.
         """
         now_ns = self._clock.monotonic_ns()
         if arming_expired(self._status, now_ns, self._config.arming_expires_s):
@@ -78,7 +83,7 @@ class ManualStriker(Striker):
             if self._stop_requested:
                 self._status = unhomed(self._clock.monotonic_ns())
                 self._event_sink(_Event(kind=_Event.STOPPED, strike_id=strike_id, host_time_ns=self._clock.monotonic_ns()))
-                raise StrikerRefused("the strike was stopped on request; home the striker to go on")
+                raise StrikerStopped
             time.sleep(0.02)
         self._set(StrikerState.DISARMED, _Event.DISARMED, strike_id)
         return StrikeOutcome(None, 0.0, tip_speed_m_s, tip_speed_m_s, None, 0.0, 0, now_ns)

@@ -111,7 +111,7 @@ class Servo:
             self._bus.write(self._table["Bus Watchdog"], 0)  # torque stays on over a restart, and so does a watchdog that tripped
             self._write_limits()
             self._model = model
-            self._dead_man = DeadMan(self._bus.descriptor, self._bus.last_words(self._table["Torque Enable"], 0))
+            self.keep_dead_man()
         except Exception:
             self._bus.close()
             raise
@@ -122,6 +122,18 @@ class Servo:
         if dead_man is not None:
             dead_man.dismiss()
         self._bus.close()
+
+    def keep_dead_man(self) -> None:
+        """See to it that somebody stands by who takes the torque off when this process is gone.
+
+        Raises:
+            StrikerError: that process does not start.
+        """
+        if self._dead_man is not None and not self._dead_man.alive:
+            self._dead_man.dismiss()
+            self._dead_man = None
+        if self._dead_man is None:
+            self._dead_man = DeadMan(self._bus.descriptor, self._bus.last_words(self._table["Torque Enable"], 0))
 
     @property
     def is_open(self) -> bool:
@@ -134,9 +146,9 @@ class Servo:
         return {
             "Return Delay Time": 0,
             "Operating Mode": CURRENT_BASED_POSITION,
-            "Temperature Limit": min(100, config.temperature_limit_c),
-            "Current Limit": min(1193, round(config.current_limit_a / CURRENT_UNIT_A)),
-            "Velocity Limit": min(1023, round(config.velocity_limit_rad_s / VELOCITY_UNIT_RAD_S)),
+            "Temperature Limit": config.temperature_limit_c,
+            "Current Limit": round(config.current_limit_a / CURRENT_UNIT_A),
+            "Velocity Limit": round(config.velocity_limit_rad_s / VELOCITY_UNIT_RAD_S),
             "Max Position Limit": min(4095, ends[1]),
             "Min Position Limit": max(0, ends[0]),
             "Shutdown": SHUTDOWN,

@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from acquire import session_runner
-from acquire.errors import DaemonSilent
-from acquire.session import Recorded
+from acquire.errors import DaemonSilent, StrikerLost, StrikerStopped
+from acquire.session import Recorded, StopRequested, StrikerFailed
 from acquire.session_runner import LATE_TIMEOUT_S, REST_TIMEOUT_S, SessionInput, SessionRunner
 from tests.acquire.test_session import POSE
 from tests.system.complaints import spec_and_plan, write
@@ -159,3 +160,28 @@ def test_a_recording_in_which_nothing_was_struck_goes_and_is_named(
     file, said = interrupted(monkeypatch, tmp_path, at, reason)
     assert not file.exists()
     assert said == [f"discarded: {file}: no strike was ordered yet"]
+
+
+class Stopped:
+    """A daemon whose striker somebody stopped, while its servo was away."""
+
+    def __init__(self) -> None:
+        self.asked: list[bool] = []
+
+    def call(self, name: str, **params: Any) -> dict[str, Any]:
+        if name == "status":
+            return {"striker": "fault"}
+        assert name == "striker.home"
+        self.asked.append(params["after_stop"])
+        raise StrikerLost("unplugged") if len(self.asked) < 3 else StrikerStopped
+
+
+def test_a_session_that_waits_for_its_servo_hears_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session_runner, "time", Host())
+    runner, daemon = SessionRunner.__new__(SessionRunner), Stopped()
+    runner._client, runner._progress = daemon, lambda *_: None  # type: ignore[assignment]
+    runner._machine = SimpleNamespace(progress=(0, 1))  # type: ignore[assignment]
+    assert isinstance(runner._clear_fault(), StopRequested)
+    assert daemon.asked == [False, False, False]
+    assert isinstance(runner._striker_failed(StrikerStopped()), StopRequested)
+    assert isinstance(runner._striker_failed(StrikerLost("unplugged")), StrikerFailed)

@@ -67,7 +67,8 @@ class Daemon:
         )
 
     def _status(self, _params: object) -> dict[str, Any]:
-        return {"recording": self.recording, "rig": "bench", "striker": "homed" if self.homed else "disarmed"}
+        state = "homed" if self.homed else "disarmed"
+        return {"recording": self.recording, "rig": "bench", "striker": state, "striker_trouble": ""}
 
     def _home(self, _params: object) -> dict[str, Any]:
         self.homed = True

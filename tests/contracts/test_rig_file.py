@@ -77,8 +77,8 @@ def test_the_limits_by_hand(tmp_path: Path) -> None:
 
 @given(
     st.floats(0.01, 2.0),
-    st.floats(-math.pi, -0.04),
-    st.floats(0.6, 100.0),
+    st.floats(-2.5, -0.04),
+    st.floats(0.6, 24.5),
     st.floats(0.0, 1.0),
 )
 def test_a_speed_that_may_be_planned_is_one_that_is_accepted(arm: float, cocked: float, limit: float, share: float) -> None:
@@ -142,6 +142,12 @@ def test_a_key_that_is_not_known_is_refused_by_both_alike(tmp_path: Path, sectio
         ("top", "g_m_s2 = 98.1"),
         ("striker", "restitution = 1.2"),
         ("striker", "cocked_angle_rad = 0.3"),
+        ("striker", "cocked_angle_rad = -3"),
+        ("striker", "current_limit_a = 50"),
+        ("striker", "velocity_limit_rad_s = 100"),
+        ("striker", "temperature_limit_c = 5000"),
+        ("striker", "arming_expires_s = 1e9"),
+        ("striker", "zero_position = -7"),
         ("striker", "reach_m = [0.3, 0.1]"),
         ("striker", "effective_mass_kg = nan"),
         ("camera", "frame_rate_hz = 0"),

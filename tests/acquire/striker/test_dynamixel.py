@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import random
+import signal
 import threading
 import time
 from itertools import pairwise
@@ -198,3 +200,12 @@ def test_a_blocked_arm_is_a_fault(plant: Plant, heard: Any) -> None:
         with pytest.raises(StrikerError, match="moves freely"):
             striker.home()
         assert striker.state is StrikerState.FAULT
+
+
+def test_the_process_that_stands_by_is_started_again(plant: Plant, heard: Any) -> None:
+    """It takes the torque off when this process dies; nobody else would."""
+    with heard.opened(plant.config()) as striker:
+        first = striker._servo._dead_man
+        os.kill(first.pid, signal.SIGKILL)
+        assert wait_for(lambda: (now := striker._servo._dead_man) not in {None, first} and now.alive, 5.0)
+        assert striker.state is StrikerState.DISARMED
