@@ -182,6 +182,7 @@ class FaultRig:
 
     def __init__(self, cleanup: contextlib.ExitStack, folder: Path) -> None:
         self._cleanup = cleanup
+        self._background: list[threading.Thread] = []
         self.folder = folder
         self.plant = cleanup.enter_context(Plant(folder, gap=0.0))
         self.recording = folder / "r.mcap"
@@ -254,7 +255,13 @@ socket = "{path.with_suffix("") / "d.sock"}"
 
         thread = threading.Thread(target=call, name=method)
         thread.start()
+        self._background.append(thread)
         self._cleanup.callback(thread.join)
+
+    def wait_for_background(self) -> None:
+        """Until every call in the background has its answer, so that its client may call again."""
+        while self._background:
+            self._background.pop().join()
 
     def still_after_s(self, since_ns: int, rad_s: float = 0.1) -> float:
         """How long after `since_ns` the arm went on moving [s]."""

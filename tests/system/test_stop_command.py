@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 from acquire.api import DaemonClient
 from acquire.cli import main as acquire
-from acquire.errors import StrikerRefused
+from acquire.errors import StrikerStopped
 from tests.acquire.striker.lateness import Lateness
 from tests.system.fault_rig import OTHER_ADDRESS, Daemon, FaultRig, fault_rig, wait_until
 from tests.system.test_striker_faults import STATES, reach
@@ -77,11 +77,14 @@ def test_a_servo_is_stopped(servo_rig: tuple[FaultRig, Daemon], state: str, what
     assert moved_s < MOTION_S + 5 * lateness.worst_s
     assert abs(rig.plant.omega) < 0.1
     assert looks_on.call("status")["striker"] == ("fault" if state == "fault" else "homed" if state == "homed" else "disarmed")
-    with pytest.raises(StrikerRefused, match="stopped on request: home it"):
-        looks_on.call("striker.arm")
+    rig.wait_for_background()
+    with pytest.raises(StrikerStopped, match="stopped on request: home it"):
+        client.call("striker.arm")
+    with pytest.raises(StrikerStopped):
+        client.call("striker.home", after_stop=False)
     rig.plant.restore(gap=0.0)
-    looks_on.call("striker.home")
-    looks_on.call("striker.arm")
+    client.call("striker.home")
+    client.call("striker.arm")
     stop(daemon)
     path = end_session(client, what)
     assert path is None or path.exists()
@@ -101,9 +104,10 @@ def test_a_hand_is_told_to_stop(manual_rig: tuple[FaultRig, Daemon], state: str,
         wait_until(lambda: looks_on.call("status")["striker"] == "released", 3.0)
     assert stop(daemon) < ANSWER_S
     wait_until(lambda: looks_on.call("status")["striker"] in {"disarmed", "homed"}, 1.0)
-    with pytest.raises(StrikerRefused, match="stopped on request: home it"):
-        looks_on.call("striker.arm")
-    looks_on.call("striker.home")
+    rig.wait_for_background()
+    with pytest.raises(StrikerStopped, match="stopped on request: home it"):
+        client.call("striker.arm")
+    client.call("striker.home")
     end_session(client, what)
 
 
@@ -119,3 +123,14 @@ def test_a_capture_process_that_hangs_holds_no_stop_up(servo_rig: tuple[FaultRig
     time.sleep(0.4)
     assert rig.still_after_s(sent_ns) < MOTION_S
     wait_until(lambda: daemon.capture not in {0, capture}, 20.0, 0.05)
+
+
+def test_a_terminal_that_is_closed_ends_the_daemon_in_order() -> None:
+    with fault_rig() as rig:
+        _, daemon, client = rig.recording_daemon()
+        reach(rig, client, "settled")
+        daemon.process.send_signal(signal.SIGHUP)
+        assert daemon.process.wait(20) == 0, daemon.complaints
+        assert not rig.torque
+        assert rig.recording.exists()
+        assert not daemon.socket.exists()
