@@ -132,7 +132,7 @@ def test_wrong_usage_is_one_line_and_code_2() -> None:
         ),
         (acquire, ["--loud"], r"acquire: No such option.*--loud.* \(see acquire --help\)"),
         (acquire, ["strike", "--speed", "1", "--plan", "p"], r"acquire: give --speed, or --plan .* \(see acquire strike --help\)"),
-        (analyze, ["estimate"], r"analyze: Missing argument 'FILE' \(see analyze estimate --help\)"),
+        (analyze, ["estimate"], r"analyze: Missing argument 'FILE\.\.\.' \(see analyze estimate --help\)"),
         (analyze, ["plan", "x.toml", "--strikes", "0"], r"analyze: .*'--strikes'.* \(see analyze plan --help\)"),
         (analyze, ["plan", "x.toml", "--methd", "ours"], r"analyze: No such option.*--methd.*--method.* \(see analyze plan --help\)"),
         (analyze, ["divine", "x.mcap"], r"analyze: No such command.*divine.* \(see analyze --help\)"),
