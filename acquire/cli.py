@@ -230,11 +230,11 @@ def stop(rig: Path | None, whole: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors
 def recover(file: Path, output: Path | None, as_json: bool) -> None:
-    """Rebuild a recording that was cut short. Exits with 3 when anything was lost."""
+    """Rebuild a recording that was cut short. Exits with 3 when anything was lost, be it only what came behind a cut."""
+    from acquire.recorder.recover import default_output
     from acquire.recorder.recover import recover as recover_file
 
-    stem = file.name.removesuffix(".part").removesuffix(".mcap")
-    report = recover_file(file, output or file.with_name(f"{stem}-recovered.mcap"))
+    report = recover_file(file, output or default_output(file))
     click.echo(json.dumps(report.as_dict()) if as_json else report.text())
     if report.anything_lost:
         sys.exit(3)

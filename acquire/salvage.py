@@ -97,7 +97,7 @@ class Salvage:
         self._on_end(self._found)
 
     def _recover(self, part: Path, whole: Path) -> str:
-        """Run `acquire recover`; what it could not save, in words."""
+        """Run `acquire recover`; what it could not save of the bytes that are there, in words. That they end early is known."""
         command = [sys.executable, "-m", "acquire", "recover", str(part), "-o", str(whole), "--json"]
         with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             with contextlib.suppress(ProcessLookupError):  # it is done already
@@ -106,7 +106,7 @@ class Salvage:
         if process.returncode not in {0, 3}:
             raise RecorderError(complaint.strip().removeprefix("acquire: ") or f"`acquire recover` ended with {process.returncode}")
         report = json.loads(output)
-        if report["anything_lost"]:
+        if report["anything_damaged"]:
             damaged = f"{report['damaged_records']} damaged records and {report['skipped_bytes']} bytes of none"
             return f", {part.name} is kept: it holds {damaged}"
         part.unlink()

@@ -13,7 +13,8 @@ from acquire.errors import RecorderError
 from acquire.recorder import atomic
 from acquire.recorder.direct_file import PAGE
 from acquire.recorder.edit import copy_chunk
-from acquire.recorder.rewrite import Rewriter, mapped, read_layout
+from acquire.recorder.rewrite import Rewriter, mapped, read_layout, refuse_folder
+from acquire.recorder.summary import ChunkEntry
 from schemas import container
 from schemas.container import ContainerError, ContentHash
 from schemas.documents import MANIFEST_NAME, SEAL_NAME, sha256_text
@@ -36,12 +37,20 @@ class RecoverReport:
     skipped_bytes: int = 0
     """belonged to no whole record"""
     ended_properly: bool = False
+    """its data are there to their end; where they are not, nobody can know how much came later"""
+    lasts_s: float = 0.0
+    """from the first message that was saved to the last, by their log times"""
     has_manifest: bool = False
     content_id: str = ""
 
     @property
     def anything_lost(self) -> bool:
-        """Whether the source held bytes that could not be saved."""
+        """Whether the recording held more than was saved: bytes that are damaged, or all that came behind a cut."""
+        return self.anything_damaged or not self.ended_properly
+
+    @property
+    def anything_damaged(self) -> bool:
+        """Whether the source itself holds bytes that could not be saved."""
         return self.damaged_records > 0 or self.skipped_bytes > 0
 
     def as_dict(self) -> dict[str, Any]:
@@ -54,7 +63,9 @@ class RecoverReport:
             "attachments": self.attachments,
             "damaged_records": self.damaged_records,
             "skipped_bytes": self.skipped_bytes,
+            "anything_damaged": self.anything_damaged,
             "ended_properly": self.ended_properly,
+            "lasts_s": self.lasts_s,
             "has_manifest": self.has_manifest,
             "content_id": self.content_id,
             "anything_lost": self.anything_lost,
@@ -65,11 +76,21 @@ class RecoverReport:
         lines = [f"{self.path}: {self.messages} messages on {len(self.topics)} topics, {self.attachments} attachments"]
         if not self.has_manifest:
             lines.append("no manifest: the file is good for viewers, `analyze` cannot use it")
-        if self.anything_lost:
+        if self.anything_damaged:
             lines.append(f"lost: {self.damaged_records} damaged records, {self.skipped_bytes} bytes of records that are not whole")
-        elif not self.ended_properly:
-            lines.append("everything in the file was saved; up to 0.5 s of small topics may never have reached it")
+        if not self.ended_properly:
+            lines.append(f"lost: what came later: the file breaks off at t = {self.lasts_s:.3f} s after its first message")
         return "\n".join(lines)
+
+
+def default_output(path: Path) -> Path:
+    """Beside a recording, with -recovered before .mcap.
+
+    Raises:
+        RecorderError: `path` is a folder.
+    """
+    refuse_folder(path)
+    return path.with_name(f"{path.name.removesuffix('.part').removesuffix('.mcap')}-recovered.mcap")
 
 
 def recover(path: Path, out: Path) -> RecoverReport:
@@ -126,6 +147,9 @@ class _Salvage:
         for number, topic in self._topics.items():
             if counts[number]:
                 self._report.topics[topic] = self._report.topics.get(topic, 0) + counts[number]
+        chunks = [ChunkEntry.parse(memoryview(entry)[container.RECORD_HEAD :]) for entry in self._writer.summary.chunks]
+        if chunks:
+            self._report.lasts_s = (max(each.end_ns for each in chunks) - min(each.start_ns for each in chunks)) * 1e-9
         self._writer.metadata(SEAL_NAME, {"content_id": self._digest.hexdigest(), **self._manifest_hash})
 
     def _without_padding(self) -> int:

@@ -22,13 +22,20 @@ from schemas.topics import Topic
 CHUNK_BYTES = 1 << 20
 
 
+def refuse_folder(path: Path) -> None:
+    """Raise RecorderError if `path` is a folder."""
+    if path.is_dir():
+        raise RecorderError(f"{path}: is a folder: name the recording in it")
+
+
 @contextmanager
 def mapped(path: Path) -> Iterator[memoryview]:
     """A file's bytes, read-only.
 
     Raises:
-        RecorderError: it is missing, empty, or no MCAP file.
+        RecorderError: it is missing, a folder, empty, or no MCAP file.
     """
+    refuse_folder(path)
     try:
         with path.open("rb") as file:
             data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)

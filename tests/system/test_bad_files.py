@@ -226,6 +226,9 @@ def test_recover_refuses_what_it_cannot_save_and_what_exists(tmp_path: Path) -> 
     whole = record(tmp_path / "whole.mcap", BLANK)
     assert "exists already" in complaint(acquire, "recover", whole, "-o", whole)
     assert "no such recording: check the path" in complaint(acquire, "recover", tmp_path / "none.mcap")
+    for folder in (".", "..", "/", tmp_path):
+        assert f"{folder}: is a folder: name the recording in it" in complaint(acquire, "recover", folder)
+        assert f"{folder}: is a folder: name the recording in it" in complaint(acquire, "recover", folder, "-o", tmp_path / "new.mcap")
     assert "is empty" in complaint(acquire, "recover", write(tmp_path / "empty.mcap", b""))
     assert "is not a recording" in complaint(acquire, "recover", write(tmp_path / "noise.mcap", bytes(99)))
     assert "nothing can be saved" in complaint(acquire, "recover", write(tmp_path / "head.mcap", whole.read_bytes()[:30]))

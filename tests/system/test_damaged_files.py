@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 
 from acquire.cli import main as acquire
+from schemas import container
 from tests import small_recording as small
 from tests.system.fault_rig import add_row
 
@@ -63,10 +64,18 @@ def ends(data: bytes) -> np.ndarray:
 def test_a_file_cut_anywhere(whole: bytes, tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     places = np.concatenate([rng.integers(1, len(whole), CASES - EARLY), rng.integers(1, EARLY_BYTES, EARLY)])
-    image_ends, refused = ends(whole), 0
+    image_ends, refused, harmless = ends(whole), 0, 0
+    (data_end,) = (at for opcode, at, _ in container.walk(memoryview(whole), len(container.MAGIC)) if opcode == container.DATA_END)
+    data_end += container.RECORD_HEAD + 4
     for place in places.tolist():
-        code, numbers, _ = recovered(whole[:place], tmp_path)
+        code, numbers, report = recovered(whole[:place], tmp_path)
         refused += code == REFUSED
+        harmless += place >= data_end
+        if place >= data_end:
+            assert code == 0
+            assert report["topics"]["/session/strike"] == 1
+        elif code != REFUSED:
+            assert code == LOST
         surely, perhaps = int(np.sum(image_ends + CHUNK_END <= place)), int(np.sum(image_ends <= place))
         assert surely <= len(numbers) <= perhaps
         assert numbers == list(range(len(numbers)))
@@ -74,8 +83,9 @@ def test_a_file_cut_anywhere(whole: bytes, tmp_path: Path) -> None:
             assert place < image_ends[0] + CHUNK_END
     add_row(
         f"a recording cut at any of {CASES} places, into `acquire recover`",
-        f"the record at the cut; every image before it comes out byte for byte; {refused} cuts left nothing to save: refused in one line",
-        "at once; exit code 3 says that something is lost",
+        "the record at the cut and what came later, said with the time at which the file breaks off; every image before it comes "
+        f"out byte for byte; {harmless} cuts lay behind the data (index, summary): nothing; {refused} left nothing: refused in one line",
+        "at once; exit code 3, 0 where nothing is lost",
     )
 
 

@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from acquire.errors import RecorderError
 from acquire.recorder.recover import recover
 from acquire.recorder.writer import McapWriter
-from schemas import topics
+from schemas import container, topics
 from tests import small_recording as small
 
 
@@ -31,10 +31,11 @@ def test_a_killed_recording(tmp_path: Path) -> None:
     writer.flush()
     writer.abort()
     report = recover(tmp_path / "a.mcap.part", tmp_path / "a.mcap")
-    assert not report.anything_lost
+    assert not report.anything_damaged
     assert not report.ended_properly
+    assert report.anything_lost  # whatever had not reached the disk: nobody can know how much
     assert report.topics["/striker/sample"] == small.SAMPLES
-    assert "0.5 s" in report.text()
+    assert f"lost: what came later: the file breaks off at t = {report.lasts_s:.3f} s" in report.text()
     # The same messages have the same name, however they came into a file.
     assert report.content_id == small.write_recording(tmp_path / "b.mcap").content_id
     assert _attachments(tmp_path / "a.mcap") == {"plan.json": small.PLAN, "shape/box.stl": b"solid"}
@@ -49,6 +50,36 @@ def test_a_whole_recording_stays_what_it_is(tmp_path: Path) -> None:
     assert report.ended_properly
     assert not report.anything_lost
     assert (report.content_id, report.messages) == (seal.content_id, seal.messages)
+
+
+def test_a_cut_between_two_records_is_a_loss_and_is_told(tmp_path: Path) -> None:
+    """Every byte of such a file is whole; what came later, the strike's record too, is not in it."""
+    small.write_recording(tmp_path / "a.mcap")
+    data = (tmp_path / "a.mcap").read_bytes()
+    sizes = [(at, container.RECORD_HEAD + len(body)) for _, at, body in container.walk(memoryview(data), len(container.MAGIC))]
+    chunks = [at + size for (at, size) in sizes if data[at] == container.CHUNK]
+    cut = chunks[len(chunks) // 2]
+    (tmp_path / "cut.mcap").write_bytes(data[:cut])
+    report = recover(tmp_path / "cut.mcap", tmp_path / "b.mcap")
+    assert (report.damaged_records, report.skipped_bytes) == (0, 0)
+    assert report.anything_lost
+    assert report.as_dict()["anything_lost"] is True
+    assert "/session/strike" not in report.topics
+    with (tmp_path / "b.mcap").open("rb") as file:
+        times = [message.log_time for _, _, message in make_reader(file).iter_messages()]
+    assert report.lasts_s == pytest.approx((max(times) - min(times)) * 1e-9)
+    assert report.lasts_s < small.FRAMES * small.PERIOD_NS * 1e-9
+    assert report.text().endswith(f"lost: what came later: the file breaks off at t = {report.lasts_s:.3f} s after its first message")
+
+
+def test_a_cut_behind_the_data_loses_nothing(tmp_path: Path) -> None:
+    """The summary is made anew from them."""
+    seal = small.write_recording(tmp_path / "a.mcap")
+    data = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[:-60])
+    report = recover(tmp_path / "cut.mcap", tmp_path / "b.mcap")
+    assert not report.anything_lost
+    assert report.content_id == seal.content_id
 
 
 def test_a_cut_in_an_image_loses_that_image(tmp_path: Path) -> None:
