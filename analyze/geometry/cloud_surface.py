@@ -101,7 +101,7 @@ def cloud_surface(points: Array) -> CloudSurface:
     smoothed, normals, smooth_sd = _smoothed(kept, planes, sharp, sd, noise.spacing, extent)
     rims, thin = [], []
     for plane in planes:
-        rim, pulled = _within_outline(_rim(smoothed, normals, plane, planes, sd, noise.spacing, smooth_sd), kept, plane, sd)
+        rim, pulled = _within_outline(_rim(smoothed, normals, plane, planes, sd, noise.spacing, smooth_sd), kept, plane, sd, noise.spacing)
         rims.append(rim)
         thin.append(pulled)
     try:
@@ -315,10 +315,10 @@ def _rim(
     return _on_circle(rim, plane, max(2.5 * smooth_sd, 0.3 * spacing))
 
 
-def _within_outline(rim: Array, points: Array, plane: FittedPlane, sd: float) -> tuple[Array, bool]:
-    """`rim` (k, 3) where the points of `plane` reach, and whether some of it lay beyond: what follows a wall over its top runs away.
+def _within_outline(rim: Array, points: Array, plane: FittedPlane, sd: float, spacing: float) -> tuple[Array, bool]:
+    """`rim` (k, 3), drawn back where it runs off the points of `plane` as what follows a low wall over its top does; whether it did.
 
-    The noise pushes the outline of the points out, by some `PUSHED` sd [m].
+    The noise pushes the outline of the points out, by some `PUSHED` sd [m]; where they are sparse they end up to a `spacing` [m] early.
     """
     face = points[np.abs(plane.heights(points)) <= SHEET * plane.scatter]
     if not len(rim) or len(face) < FEWEST_NEIGHBOURS:
@@ -330,7 +330,7 @@ def _within_outline(rim: Array, points: Array, plane: FittedPlane, sd: float) ->
     middle = outline.points[outline.vertices].mean(axis=0)
     flat = rim @ plane.basis.T - middle
     room = -(outline.equations[:, :2] @ middle + outline.equations[:, 2])
-    if (flat @ outline.equations[:, :2].T <= room).all():
+    if (flat @ outline.equations[:, :2].T <= room + spacing + sd).all():
         return rim, False
     rise = flat @ outline.equations[:, :2].T / np.maximum(room - PUSHED * sd, 0.5 * room)
     drawn = flat / np.maximum(rise.max(axis=1), 1.0)[:, None] - flat

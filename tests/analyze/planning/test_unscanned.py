@@ -200,3 +200,14 @@ def test_the_edges_of_a_plate_under_a_stem(thickness, noise):
         off = axis.tip @ axis.point + RADIUS - 0.05
         assert abs(off) < 3 * axis.sd + 5e-5
         assert abs(off) < 5e-4
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.5])
+def test_the_rim_of_a_round_base_is_followed_down_its_wall(noise):
+    """The outermost points of the base end before its rim: that is no reason to draw the rim back."""
+    round_body = trimesh.creation.cylinder(36.0, 150.0, sections=256)
+    surface = load_object_model(thing("can.xyz"), xyz(cloud(round_body, 20_000, noise)), "can.xyz").cloud
+    assert surface is not None
+    assert not any(surface.unwalled)
+    low = surface.vertices[surface.vertices[:, 2] < -0.0745]
+    assert abs(np.linalg.norm(low[:, :2], axis=1).max() - 0.036) < 2e-4
