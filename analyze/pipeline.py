@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from analyze.errors import EstimationError
+from analyze.estimation.agreement import agreement
 from analyze.estimation.cells import Cells, cells_from_voxels, wall_thickness
 from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
 from analyze.estimation.equiplane import equiplane, equiplane_from_fit
@@ -124,7 +125,9 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         usable = [motion.strike_id for motion in evidence.motions if _usable(motion, EstimateOptions())]
         raise EstimationError(too_few(LEAST_STRIKES, evidence.motions, usable, options.exclude, evidence.plan))
     planes = equiplanes(evidence, used, options.estimator)
-    com = centre_of_mass(planes, systematic_errors(evidence), ComPrior.from_bounds(model.bounds[0], model.bounds[1]))
+    systematic, prior = systematic_errors(evidence), ComPrior.from_bounds(model.bounds[0], model.bounds[1])
+    com = centre_of_mass(planes, systematic, prior)
+    agreed = agreement(planes, [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes], com, systematic, prior)
     # Of several places the worst known g: to share it is safe, to average it would not be.
     gravity_sd = max(recording.manifest.g_sd_m_s2 for recording in evidence.recordings)
     scale = Scale(spec.mass_kg, spec.mass_sd_kg, evidence.manifest.g_m_s2, gravity_sd)
@@ -149,7 +152,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         distribution=distribution,
         com_paper=com_paper,
         distribution_paper=regions_paper,
-        warnings=result_warnings(evidence, options, planes, inertial, distribution, com_paper),
+        warnings=result_warnings(evidence, options, planes, inertial, distribution, com_paper, agreed),
     )
     return Estimate(result, evidence, planes, com, com_paper, inertial, cells, distribution, regions_paper, scale)
 

@@ -460,6 +460,7 @@ class WarningCode(enum.Enum):
     """What a reader of the result must know."""
 
     RECORDING_INCOMPLETE = "recording_incomplete"
+    RECORDINGS_DISAGREE = "recordings_disagree"
     FEW_STRIKES = "few_strikes"
     DIRECTION_UNOBSERVED = "direction_unobserved"
     OBJECT_OVERRIDDEN = "object_overridden"

@@ -76,7 +76,7 @@ def centre_of_mass(planes: Sequence[EquiPlane], systematic: SystematicErrors, pr
     """
     if not planes:
         raise EstimationError("no good strike: strike again, or lower the number of excluded strikes")
-    terms = _Terms(planes, systematic)
+    terms = Terms(planes, systematic)
     precision = np.diag(np.concatenate([1 / prior.sd**2, np.ones(terms.count - 3)]))
     start = np.concatenate([prior.mean, np.zeros(terms.count - 3)])
     sd = np.hypot([plane.sd_phi for plane in planes], systematic.strike_angle_sd)
@@ -99,7 +99,7 @@ def centre_of_mass(planes: Sequence[EquiPlane], systematic: SystematicErrors, pr
     return _result(terms, solution, covariance, weight, sd, prior, systematic.edge_radius_sd)
 
 
-def _step(terms: _Terms, precision: Array, start: Array, solution: Array, weight: Array) -> Array:
+def _step(terms: Terms, precision: Array, start: Array, solution: Array, weight: Array) -> Array:
     """One Gauss-Newton step (Levenberg's cure: halved until the misfit falls)."""
 
     def misfit(x: Array) -> float:
@@ -122,7 +122,7 @@ def _effective(precision: Array, design: Array, weight: Array) -> float:
     return float(np.trace(np.linalg.solve(precision + information, information)))
 
 
-class _Terms:
+class Terms:
     """The unknowns: c (3) [m], then the shared errors, each in units of its sd.
 
     They are tilt about W's y and x, scale, radius, three per axis, and two of tilt for each further levelling.
@@ -188,7 +188,7 @@ class _Terms:
         return rows
 
 
-def _result(terms: _Terms, solution: Array, covariance: Array, weight: Array, sd: Array, prior: ComPrior, radius_sd: float) -> CentreOfMass:
+def _result(terms: Terms, solution: Array, covariance: Array, weight: Array, sd: Array, prior: ComPrior, radius_sd: float) -> CentreOfMass:
     position = solution[:3]
     information = covariance[:3, :3] / np.outer(prior.sd, prior.sd)
     values, vectors = np.linalg.eigh((information + information.T) / 2)

@@ -13,6 +13,7 @@ from analyze.types import EquiPlane, InertialParameters, MassDistribution
 from schemas.documents import ResultWarning, TimeSource, Verdict, WarningCode
 
 if TYPE_CHECKING:
+    from analyze.estimation.agreement import Agreement
     from analyze.estimation.paper import PaperCentre
     from analyze.evidence import Evidence
     from analyze.pipeline import EstimateOptions
@@ -33,6 +34,7 @@ def result_warnings(
     inertial: InertialParameters,
     distribution: MassDistribution,
     com_paper: PaperCentre,
+    agreed: Agreement,
 ) -> list[ResultWarning]:
     """All warnings, in a fixed order."""
     found: list[ResultWarning] = []
@@ -50,6 +52,9 @@ def result_warnings(
     done = planned_strikes(evidence.plan, (motion.plan_strike_id for motion in evidence.motions))
     if done.missing:
         warn(WarningCode.RECORDING_INCOMPLETE, done.text())
+    if not agreed.holds:
+        text = f"the recordings do not mean one centre of mass: theirs lie {1e3 * agreed.apart:.2g} mm apart, more than their errors allow"
+        warn(WarningCode.RECORDINGS_DISAGREE, f"{text}: was the object opened, refilled or exchanged? Then estimate each by itself")
     if evidence.object_path_used:
         warn(WarningCode.OBJECT_OVERRIDDEN, "the object file given replaces the recording's; pivots are the plan's")
     if options.exclude:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,14 +11,15 @@ import numpy as np
 import pytest
 
 from analyze.errors import EstimationError, JoinError
+from analyze.estimation.agreement import Agreement, agreement
 from analyze.estimation.centre_of_mass import ComPrior, centre_of_mass
 from analyze.evidence import Evidence
 from analyze.joined import in_order, join, levels_of, strikes_to_leave_out
 from analyze.pipeline import Estimate, EstimateOptions, equiplanes, estimate_evidence, systematic_errors
 from analyze.results.report import render_report
 from analyze.types import CentreOfMass, TipMotion
-from schemas.documents import Result, Verdict, canonical_json, sha256_text
-from tests.analyze.estimation.bodies import SIX_AXES, fit_of, planned_strike, tip
+from schemas.documents import Result, Verdict, WarningCode, canonical_json, sha256_text
+from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
 from tests.analyze.simulated_session import carton, session
 
 BODY = carton()
@@ -296,6 +298,40 @@ def fair(seed: int, *, tables: int) -> float:
     com = com_of(join(sessions))
     off = com.position - BODY.com
     return float(off @ np.linalg.solve(com.covariance, off))
+
+
+def refilled(evidence: Evidence, moved_kg: float) -> Evidence:
+    """The same object with some of its upper part's mass in the lower."""
+    body = box_body((0.08, 0.06, 0.15), (0.026, 0.014 - moved_kg, 0.004 + moved_kg), 0.005, (0.5, -0.35, 0.79))
+    other = session(body, np.random.default_rng(2))
+    return replace(evidence, motions=other.motions, plan=other.plan)
+
+
+def test_an_object_that_was_refilled_in_between_is_noticed(whole, halves, joint):
+    assert WarningCode.RECORDINGS_DISAGREE not in {warning.code for warning in joint.result.warnings}
+    found = estimate_evidence(join((halves[0], part(refilled(whole, 0.002), 6, 12, "bb"))))
+    text = next(warning.text for warning in found.result.warnings if warning.code is WarningCode.RECORDINGS_DISAGREE)
+    assert re.search(r"theirs lie 2\.\d mm apart, more than their errors allow: was the object opened, refilled or exchanged", text)
+
+
+def test_recordings_of_one_body_agree_and_of_two_do_not(whole):
+    def compared(*evidence: Evidence) -> Agreement:
+        both = join(evidence)
+        planes = equiplanes(both, both.motions)
+        numbers = [both.recorded_in.get(plane.strike_id, 0) for plane in planes]
+        return agreement(planes, numbers, com_of(both), systematic_errors(both), ComPrior.from_bounds(*both.model.bounds))
+
+    alone = compared(whole)
+    assert alone.holds
+    assert alone.chi_squared == 0
+    one = part(whole, 0, 12, "a")
+    same = compared(one, part(refilled(whole, 0.0), 0, 12, "bb"))
+    assert same.holds
+    assert same.apart < 1e-4
+    other = compared(one, part(refilled(whole, 0.0005), 0, 12, "bb"))
+    assert not other.holds
+    # 0.5 g moved by 67 mm in 44 g
+    assert other.apart == pytest.approx(7.7e-4, rel=0.1)
 
 
 @pytest.mark.parametrize("tables", [1, 2])
