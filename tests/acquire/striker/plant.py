@@ -64,6 +64,7 @@ class Plant:
         """requests that the servo does not hear"""
         self._wire = threading.Lock()
         self._plugged = True
+        self._held = False
         self._thread = threading.Thread(target=self._run, name="plant")
 
     def __enter__(self) -> Plant:
@@ -95,6 +96,10 @@ class Plant:
     def restore(self, gap: float) -> None:
         self.gap, self.theta, self.theta_dot = gap, 0.0, 0.0
         self.touches.clear()
+
+    def hold(self) -> None:
+        """A hand holds the arm where it is, for good."""
+        self._held = True
 
     def _run(self) -> None:
         next_ns = time.monotonic_ns()
@@ -142,6 +147,8 @@ class Plant:
     def _substep(self, torque: float, now_ns: int, dt: float) -> None:
         force = 0.0 if self.gap is None else self._force(now_ns, self.gap)
         self.omega += (torque - ARM_WEIGHT_MOMENT * math.sin(self.angle) - ARM_LENGTH * force) / ARM_INERTIA * dt
+        if self._held:
+            self.omega = 0.0
         self.angle += self.omega * dt
         if self.gap is not None:
             self.theta_dot += (force * BOX_HEIGHT / BOX_INERTIA - BOX_K * math.sin(BOX_PHI - self.theta)) * dt
