@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from analyze.errors import PlanError
-from analyze.evidence import RecordingHead
+from analyze.evidence import RecordingHead, read_head
 from analyze.geometry.edge_line import EdgeLine
 from analyze.joined import edge_line
 from analyze.pipeline import Estimate, estimate_recordings
@@ -47,21 +47,24 @@ def read_given(paths: Sequence[Path], object_sha256: str, mass: float, rig: RigC
         PlanError: a file is no result, is of another object, or holds a recording that another holds too.
     """
     recordings = [path for path in paths if path.suffix == RECORDING_SUFFIX]
-    found: list[tuple[str, Result]] = []
+    together_name = ", ".join(map(str, recordings))
+    found = [(str(path), _result(path)) for path in paths if path not in recordings]
+    held = [(name, _recordings(result)) for name, result in found]
+    if recordings:
+        held.insert(0, (together_name, {read_head(path).manifest.recording_id for path in recordings}))
+    for (one, first), (other, second) in combinations(held, 2):
+        if first & second:
+            raise PlanError(f"{one} and {other} are of the same recording: no strike may count twice, give one of them")
     touches: tuple[Touch, ...] = ()
     edges: dict[str, EdgeLine] = {}
     if recordings:
         estimate = estimate_recordings(recordings)
-        found.append((", ".join(map(str, recordings)), estimate.result))
+        found.insert(0, (together_name, estimate.result))
         touches = touches_of(estimate, rig)
         edges = {strike.axis_id: edge_line(strike) for strike in estimate.evidence.plan.strikes}
-    found += [(str(path), _result(path)) for path in paths if path not in recordings]
     for name, result in found:
         if result.inputs.object_sha256 != object_sha256:
             raise PlanError(f"{name}: is of another object, or of this one before its file was changed: give a result of this object file")
-    for (one, first), (other, second) in combinations(found, 2):
-        if _recordings(first) & _recordings(second):
-            raise PlanError(f"{one} and {other} are of the same recording: no strike may count twice, give one of them")
     given = [given_from_result(result, name, mass) for name, result in found]
     if recordings:
         given[0] = replace(given[0], edges=edges)

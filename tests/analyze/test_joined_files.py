@@ -67,10 +67,7 @@ def test_two_sessions_are_estimated_as_one(folder: Path, tmp_path: Path) -> None
 def test_a_plan_goes_on_from_both(folder: Path, tmp_path: Path) -> None:
     a, b, thing = folder / "a.mcap", folder / "b.mcap", folder / "object.toml"
     both = answer("plan", thing, "--given", b, "--given", a, "--strikes", 2, "--json")
-    whole = answer("plan", thing, "--given", SAMPLE, "--strikes", 2, "--json")
     assert [each["id"] for each in both["strikes"]] == ["s5", "s6"]
-    assert [each["axis_id"] for each in both["strikes"]] == [each["axis_id"] for each in whole["strikes"]]
-    assert both["predicted_com_sd_m"] == pytest.approx(whole["predicted_com_sd_m"], rel=1e-6)
     # The touch of the virtual rig's arm, which nobody tells the planner, has a restitution of about 0.4.
     striker = both["hypothesis"]["striker"]
     assert striker["restitution_sd"] < 0.08
@@ -78,9 +75,8 @@ def test_a_plan_goes_on_from_both(folder: Path, tmp_path: Path) -> None:
     assert any("4 strikes so far" in warning for warning in both["warnings"])
     (tmp_path / "r.json").write_text(run("estimate", a, b, "--json").stdout, encoding="utf-8")
     from_result = answer("plan", thing, "--given", tmp_path / "r.json", "--strikes", 2, "--json")
-    assert from_result["predicted_com_sd_m"] == pytest.approx(whole["predicted_com_sd_m"], rel=1e-6)
-    twice = run("plan", thing, "--given", SAMPLE, "--given", tmp_path / "r.json", "--strikes", 2)
-    assert twice.exit_code == 0, "the sample is another recording than its halves"
+    assert from_result["predicted_com_sd_m"] == pytest.approx(both["predicted_com_sd_m"], rel=1e-6)
+    assert [each["axis_id"] for each in from_result["strikes"]] == [each["axis_id"] for each in both["strikes"]]
     twice = run("plan", thing, "--given", a, "--given", b, "--given", tmp_path / "r.json", "--strikes", 2)
     assert twice.exit_code == 1
     assert "are of the same recording: no strike may count twice, give one of them" in twice.stderr
