@@ -5,6 +5,8 @@ The arm moves: nothing but air may be in its way.
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,11 +15,14 @@ import pytest
 
 from acquire.clock import SystemClock
 from acquire.config import RigConfig, StrikerConfig
-from acquire.errors import StrikerNotFound, StrikerRefused
+from acquire.errors import StrikerNotFound, StrikerRefused, StrikerStopped
 from acquire.striker.base import Striker, StrikerState
 from acquire.striker.dynamixel import DynamixelStriker
 from schemas.proto import percuss_pb2 as pb
 from tests.acquire.striker.plant import Plant
+
+SLOW_M_S = 0.12
+IN_SWING_S = 0.15
 
 
 @dataclass
@@ -78,6 +83,43 @@ def test_nothing_moves_without_its_permission(striker: Striker) -> None:
     striker.stop()
     with pytest.raises(StrikerRefused):
         striker.cock()
+
+
+def test_a_stop_in_mid_swing_ends_it_before_the_object(striker: Striker, device: Device) -> None:
+    """And nothing is armed before the arm was homed again. The slowest swings: 0.4 s and more to angle 0, which is where the object is."""
+    striker.home()
+    striker.arm()
+    striker.cock()
+    raised: list[BaseException] = []
+
+    def strike() -> None:
+        try:
+            striker.strike("s", SLOW_M_S)
+        except StrikerRefused as error:
+            raised.append(error)
+
+    swing = threading.Thread(target=strike, name="swing")
+    swing.start()
+    end = time.monotonic() + 5.0
+    while striker.state is not StrikerState.RELEASED and time.monotonic() < end:
+        time.sleep(0.001)
+    time.sleep(IN_SWING_S)
+    asked_ns = time.monotonic_ns()
+    striker.stop()
+    swing.join()
+    took_s = (time.monotonic_ns() - asked_ns) * 1e-9
+    assert [type(each) for each in raised] == [StrikerStopped]
+    assert striker.state is StrikerState.DISARMED
+    swung = [s for s in device.samples if s.host_before_ns < asked_ns][-20:]
+    assert max(s.velocity_rad_s for s in swung) > 0.1  # it was on its way
+    assert max(s.position_rad for s in device.samples) < 0
+    assert took_s < 1.0
+    with pytest.raises(StrikerRefused):
+        striker.arm()
+    striker.home()
+    striker.arm()
+    striker.cock()
+    assert striker.strike("again", 0.3).contacts == 1
 
 
 def test_a_port_has_one_owner_and_close_may_be_repeated(striker: Striker, device: Device) -> None:
