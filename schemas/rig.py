@@ -78,7 +78,7 @@ class StrikerConfig(Document):
 class RecorderConfig(Document):
     """What is kept: every frame of a strike window and previews outside it, or every frame; every frame's meta always."""
 
-    directory: str = "recordings"
+    directory: str = Field(default="recordings", description="whose disk `acquire check` tries; a session records where its -o says")
     mode: Literal["windows", "continuous"] = "windows"
     rotate_bytes: int = Field(default=2 << 30, ge=0, description="continuous: size at which the next numbered file is begun; 0: never")
     keep_files: int = Field(default=0, ge=0, description="continuous: files kept, the oldest is deleted; 0: all")

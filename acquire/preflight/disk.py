@@ -72,8 +72,8 @@ def data_rate(rig: RigConfig) -> float:
 
 
 def check_disk(disk: Disk, rig: RigConfig) -> list[Check]:
-    """Free space against the reserve, and speed against the camera."""
-    folder = Path(rig.recorder.directory)
+    """Free space against the reserve, and speed against the camera. A session's own file may go elsewhere: so the folder is named."""
+    folder = Path(rig.recorder.directory).absolute()
     rate = data_rate(rig)
     test_bytes = min(LARGEST_TEST_BYTES, round(TEST_S * rate))
     try:
@@ -87,7 +87,9 @@ def check_disk(disk: Disk, rig: RigConfig) -> list[Check]:
         f"{free / 1e9:.1f} GB free in {folder}, {reserve / 1e9:.1f} GB kept back: {max(0, free - reserve) / rate:.0f} s of strike windows"
     )
     if free < reserve:
-        space = failed("disk space", found, "free some space, or record on another disk ([recorder] directory)", measured)
+        space = failed(
+            "disk space", found, "free some space, or record on another disk: -o there, and [recorder] directory to check it", measured
+        )
     else:
         space = passed("disk space", found, measured)
     if free < 2 * test_bytes:
@@ -98,7 +100,18 @@ def check_disk(disk: Disk, rig: RigConfig) -> list[Check]:
         return [space, failed("disk speed", f"{folder}: {error.strerror}", "make the folder writable for you, or choose another")]
     needed = SPEED_MARGIN * rate
     measured = Measured(speed, needed, "B/s")
-    found = f"{speed / 1e6:.0f} MB/s written and synchronised; the camera sends {rate / 1e6:.1f} MB/s, {needed / 1e6:.0f} MB/s are wanted"
+    found = (
+        f"{speed / 1e6:.0f} MB/s written and synchronised in {folder}; "
+        f"the camera sends {rate / 1e6:.1f} MB/s, {needed / 1e6:.0f} MB/s are wanted"
+    )
     if speed < needed:
-        return [space, failed("disk speed", found, "record on a faster disk ([recorder] directory), or lower frame_rate_hz", measured)]
+        return [
+            space,
+            failed(
+                "disk speed",
+                found,
+                "record on a faster disk (-o there, and [recorder] directory to check it), or lower frame_rate_hz",
+                measured,
+            ),
+        ]
     return [space, passed("disk speed", found, measured)]

@@ -242,6 +242,16 @@ def test_the_disk(bench: Bench) -> None:
     assert bench.failures() == {"disk space"}
 
 
+def test_the_disk_that_was_measured_is_named(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A session's file goes where its -o says, maybe to another disk."""
+    folder = bench.rig_path.parent
+    text = bench.rig_path.read_text().replace(f'directory = "{folder}"', 'directory = "recordings"')
+    bench.rig_path.write_text(text)
+    monkeypatch.chdir(folder)
+    for line in ("disk space", "disk speed"):
+        assert f" in {folder / 'recordings'}" in bench.lines()[line].found
+
+
 def test_the_servo(bench: Bench) -> None:
     good = ServoState(1030, 12.0, 30, None)
     for state, line in [

@@ -105,6 +105,7 @@ class Interrupted(Daemon):
 
     def call(self, name: str, **params: Any) -> dict[str, Any]:
         if name == "recording.open":
+            assert params["path"] == str(self.file)  # whole: the daemon lives in another folder, and asks this one's disk for space
             self.file.write_bytes(b"images")
             return {"wall_anchor_ns": 0}
         if name == self.at:
@@ -130,9 +131,10 @@ def interrupted(monkeypatch: pytest.MonkeyPatch, folder: Path, at: str, reason: 
     """The recording, and what was said in lines of their own."""
     daemon, said = Interrupted(folder, at, reason), []
     monkeypatch.setattr(session_runner, "time", daemon.host)
+    monkeypatch.chdir(folder)
     toml, plan = spec_and_plan()
     object_path, plan_path = write(folder / "object.toml", toml), write(folder / "plan.json", plan.model_dump_json())
-    runner = SessionRunner(daemon, SessionInput(object_path, plan_path), daemon.file, lambda text, *_: said.append(text))  # type: ignore[arg-type]
+    runner = SessionRunner(daemon, SessionInput(object_path, plan_path), Path("r.mcap"), lambda text, *_: said.append(text))  # type: ignore[arg-type]
     with pytest.raises(type(reason)):
         runner.run()
     return daemon.file, [text for text in said if text.startswith(("kept", "discarded"))]
