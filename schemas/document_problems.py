@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Sequence
 from typing import Any, cast, get_args
 
@@ -14,6 +15,17 @@ MOST_NAMED = 5
 """keys of a kind that the line names; more are counted"""
 LONGEST_SHOWN = 40
 """characters of a key or a value that was found"""
+
+KINDS = {
+    "float": ("a number", "NUMBER"),
+    "int": ("a whole number", "NUMBER"),
+    "string": ("text in quotes", '"TEXT"'),
+    "bool": ("true or false", "true"),
+    "list": ("a list", "[...]"),
+    "tuple": ("a list", "[...]"),
+}
+"""of values: what they should be, and how one is written, by the first word of pydantic's name of the error"""
+WRONG_KIND = {f"{kind}_{how}" for kind in KINDS for how in ("type", "parsing")} | {"int_from_float"}
 
 Path = tuple[int | str, ...]
 
@@ -64,8 +76,12 @@ def _wrong_text(wrong: Sequence[ErrorDetails], model: type[BaseModel], *, by_han
         message = f"should be {_remedy(first['loc'], model)}"
     elif first["type"] == "model_type":
         message = "should be an object with keys"
+    elif first["type"] in WRONG_KIND:
+        message = f"should be {KINDS[first['type'].partition('_')[0]][0]}"
     if first["type"] != "value_error":
         message += _shown(first["input"])
+    if by_hand and first["type"] in WRONG_KIND:
+        message += _correction(first["loc"], first["type"], model)
     others = [f"'{_dotted(each['loc'])}'" for each in wrong[1:]]
     more = f"; wrong too: {_listed(others)}" if others else ""
     return f"{where}: {message}{more}" if where else f"{message}{more}"
@@ -98,6 +114,21 @@ def _remedy(loc: Path, model: type[BaseModel]) -> str:
     else:
         text = f"[[{_dotted(loc)}]]" if field is not None and "list" in str(field.annotation) else f"[{_dotted(loc)}]"
     return f"{text} ({field.description})" if field is not None and field.description else text
+
+
+def _correction(loc: Path, kind: str, model: type[BaseModel]) -> str:
+    """How to write a value of the right kind: its default, or what stands for one."""
+    entry = loc
+    while entry and isinstance(entry[-1], int):
+        entry = entry[:-1]
+    field = _field_at(model, entry) if entry else None
+    if field is None:
+        return ""
+    place = f" in {_section(entry[:-1])}" if entry[:-1] else ""
+    if entry != loc:
+        return f": correct {entry[-1]}{place}"
+    plain = isinstance(field.default, int | float | str)
+    return f": write it like {entry[-1]} = {json.dumps(field.default) if plain else KINDS[kind.partition('_')[0]][1]}{place}"
 
 
 def _section(table: Path) -> str:

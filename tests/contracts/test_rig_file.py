@@ -164,6 +164,29 @@ def test_a_value_that_cannot_be_is_refused_by_both_alike(tmp_path: Path, section
     assert "\n" not in str(plans.value)
 
 
+@pytest.mark.parametrize(
+    ("section", "line", "says"),
+    [
+        (
+            "camera",
+            'frame_rate_hz = "fast"',
+            "camera.frame_rate_hz: should be a number, not 'fast': write it like frame_rate_hz = 120.0 in [camera]",
+        ),
+        ("camera", "width = 656.5", "camera.width: should be a whole number, not 656.5: write it like width = 656 in [camera]"),
+        ("top", 'g_m_s2 = "g"', "g_m_s2: should be a number, not 'g': write it like g_m_s2 = 9.81"),
+        ("striker", "port = 3", 'striker.port: should be text in quotes, not 3: write it like port = "/dev/ttyUSB0" in [striker]'),
+        ("striker", 'reach_m = ["low", 1]', "striker.reach_m.0: should be a number, not 'low': correct reach_m in [striker]"),
+        ("striker", "reach_m = 1", "striker.reach_m: should be a list, not 1: write it like reach_m = [...] in [striker]"),
+        ("daemon", "socket = 3", 'daemon.socket: should be text in quotes, not 3: write it like socket = "TEXT" in [daemon]'),
+    ],
+)
+def test_a_value_of_the_wrong_kind_is_named_with_how_to_write_it(tmp_path: Path, section: str, line: str, says: str) -> None:
+    path = rig_file(tmp_path / "rig.toml", **{section: line})
+    with pytest.raises(ConfigError) as daemons:
+        read_rig(path)
+    assert str(daemons.value) == f"{path}: {says}"
+
+
 def test_an_arm_that_can_swing_at_no_speed(tmp_path: Path) -> None:
     path = rig_file(tmp_path / "rig.toml", striker="cocked_angle_rad = -0.02")
     with pytest.raises(PlanError, match="can swing at no speed"):

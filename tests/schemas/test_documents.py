@@ -101,6 +101,11 @@ def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
             "mass_kg: Input should be greater than 0, not -1; wrong too: 'marker.0.id'",
         ),
         (GOOD.replace("[shape.box]\nsize_m = [0.08, 0.06, 0.15]", "shape = 5"), "shape: should be [shape] (file and unit, or"),
+        (GOOD.replace("0.044", '"44 g"'), "mass_kg: should be a number, not '44 g': write it like mass_kg = NUMBER"),
+        (
+            GOOD.replace("id = 0", 'id = "a"'),
+            "marker.0.id: should be a whole number, not 'a': write it like id = NUMBER in [[marker]] number 1",
+        ),
         ("marker = 3\n", "marker: should be [[marker]] (for each tag: id, size_m, T_object_marker), not 3"),
     ],
 )
