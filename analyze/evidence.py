@@ -17,7 +17,7 @@ from analyze.recording import Recording, open_recording
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import Marker, TipMotion
-from schemas.documents import ObjectSpec, PlannedStrike, SessionManifest, StrikePlan, Verdict, object_sha256
+from schemas.documents import RIG_ATTACHMENT, ObjectSpec, PlannedStrike, SessionManifest, StrikePlan, Verdict, object_sha256
 from schemas.proto import percuss_pb2 as pb
 from schemas.software import software_version
 
@@ -42,6 +42,8 @@ class RecordingHead:
     """names of its files"""
     missing_files: tuple[int, ...] = ()
     """numbers of its files that were not there"""
+    rig_toml: str | None = None
+    """the rig file it was made with, if it is kept"""
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ def read_head(path: Path) -> RecordingHead:
         RecordingError: the file cannot be read.
     """
     with open_recording(path) as recording:
-        shape = recording.shape_bytes
+        shape, rig = recording.shape_bytes, recording.attachments.get(RIG_ATTACHMENT)
         return RecordingHead(
             path,
             recording.manifest,
@@ -109,6 +111,7 @@ def read_head(path: Path) -> RecordingHead:
             "" if shape is None else hashlib.sha256(shape).hexdigest(),
             tuple(part.path.name for part in recording.parts),
             recording.missing_parts,
+            None if rig is None else rig.decode(errors="replace"),
         )
 
 

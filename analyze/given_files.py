@@ -16,12 +16,11 @@ from analyze.evidence import RecordingHead, read_head
 from analyze.geometry.edge_line import EdgeLine
 from analyze.joined import edge_line
 from analyze.pipeline import Estimate, estimate_recordings
+from analyze.plan_files import RECORDING_SUFFIX
 from analyze.planning.given import Given, StrikeMade, together
 from analyze.planning.striker_taught import Touch
 from schemas.documents import Result, validate
 from schemas.rig import RigConfig
-
-RECORDING_SUFFIX = ".mcap"
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,10 @@ def read_given(paths: Sequence[Path], object_sha256: str, mass: float, rig: RigC
     found = [(str(path), _result(path)) for path in paths if path not in recordings]
     held = [(name, _recordings(result)) for name, result in found]
     if recordings:
-        held.insert(0, (together_name, {read_head(path).manifest.recording_id for path in recordings}))
+        heads = [read_head(path) for path in recordings]
+        held.insert(0, (together_name, {head.manifest.recording_id for head in heads}))
+        for head in heads:  # before the work
+            _refuse_other_object(str(head.path), head.manifest.object_sha256, object_sha256)
     for (one, first), (other, second) in combinations(held, 2):
         if first & second:
             raise PlanError(f"{one} and {other} are of the same recording: no strike may count twice, give one of them")
@@ -63,12 +65,16 @@ def read_given(paths: Sequence[Path], object_sha256: str, mass: float, rig: RigC
         touches = touches_of(estimate, rig)
         edges = {strike.axis_id: edge_line(strike) for strike in estimate.evidence.plan.strikes}
     for name, result in found:
-        if result.inputs.object_sha256 != object_sha256:
-            raise PlanError(f"{name}: is of another object, or of this one before its file was changed: give a result of this object file")
+        _refuse_other_object(name, result.inputs.object_sha256, object_sha256)
     given = [given_from_result(result, name, mass) for name, result in found]
     if recordings:
         given[0] = replace(given[0], edges=edges)
     return ResultsSoFar(together(given), touches)
+
+
+def _refuse_other_object(name: str, found: str, wanted: str) -> None:
+    if found != wanted:
+        raise PlanError(f"{name}: is of another object, or of this one before its file was changed: give a result of this object file")
 
 
 def touches_of(estimate: Estimate, rig: RigConfig | None) -> tuple[Touch, ...]:

@@ -25,9 +25,10 @@ from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import FRICTION, Request, finish, prepare
 from analyze.planning.striker_taught import taught
 from analyze.types import CameraModel
-from schemas.documents import DocumentError, ObjectSpec, PlanMethod, StrikePlan, validate
+from schemas.documents import RIG_ATTACHMENT, DocumentError, ObjectSpec, PlanMethod, StrikePlan, validate
 from schemas.rig import RigConfig, StrikerConfig
 
+RECORDING_SUFFIX = ".mcap"
 CELLS = 800
 """pieces of the body for the prediction of region masses"""
 STRIKES = 9
@@ -70,14 +71,14 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = la
         PlanError: the rig file or the result so far cannot be used, or no set of strikes determines the centre of mass.
     """
     progress("reading the files", 0, STEPS)
-    rig = planned_rig(options.rig_path)
+    rig, notes = _rig_of(options)
     files = object_files(object_path)
     progress("making a body of the shape", 1, STEPS)
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
     view.refuse_off_surface(model, files.spec)
-    given, bench, notes = None, rig.bench, list[str]()
+    given, bench = None, rig.bench
     if options.given:
-        from analyze.given_files import read_given  # takes what estimates need, which other plans do not
+        from analyze.given_files import read_given
 
         progress("reading the results so far", 2, STEPS)
         so_far = read_given(options.given, files.sha256, files.spec.mass_kg, rig.config)
@@ -95,6 +96,20 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = la
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
     plan = finish(prepared, files.sha256, Request(options.strikes, target), cells)
     return PlannedObject(plan.model_copy(update={"warnings": [*plan.warnings, *notes]}), model, files.spec, bench.camera)
+
+
+def _rig_of(options: PlanOptions) -> tuple[PlannedRig, list[str]]:
+    """The rig named; else that of the latest recording given, which is noted; else the nominal one."""
+    recordings = [path for path in options.given if path.suffix == RECORDING_SUFFIX]
+    if options.rig_path is None and recordings:
+        from analyze.evidence import read_head  # takes what estimates need, which other plans do not
+        from analyze.joined import in_order
+
+        latest = in_order([read_head(path) for path in recordings])[-1]
+        if latest.rig_toml is not None:
+            note = f"planned for the rig of {latest.path}: for another, give its file with --rig"
+            return rig_from_text(latest.rig_toml, f"{latest.path}: {RIG_ATTACHMENT}"), [note]
+    return planned_rig(options.rig_path), []
 
 
 def _pieces(model: ObjectModel, wall: float) -> Pieces:
@@ -130,34 +145,47 @@ class PlannedRig:
 
 
 def planned_rig(path: Path | None) -> PlannedRig:
-    """The rig of a rig file, which holds for planning as it does for `acquire`; without one, the nominal rig.
-
-    Only the camera's address may be missing: nobody is asked anything.
+    """The rig of a rig file; without one, the nominal rig.
 
     Raises:
-        PlanError: `acquire` would refuse it, or its striker can swing at no speed at all.
+        PlanError: as `rig_from_text`, or the file cannot be read.
     """
     if path is None:
         return PlannedRig(Bench(StrikerModel(), view.default_camera(), FRICTION), Errors())
     try:
-        data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise PlanError(f"{path}: no such rig file: check the path") from None
     except OSError as error:
         raise PlanError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:  # not UTF-8, not TOML, nested too deep
+    except ValueError as error:
         raise PlanError(f"{path}: not valid TOML: {error}") from None
+    return rig_from_text(text, str(path))
+
+
+def rig_from_text(text: str, name: str) -> PlannedRig:
+    """A rig file's content, which holds for planning as it does for `acquire`.
+
+    Only the camera's address may be missing: nobody is asked anything.
+
+    Raises:
+        PlanError: `acquire` would refuse it, or its striker can swing at no speed at all; it begins with `name`.
+    """
+    try:
+        data: dict[str, Any] = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # not TOML, nested too deep
+        raise PlanError(f"{name}: not valid TOML: {error}") from None
     camera = data.get("camera")
     if isinstance(camera, dict):
         camera.setdefault("address", "none")
     try:
-        rig = validate(RigConfig, data, str(path))
+        rig = validate(RigConfig, data, name)
     except DocumentError as error:
         raise PlanError(str(error)) from None
     striker = striker_model(rig.striker)
     if striker.slowest_m_s > striker.fastest_m_s:
         raise PlanError(
-            f"{path}: its striker can swing at no speed: {striker.slowest_m_s:.3g} m/s is its least, {striker.fastest_m_s:.3g} m/s all "
+            f"{name}: its striker can swing at no speed: {striker.slowest_m_s:.3g} m/s is its least, {striker.fastest_m_s:.3g} m/s all "
             "that velocity_limit_rad_s and cocked_angle_rad leave: raise them"
         )
     seen = rig.camera.calibration

@@ -133,7 +133,7 @@ def advice(information: Information, design: Design, made: int, exact_shape: boo
             curve.append((many, other.com_rms))
     floor = _rms(information, members, [ENDLESS] * len(members))
     sources = information.sources(members, design.repeats)
-    have, rms = (made, _now(information)) if made else (planned, design.com_rms)
+    have, rms = (made, error_so_far(information)) if made else (planned, design.com_rms)
     more = [(many if made else many - planned, other) for many, other in curve if many > (0 if made else planned)]
     paying = [(many, other) for many, other in more if other < rms * (1 - PAYS) ** max(1.0, np.log2((have + many) / have))]
     stop = not paying
@@ -156,7 +156,7 @@ def advice(information: Information, design: Design, made: int, exact_shape: boo
     return Advice(tuple(curve), floor, sources, stop, text)
 
 
-def _now(information: Information) -> float:
+def error_so_far(information: Information) -> float:
     """Error of c [m] by what is known already."""
     return float(np.sqrt(np.trace(information.covariance([], [])[COM, COM])))
 

@@ -168,6 +168,9 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
         axis = predicted[each.candidate.axis.id]
         planned += [_strike(f"s{first + i}", each, prepared, axis) for i in range(repeats)]
     told = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None)
+    reached = ""
+    if prepared.made and request.target_com is not None and forecast.error_so_far(information) <= request.target_com:
+        reached = f"{1000 * request.target_com:g} mm is reached already: stop. "
     inertia_sd, determined = forecast.inertia_forecast(information, chosen)
     regions: list[PredictedRegion] = []
     if cells is not None:
@@ -192,8 +195,8 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
         error_sources_m=told.sources,
         curve=[PredictionStep(strikes=many, com_rms_m=rms) for many, rms in told.curve],
         floor_m=told.floor,
-        stop=told.stop,
-        advice=missed or told.text,
+        stop=told.stop or bool(reached),
+        advice=missed or reached + told.text,
     )
     return StrikePlan(
         object_name=spec.name,

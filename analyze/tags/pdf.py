@@ -21,7 +21,7 @@ INCH = 25.4
 GREY, INK = "#9aa1a8", "#22262b"
 CHECK = (
     "Measure both rulers: each must be 100.0 mm long. If not, print again at 100 % (actual size, no fitting to the page),",
-    "or enter the size that a tag really has, the edge of its black square, as size_m in the object file.",
+    "or enter what they really measure: a tag's black square as size_m in the object file, a board's squares where it is used.",
 )
 
 

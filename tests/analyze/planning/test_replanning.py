@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analyze import plan_files
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
 from analyze.joined import edge_line
@@ -21,6 +22,8 @@ from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
 from analyze.planning.plan import Request, finish, make_plan, prepare
 from analyze.planning.view import default_camera
+from analyze.recording import open_recording
+from schemas.documents import SCHEMA_VERSION
 from tests.analyze.geometry.shapes import spec_of
 from tests.analyze.planning.random_bodies import FAR_TAG
 
@@ -202,3 +205,27 @@ def _attachment(recording: Path) -> bytes:
 
     with recording.open("rb") as stream:
         return next(found.data for found in make_reader(stream).iter_attachments() if found.name == "object.toml")
+
+
+def test_a_target_that_is_reached_already_is_said():
+    model, spec = box()
+    prepared = prepare(model, spec, BENCH, Errors(), given_after(9)[1])
+    plan = finish(prepared, "", Request(target_com=0.01))
+    assert plan.prediction is not None
+    assert plan.prediction.stop
+    assert plan.prediction.advice.startswith("10 mm is reached already: stop. ")
+
+
+def test_the_rig_of_the_last_recording_given_is_the_one_planned_for(tmp_path):
+    """A plan that goes on is struck on the rig that made the recording, unless another is named."""
+    sample = Path(__file__).resolve().parents[3] / "recordings" / f"sample-{SCHEMA_VERSION}.mcap"
+    with open_recording(sample) as recording:
+        rig_file = tmp_path / "rig.toml"
+        rig_file.write_bytes(recording.attachments["rig.toml"])
+    found, notes = plan_files._rig_of(PlanOptions(given=(sample,)))
+    named, silent = plan_files._rig_of(PlanOptions(rig_path=rig_file, given=(sample,)))
+    assert found.config == named.config
+    assert np.array_equal(found.bench.camera.T_world_camera, named.bench.camera.T_world_camera)
+    assert notes == [f"planned for the rig of {sample}: for another, give its file with --rig"]
+    assert silent == []
+    assert plan_files._rig_of(PlanOptions())[0].config is None
