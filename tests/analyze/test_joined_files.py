@@ -36,7 +36,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("sessions")
     with open_recording(SAMPLE) as recording:
         between = (recording.strikes[1].window_end_ns + recording.strikes[2].window_start_ns) // 2
-        (folder / "object.toml").write_bytes(recording.attachments["object.toml"])
+        for name in ("object.toml", "rig.toml"):
+            (folder / name).write_bytes(recording.attachments[name])
     as_two_sessions(SAMPLE, folder / "a.mcap", folder / "b.mcap", between)
     return folder
 
@@ -74,7 +75,8 @@ def test_a_plan_goes_on_from_both(folder: Path, tmp_path: Path) -> None:
     assert abs(striker["restitution"] - 0.4) < 2 * striker["restitution_sd"]
     assert any("4 strikes so far" in warning for warning in both["warnings"])
     (tmp_path / "r.json").write_text(run("estimate", a, b, "--json").stdout, encoding="utf-8")
-    from_result = answer("plan", thing, "--given", tmp_path / "r.json", "--strikes", 2, "--json")
+    # A result does not tell on which rig it was made.
+    from_result = answer("plan", thing, "--given", tmp_path / "r.json", "--rig", folder / "rig.toml", "--strikes", 2, "--json")
     assert from_result["predicted_com_sd_m"] == pytest.approx(both["predicted_com_sd_m"], rel=1e-6)
     assert [each["axis_id"] for each in from_result["strikes"]] == [each["axis_id"] for each in both["strikes"]]
     twice = run("plan", thing, "--given", a, "--given", b, "--given", tmp_path / "r.json", "--strikes", 2)
