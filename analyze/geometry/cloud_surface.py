@@ -47,6 +47,8 @@ SHEET = 4.5
 """scatters of a plane, above which a point stands on it"""
 SPREAD = 0.05
 """part of the largest extent by which a table reaches beyond what stands on it"""
+AT_A_TIME = 1000
+"""points that are looked at along all directions: as many as the caches hold"""
 PUSHED = 2.5
 """sd of the noise by which it pushes out the outline of a face's points"""
 OUTLINE_GAP = 0.5
@@ -289,11 +291,12 @@ def _quadric(u: Array, v: Array) -> Array:
 
 def _near_hull(points: Array, others: Array, margin: float) -> BoolArray:
     """Which points (n,) lie within `margin` [m] of the hull of all, seen along many directions."""
-    directions = even_directions(DIRECTIONS)
-    level = np.max(points @ directions.T, axis=0)
+    across = even_directions(DIRECTIONS).T
+    pieces = [points[start : start + AT_A_TIME] for start in range(0, len(points), AT_A_TIME)]
+    level = np.max([(piece @ across).max(axis=0) for piece in pieces], axis=0)
     if len(others):
-        level = np.maximum(level, np.max(others @ directions.T, axis=0))
-    return np.asarray((points @ directions.T - level).max(axis=1) > -margin)
+        level = np.maximum(level, (others @ across).max(axis=0))
+    return np.concatenate([(piece @ across - level).max(axis=1) > -margin for piece in pieces])
 
 
 def _rim(

@@ -15,6 +15,8 @@ from analyze.types import Array, IntArray
 
 NEAREST_SAMPLES = 5
 CHUNK = 40_000
+HEIGHTS = 500_000
+"""of points over faces, at a time: as many as the caches hold; more take ten times as long"""
 
 
 @dataclass(frozen=True)
@@ -58,8 +60,9 @@ def convex_depth(planes: Array, points: Array) -> Depth:
     """Exact inside; outside the distance to the farthest face's plane. `planes` (p, 4): unit outward normal n and d, n.x + d = 0."""
     value = np.empty(len(points))
     gradient = np.empty((len(points), 3))
-    for start in range(0, len(points), CHUNK):
-        piece = slice(start, start + CHUNK)
+    step = max(1, HEIGHTS // len(planes))
+    for start in range(0, len(points), step):
+        piece = slice(start, start + step)
         heights = points[piece] @ planes[:, :3].T + planes[:, 3]
         nearest = np.argmax(heights, axis=1)
         value[piece] = -heights[np.arange(len(heights)), nearest]
