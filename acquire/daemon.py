@@ -138,7 +138,9 @@ class Daemon:
     # --- recording ------------------------------------------------------------------------------------------------
 
     def _open_recording(self, connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
+        stops = self._stops
         manifest = self._recording.open(connection, params, self._camera)
+        self._stops_over = max(stops, self._stops_over)  # a person starts anew; what is said from here on holds
         connection.on_close.append(lambda: self._owner_left(connection))
         return {"recording_id": manifest.recording_id, "wall_anchor_ns": manifest.wall_anchor_ns}
 

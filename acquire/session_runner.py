@@ -141,7 +141,7 @@ class SessionRunner:
             self._progress(f"{self._input.plan_path}: {elsewhere}: {self._input.plan_anew}", *self._machine.progress)
         event: s.Event = s.Started()
         try:
-            self._client.call("striker.home")
+            self._client.call("striker.home", after_stop=False)
             while True:
                 for action in self._machine.handle(event):
                     if isinstance(action, s.Finish):

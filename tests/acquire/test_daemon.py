@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import pytest
 
@@ -138,3 +139,17 @@ def test_a_stop_answers_the_question_that_is_open(rig: Daemon) -> None:
     rig._stop_striker()
     asking.join(5)
     assert answers == [{"ok": False, "text": "stopped on request"}]
+
+
+def test_a_stop_since_a_session_was_opened_holds(rig: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
+    connection = SimpleNamespace(on_close=[])
+    rig._camera = None  # type: ignore[assignment]
+    manifest = SimpleNamespace(recording_id="r", wall_anchor_ns=0)
+    rig._stop_striker()
+    monkeypatch.setattr(rig._recording, "open", lambda *_: manifest, raising=False)
+    rig._open_recording(connection, {})  # type: ignore[arg-type]
+    rig._home(None, {"after_stop": False})  # type: ignore[arg-type]
+    monkeypatch.setattr(rig._recording, "open", lambda *_: rig._stop_striker() and manifest)
+    rig._open_recording(connection, {})  # type: ignore[arg-type]
+    with pytest.raises(StrikerStopped):
+        rig._home(None, {"after_stop": False})  # type: ignore[arg-type]
