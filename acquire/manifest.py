@@ -22,6 +22,7 @@ from schemas.documents import (
     SHAPE_ATTACHMENT_PREFIX,
     CameraCalibrationSpec,
     DocumentError,
+    LensModel,
     ManifestCamera,
     ObjectSpec,
     SessionManifest,
@@ -126,7 +127,7 @@ def session_manifest(config: RigConfig, camera: CameraAtHand, files: SessionFile
 def calibration_message(spec: CameraCalibrationSpec) -> CameraCalibration:
     """What viewers need to draw over the images."""
     message = CameraCalibration(frame_id="camera", width=spec.width, height=spec.height)
-    message.distortion_model = "plumb_bob"
+    message.distortion_model = "kannala_brandt" if spec.model is LensModel.FISHEYE else "plumb_bob"
     message.D.extend(spec.distortion)
     message.K.extend(value for row in spec.K for value in row)
     message.P.extend(value for row in spec.K for value in (*row, 0.0))

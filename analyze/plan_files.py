@@ -189,7 +189,7 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
             "that velocity_limit_rad_s and cocked_angle_rad leave: raise them"
         )
     seen = rig.camera.calibration
-    lens = CameraModel(seen.width, seen.height, np.array(seen.K), np.array(seen.distortion), np.array(seen.T_world_camera))
+    lens = CameraModel(seen.width, seen.height, np.array(seen.K), np.array(seen.distortion), np.array(seen.T_world_camera), seen.model)
     errors = Errors(tilt=max(rig.gravity_tilt_sd_rad, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
     return PlannedRig(Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors, rig)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.documents import Verdict
+from schemas.documents import LensModel, Verdict
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -18,16 +18,17 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Pinhole with OpenCV distortion, and its place in W."""
+    """Pinhole with OpenCV distortion or OpenCV's fisheye, and its place in W."""
 
     width: int
     height: int
     K: Array
     """(3, 3) px"""
     distortion: Array
-    """(5,) k1, k2, p1, p2, k3"""
+    """(5,) k1, k2, p1, p2, k3; of a fisheye (4,) k1, k2, k3, k4"""
     T_world_camera: Array
     """(4, 4)"""
+    model: LensModel = LensModel.PINHOLE
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ POSE_TOLERANCE = 1e-3
 FARTHEST_M = 10.0
 """no marker or camera of a table-top rig is farther away"""
 THICKEST_M = 0.1
+FISHEYE_COEFFICIENTS = 4
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -361,9 +362,17 @@ class TimeSource(enum.Enum):
     CONTAINER_PTS = "container_pts"
 
 
-class CameraCalibrationSpec(Document):
-    """Pinhole with OpenCV distortion (k1, k2, p1, p2, k3), and the camera's place in W."""
+class LensModel(enum.Enum):
+    """How a lens draws, in OpenCV's terms."""
 
+    PINHOLE = "pinhole"
+    FISHEYE = "fisheye"
+
+
+class CameraCalibrationSpec(Document):
+    """Pinhole with OpenCV distortion (k1, k2, p1, p2, k3), or OpenCV's fisheye (k1, k2, k3, k4), and the camera's place in W."""
+
+    model: LensModel = LensModel.PINHOLE
     width: int = Field(gt=0, description="of the image, in pixels")
     height: int = Field(gt=0, description="of the image, in pixels")
     K: Matrix3 = Field(description="focal lengths and middle of the image in pixels, 3 x 3")
@@ -376,6 +385,15 @@ class CameraCalibrationSpec(Document):
     def _pose(cls, value: list[list[float]]) -> list[list[float]]:
         _check_pose(value)
         return value
+
+    @model_validator(mode="after")
+    def _coefficients(self) -> CameraCalibrationSpec:
+        if self.model is LensModel.FISHEYE and len(self.distortion) != FISHEYE_COEFFICIENTS and any(self.distortion):
+            raise ValueError(
+                f"a fisheye has {FISHEYE_COEFFICIENTS} coefficients k1, k2, k3, k4, not {len(self.distortion)}: calibrate with "
+                "--model fisheye, or leave `model` out"
+            )
+        return self
 
 
 class ManifestCamera(Document):

@@ -1,11 +1,15 @@
-"""Pinhole camera with OpenCV distortion: raw pixels, ideal (distortion-free) pixels, and points in W.
+"""Pinhole camera with OpenCV distortion, or OpenCV's fisheye: raw pixels, ideal (distortion-free) pixels, and points in W.
 
-Integer pixel coordinates are pixel centres. Ideal pixels are what the same camera matrix would give without distortion:
-straight edges are straight there.
+Integer pixel coordinates are pixel centres. Ideal pixels are what the same camera matrix would give as a pinhole without distortion:
+straight edges are straight there. Only undistort and distort know the lens; all else works on ideal pixels.
+
+A fisheye (Kannala and Brandt 2006, as in OpenCV) draws a ray that is theta off the optical axis at theta (1 + k1 theta^2 + k2 theta^4 +
+k3 theta^6 + k4 theta^8) focal lengths from the middle. Its ideal pixels grow with tan(theta): beyond `WIDEST` there are none (NaN).
 """
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -13,12 +17,16 @@ import cv2
 import numpy as np
 
 from analyze.types import CameraModel
+from schemas.documents import FISHEYE_COEFFICIENTS, LensModel
 
 if TYPE_CHECKING:
     from analyze.types import Array
     from schemas.documents import CameraCalibrationSpec
 
+_NEWTON_STEPS = 12
 _UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+WIDEST = math.radians(80.0)
+"""off a fisheye's axis; there an ideal pixel is a 33rd of a raw one, and a marker's edge no edge any more"""
 
 
 def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
@@ -29,21 +37,51 @@ def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
         K=np.array(spec.K, dtype=float),
         distortion=np.array(spec.distortion, dtype=float),
         T_world_camera=np.array(spec.T_world_camera, dtype=float),
+        model=spec.model,
     )
 
 
 def undistort(camera: CameraModel, points_px: Array) -> Array:
-    """Ideal pixels (..., 2) of raw image points (..., 2)."""
+    """Ideal pixels (..., 2) of raw image points (..., 2); NaN where a fisheye sees farther out than `WIDEST`."""
     points = np.ascontiguousarray(points_px, dtype=float)
+    if camera.model is LensModel.FISHEYE:
+        return _undistort_fisheye(camera, points)
     if not np.any(camera.distortion):
         return points.copy()
     ideal = cv2.undistortPoints(points.reshape(-1, 1, 2), camera.K, camera.distortion, None, None, camera.K, criteria=_UNDISTORT_STEPS)
     return np.asarray(ideal, dtype=float).reshape(points.shape)
 
 
+def fisheye_coefficients(distortion: Array) -> Array:
+    """(4,) k1, k2, k3, k4; zeros of any number mean none."""
+    return np.asarray(distortion, dtype=float) if len(distortion) == FISHEYE_COEFFICIENTS else np.zeros(FISHEYE_COEFFICIENTS)
+
+
+def _undistort_fisheye(camera: CameraModel, points: Array) -> Array:
+    """Newton's steps on theta; cv2.fisheye.undistortPoints stops at the first stationary point of the polynomial and says -1000000."""
+    k = fisheye_coefficients(camera.distortion)
+    drawn = (points - camera.K[:2, 2]) @ np.linalg.inv(camera.K[:2, :2]).T
+    radius = np.hypot(drawn[..., 0], drawn[..., 1])
+    theta = np.minimum(radius, WIDEST)
+    for _ in range(_NEWTON_STEPS):
+        t2 = theta * theta
+        value = theta * (1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
+        slope = 1.0 + t2 * (3.0 * k[0] + t2 * (5.0 * k[1] + t2 * (7.0 * k[2] + t2 * 9.0 * k[3])))
+        theta = np.clip(theta - (value - radius) / np.maximum(slope, 0.1), 0.0, 0.5 * math.pi)
+    t2 = theta * theta
+    found = np.abs(theta * (1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))) - radius) < 1e-9
+    scale = np.where(radius > 1e-9, np.tan(np.minimum(theta, WIDEST)) / np.maximum(radius, 1e-9), 1.0)
+    ideal = (drawn * scale[..., None]) @ camera.K[:2, :2].T + camera.K[:2, 2]
+    return np.where((found & (theta < WIDEST))[..., None], ideal, np.nan)
+
+
 def distort(camera: CameraModel, ideal_px: Array) -> Array:
     """Raw image points (..., 2) of ideal pixels (..., 2)."""
     points = np.asarray(ideal_px, dtype=float)
+    if camera.model is LensModel.FISHEYE:
+        rays = (points - camera.K[:2, 2]) @ np.linalg.inv(camera.K[:2, :2]).T
+        raw = cv2.fisheye.distortPoints(rays.reshape(-1, 1, 2), camera.K, fisheye_coefficients(camera.distortion))
+        return np.asarray(raw, dtype=float).reshape(points.shape)
     if not np.any(camera.distortion):
         return points.copy()
     rays = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1) @ np.linalg.inv(camera.K).T
@@ -87,11 +125,11 @@ class PixelMap:
 
 
 @lru_cache(maxsize=4)
-def _pixel_map(width: int, height: int, K: bytes, distortion: bytes) -> PixelMap:
-    return PixelMap(CameraModel(width, height, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), np.eye(4)))
+def _pixel_map(width: int, height: int, K: bytes, distortion: bytes, model: LensModel) -> PixelMap:
+    return PixelMap(CameraModel(width, height, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), np.eye(4), model))
 
 
 def pixel_map(camera: CameraModel) -> PixelMap:
     """Map of this camera; kept, because building it takes 0.1 s."""
     K = np.asarray(camera.K, dtype=float)
-    return _pixel_map(camera.width, camera.height, K.tobytes(), np.asarray(camera.distortion, dtype=float).tobytes())
+    return _pixel_map(camera.width, camera.height, K.tobytes(), np.asarray(camera.distortion, dtype=float).tobytes(), camera.model)

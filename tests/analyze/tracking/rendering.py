@@ -14,6 +14,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from schemas.documents import LensModel
+
 CODE = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
 LINES = np.array([-5.6, *range(-4, 5), 5.6]) / 8
 """cell borders in units of the tag's size; the outermost ones end the white margin"""
@@ -40,6 +42,12 @@ def bits(marker_id: int) -> np.ndarray:
 
 
 def project(camera, points_camera):
+    if camera.model is LensModel.FISHEYE:
+        # Kannala and Brandt 2006: the ray's angle to the axis, bent, is the distance from the middle in focal lengths.
+        X, Y, Z = np.asarray(points_camera, float).reshape(-1, 3).T
+        angle = np.arctan2(np.hypot(X, Y), Z)
+        bent = angle + sum(k * angle ** (3 + 2 * i) for i, k in enumerate(camera.distortion))
+        return np.stack([bent * np.cos(np.arctan2(Y, X)), bent * np.sin(np.arctan2(Y, X))], 1) @ camera.K[:2, :2].T + camera.K[:2, 2]
     raw, _ = cv2.projectPoints(np.asarray(points_camera, float).reshape(-1, 1, 3), np.zeros(3), np.zeros(3), camera.K, camera.distortion)
     return raw.reshape(-1, 2)
 
