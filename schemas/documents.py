@@ -248,6 +248,7 @@ class PlannedStrike(Document):
     camera_pose: Matrix4 = Field(description="T_world_camera that looks along the pivot axis")
     friction_needed: float = Field(ge=0)
     rolls: bool = Field(default=False, description="the edge is a rim or a curved flank: the contact can roll")
+    stands_surely: bool = Field(default=True, description="false: the face holds c where it is expected, not wherever it may be")
     card: str = Field(default="", description="how to put the object down, in words")
 
 

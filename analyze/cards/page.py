@@ -18,6 +18,7 @@ from analyze.cards.scene import scene_picture
 from analyze.cards.setting import Setting, setting
 from analyze.geometry.object_model import ObjectModel
 from analyze.output_file import write_text
+from analyze.planning.footing import WHERE_IT_FALLS
 from schemas.documents import ObjectSpec, PlannedStrike, StrikePlan
 
 BESIDE = 0.0005
@@ -81,7 +82,8 @@ def write_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, output: 
 def render_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> str:
     """The cards of a plan for an object as HTML text."""
     environment = Environment(loader=PackageLoader("analyze.cards"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    return environment.get_template("cards.html").render(plan=plan, spec=spec, cards=cards(plan, model, spec), degrees=np.degrees)
+    template = environment.get_template("cards.html")
+    return template.render(plan=plan, spec=spec, cards=cards(plan, model, spec), degrees=np.degrees, where_it_falls=WHERE_IT_FALLS)
 
 
 def cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:

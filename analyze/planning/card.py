@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
+from analyze.planning.footing import WHERE_IT_FALLS
 from analyze.planning.pivots import PivotAxis
 from analyze.types import Array
 from schemas.documents import ObjectSpec
@@ -12,8 +13,10 @@ from schemas.documents import ObjectSpec
 AXIS_NAMES = ("x", "y", "z")
 
 
-def placement_card(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, impact_height: float, markers: list[int]) -> str:
-    """Two sentences: which side goes down and which faces where, then where the striker hits."""
+def placement_card(
+    model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, impact_height: float, markers: list[int], stands: bool = True
+) -> str:
+    """Which side goes down and which faces where, then where the striker hits; and what to do if it does not stand there, as it may not."""
     down, right = _side(-axis.plane.up, spec), _side(axis.tip, spec)
     facing = f"marker {markers[0]} towards the camera" if markers else f"its {_side(-axis.direction, spec)} side towards the camera"
     height = float(np.ptp(model.hull_vertices @ axis.plane.up))
@@ -21,6 +24,7 @@ def placement_card(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, impact
     return (
         f"Put {spec.name} on its {down} side, {facing}, its {right} side away from the striker with that {edge} on the line. "
         f"It then stands {height * 1000:.0f} mm tall; the striker meets it {impact_height * 1000:.0f} mm above the table."
+        + ("" if stands else f" That it stays on this side is expected, not sure. {WHERE_IT_FALLS}.")
     )
 
 

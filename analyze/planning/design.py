@@ -23,6 +23,8 @@ MOST_AXES = 6
 STRIKES_PER_AXIS = 4
 MANY_AXES = 10
 """more placements than anybody makes"""
+LEAST = 3
+"""strikes that determine c, if none was made before"""
 POOL = 24
 """axes that are tried in all triples; the others join by exchange"""
 STARTS = 3
@@ -153,13 +155,7 @@ class _Search:
         everything = list(range(len(self._candidates)))
         if len(everything) <= POOL:
             return everything
-        taken: list[int] = []
-        rest = self._normals.copy()
-        for _ in range(3):
-            i = int(np.argmax(np.linalg.norm(rest, axis=1).round(9)))
-            taken.append(i)
-            along = rest[i] / max(float(np.linalg.norm(rest[i])), 1e-12)
-            rest = rest - np.outer(rest @ along, along)
+        taken = _widest_three(self._normals)
         total = self._before + self.table(each)[taken].sum(axis=0)
         solid = np.eye(3)[None]
         while len(taken) < POOL:
@@ -216,6 +212,26 @@ class _Search:
             repeats[best] += 1
             total = total + more[best]
         return tuple(repeats)
+
+
+def determines(information: Information) -> bool:
+    """Whether any set of candidates, with the strikes made, leaves no direction of c unknown."""
+    normals = np.array([each.normal for each in (*information.candidates, *information.belief.struck)]).reshape(-1, 3)
+    if len(normals) < 3:
+        return False
+    return spread(normals[_widest_three(normals)]) >= SINGULAR or choose(information, LEAST) is not None
+
+
+def _widest_three(normals: Array) -> list[int]:
+    """Three of unit vectors (n, 3) that span space well, found one after the other."""
+    taken: list[int] = []
+    rest = normals.copy()
+    for _ in range(3):
+        i = int(np.argmax(np.linalg.norm(rest, axis=1).round(9)))
+        taken.append(i)
+        along = rest[i] / max(float(np.linalg.norm(rest[i])), 1e-12)
+        rest = rest - np.outer(rest @ along, along)
+    return taken
 
 
 def degenerate(information: Information, members: Sequence[int]) -> bool:

@@ -13,13 +13,14 @@ from analyze.planning import design, forecast, impact, view
 from analyze.planning.card import placement_card
 from analyze.planning.examine import Bench, Usable, examine
 from analyze.planning.fillings import Pieces, region_forecast
+from analyze.planning.footing import SHARES, STRIP, footing, unsure_note
 from analyze.planning.given import Given, believed_after, with_strikes
 from analyze.planning.hypothesis import Hypothesis, body_size, hypothesis
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Belief, Errors, Information
 from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.refusal import why_not
-from analyze.planning.stable_planes import RestingPlane, resting_planes, stable_planes
+from analyze.planning.stable_planes import RestingPlane, resting_planes
 from analyze.planning.unscanned import on_scanned_edges, on_scanned_planes
 from analyze.types import CameraModel
 from schemas.documents import (
@@ -41,11 +42,8 @@ from schemas.documents import (
 FRICTION = 0.4
 """between object and table, if nobody says otherwise"""
 ENERGY_RANGE = (0.8, 1.6)
-STRIP = 0.02
-"""part of the hull's area below which an unstable face is not worth its own line"""
 INERTIA_SD = 0.3
 """relative 1 sigma of the moment about any direction before a strike: shell or solid, even or not"""
-LEAST_STRIKES = 3
 
 
 @dataclass(frozen=True)
@@ -67,12 +65,18 @@ class Prepared:
     bench: Bench
     planes: tuple[RestingPlane, ...]
     stable: tuple[RestingPlane, ...]
+    """that are planned on"""
     believed: Hypothesis
     usable: tuple[Usable, ...]
     rejected: tuple[Rejection, ...]
     information: Information
     made: int
     """strikes made before"""
+
+    @property
+    def unsure(self) -> frozenset[str]:
+        """Ids of the faces planned on that hold c where it is expected, not wherever it may be."""
+        return frozenset(plane.id for plane in self.stable if plane.margin_of(self.believed.region) <= 0)
 
 
 def make_plan(
@@ -115,6 +119,8 @@ def make_plan(
 def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors | None = None, given: Given | None = None) -> Prepared:
     """Find and examine the axes.
 
+    Of faces on which the object surely stands; where no set of them determines c, also of those that hold the expected c, surer ones first.
+
     Raises:
         PlanError: a strike in `given` is on an axis that the object does not have.
     """
@@ -122,27 +128,38 @@ def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors |
     planes = resting_planes(model)
     if given is not None:
         believed = believed_after(believed, given)
-    standing = stable_planes(planes, believed.region)
-    stable, bare = on_scanned_planes(model, standing)
-    axes, cut = on_scanned_edges(model, pivot_axes(model, spec, stable, believed))
-    usable, rejected = examine(model, spec, axes, believed, bench)
     inertia = spec.mass_kg * believed.unit_inertia
     belief = Belief(body_size(model) / 4, inertia, INERTIA_SD * float(np.trace(inertia)) / 3)
     if given is not None:
         every = pivot_axes(model, spec, planes, believed)
         belief = with_strikes(belief, given, every, believed, spec.mass_kg, bench.gravity)
     shared = replace(errors or Errors(), scale=spec.shape.scale_sd, edge_radius=spec.edge_radius_sd_m, mass=spec.mass_sd_kg / spec.mass_kg)
-    information = Information(tuple(each.candidate for each in usable), belief, shared)
-    unstable = _unstable(planes, standing, believed)
+    information = Information((), belief, shared)
+    standing: tuple[RestingPlane, ...] = ()
+    stable: list[RestingPlane] = []
+    usable: list[Usable] = []
+    left_out: list[Rejection] = []
+    for share in SHARES:
+        known = {plane.id for plane in standing}
+        standing = footing(model, planes, believed.region, share)
+        scanned, bare = on_scanned_planes(model, [plane for plane in standing if plane.id not in known])
+        axes, cut = on_scanned_edges(model, pivot_axes(model, spec, scanned, believed))
+        passed, failed = examine(model, spec, axes, believed, bench)
+        stable += scanned
+        usable += passed
+        left_out += [*bare, *cut, *failed]
+        information = replace(information, candidates=tuple(each.candidate for each in usable))
+        if design.determines(information):
+            break
     return Prepared(
         model,
         spec,
         bench,
         planes,
-        stable,
+        tuple(stable),
         believed,
         tuple(usable),
-        (*unstable, *bare, *cut, *rejected),
+        (*_unstable(planes, standing, believed), *left_out),
         information,
         0 if given is None else len(given.strikes),
     )
@@ -155,13 +172,14 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
         PlanError: as `make_plan`.
     """
     spec, information = prepared.spec, prepared.information
-    if request.strikes < LEAST_STRIKES and not prepared.made:
-        raise PlanError(f"{spec.name}: {request.strikes} strikes cannot determine a centre of mass: ask for {LEAST_STRIKES} or more")
+    if request.strikes < design.LEAST and not prepared.made:
+        raise PlanError(f"{spec.name}: {request.strikes} strikes cannot determine a centre of mass: ask for {design.LEAST} or more")
     chosen, missed = _chosen(prepared, request)
     members = [information.candidates[i] for i in chosen.chosen]
     usable = [prepared.usable[i] for i in chosen.chosen]
     predicted = {each.axis_id: each for each in forecast.axis_forecasts(information, chosen)}
-    order = sorted(zip(usable, chosen.repeats, strict=True), key=lambda pair: _placing_order(pair[0].candidate.axis))
+    unsure = prepared.unsure
+    order = sorted(zip(usable, chosen.repeats, strict=True), key=lambda pair: _placing_order(pair[0].candidate.axis, unsure))
     planned: list[PlannedStrike] = []
     for each, repeats in order:
         first = prepared.made + len(planned) + 1
@@ -207,7 +225,7 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
         prediction=prediction,
         hypothesis=plan_hypothesis(prepared),
         rejected=list(prepared.rejected),
-        warnings=[*prepared.model.warnings, *_warnings(spec, usable)],
+        warnings=[*prepared.model.warnings, *_warnings(prepared, usable)],
     )
 
 
@@ -231,7 +249,7 @@ def plan_hypothesis(prepared: Prepared) -> PlanHypothesis:
 def _chosen(prepared: Prepared, request: Request) -> tuple[design.Design, str]:
     """The design, and how near it comes where it misses the target."""
     information, model = prepared.information, prepared.model
-    least = 1 if prepared.made else LEAST_STRIKES
+    least = 1 if prepared.made else design.LEAST
     most = max(forecast.MOST_STRIKES, request.strikes)
     if request.target_com is not None:
         found = forecast.strikes_for(information, request.target_com, least, most)
@@ -270,6 +288,7 @@ def _unstable(planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], be
 
 def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.AxisForecast) -> PlannedStrike:
     axis, expected, striker = each.candidate.axis, each.candidate.expected, prepared.bench.striker
+    stands = axis.plane.id not in prepared.unsure
     # c may lie elsewhere in Q: from the least energy at the smallest phi to the most at the largest.
     cases = [
         (max(expected.phi - each.phi_sd, expected.phi / 2), ENERGY_RANGE[0]),
@@ -300,21 +319,24 @@ def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.Axi
         camera_pose=prepared.bench.camera.T_world_camera.tolist(),
         friction_needed=each.friction,
         rolls=axis.rolls,
-        card=placement_card(prepared.model, prepared.spec, axis, each.impact.height, each.markers),
+        stands_surely=stands,
+        card=placement_card(prepared.model, prepared.spec, axis, each.impact.height, each.markers, stands),
     )
 
 
-def _placing_order(axis: PivotAxis) -> tuple[str, int, str]:
-    return axis.plane.id, len(axis.id), axis.id
+def _placing_order(axis: PivotAxis, unsure: frozenset[str]) -> tuple[bool, str, int, str]:
+    """Where it surely stands first: what is learned there says whether it stands on the others."""
+    return axis.plane.id in unsure, axis.plane.id, len(axis.id), axis.id
 
 
-def _warnings(spec: ObjectSpec, used: Sequence[Usable]) -> list[str]:
-    warnings: list[str] = []
+def _warnings(prepared: Prepared, used: Sequence[Usable]) -> list[str]:
+    warnings = [unsure_note([each.candidate.axis.plane for each in used], prepared.unsure, prepared.believed.region)]
+    warnings = [text for text in warnings if text]
     if any(each.candidate.axis.rolls for each in used):
         warnings.append("round rims are used: the contact can roll; strike square to the rim, repeats show whether it did")
     if any(each.impact.on_card for each in used):
         warnings.append("some strikes meet a marker's card: a card of 1 mm or less is felt little, move it if it comes off")
-    if any(marker.T_object_marker is None for marker in spec.marker):
+    if any(marker.T_object_marker is None for marker in prepared.spec.marker):
         warnings.append(
             "markers without T_object_marker are not planned with: give their places, or check by eye that one faces the camera"
         )

@@ -65,6 +65,12 @@ class RestingPlane:
         out = self.outward()
         return float(np.min(np.einsum("ki,ki->k", start - region.centre, out) - region.reach(out)))
 
+    def firmness(self, region: Region) -> float:
+        """Largest part of `region` about its centre that lies over the polygon; 1 and more: all of it, negative: not even its centre."""
+        start, _ = self.edges
+        out = self.outward()
+        return float(np.min(np.einsum("ki,ki->k", start - region.centre, out) / np.maximum(region.reach(out), 1e-12)))
+
 
 def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
     """All faces of the convex hull, coplanar facets merged, largest first; slivers left out.

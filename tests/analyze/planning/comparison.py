@@ -14,6 +14,7 @@ from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre
 from analyze.estimation.equiplane import equiplane_normal
 from analyze.planning import design, view
 from analyze.planning.examine import Bench
+from analyze.planning.footing import SHARES, footing
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Candidate, Errors, Information, spread
 from analyze.planning.paper_plan import paper_plan
@@ -72,19 +73,26 @@ def compare(body: RandomBody, draws: int, seed: int) -> Compared:
         paper, printed = outcome(body, axes, (STRIKES // 3,) * 3, draws, rng), found.as_printed
     except PlanError as error:
         paper, printed = Outcome(str(error)), False
-    believed = prepared.believed
-    every = [
-        (axis, swing(axis, believed.region.centre, body.spec.mass_kg, believed.unit_inertia, 9.81))
-        for axis in pivot_axes(body.model, body.spec, prepared.stable, believed)
-    ]
-    free = [Candidate(axis, expected, np.eye(2)) for axis, expected in every if expected.phi < STEEPEST]
     return Compared(
         body.kind,
         paper,
         printed,
-        _ours(body, prepared, free, draws, rng),
+        _ours(body, prepared, _unchecked(body, prepared), draws, rng),
         _ours(body, prepared, [each.candidate for each in prepared.usable], draws, rng),
     )
+
+
+def _unchecked(body: RandomBody, prepared: Prepared) -> list[Candidate]:
+    """As `prepare`: of faces on which it surely stands, else also of those that hold the expected c."""
+    believed = prepared.believed
+    free: list[Candidate] = []
+    for share in SHARES:
+        every = pivot_axes(body.model, body.spec, footing(body.model, prepared.planes, believed.region, share), believed)
+        swings = [swing(axis, believed.region.centre, body.spec.mass_kg, believed.unit_inertia, 9.81) for axis in every]
+        free = [Candidate(axis, expected, np.eye(2)) for axis, expected in zip(every, swings, strict=True) if expected.phi < STEEPEST]
+        if design.determines(Information(tuple(free), prepared.information.belief, NOTHING)):
+            break
+    return free
 
 
 def _ours(body: RandomBody, prepared: Prepared, candidates: list[Candidate], draws: int, rng: np.random.Generator) -> Outcome:
