@@ -52,7 +52,7 @@ def unsure_note(used: Sequence[RestingPlane], unsure: frozenset[str], region: Re
     if not faces:
         return ""
     told = ", ".join(
-        f"{name} ({1000 * plane.margin(region.centre[None]):.1f} mm inside its edges, up to {-1000 * plane.margin_of(region):.1f} mm outside)"
+        f"{name} ({1000 * plane.margin(region.centre[None]):.1f} mm inside an edge, up to {-1000 * plane.margin_of(region):.1f} mm outside)"
         for name, plane in faces
     )
     return (

@@ -54,7 +54,7 @@ def test_the_note_says_what_it_rests_on_and_what_to_do():
     (note,) = (text for text in plan.warnings if "where it is expected" in text)
     for name in {strike.plane_id for strike in plan.strikes if not strike.stands_surely}:
         assert f"{name} (" in note
-    assert "mm inside its edges" in note
+    assert "mm inside an edge" in note
     assert "tips over by itself" in note
     assert "--given" in note
 
