@@ -5,12 +5,16 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+
+from analyze.errors import OutputError
+from analyze.output_file import write_bytes
 
 INK = "#22262b"
 MUTED = "#7b848e"
@@ -68,6 +72,24 @@ def plain(axes: Axes) -> None:
     axes.grid(visible=False)
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)
+
+
+FIGURE_FORMATS = (".png", ".svg", ".pdf")
+
+
+def write_figure(figure: Figure, output: Path) -> None:
+    """Write a figure in the format that `output` is named for.
+
+    Raises:
+        OutputError: no such format, or the file cannot be written.
+    """
+    suffix = output.suffix.lower()
+    if suffix not in FIGURE_FORMATS:
+        raise OutputError(f"{output}: no format for figures: name it {', '.join(FIGURE_FORMATS)}")
+    data = io.BytesIO()
+    with style():
+        figure.savefig(data, format=suffix[1:], dpi=160)
+    write_bytes(output, data.getvalue())
 
 
 def svg(figure: Figure) -> str:

@@ -1,0 +1,145 @@
+"""c and g of a body from flights: c moves on a parabola, whatever the body's own frame does about it.
+
+    x(t) + R(t) c = p0 + v0 t - 1/2 g t^2 z - drag
+
+is linear in c, g and, for every flight, p0 and v0. A body that turns in flight shows where its c lies; free turning shows its inertia
+only up to a factor, because no moment acts. Flights differ in how well they were followed, and one that a hand still touches is none:
+residuals follow a multivariate t distribution, every flight with a scale of its own (Lange, Little and Taylor 1989).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analyze.motion.body_motion import BodyMotion
+    from analyze.types import Array
+
+
+LEAST_THROWS = 8
+_FREEDOM = 4.0
+"""of Student's t"""
+_ROUNDS = 50
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A stretch of motion in which nothing but gravity and air acts."""
+
+    motion: BodyMotion
+    group: int
+    """number of the throw: what may share errors"""
+
+
+@dataclass(frozen=True)
+class FlightBody:
+    """What the flights say."""
+
+    com: Array
+    """(3,) m in O"""
+    gravity: float
+    """m/s^2, in the lengths of the motion"""
+    covariance: Array
+    """(4, 4) of (c, gravity)"""
+    flights: int
+    residual: float
+    """m, root mean square of the median flight"""
+
+    @property
+    def com_sd(self) -> Array:
+        """(3,) m."""
+        return np.sqrt(np.diag(self.covariance)[:3])
+
+    @property
+    def gravity_sd(self) -> float:
+        """m/s^2."""
+        return float(np.sqrt(self.covariance[3, 3]))
+
+
+def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
+    """C and g from all flights together; W's z is vertical.
+
+    Args:
+        flights: of one body.
+        drag: 1/m, deceleration over speed squared: density * drag coefficient * area / (2 mass).
+
+    Raises:
+        EstimationError: the flights do not tell c: too few, too short, or without turning.
+    """
+    systems = [_without_start(flight.motion, drag) for flight in flights]
+    groups = np.array([flight.group for flight in flights])
+    if len(np.unique(groups)) < LEAST_THROWS:
+        raise EstimationError(
+            f"{len(np.unique(groups))} throws do not tell the centre of mass: {LEAST_THROWS} are the least, 100 a good number"
+        )
+    products = np.array([matrix.T @ matrix for matrix, _ in systems])
+    rights = np.array([matrix.T @ level for matrix, level in systems])
+    squares = np.array([float(level @ level) for _, level in systems])
+    counts = np.array([len(level) - 6 for _, level in systems], dtype=np.float64)
+    weight = np.ones(len(flights))
+    x: Array = np.zeros(4)
+    normal: Array = products.sum(axis=0)
+    left: Array = squares
+    for _ in range(_ROUNDS):
+        normal = np.einsum("f,frc->rc", weight, products)
+        size = np.sqrt(np.diag(normal))
+        if np.linalg.cond(normal / np.outer(size, size)) > 1e8:
+            raise EstimationError(f"{len(flights)} flights do not tell the centre of mass: throw so that the body turns in flight")
+        before, x = x, np.asarray(np.linalg.solve(normal, weight @ rights), dtype=np.float64)
+        left = np.maximum(squares - 2 * rights @ x + np.einsum("r,frc,c->f", x, products, x), 0.0)
+        variance = float(weight @ left) / float(counts.sum())
+        weight = (_FREEDOM + counts) / (_FREEDOM + left / variance)
+        if np.max(np.abs(x - before)) < 1e-7:
+            break
+    inverse = np.linalg.inv(normal)
+    # Residuals of one throw share errors (its tracking, its air): Liang and Zeger 1986.
+    scores: Array = weight[:, None] * (rights - products @ x)
+    by_throw: Array = np.array([np.sum(scores[groups == name], axis=0) for name in np.unique(groups)])
+    meat = by_throw.T @ by_throw * len(by_throw) / (len(by_throw) - 1)
+    return FlightBody(x[:3], float(x[3]), inverse @ meat @ inverse, len(flights), float(np.sqrt(np.median(left / counts))))
+
+
+def off_the_parabola(flights: Sequence[Flight], com: Array, gravity: float, drag: float) -> Array:
+    """(flights,) m, root mean square that a point `com` (3,) of the body is off the parabola that fits it best, with this g."""
+    found: list[float] = []
+    for flight in flights:
+        matrix, level = _without_start(flight.motion, drag)
+        found.append(float(np.sqrt(np.sum((level - matrix @ np.append(com, gravity)) ** 2) / (len(level) - 6))))
+    return np.array(found)
+
+
+def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
+    """Coefficients (3 n, 4) of (c, g) and right side (3 n,), where start and speed are projected out."""
+    time = motion.time - motion.time.mean()
+    line, _ = np.linalg.qr(np.column_stack([np.ones_like(time), time]))
+
+    def rest(values: Array) -> Array:
+        return values - line @ (line.T @ values)
+
+    slowed = _twice_integrated(motion, drag)
+    rows: list[Array] = []
+    level: list[Array] = []
+    for axis in range(3):
+        fall = 0.5 * time**2 if axis == 2 else np.zeros_like(time)
+        rows.append(rest(np.column_stack([motion.R_world_object[:, axis, :], fall])))
+        level.append(rest(slowed[:, axis] - motion.position[:, axis]))
+    return np.concatenate(rows), np.concatenate(level)
+
+
+def _twice_integrated(motion: BodyMotion, drag: float) -> Array:
+    """(n, 3) m that the air has taken the body back by."""
+    velocity = np.gradient(motion.position, motion.time, axis=0)
+    slowing = -drag * np.linalg.norm(velocity, axis=1, keepdims=True) * velocity
+    return _integrated(_integrated(slowing, motion.dt), motion.dt)
+
+
+def _integrated(values: Array, dt: Array) -> Array:
+    steps = 0.5 * (values[1:] + values[:-1]) * dt[:, None]
+    return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])

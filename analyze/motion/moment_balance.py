@@ -1,0 +1,240 @@
+"""c and I of a body from motions that touch the table along an edge or at a corner, whatever the friction there.
+
+Forces that act at the contact have no moment about it. With q a point of the body, b = c - q, all per mass:
+
+    (b x (q'' - g) + d/dt L_q) . e = 0        L_q = J_q w
+
+for e along the edge that touches; at a corner for every e. Where edge or corner is rounded, q lies on the centre line of the rounding
+and the contact rho below it, which adds rho (e x z) . (c'' - g). All of it is linear in b and J_O (inertia per mass about O).
+
+Weak form: multiplied by windows that vanish at both ends, and integrated by parts, so that no acceleration is ever needed
+(the modulating functions of Shinbrot 1957, "On the analysis of linear and nonlinear systems"). Between its ends the body may slide and
+turn on that contact as it likes.
+"""
+
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from analyze.errors import EstimationError
+from analyze.motion.body_motion import BodyMotion, trapezoid_weights
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analyze.types import Array
+
+WINDOWS = 2
+"""test functions per contact: sin^2, and sin^2 cos"""
+_UP = np.array([0.0, 0.0, 1.0])
+_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+_UNITS = np.zeros((6, 3, 3))
+for _i, (_r, _c) in enumerate(_ENTRIES):
+    _UNITS[_i, _r, _c] = _UNITS[_i, _c, _r] = 1.0
+_LOSS_SCALE = 1.5
+"""residuals above this many sigmas count less (Huber 1964)"""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A stretch of motion in which the body touches the table at one edge or one corner."""
+
+    motion: BodyMotion
+    corner: Array
+    """(3,) m in O, the sharp corner, or any point of the sharp edge"""
+    inward: Array
+    """(3,) in O: times the rounding's radius, the way from `corner` to the rounding's centre"""
+    edge: Array | None
+    """(3,) unit in O along the edge; None at a corner"""
+    group: int
+    """number of the throw or strike: what may share errors"""
+
+
+@dataclass(frozen=True)
+class BalancedBody:
+    """What the contacts say of the body."""
+
+    com: Array
+    """(3,) m in O"""
+    inertia: Array
+    """(3, 3) m^2, about c, per mass, axes of O"""
+    rounding: float
+    """m"""
+    covariance: Array
+    """(10, 10) of (c, J_c as xx yy zz xy xz yz, rounding)"""
+    contacts: int
+    explained: float
+    """share of the sum of squares that the balance explains"""
+
+    @property
+    def com_sd(self) -> Array:
+        """(3,) m."""
+        return np.sqrt(np.diag(self.covariance)[:3])
+
+    @property
+    def inertia_sd(self) -> Array:
+        """(3, 3) m^2."""
+        return tensor(np.sqrt(np.diag(self.covariance)[3:9]))
+
+    @property
+    def rounding_sd(self) -> float:
+        """M."""
+        return math.sqrt(float(self.covariance[9, 9]))
+
+
+def tensor(entries: Array) -> Array:
+    """(3, 3) symmetric, of (6,) xx yy zz xy xz yz."""
+    return np.einsum("i,irc->rc", entries, _UNITS)
+
+
+def about_com(inertia_origin: Array, com: Array) -> Array:
+    """Inertia per mass (3, 3) about c, of that about O and c (3,) (Steiner)."""
+    return inertia_origin - (float(com @ com) * np.eye(3) - np.outer(com, com))
+
+
+def moment_rows(contact: Contact, radius: float, gravity: float, windows: int = WINDOWS) -> tuple[Array, Array]:
+    """Weak moment balance of one contact.
+
+    Args:
+        contact: the motion and where it touches.
+        radius: of the rounding [m].
+        gravity: m/s^2.
+        windows: test functions per direction.
+
+    Returns:
+        (rows, 9) coefficients of (c, J_O as xx yy zz xy xz yz) and (rows,) what they should give; one row per window and direction,
+        scaled so that white noise in the moment gives every row the same sd.
+    """
+    motion = contact.motion
+    n, dt = len(motion), motion.dt[:, None]
+    centre = contact.corner + radius * contact.inward
+    step = np.diff(motion.path_of(centre), axis=0) / dt
+    R = motion.R_world_object
+    directions = [np.tile(axis, (n, 1)) for axis in np.eye(3)] if contact.edge is None else [R @ contact.edge]
+    # L_q = J_q w with J_q = J_O - 2 (c.q) 1 + c q^T + q c^T + (q.q) 1 - q q^T
+    units_com = [-2.0 * float(axis @ centre) * np.eye(3) + np.outer(axis, centre) + np.outer(centre, axis) for axis in np.eye(3)]
+    own = float(centre @ centre) * np.eye(3) - np.outer(centre, centre)
+    momentum = [motion.halfway @ matrix @ motion.angular_velocity[..., None] for matrix in (*units_com, *_UNITS, own)]
+    span = float(motion.time[-1] - motion.time[0])
+    phase = (motion.time - motion.time[0]) / span
+    weights = trapezoid_weights(motion.time)
+    g = np.array([0.0, 0.0, -gravity])
+    coefficients: list[list[float]] = []
+    wanted: list[float] = []
+    for e in directions:
+        for number in range(windows):
+            window = (np.sin(math.pi * phase) ** 2 * np.cos(math.pi * phase) ** number)[:, None]
+            d_direction = np.diff(window * e, axis=0)
+            below = radius * window * np.cross(e, _UP)
+            d_below = np.diff(below, axis=0)
+
+            def moment_of(arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below) -> float:
+                """Of an arm (3,) in O from the centre line, under (q'' - g), and what its own acceleration adds below the centre line."""
+                arms = R @ arm
+                turned = window * np.cross(e, arms)
+                return -float(
+                    np.sum(step * np.diff(turned, axis=0)) + weights @ (turned @ g) + np.sum(np.diff(arms, axis=0) / dt * d_below)
+                )
+
+            by_spin = [-float(np.sum(d_direction * each[..., 0])) for each in momentum]
+            fixed = moment_of(-centre) + by_spin[9] - float(np.sum(step * d_below) + weights @ (below @ g))
+            coefficients.append([moment_of(axis) + spin for axis, spin in zip(np.eye(3), by_spin[:3], strict=True)] + by_spin[3:9])
+            wanted.append(-fixed)
+    scale = 1.0 / math.sqrt(span)
+    return np.array(coefficients) * scale, np.array(wanted) * scale
+
+
+def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[float, float]) -> BalancedBody:
+    """c, inertia per mass and the rounding of the touching edges from all contacts together.
+
+    Args:
+        contacts: of one body.
+        gravity: m/s^2.
+        radius: expected radius of the rounding [m] and its 1 sigma.
+
+    Raises:
+        EstimationError: the contacts are too few, or too much alike.
+    """
+    if 3 * len(contacts) < 20:
+        raise EstimationError(f"{len(contacts)} contacts are too few for centre of mass and inertia: 7 are the least, 50 a good number")
+    # The rows are quadratic in the radius: three of them say all.
+    nodes = np.array([0.0, 0.5, 1.0]) * max(2.0 * radius[0], 4.0 * radius[1], 1e-4)
+    found = [[moment_rows(contact, float(node), gravity) for contact in contacts] for node in nodes]
+    rows = [np.concatenate([each[0] for each in at]) for at in found]
+    wanted = [np.concatenate([each[1] for each in at]) for at in found]
+    powers = np.linalg.inv(np.vander(nodes, 3, increasing=True))
+    by_power = np.einsum("pk,krc->prc", powers, np.array(rows)), np.einsum("pk,kr->pr", powers, np.array(wanted))
+    groups = np.concatenate([np.full(len(each[1]), contact.group) for contact, each in zip(contacts, found[0], strict=True)])
+
+    def balance(x: Array) -> tuple[Array, Array]:
+        power, slope = np.array([1.0, x[9], x[9] ** 2]), np.array([0.0, 1.0, 2 * x[9]])
+        matrix, level = np.einsum("p,prc->rc", power, by_power[0]), power @ by_power[1]
+        by_radius = np.einsum("p,prc->rc", slope, by_power[0]) @ x[:9] - slope @ by_power[1]
+        return matrix @ x[:9] - level, np.column_stack([matrix, by_radius])
+
+    start = np.array([*np.linalg.lstsq(rows[1], wanted[1], rcond=None)[0], nodes[1]])
+    sizes = np.array([1e-3, 1e-3, 1e-3, *[1e-4] * 6, 1e-3])
+    spread = _spread(balance(start)[0])
+    prior_row = np.zeros(10)
+    x = start
+    for _ in range(4):
+        prior_row[9] = spread / radius[1]
+
+        def residual(x: Array) -> Array:
+            return np.append(balance(x)[0], prior_row[9] * (x[9] - radius[0]))
+
+        def jacobian(x: Array) -> Array:
+            return np.vstack([balance(x)[1], prior_row])
+
+        # scipy's own hints know only the names of built-in derivatives.
+        solved = least_squares(residual, x, jacobian, x_scale=sizes, loss="huber", f_scale=_LOSS_SCALE * spread)  # pyright: ignore[reportArgumentType]
+        x, before = np.asarray(solved.x, dtype=np.float64), spread
+        spread = _spread(balance(x)[0])
+        if abs(spread - before) < 0.01 * spread:
+            break
+    left, J = balance(x)
+    covariance = _clustered_covariance(J, left, groups, prior_row, spread)
+    # From (c, J_O) to (c, J_c).
+    to_com = np.eye(10)
+    for i, (r, c) in enumerate(_ENTRIES):
+        unit = np.eye(3)
+        to_com[3 + i, :3] = [-2.0 * x[a] * (r == c) + unit[a, r] * x[c] + unit[a, c] * x[r] for a in range(3)]
+    level = balance(np.array([*np.zeros(9), x[9]]))[0]
+    return BalancedBody(
+        com=x[:3],
+        inertia=about_com(tensor(x[3:9]), x[:3]),
+        rounding=float(x[9]),
+        covariance=to_com @ covariance @ to_com.T,
+        contacts=len(contacts),
+        explained=1.0 - float(np.sum(left**2) / np.sum(level**2)),
+    )
+
+
+def _spread(values: Array) -> float:
+    return 1.4826 * float(np.median(np.abs(values)))
+
+
+def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, spread: float) -> Array:
+    """Of a robust fit whose residuals share errors within groups (Liang and Zeger 1986; Huber's weights as in White 1980)."""
+    weight = np.minimum(1.0, _LOSS_SCALE * spread / np.maximum(np.abs(left), 1e-30))
+    size = np.sqrt(np.sum(J**2, axis=0))
+    scaled, own = J / size, prior / size
+    normal = (scaled * weight[:, None]).T @ scaled + np.outer(own, own)
+    if np.linalg.cond(normal) > 1e12:
+        raise EstimationError("the contacts are too much alike to tell centre of mass and inertia: use throws that land on other edges")
+    meat = np.outer(own, own) * spread**2
+    names = np.unique(groups)
+    for name in names:
+        inside = groups == name
+        score = (scaled[inside] * weight[inside, None]).T @ left[inside]
+        meat += np.outer(score, score) * len(names) / max(len(names) - 1, 1)
+    inverse = np.linalg.inv(normal)
+    return np.asarray(inverse @ meat @ inverse / np.outer(size, size), dtype=np.float64)

@@ -1,0 +1,1 @@
+"""Published data and results, computed again."""
