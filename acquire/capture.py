@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 import os
 import select
 import signal
 import socket
 import sys
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -27,18 +25,14 @@ from pydantic import ValidationError
 from acquire import wire
 from acquire.camera.base import Camera, CameraInfo, ClockReading
 from acquire.camera.stream import CameraStream, TimedFrame
+from acquire.capture_recording import Attachments, OpenRecording, spare_buffers
 from acquire.clock import Clock, SystemClock
 from acquire.config import CameraConfig, RigConfig
 from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
 from acquire.heart import Heart
-from acquire.recorder.block_memory import BlockMemory
-from acquire.recorder.direct_file import can_write_directly
-from acquire.recorder.disk_space import DiskSpace
-from acquire.recorder.file_series import FileSeries, Rotation
-from acquire.recorder.frame_recorder import Arrival, FrameRecorder, backlog_bytes
-from acquire.recorder.writer import McapWriter
+from acquire.recorder.frame_recorder import Arrival, FrameRecorder
 from schemas import topics
-from schemas.documents import MANIFEST_NAME, SessionManifest, canonical_json
+from schemas.documents import SessionManifest
 from schemas.proto import percuss_pb2 as pb
 
 COMMAND_S = 180.0
@@ -46,93 +40,8 @@ COMMAND_S = 180.0
 STUCK_S = 5.0
 """beyond the stall time: by then a camera that sends nothing was taken for lost, unless its thread is stuck"""
 
-MakeCamera = Callable[[CameraConfig, Clock], Camera]
-
-
-Attachments = list[tuple[str, str, bytes]]
-"""name, media type, content"""
-
-
-class _Recording:
-    """An open recording."""
-
-    def __init__(self, path: Path, manifest: SessionManifest, attachments: Attachments, log_time_ns: int, rig: RigConfig) -> None:
-        config = rig.recorder
-        self.rig = rig
-        self.anchor = manifest.wall_anchor_ns
-        self.camera = rig.camera.name
-        self._disk = DiskSpace(path.parent, config.disk_reserve_bytes)
-
-        def write_head(writer: McapWriter, part: int) -> None:
-            own = manifest if part == manifest.part else manifest.model_copy(update={"part": part})
-            writer.metadata(MANIFEST_NAME, {"json": canonical_json(own)})
-            for name, media_type, content in attachments:
-                writer.attachment(name, media_type, content, log_time_ns)
-
-        rotation = Rotation()
-        self._memory: BlockMemory | None = None
-        if config.mode == "continuous":
-            rotation = Rotation(config.rotate_bytes, config.keep_files)
-            # Windows go through the page cache: `analyze watch` reads them a moment later.
-            if config.image_format == "raw" and can_write_directly(path.parent):
-                self._memory = BlockMemory(backlog_bytes(rig.camera.width, rig.camera.height, rig.camera.frame_rate_hz))
-        self.files = FileSeries(path, write_head, rotation, self._disk, self._memory, manifest.part)
-        self.frames: FrameRecorder | None = None
-        self.first_frame_ns: int | None = None
-        """log time"""
-        self._small = wire.small_topics(self.camera)
-        self._sequences: Counter[str] = Counter()
-
-    @property
-    def path(self) -> Path:
-        return self.files.path
-
-    @property
-    def waiting_bytes(self) -> int:
-        """Images in memory before the disk."""
-        queued = self.frames.waiting * self.rig.camera.width * self.rig.camera.height if self.frames is not None else 0
-        return queued + (self._memory.used_bytes if self._memory is not None else 0)
-
-    def require_space(self) -> None:
-        """Refuse a window that the disk has no room for."""
-        config, camera = self.rig.recorder, self.rig.camera
-        frames = math.ceil((config.max_window_s + config.pre_trigger_s) * camera.frame_rate_hz)
-        self._disk.require(frames * camera.width * camera.height, "a window")
-
-    def begin(self) -> None:
-        """The head of the file is written: take frames."""
-        for topic in self._small.values():
-            self.files.add_topic(topic)
-        camera = self.rig.camera
-        self.frames = FrameRecorder(
-            self.files, self.camera, camera.width, camera.height, camera.frame_rate_hz, self.rig.recorder, self.anchor
-        )
-
-    def write(self, name: str, log_time_ns: int, data: bytes) -> None:
-        topic = self._small.get(name)
-        if topic is None:
-            raise RecorderError(f"{self.path}: topic {name!r} is not one of a recording's small topics")
-        sequence = self._sequences[name]
-        self._sequences[name] = sequence + 1
-        self.files.write(self.files.add_topic(topic), log_time_ns, data, sequence=sequence)
-
-    def finish(self) -> dict[str, Any]:
-        frames = self.frames
-        if frames is not None:
-            frames.close()
-        seal = self.files.finish()
-        return {
-            "path": str(seal.path),
-            "frames": frames.frames if frames else 0,
-            "lost": frames.lost + frames.dropped if frames else 0,
-            "content_id": seal.content_id,
-        }
-
-    def abandon(self) -> None:
-        """The head could not be written: leave nothing behind."""
-        if self.frames is not None:
-            self.frames.close()
-        self.files.abandon()
+MakeCamera = Callable[[CameraConfig, Clock, int], Camera]
+"""the number is that of spare buffers"""
 
 
 class Capture:
@@ -146,7 +55,7 @@ class Capture:
         self._rig: RigConfig | None = None
         self._stream: CameraStream | None = None
         self._info: CameraInfo | None = None
-        self._recording: _Recording | None = None
+        self._recording: OpenRecording | None = None
         self._error = ""
         self._begun_ns: int | None = None
         """host monotonic, when the command under work came"""
@@ -221,7 +130,12 @@ class Capture:
         if self._stream is not None:
             self._stream.stop()
         self._stream = CameraStream(
-            lambda: self._make_camera(rig.camera, self._clock), rig.camera, self._clock, self._on_frame, self._on_clock, self._on_text
+            lambda: self._make_camera(rig.camera, self._clock, spare_buffers(rig)),
+            rig.camera,
+            self._clock,
+            self._on_frame,
+            self._on_clock,
+            self._on_text,
         )
         self._info = self._stream.start()
         self._started_ns = self._clock.monotonic_ns()
@@ -238,7 +152,7 @@ class Capture:
             attachments.append((name, media_type, payload[at : at + size]))
             at += size
         log_time_ns = manifest.wall_anchor_ns + self._clock.monotonic_ns()
-        recording = _Recording(Path(header["path"]), manifest, attachments, log_time_ns, rig)
+        recording = OpenRecording(Path(header["path"]), manifest, attachments, log_time_ns, rig, stream.spare_buffers)
         try:
             recording.begin()
         except BaseException:
@@ -305,12 +219,12 @@ class Capture:
             raise CameraError("the camera was not started")
         return self._rig, self._stream
 
-    def _open(self) -> _Recording:
+    def _open(self) -> OpenRecording:
         if self._recording is None:
             raise RecorderError("no recording is open")
         return self._recording
 
-    def _frames(self, recording: _Recording) -> FrameRecorder:
+    def _frames(self, recording: OpenRecording) -> FrameRecorder:
         if recording.frames is None:
             raise RecorderError(f"{recording.path}: takes no frames yet")
         return recording.frames
@@ -334,6 +248,7 @@ class Capture:
                     mapping_sd_ns=timed.mapping_sd_ns,
                     exposure_us=frame.exposure_us,
                     lost_before=timed.lost_before,
+                    lender=timed.lease,
                 )
             )
 
@@ -355,7 +270,7 @@ class Capture:
             message.timestamp.FromNanoseconds(recording.anchor + now)
             self._write_quietly(recording, topics.LOG, now, message.SerializeToString())
 
-    def _write_quietly(self, recording: _Recording, topic: topics.Topic, host_ns: int, data: bytes) -> None:
+    def _write_quietly(self, recording: OpenRecording, topic: topics.Topic, host_ns: int, data: bytes) -> None:
         # The recording may be closed in this very moment, or its disk be full: neither may end the camera's thread.
         with contextlib.suppress(RecorderError):
             recording.write(topic.name, recording.anchor + host_ns, data)

@@ -32,7 +32,7 @@ def main() -> None:
 @_one_line_errors
 def discover(as_json: bool) -> None:
     """List the GigE Vision cameras that answer. Exits with 1 when none does."""
-    from acquire.camera.aravis import discover as discover_cameras
+    from acquire.camera.aravis_library import discover as discover_cameras
 
     cameras = discover_cameras()
     if as_json:

@@ -11,7 +11,7 @@ import hashlib
 import itertools
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -35,11 +35,15 @@ METADATA: Final = 12
 METADATA_INDEX: Final = 13
 SUMMARY_OFFSET: Final = 14
 DATA_END: Final = 15
+PADDING: Final = 0x80
+"""Zeros that bring what follows to a page of the file. The format leaves 0x80 and above to applications, and its readers skip them."""
 
 RECORD_HEAD: Final = 9
 """opcode and length, before every record's body"""
 MESSAGE_HEAD: Final = 31
 """record head and fixed fields, before every message's data"""
+CHUNK_HEAD: Final = 49
+"""record head and fixed fields, before an uncompressed chunk's messages"""
 FOOTER_SIZE: Final = RECORD_HEAD + 20
 LARGE_MESSAGE: Final = 4096
 """messages of this size and above enter the content hash by length and CRC-32"""
@@ -84,6 +88,11 @@ def message_index(channel_id: int, entries: list[tuple[int, int]]) -> bytes:
     size = 16 * len(entries)
     numbers = itertools.chain.from_iterable(sorted(entries))
     return struct.pack(f"<BQHI{2 * len(entries)}Q", MESSAGE_INDEX, 6 + size, channel_id, size, *numbers)
+
+
+def padding(size: int) -> bytes:
+    """A padding record of `size` bytes, at least RECORD_HEAD."""
+    return struct.pack("<BQ", PADDING, size - RECORD_HEAD) + bytes(size - RECORD_HEAD)
 
 
 # --- parsing ------------------------------------------------------------------------------------------------------
@@ -297,15 +306,22 @@ class ContentHash:
 
     def add(self, topic: str, log_time_ns: int, size: int, data: Buffer, crc: int | None = None) -> None:
         """Take in one message. Of a large one `crc` (of its data) may be given instead of the data, which then may be empty."""
+        self.add_all(topic, [(log_time_ns, size, data, crc)])
+
+    def add_all(self, topic: str, messages: Iterable[tuple[int, int, Buffer, int | None]]) -> None:
+        """The same for several of a topic, in order: log time, size, data, CRC-32."""
         if topic.startswith(TRUTH_PREFIX):
             return
         digest = self._topics.get(topic)
         if digest is None:
             digest = self._topics[topic] = hashlib.blake2b(digest_size=32)
-        if size < LARGE_MESSAGE:
-            digest.update(_TIME_AND_SIZE.pack(log_time_ns, size) + data)
-        else:
-            digest.update(_TIME_SIZE_CRC.pack(log_time_ns, size, zlib.crc32(data) if crc is None else crc))
+        parts: list[Buffer] = []
+        for log_time_ns, size, data, crc in messages:
+            if size < LARGE_MESSAGE:
+                parts += (_TIME_AND_SIZE.pack(log_time_ns, size), data)
+            else:
+                parts.append(_TIME_SIZE_CRC.pack(log_time_ns, size, zlib.crc32(data) if crc is None else crc))
+        digest.update(b"".join(parts))
 
     def hexdigest(self) -> str:
         """Identity of what was taken in so far."""

@@ -13,7 +13,7 @@ PACKAGES = ("acquire", "analyze", "schemas")
 SOURCES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py") if "_pb2" not in p.name)
 
 OWNERS = {
-    "gi": {"acquire/camera/aravis.py"},
+    "gi": {"acquire/camera/aravis_library.py"},
     "dynamixel_sdk": {"acquire/striker/"},
     "serial": {"acquire/striker/"},
     "rerun": {"analyze/replay"},

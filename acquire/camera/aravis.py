@@ -1,17 +1,14 @@
-"""GigE Vision cameras through Aravis 0.8: the only import of gi."""
+"""GigE Vision cameras through Aravis 0.8."""
 
 from __future__ import annotations
 
-import gc
 import threading
 from concurrent.futures import Future
-from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from acquire.camera.aravis_library import Connection, aravis_and_glib, bury, drain, reason
 from acquire.camera.base import Camera, CameraInfo, ClockReading, Frame
+from acquire.camera.buffers import FrameBuffers
 from acquire.camera.discovery import ask, is_controlled
 from acquire.camera.frame_loss import FrameLoss
 from acquire.camera.receive_buffer import enlarge_receive_buffer
@@ -19,15 +16,12 @@ from acquire.camera.settings import settings_of
 from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from acquire.clock import Clock
     from acquire.config import CameraConfig
 
 _LATCH, _LATCH_HIGH, _LATCH_LOW, _TICKS_HIGH, _TICKS_LOW = 0x944, 0x948, 0x94C, 0x93C, 0x940
 _LATCH_NOW = 2
 _POP_US = 100_000
-_DRAIN_US = 10_000
 _ARAVIS_RETENTION_US, _LONGEST_RETENTION_US = 100_000, 1_000_000
 _CLOSE_JOIN_S = 1.0
 OPEN_S = 20.0
@@ -37,70 +31,18 @@ _CLOCK_JUMP_S = 5.0
 """between two frames, device time against host time: no delay explains it, the device's clock was set or it restarted"""
 
 
-@cache
-def _gi() -> tuple[Any, Any]:
-    """Aravis and GLib.
-
-    Raises:
-        CameraError: the bindings are not installed.
-    """
-    try:
-        import gi
-
-        gi.require_version("Aravis", "0.8")
-        from gi.repository import Aravis, GLib  # pyright: ignore[reportAttributeAccessIssue] - made by introspection
-    except (ImportError, ValueError) as error:
-        raise CameraError(f"Aravis cannot be loaded ({error}): install Debian's gir1.2-aravis-0.8 and the extra percuss[rig]") from None
-    return Aravis, GLib
-
-
-def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
-    """All cameras that answer a broadcast, and the virtual one at `loopback`. Takes about a second.
-
-    Raises:
-        CameraError: Aravis is not installed.
-    """
-    Aravis, _ = _gi()
-    Aravis.update_device_list()
-    found = [
-        CameraInfo(
-            vendor=Aravis.get_device_vendor(index) or "",
-            model=Aravis.get_device_model(index) or "",
-            serial=Aravis.get_device_serial_nbr(index) or "",
-            address=Aravis.get_device_address(index) or Aravis.get_device_id(index),
-        )
-        for index in range(Aravis.get_n_devices())
-        if Aravis.get_device_protocol(index) == "GigEVision"
-    ]
-    virtual = ask(loopback)
-    if virtual is not None and all(info.address != virtual.address for info in found):
-        found.append(virtual)
-    return found
-
-
-@dataclass
-class _Connection:
-    """All that must die together, in order: the stream writes into `memory`, so `memory` outlives it."""
-
-    camera: Any
-    device: Any
-    stream: Any
-    lost_handler: int
-    buffers: list[Any]
-    memory: NDArray[np.uint8]
-    """(buffers, height * width)"""
-
-
 class AravisCamera(Camera):
     """A GigE Vision camera.
 
     Frames are popped on the caller's thread: Python in a stream callback blocks reception (Aravis #171) or crashes (#453).
-    Buffers are rows of one numpy array, so an image is a view. Never reopen one that was lost: make a new one.
+    Buffers are our own memory, so an image is a view. Never reopen one that was lost: make a new one.
     """
 
-    def __init__(self, config: CameraConfig, clock: Clock) -> None:
+    def __init__(self, config: CameraConfig, clock: Clock, spare_buffers: int = 0) -> None:
+        """`spare_buffers`: see Camera; they are besides those of the configuration."""
         self._config, self._clock = config, clock
-        self._connection: _Connection | None = None
+        self._spare_buffers = spare_buffers
+        self._connection: Connection | None = None
         self._lost = threading.Event()
         self._given_up = threading.Event()
         self._closing = threading.Lock()
@@ -124,6 +66,11 @@ class AravisCamera(Camera):
     def warnings(self) -> tuple[str, ...]:
         """What works less well than it could, one line each."""
         return tuple(self._warnings)
+
+    @property
+    def spare_buffers(self) -> int:
+        """See Camera."""
+        return self._spare_buffers
 
     def open(self) -> CameraInfo:
         """Connect, write every setting, read it back and compare.
@@ -156,7 +103,7 @@ class AravisCamera(Camera):
             self.close()
 
     def _open(self) -> CameraInfo:
-        Aravis, GLib = _gi()
+        Aravis, GLib = aravis_and_glib()
         address = self._config.address
         self._wait_for_control()
         try:
@@ -164,10 +111,10 @@ class AravisCamera(Camera):
         except GLib.Error as error:
             if ask(address) is not None:
                 raise CameraError(
-                    f"camera {address} says who it is, but cannot be connected to ({_reason(error)}): switch it off and on"
+                    f"camera {address} says who it is, but cannot be connected to ({reason(error)}): switch it off and on"
                 ) from None
             raise CameraNotFound(
-                f"no camera answers at {address} ({_reason(error)}): check power, cable and address; `acquire discover` lists what answers"
+                f"no camera answers at {address} ({reason(error)}): check power, cable and address; `acquire discover` lists what answers"
             ) from None
         device = camera.get_device()
         handler = device.connect("control-lost", lambda _device: self._lost.set())  # runs on Aravis's heartbeat thread
@@ -183,10 +130,10 @@ class AravisCamera(Camera):
             )
             self._connection = self._connect_stream(camera, device, handler)
         except GLib.Error as error:
-            self._close_in_background(_Connection(camera, device, None, handler, [], np.empty((0, 0), np.uint8)))
-            raise CameraError(f"camera {address} stopped answering while it was set up ({_reason(error)}): try again") from None
+            self._close_in_background(Connection(camera, device, None, handler, [], None))
+            raise CameraError(f"camera {address} stopped answering while it was set up ({reason(error)}): try again") from None
         except CameraError:
-            self._close_in_background(_Connection(camera, device, None, handler, [], np.empty((0, 0), np.uint8)))
+            self._close_in_background(Connection(camera, device, None, handler, [], None))
             raise
         return info
 
@@ -196,9 +143,9 @@ class AravisCamera(Camera):
         Raises:
             CameraLost: the camera no longer answers.
         """
-        _, GLib = _gi()
+        _, GLib = aravis_and_glib()
         connection = self._opened()
-        _drain(connection.stream, len(connection.buffers))
+        drain(connection.stream, self._config.buffers)
         # The last run's last frame may still be on its way; it was exposed before now.
         reading = self.latch_clock()
         self._exposed_after_ns = -1 if reading is None else reading.device_time_ns
@@ -207,7 +154,7 @@ class AravisCamera(Camera):
         try:
             connection.camera.start_acquisition()
         except GLib.Error as error:
-            raise self._lost_error(_reason(error)) from None
+            raise self._lost_error(reason(error)) from None
         self._last_frame_ns, self._last_device_ns = self._clock.monotonic_ns(), None
 
     def read(self, timeout_s: float) -> Frame | None:
@@ -233,9 +180,20 @@ class AravisCamera(Camera):
             connection.stream.push_buffer(buffer)
 
     def release(self, frame: Frame) -> None:
-        """Give the frame's buffer back; its image must not be used any more."""
-        if self._connection is not None:
-            self._connection.stream.push_buffer(self._connection.buffers[frame.token])
+        """See Camera."""
+        with self._closing:
+            connection = self._connection
+            if connection is not None and connection.memory is not None and (slot := connection.memory.release(frame)) is not None:
+                connection.stream.push_buffer(connection.buffers[slot])
+
+    def keep(self, frame: Frame) -> bool:
+        """See Camera."""
+        with self._closing:
+            connection = self._connection
+            if connection is None or connection.memory is None or (slot := connection.memory.keep(frame)) is None:
+                return False
+            connection.stream.push_buffer(connection.buffers[slot])
+            return True
 
     def latch_clock(self) -> ClockReading | None:
         """Read the device clock now through the bootstrap registers, or None where the camera cannot latch."""
@@ -243,7 +201,7 @@ class AravisCamera(Camera):
         device = None if connection is None else connection.device  # another thread may be closing it
         if device is None or self._ticks_hz == 0 or self._lost.is_set():
             return None
-        _, GLib = _gi()
+        _, GLib = aravis_and_glib()
         write, read = device.write_register, device.read_register
         try:
             before_ns = self._clock.monotonic_ns()
@@ -264,7 +222,7 @@ class AravisCamera(Camera):
 
     def stop(self) -> None:
         """Stop streaming; frames that were not read are dropped."""
-        _, GLib = _gi()
+        _, GLib = aravis_and_glib()
         connection = self._opened()
         if self._lost.is_set():
             return
@@ -272,7 +230,7 @@ class AravisCamera(Camera):
             connection.camera.stop_acquisition()
         except GLib.Error:
             self._lost.set()
-        _drain(connection.stream, len(connection.buffers))
+        drain(connection.stream, self._config.buffers)
 
     def close(self) -> None:
         """Release the device. Never raises. A camera that answers is closed on return; a dead one is buried in the background."""
@@ -281,14 +239,14 @@ class AravisCamera(Camera):
         if connection is not None:
             self._close_in_background(connection)
 
-    def _opened(self) -> _Connection:
+    def _opened(self) -> Connection:
         if self._connection is None:
             raise CameraError(f"camera {self._config.address} is not open")
         return self._connection
 
-    def _lost_error(self, reason: str) -> CameraLost:
+    def _lost_error(self, why: str) -> CameraLost:
         self._lost.set()
-        return CameraLost(f"camera {self._config.address} was lost: {reason}: check power and cable, then connect again")
+        return CameraLost(f"camera {self._config.address} was lost: {why}: check power and cable, then connect again")
 
     def _check_alive(self, now_ns: int) -> None:
         # control-lost comes about 6 s after the camera's death: the watchdog below is what notices first.
@@ -300,10 +258,12 @@ class AravisCamera(Camera):
             pulses = f" (trigger = {self._config.trigger}: do its pulses come?)" if self._config.trigger != "off" else ""
             raise self._lost_error(f"no frame for {stalled_s:.1f} s{incomplete if self.incomplete_frames else pulses}")
 
-    def _frame(self, connection: _Connection, buffer: Any, now_ns: int) -> Frame | None:
-        Aravis, _ = _gi()
+    def _frame(self, connection: Connection, buffer: Any, now_ns: int) -> Frame | None:
+        Aravis, _ = aravis_and_glib()
         # hash() of a wrapper is its C pointer: the same buffer comes back as the same slot.
-        token = self._slots[hash(buffer)]
+        token, memory = self._slots[hash(buffer)], connection.memory
+        if memory is None:
+            return None
         if buffer.get_status() != Aravis.BufferStatus.SUCCESS:
             self.incomplete_frames += 1
             return None
@@ -317,7 +277,7 @@ class AravisCamera(Camera):
                 raise self._lost_error(f"its clock jumped by {jump_s:.3g} s")
         self._last_frame_ns, self._last_device_ns = now_ns, device_time_ns
         frame = Frame(
-            image=connection.memory[token, : width * height].reshape(height, width),
+            image=memory.image(token, width, height),
             sequence=self._sequence,
             frame_id=frame_id,
             device_time_ns=device_time_ns,
@@ -342,7 +302,7 @@ class AravisCamera(Camera):
                 raise CameraError(f"camera {address} is controlled by another program: close that program, then try again")
 
     def _write_settings(self, camera: Any) -> None:
-        Aravis, GLib = _gi()
+        Aravis, GLib = aravis_and_glib()
         config = self._config
         # Off by default, and then Width = 5000 is accepted (Aravis #562).
         camera.set_range_check_policy(Aravis.RangeCheckPolicy.ENABLE)
@@ -359,7 +319,7 @@ class AravisCamera(Camera):
             except GLib.Error as error:
                 if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
                     raise  # it did not refuse: it fell silent
-                raise CameraSettingError(f"{asked} was refused ({_reason(error)}): correct the rig file") from None
+                raise CameraSettingError(f"{asked} was refused ({reason(error)}): correct the rig file") from None
             if not setting.agrees(got):
                 raise CameraSettingError(f"{asked} was asked, {setting.text(got)} read back: correct the rig file")
         self._exposure_us = camera.get_exposure_time()
@@ -372,8 +332,8 @@ class AravisCamera(Camera):
             self._warnings.append(f"camera {self._config.address} does not say its clock's frequency: frame times come from their arrival")
         return ticks_hz
 
-    def _connect_stream(self, camera: Any, device: Any, handler: int) -> _Connection:
-        Aravis, _ = _gi()
+    def _connect_stream(self, camera: Any, device: Any, handler: int) -> Connection:
+        Aravis, _ = aravis_and_glib()
         # As root Aravis takes the packet socket (Aravis #503), whose 5 ms block time-out quantises arrival times.
         camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
         payload = camera.get_payload()
@@ -389,12 +349,12 @@ class AravisCamera(Camera):
                 f"the socket's receive buffer is {self.receive_buffer_bytes} B instead of {self._config.receive_buffer_bytes} B: "
                 f"frames may be lost; try sysctl -w net.core.rmem_max={self._config.receive_buffer_bytes}"
             )
-        memory = np.zeros((self._config.buffers, payload), np.uint8)
-        buffers = [Aravis.Buffer.new(payload, row.ctypes.data) for row in memory]
+        memory = FrameBuffers(self._config.buffers, self._spare_buffers, payload)
+        buffers = [Aravis.Buffer.new(payload, memory.address(slot)) for slot in range(len(memory))]
         self._slots = {hash(buffer): index for index, buffer in enumerate(buffers)}
-        for buffer in buffers:
+        for buffer in buffers[: memory.circulating]:
             stream.push_buffer(buffer)
-        return _Connection(camera, device, stream, handler, buffers, memory)
+        return Connection(camera, device, stream, handler, buffers, memory)
 
     def _retention_us(self) -> int:
         """How long an incomplete frame waits for packets that were asked for again.
@@ -404,38 +364,9 @@ class AravisCamera(Camera):
         held_us = 1e6 * self._config.buffers / self._config.frame_rate_hz
         return round(min(_LONGEST_RETENTION_US, max(_ARAVIS_RETENTION_US, 0.5 * held_us)))
 
-    def _close_in_background(self, connection: _Connection) -> None:
+    def _close_in_background(self, connection: Connection) -> None:
         """Closing a dead camera blocks 7.5 s, three GVCP time-outs: never on the caller's thread."""
-        self._closer = threading.Thread(target=_bury, args=(connection, self._lost.is_set()), name="aravis-close", daemon=True)
+        self._closer = threading.Thread(target=bury, args=(connection, self._lost.is_set()), name="aravis-close", daemon=True)
         del connection
         self._closer.start()
         self._closer.join(_CLOSE_JOIN_S)
-
-
-def _drain(stream: Any, buffers: int) -> None:
-    """Give back what was not read; at most all buffers, because a camera that did not hear its stop goes on sending."""
-    for _ in range(buffers):
-        buffer = stream.timeout_pop_buffer(_DRAIN_US)
-        if buffer is None:
-            return
-        stream.push_buffer(buffer)
-
-
-def _bury(connection: _Connection, lost: bool) -> None:
-    _, GLib = _gi()
-    connection.device.disconnect(connection.lost_handler)
-    if not lost and connection.stream is not None:
-        try:
-            connection.camera.stop_acquisition()
-        except GLib.Error:
-            lost = True
-    # The stream's thread writes into the buffers: it must have ended before their memory goes.
-    connection.stream = None
-    gc.collect()
-    connection.camera = connection.device = None
-    gc.collect()
-    connection.buffers = []
-
-
-def _reason(error: Any) -> str:
-    return str(error.message).strip().replace("\n", " ") or "no reason given"

@@ -1,4 +1,4 @@
-"""What every camera does: open, start, read, release, stop, close. Called by the capture process from one thread."""
+"""What every camera does: open, start, read, release, stop, close. From one thread, but for what says otherwise."""
 
 from __future__ import annotations
 
@@ -59,6 +59,11 @@ class Camera(ABC):
         """What works less well than it could, one line each; known after `open`."""
         return ()
 
+    @property
+    def spare_buffers(self) -> int:
+        """Frames that may be kept at a time; then images begin on a page of the memory. 0: none."""
+        return 0
+
     @abstractmethod
     def open(self) -> CameraInfo:
         """Connect, write every setting, read it back and compare.
@@ -80,9 +85,16 @@ class Camera(ABC):
             CameraLost: the camera no longer answers, or stalled longer than configured.
         """
 
+    def keep(self, frame: Frame) -> bool:  # noqa: ARG002 - for cameras that have no spare buffers
+        """The frame will be released later, by any thread, also after `close`: another buffer takes its place.
+
+        False where there is none: it must be released before the next is read, as any other.
+        """
+        return False
+
     @abstractmethod
     def release(self, frame: Frame) -> None:
-        """Give the frame's buffer back; its image must not be used any more."""
+        """Give the frame's buffer back, once; its image must not be used any more."""
 
     @abstractmethod
     def latch_clock(self) -> ClockReading | None:

@@ -30,6 +30,30 @@ RETRY_S: Final = 0.5
 READ_TIMEOUT_S: Final = 0.1
 
 
+class FrameLease:
+    """The buffer of one frame: a Lender (recorder/lent_queue.py)."""
+
+    __slots__ = ("_camera", "_frame", "kept")
+
+    def __init__(self, camera: Camera, frame: Frame) -> None:
+        self._camera, self._frame = camera, frame
+        self.kept = False
+
+    @property
+    def pixels(self) -> memoryview:
+        """The image's bytes; they begin on a page of the memory."""
+        return self._frame.image.data.cast("B")
+
+    def keep(self) -> bool:
+        """The image stays as it is until `release`; False: no buffer can take its place."""
+        self.kept = self._camera.keep(self._frame)
+        return self.kept
+
+    def release(self) -> None:
+        """Once, after `keep`; from any thread."""
+        self._camera.release(self._frame)
+
+
 @dataclass(frozen=True)
 class TimedFrame:
     """A frame of this stream with its times on the host's clock."""
@@ -41,6 +65,8 @@ class TimedFrame:
     """host monotonic"""
     mapping_sd_ns: int
     lost_before: int
+    lease: FrameLease | None = None
+    """where the camera can keep frames"""
 
 
 @dataclass(frozen=True)
@@ -90,6 +116,7 @@ class CameraStream:
         self._info: CameraInfo | None = None
         self._camera: Camera | None = None
         self._connected = False
+        self._spare_buffers = 0
         self._mapper = DeviceClockMapper()
         self._sequence = 0
         self._lost = self._lost_told = 0
@@ -125,6 +152,11 @@ class CameraStream:
         for thread in self._threads:
             if thread.ident is not None:
                 thread.join()
+
+    @property
+    def spare_buffers(self) -> int:
+        """The camera's; frames have a lease where there are any."""
+        return self._spare_buffers
 
     def latch(self) -> None:
         """Have the clock latched soon, not only at the next half second."""
@@ -181,6 +213,7 @@ class CameraStream:
             raise
         self._mapper = mapper
         self._info, self._camera, self._connected = info, camera, True
+        self._spare_buffers = camera.spare_buffers
         self._trouble, self._warnings = "", camera.warnings
 
     def _disconnect(self) -> None:
@@ -206,17 +239,19 @@ class CameraStream:
         camera = self._camera
         if camera is None:
             return
-        first = True
+        first, keeps = True, self._spare_buffers > 0
         while not self._stopping.is_set():
             frame = camera.read(READ_TIMEOUT_S)
             if self._lost > self._lost_told and self._clock.monotonic_ns() > self._told_ns + TELL_LOSSES_NS:
                 self._tell_losses()
             if frame is None:
                 continue
+            lease = FrameLease(camera, frame) if keeps else None
             try:
-                self._on_frame(self._timed(frame, first=first))
+                self._on_frame(self._timed(frame, lease, first=first))
             finally:
-                camera.release(frame)
+                if lease is None or not lease.kept:
+                    camera.release(frame)
             first = False
 
     def _tell_losses(self) -> None:
@@ -224,7 +259,7 @@ class CameraStream:
             self._on_text(f"{lost} frames lost before frame {self._sequence}, {self._lost} in all")
             self._lost_told, self._told_ns = self._lost, self._clock.monotonic_ns()
 
-    def _timed(self, frame: Frame, *, first: bool) -> TimedFrame:
+    def _timed(self, frame: Frame, lease: FrameLease | None, *, first: bool) -> TimedFrame:
         mapper = self._mapper
         mapper.add_arrival(frame.device_time_ns, frame.host_time_ns)  # no effect where the clock is latched
         mid = mapper.to_host(frame.device_time_ns) + round(frame.exposure_us * 500.0)
@@ -234,7 +269,7 @@ class CameraStream:
             lost = max(0, round((mid - self._recent[-1]) / self._period_ns) - 1)
         self._recent.append(mid)
         self._arrived_ns = self._clock.monotonic_ns()  # a camera that is far behind is alive
-        timed = TimedFrame(frame, self._sequence, mid, mapper.sd_at(frame.device_time_ns), lost)
+        timed = TimedFrame(frame, self._sequence, mid, mapper.sd_at(frame.device_time_ns), lost, lease)
         self._sequence += 1
         self._lost += lost
         return timed

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-import mmap
+import threading
 from collections import deque
 from typing import Final
 
+from acquire.page_memory import page_memory
+
 BLOCK_BYTES: Final = 1 << 20
-_POPULATE_WRITE: Final = 23
-"""MADV_POPULATE_WRITE (Linux 5.14): every page is there before the first frame comes"""
 
 
 class BlockMemory:
-    """A fixed number of page-aligned blocks of BLOCK_BYTES. One thread takes blocks, another gives them back."""
+    """A fixed number of page-aligned blocks of BLOCK_BYTES. Any thread takes blocks and gives them back."""
 
-    def __init__(self, size: int) -> None:
-        """At least `size` bytes, and at least eight blocks."""
+    def __init__(self, size: int, most_lent_bytes: int = 0) -> None:
+        """At least `size` bytes, and at least eight blocks; `most_lent_bytes` may wait besides, in memory that was lent."""
         self.blocks = max(8, -(-size // BLOCK_BYTES))
-        self._memory = mmap.mmap(-1, self.blocks * BLOCK_BYTES)
-        if hasattr(mmap, "MADV_HUGEPAGE"):
-            self._memory.madvise(mmap.MADV_HUGEPAGE)
-        for start in range(0, len(self._memory), BLOCK_BYTES):  # madvise keeps the interpreter: not for long at a time
-            try:
-                self._memory.madvise(_POPULATE_WRITE, start, BLOCK_BYTES)
-            except OSError:  # an older kernel: touch each page
-                for at in range(start, start + BLOCK_BYTES, mmap.PAGESIZE):
-                    self._memory[at] = 0
-        whole = memoryview(self._memory)
-        self._free = deque(whole[at : at + BLOCK_BYTES] for at in range(0, len(whole), BLOCK_BYTES))
+        self.most_bytes = self.blocks * BLOCK_BYTES + most_lent_bytes
+        """that may wait for the disk"""
+        whole = memoryview(page_memory(self.blocks * BLOCK_BYTES))
+        self._free = deque(whole[at : at + BLOCK_BYTES] for at in range(0, self.blocks * BLOCK_BYTES, BLOCK_BYTES))
+        self._lent_bytes = 0
+        self._lock = threading.Lock()
 
     @property
     def free(self) -> int:
@@ -36,8 +31,8 @@ class BlockMemory:
 
     @property
     def used_bytes(self) -> int:
-        """What waits for the disk, in whole blocks."""
-        return (self.blocks - self.free) * BLOCK_BYTES
+        """What waits for the disk, in whole blocks, and in memory that was lent."""
+        return (self.blocks - self.free) * BLOCK_BYTES + self._lent_bytes
 
     def take(self) -> memoryview:
         """A block, the one given back last: it is still in the processor's cache.
@@ -50,3 +45,8 @@ class BlockMemory:
     def give_back(self, block: memoryview) -> None:
         """The block may be taken again."""
         self._free.append(block)
+
+    def count_lent(self, size: int) -> None:
+        """So many bytes more, or fewer, wait in memory that was lent."""
+        with self._lock:
+            self._lent_bytes += size

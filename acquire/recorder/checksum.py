@@ -44,6 +44,18 @@ def checksums(chunk: int, head: Buffer, parts: Sequence[Buffer]) -> Checksums:
     return Checksums(chunk, data)
 
 
+def joined(head: Buffer, prefix: Buffer, pixels: int, size: int) -> Checksums:
+    """Of a chunk that holds `head`, `prefix` and `size` bytes of pixels with the CRC `pixels`, and of its data: all but `head`."""
+    zeros = _over_zeros(size)
+    data = zlib.crc32(prefix)
+    return Checksums(_apply(zeros, zlib.crc32(prefix, zlib.crc32(head))) ^ pixels, _apply(zeros, data) ^ pixels)
+
+
+def crc_of(pixels: Buffer) -> int:
+    """CRC-32; other threads run meanwhile."""
+    return deflate.crc32(pixels)
+
+
 @lru_cache(maxsize=8)
 def _over_zeros(size: int) -> tuple[_Table, _Table, _Table, _Table]:
     """What `size` zero bytes make of a CRC, without what they make of none: linear in it, so one table for each of its bytes."""

@@ -2,9 +2,33 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol
+from collections.abc import Callable, Sequence
+from typing import ClassVar, NamedTuple, Protocol
 
 from schemas.container import Buffer
+
+
+class LentRun(NamedTuple):
+    """Pages that stay as they are, where they are, until they are released, and the bytes of our own around them."""
+
+    lead: bytes
+    """brings the file to the beginning of a page"""
+    lent: list[memoryview]
+    """each of whole pages, and begins on one of the memory"""
+    behind: list[bytes]
+    """what follows each; whole pages, but for the last"""
+    release: list[Callable[[], None]]
+    """called once, by any thread, when the pages are in the file or will never be"""
+
+    @property
+    def lent_bytes(self) -> int:
+        """Of the pages that are lent."""
+        return sum(map(len, self.lent))
+
+    @property
+    def own_bytes(self) -> int:
+        """Of the rest."""
+        return len(self.lead) + sum(map(len, self.behind))
 
 
 class DataFile(Protocol):
@@ -18,15 +42,23 @@ class DataFile(Protocol):
     never_waits: ClassVar[bool]
     """whether `append` of what there is room for returns without waiting for the disk"""
 
-    def has_room(self, size: int, *, image: bool) -> bool:
-        """Whether `size` bytes can be taken in now; images leave some room for the rest."""
+    def has_room(self, size: int, *, image: bool, lent: int = 0) -> bool:
+        """Whether `size` bytes, and `lent` bytes of lent memory, can be taken in now; images leave some room for the rest."""
         ...
 
-    def append(self, buffers: list[Buffer], *, image: bool = False) -> int:
+    def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:
         """Take in `buffers`, all or none, and return their size. The buffers may be used again. Waits where there is no room.
 
         Raises:
             OSError: the disk is full or failing. Of a full disk some is kept back, which images do not get.
+        """
+        ...
+
+    def append_lent(self, run: LentRun) -> int:
+        """The same for images that are lent.
+
+        Raises:
+            OSError: as from `append`; nothing is released then.
         """
         ...
 

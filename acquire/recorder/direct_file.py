@@ -1,8 +1,9 @@
 """A file written past the page cache (O_DIRECT), from blocks of our own, on a thread of its own.
 
 A write through the page cache copies every byte once more, and hands it to the kernel's threads, which may find the disk busy when
-gigabytes wait; then they hold up whoever writes next. Here a frame is copied once, into a block; the disk reads that block. Who
-appends never waits for the disk: while it stands still, blocks fill, and when none is left images are refused.
+gigabytes wait; then they hold up whoever writes next. Here bytes are copied once, into a block, and pages that are lent not at all: the
+disk reads them where they lie. Who appends never waits for the disk: while it stands still, blocks fill, and when none is left images
+are refused.
 
 The space of the file is allocated before bytes for it are taken in, so that a disk that fills up refuses the next image, never one
 that was taken. O_DIRECT writes whole pages: the last one is padded with zeros, which no record begins with, and written again when it
@@ -18,20 +19,24 @@ import errno
 import mmap
 import os
 import threading
-from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar, Final
 
+from acquire.page_memory import PAGE
 from acquire.recorder import atomic
 from acquire.recorder.block_memory import BLOCK_BYTES, BlockMemory
+from acquire.recorder.data_file import LentRun
+from acquire.recorder.waiting_bytes import WaitingBytes
 from schemas.container import Buffer
 
-PAGE: Final = 4096
-"""a multiple of every disk's block"""
 GATHER_BYTES: Final = 4 << 20
-"""written together: of 4 MB a frame's share of a write is 22 us, of 1 MB 32 us"""
-MOST_BYTES: Final = 8 << 20
+MOST_GATHER_BYTES: Final = 8 << 20
+"""Written together, the more the more may wait: of 8 MB a frame's share of a write is 26 us, of 4 MB 35 us, of 2 MB 50 us."""
+MOST_BYTES: Final = 16 << 20
 """of one write"""
+MOST_VIEWS: Final = 1024
+"""IOV_MAX"""
 FLUSH_S: Final = 0.1
 """what has not gathered by then is written anyway"""
 RESERVE_BYTES: Final = 8 << 20
@@ -80,18 +85,17 @@ class DirectFile:
         self.size = 0
         self._fd = atomic.create_part(part_path, os.O_DIRECT)
         self._memory = memory
+        self._waiting = WaitingBytes(memory)
         self._sync_bytes = sync_bytes
         self._synced = 0
-        self._ahead = memory.blocks * BLOCK_BYTES + RESERVE_BYTES
+        self._gather = max(GATHER_BYTES, min(MOST_GATHER_BYTES, memory.most_bytes // 16))
+        self._ahead = memory.most_bytes + RESERVE_BYTES
         self._allocated = 0
         self._wanted = 0
         """where the file will end if what waits to be taken in is"""
         self._full: OSError | None = None
         self._committed = 0
         """bytes that may be written: `size`, or less while more than the memory holds is taken in"""
-        self._blocks: deque[memoryview] = deque()
-        """of the file from `_base` on"""
-        self._base = 0
         self._written = 0
         """whole pages that are on the disk and stay as they are"""
         self._readable = 0
@@ -104,39 +108,59 @@ class DirectFile:
         self._thread = threading.Thread(target=self._write_blocks, name="recorder-disk", daemon=True)
         self._thread.start()
 
-    def has_room(self, size: int, *, image: bool) -> bool:
+    def has_room(self, size: int, *, image: bool, lent: int = 0) -> bool:
         """See DataFile."""
         blocks = self._memory.free - (SPARE_BLOCKS if image else 0)
-        in_memory = size <= -self.size % BLOCK_BYTES + blocks * BLOCK_BYTES
+        in_memory = size <= self._waiting.room + blocks * BLOCK_BYTES
         # Where the disk is full or failing it is for `append` to say so.
-        return in_memory and (self._fits(size, image=image) or self._full is not None or self._failed is not None)
+        return in_memory and (self._fits(size + lent, image=image) or self._full is not None or self._failed is not None)
 
-    def append(self, buffers: list[Buffer], *, image: bool = False) -> int:
+    def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:
         """See DataFile."""
+        size = sum(map(len, buffers))
+        self._make_room(size, image=image)
+        self._taken_until(self._copy(self.size, buffers, []))
+        return size
+
+    def append_lent(self, run: LentRun) -> int:
+        """See DataFile."""
+        own = run.own_bytes
+        size = own + run.lent_bytes
+        self._make_room(size, image=True)
+        blocks = self._take_blocks(own)  # from here on nothing can fail
+        at = self._waiting.lend(self._copy(self.size, [run.lead], blocks), run, blocks)
+        self._taken_until(self._copy(at, [run.behind[-1]], blocks))
+        return size
+
+    def _make_room(self, size: int, *, image: bool) -> None:
+        """On the disk."""
         if self._failed is not None:
             raise self._failed
-        size = sum(map(len, buffers))
         self._wanted = self.size + size
         while not self._fits(size, image=image):
             if self._full is not None:
                 raise self._full
             self._wait_for_the_disk()
-        at = self.size
+
+    def _copy(self, at: int, buffers: Sequence[Buffer], blocks: list[memoryview]) -> int:
+        """From `at` on, into `blocks` and those that are free; returns where it ends."""
+        waiting = self._waiting
         for buffer in buffers:
             view = memoryview(buffer)
             while view:
-                within = at % BLOCK_BYTES
-                if within == 0:
-                    self._blocks.append(self._take(at))
-                part = view[: BLOCK_BYTES - within]
-                self._blocks[-1][within : within + len(part)] = part
+                if not waiting.room:
+                    waiting.add_block(blocks.pop() if blocks else self._take(at))
+                part = view[: waiting.room]
+                waiting.copy(at, part)
                 at += len(part)
                 view = view[len(part) :]
+        return at
+
+    def _taken_until(self, at: int) -> None:
         self.size = self._committed = at
-        if at - self._written >= GATHER_BYTES:
+        if at - self._written >= self._gather:
             with self._change:
                 self._change.notify_all()
-        return size
 
     def release_reserve(self) -> None:
         """See DataFile: allocated space stays allocated, and only images were kept out of it."""
@@ -173,8 +197,7 @@ class DirectFile:
             self._closing = True
             self._change.notify_all()
         self._thread.join()
-        while self._blocks:
-            self._memory.give_back(self._blocks.popleft())
+        self._waiting.close()
         # Cuts the padding, and gives back what was allocated and not used.
         os.ftruncate(self._fd, self.size if self._failed is None else self._readable)
 
@@ -190,6 +213,18 @@ class DirectFile:
                 self._committed = at
                 self._wait_for_the_disk()
 
+    def _take_blocks(self, size: int) -> list[memoryview]:
+        """Those that copying `size` bytes needs."""
+        blocks: list[memoryview] = []
+        try:
+            while size > self._waiting.room + len(blocks) * BLOCK_BYTES:
+                blocks.append(self._take(self.size))
+        except OSError:
+            for block in blocks:
+                self._memory.give_back(block)
+            raise
+        return blocks
+
     def _wait_for_the_disk(self) -> None:
         with self._change:
             self._change.notify_all()
@@ -202,7 +237,7 @@ class DirectFile:
     def _write_blocks(self) -> None:
         while True:
             with self._change:
-                gathered = self._change.wait_for(lambda: self._closing or self._committed - self._written >= GATHER_BYTES, FLUSH_S)
+                gathered = self._change.wait_for(lambda: self._closing or self._committed - self._written >= self._gather, FLUSH_S)
                 ending, size = self._closing, self._committed
             try:
                 self._allocate_ahead()
@@ -213,6 +248,7 @@ class DirectFile:
                     os.fdatasync(self._fd)
             except OSError as error:
                 self._failed = error
+                self._waiting.give_back_lent()
             with self._change:
                 self._change.notify_all()
                 if self._failed is not None or (ending and self._readable == self.size):
@@ -235,11 +271,11 @@ class DirectFile:
         """Bring the file up to `size`, or, without `tail`, up to the last whole page below it."""
         while True:
             whole = min(size - size % PAGE, self._written + MOST_BYTES)
-            views = self._views(self._written, whole)
+            views = self._waiting.views(self._written, whole)
             last = whole == size - size % PAGE
             padded = size % PAGE if last and tail and self._readable < size else 0
             if padded:
-                self._tail[:padded] = self._views(whole, size)[0]
+                self._tail[:padded] = b"".join(self._waiting.views(whole, size))
                 self._tail[padded:] = bytes(PAGE - padded)
                 views.append(memoryview(self._tail))
             if views:
@@ -247,26 +283,19 @@ class DirectFile:
             with self._change:
                 self._written = whole
                 self._readable = max(self._readable, whole + padded)
-            while self._base + BLOCK_BYTES <= whole:
-                self._memory.give_back(self._blocks.popleft())
-                self._base += BLOCK_BYTES
+            self._waiting.let_go(whole)
             if last:
                 return
-
-    def _views(self, start: int, end: int) -> list[memoryview]:
-        """The bytes from `start` to `end` of the file, where they wait."""
-        views: list[memoryview] = []
-        while start < end:
-            block, within = divmod(start - self._base, BLOCK_BYTES)
-            length = min(BLOCK_BYTES - within, end - start)
-            views.append(self._blocks[block][within : within + length])
-            start += length
-        return views
 
 
 def _write_pages(fd: int, views: list[memoryview], offset: int) -> None:
     while views:
-        taken = os.pwritev(fd, views, offset)
+        first = views[:MOST_VIEWS]
+        taken = os.pwritev(fd, first, offset)
+        if taken == sum(map(len, first)):
+            offset += taken
+            views = views[MOST_VIEWS:]
+            continue
         taken -= taken % PAGE  # a piece of a page is written again
         if taken == 0:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -17,7 +17,8 @@ from typing import Any
 from acquire.errors import RecorderError
 from acquire.recorder.block_memory import BlockMemory
 from acquire.recorder.disk_space import DiskSpace
-from acquire.recorder.writer import Channel, ImageMessage, McapWriter, Seal
+from acquire.recorder.messages import ImageMessage, LentImage, SmallMessage
+from acquire.recorder.writer import Channel, McapWriter, Seal
 from schemas.container import Buffer
 from schemas.topics import Topic
 
@@ -105,12 +106,24 @@ class FileSeries:
         with self._lock:
             self._writer.write(channel, log_time_ns, data, sequence)
 
+    def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
+        """Write messages of a small topic."""
+        with self._lock:
+            self._writer.write_small(channel, messages)
+
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
         """Write images together, to the next file where this one is full and that one is ready."""
         with self._lock:
             if 0 < self._rotation.rotate_bytes <= self._writer.size:
                 self._turn()
             self._writer.write_images(channel, messages)
+
+    def write_lent(self, channel: Channel, images: Sequence[LentImage]) -> None:
+        """The same, from where they lie: see McapWriter."""
+        with self._lock:
+            if 0 < self._rotation.rotate_bytes <= self._writer.size:
+                self._turn()
+            self._writer.write_lent(channel, images)
 
     def flush(self) -> None:
         """Hand small topics to the file now; on return others can read in it what was written before."""

@@ -1,4 +1,4 @@
-"""Frames on their way to the file: through a queue and a thread of its own, or at once where the file never waits."""
+"""Frames that are copied on their way to the file: through a queue and a thread of its own, or at once where the file never waits."""
 
 from __future__ import annotations
 
@@ -11,9 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from acquire.errors import RecorderError
+from acquire.recorder.checksum import crc_of
 from acquire.recorder.image import RawImageEncoder, png_message
+from acquire.recorder.lent_queue import LentFrame
+from acquire.recorder.messages import DiskBehind, ImageMessage, LentImage, SmallMessage
 from acquire.recorder.ring import ImageRing
-from acquire.recorder.writer import Channel, DiskBehind, ImageMessage
+from acquire.recorder.writer import Channel
 from schemas import topics
 from schemas.container import Buffer
 from schemas.proto import percuss_pb2 as pb
@@ -44,8 +47,16 @@ class ImageSink(Protocol):
         """Write one small message."""
         ...
 
+    def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
+        """Write several."""
+        ...
+
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
         """Write images together."""
+        ...
+
+    def write_lent(self, channel: Channel, images: Sequence[LentImage]) -> None:
+        """Write images from where they lie."""
         ...
 
     def flush(self) -> None:
@@ -77,6 +88,27 @@ class FrameFile:
         self._sink.write_images(self._images, messages)
         for meta, _ in frames:
             meta.image_recorded = True
+
+    def lent(self, frames: list[LentFrame]) -> None:
+        """See LentFrameFile."""
+        if self._raw is None:
+            raise RecorderError("images are lent only where they are written raw")
+        anchor, prefix = self._anchor, self._raw.prefix
+        pixels = [frame.lender.pixels for frame in frames]
+        crcs = [crc_of(each) for each in pixels]
+        images: list[LentImage] = []
+        for (meta, lender), each, crc in zip(frames, pixels, crcs, strict=True):
+            log_time = anchor + meta.mid_exposure_host_ns
+            images.append(LentImage(log_time, meta.sequence, prefix(log_time, len(each)), each, crc, lender.release))
+        self._sink.write_lent(self._images, images)
+        for meta, _ in frames:
+            meta.image_recorded = True
+
+    def metas(self, metas: list[pb.FrameMeta]) -> None:
+        """See LentFrameFile."""
+        anchor = self._anchor
+        messages = [SmallMessage(anchor + meta.mid_exposure_host_ns, meta.SerializeToString(), meta.sequence) for meta in metas]
+        self._sink.write_small(self._metas, messages)
 
     def meta(self, meta: pb.FrameMeta) -> None:
         """Write a frame's meta.

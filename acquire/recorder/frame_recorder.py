@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 
 from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
-from acquire.recorder.block_memory import BLOCK_BYTES
+from acquire.page_memory import PAGE
+from acquire.recorder.block_memory import BLOCK_BYTES, BlockMemory
 from acquire.recorder.frame_queue import AtOnce, FrameFile, FrameQueue, ImageSink, Queued
+from acquire.recorder.lent_queue import Lender, LentQueue
 from schemas.proto import percuss_pb2 as pb
 
 BACKLOG_S: Final = 2.0
@@ -38,8 +40,19 @@ def backlog_bytes(width: int, height: int, frame_rate_hz: float) -> int:
     return math.ceil(BACKLOG_S * frame_rate_hz * width * height) + 4 * BLOCK_BYTES
 
 
+def backlog_frames(width: int, height: int, frame_rate_hz: float) -> int:
+    """How many of its frames a camera lends to such a recording: the same memory. None where they are smaller than a page."""
+    return math.ceil(BACKLOG_S * frame_rate_hz) if width * height >= PAGE else 0
+
+
+def lent_memory(width: int, height: int, frames: int) -> BlockMemory:
+    """Memory for what is not lent, where a camera lends so many frames."""
+    # Of each image the end and what stands between it and the next, two pages at most; a file that ends beside the next one's head.
+    return BlockMemory(frames * 2 * PAGE + 8 * BLOCK_BYTES, frames * width * height)
+
+
 class Arrival(NamedTuple):
-    """A frame with its times on the host's clock. `image` need only be valid during the call it is given to."""
+    """A frame with its times on the host's clock. `image` need only be valid during the call it is given to, unless it is kept."""
 
     image: NDArray[np.uint8]
     """(height, width) mono8"""
@@ -52,6 +65,8 @@ class Arrival(NamedTuple):
     mapping_sd_ns: int
     exposure_us: float
     lost_before: int
+    lender: Lender | None = None
+    """whose memory the image lies in; None: it must be copied"""
 
 
 @dataclass(frozen=True)
@@ -65,9 +80,11 @@ class WindowReport:
     """frames that should be in the window and are not: lost on the way from the camera, or dropped before a slow disk"""
 
 
-@dataclass
+@dataclass(slots=True)
 class _Stored:
     meta: pb.FrameMeta
+    mid_ns: int
+    """host monotonic"""
     image: bool
     """it is in the file, on its way there, or can still be written"""
     slot: int | None
@@ -93,8 +110,18 @@ class FrameRecorder:
     """
 
     def __init__(
-        self, writer: ImageSink, camera: str, width: int, height: int, frame_rate_hz: float, config: RecorderConfig, wall_anchor_ns: int
+        self,
+        writer: ImageSink,
+        camera: str,
+        width: int,
+        height: int,
+        frame_rate_hz: float,
+        config: RecorderConfig,
+        wall_anchor_ns: int,
+        *,
+        lent: bool = False,
     ) -> None:
+        """`lent`: arrivals have lenders, whose buffers are used where the mode allows it."""
         self.frames = 0
         self.lost = 0
         self._config = config
@@ -105,12 +132,13 @@ class FrameRecorder:
         self._meta_wait_ns = min(self._pre_trigger_ns, int(META_WAIT_S * 1e9))
         self._preview_ns = 1e9 / config.preview_hz if config.preview_hz > 0 else math.inf
         self._next_preview_ns = 0.0 if config.preview_hz > 0 else math.inf
+        self._every_meta = pb.FrameMeta(width=width, height=height)
         raw = config.image_format == "raw"
         self._file = FrameFile(writer, camera, (width, height) if raw else None, wall_anchor_ns)
         # PNG takes longer than a frame may: the thread of the queue does it.
-        self._way: AtOnce | FrameQueue
+        self._way: AtOnce | LentQueue | FrameQueue
         if self._continuous and raw and writer.never_waits:
-            self._way = AtOnce(self._file)
+            self._way = LentQueue(self._file) if lent else AtOnce(self._file)
         else:
             self._way = FrameQueue(self._file, math.ceil(frame_rate_hz * (config.pre_trigger_s + BACKLOG_S)) + 2, height, width)
         self._queue = self._way if isinstance(self._way, FrameQueue) else None
@@ -118,6 +146,8 @@ class FrameRecorder:
         self._lock = threading.Lock()
         self._passed = threading.Condition(self._lock)
         """a frame went by"""
+        self._awaited = False
+        """somebody waits for one"""
         self._line: deque[_Stored] = deque()
         """frames that may still become part of a window; in continuous mode they are in the file, or on their way, already"""
         self._told = 0
@@ -133,8 +163,8 @@ class FrameRecorder:
 
     @property
     def waiting(self) -> int:
-        """Frames in the queue before the disk; see BlockMemory for those that are written at once."""
-        return 0 if self._queue is None else self._queue.waiting
+        """Frames in the queue before the disk; see BlockMemory for what is with the file."""
+        return 0 if isinstance(self._way, AtOnce) else self._way.waiting
 
     @property
     def error(self) -> RecorderError | None:
@@ -142,28 +172,32 @@ class FrameRecorder:
         return self._way.error
 
     def add(self, arrival: Arrival) -> None:
-        """Take a frame in; its image is copied. Called from the acquisition thread; never waits for the disk."""
+        """Take a frame in; its image is copied, or kept. Called from the acquisition thread; never waits for the disk."""
         if self._ending:
             return
-        meta = _meta(arrival)
-        stored = self._take(meta, arrival.image)
+        meta = self._meta(arrival)
+        stored = self._take(meta, arrival)
         with self._lock:
             self.frames += 1
             self.lost += arrival.lost_before
             self._newest_ns = mid = arrival.mid_exposure_ns
-            window = self._window
+            window, line = self._window, self._line
             if window is not None and self._inside(window, mid):
                 window.lost += arrival.lost_before if window.frames else 0
                 self._count(window, stored)
                 self._keep(stored)
+            elif self._continuous:
+                self._keep(stored)
+                line.append(stored)
+                while line[0].mid_ns < mid - self._pre_trigger_ns:
+                    line.popleft()
+                self._told = len(line)
             else:
-                if self._continuous:
-                    self._keep(stored)
-                    self._told += 1
-                self._line.append(stored)
+                line.append(stored)
                 self._tell(mid - self._meta_wait_ns)
                 self._let_go(mid - self._pre_trigger_ns)
-            self._passed.notify_all()
+            if self._awaited:
+                self._passed.notify_all()
 
     def open_window(self, now_ns: int) -> int:
         """From now on, and from `pre_trigger_s` before now (host monotonic), keep every image. Returns the start as a log time."""
@@ -198,14 +232,16 @@ class FrameRecorder:
             if window is None:
                 raise RecorderError("no window is open")
             window.end_ns = now_ns
+            self._awaited = True
             self._passed.wait_for(lambda: self._newest_ns > now_ns, LATE_FRAME_S)
+            self._awaited = False
             self._window = None
             # A camera that fell silent owes the frames up to the window's end; no later frame will count them for this window.
             silent_ns = min(now_ns, window.start_ns + self._max_window_ns()) - max(self._newest_ns, window.start_ns)
             if self._newest_ns <= now_ns:
                 window.lost += max(0, math.floor(silent_ns / self._period_ns - 0.5))
-        if self._queue is not None:
-            self._queue.wait_until_written(30.0)
+        if not isinstance(self._way, AtOnce):
+            self._way.wait_until_written(30.0)
         if self.error is not None:
             raise self.error
         self._file.flush()
@@ -218,26 +254,43 @@ class FrameRecorder:
             if not self._ending:
                 self._ending = True
                 self._tell(self._newest_ns + 1)
-        if self._queue is not None:
-            self._queue.close()
+        if not isinstance(self._way, AtOnce):
+            self._way.close()
 
-    def _take(self, meta: pb.FrameMeta, image: NDArray[np.uint8]) -> _Stored:
+    def _take(self, meta: pb.FrameMeta, arrival: Arrival) -> _Stored:
+        image = arrival.image
+        if isinstance(self._way, LentQueue):
+            return _Stored(meta, arrival.mid_exposure_ns, self._way.take(meta, arrival.mid_exposure_ns, arrival.lender), None)
         if isinstance(self._way, AtOnce):
-            return _Stored(meta, self._way.write(meta, image), None)
+            return _Stored(meta, arrival.mid_exposure_ns, self._way.write(meta, image), None)
         slot = self._way.ring.take(image)
         if slot is None and not self._continuous:
             self._reclaim()
             slot = self._way.ring.take(image)
-        return _Stored(meta, slot is not None, slot)
+        return _Stored(meta, arrival.mid_exposure_ns, slot is not None, slot)
 
     def _reclaim(self) -> None:
         """All slots wait for the disk: the oldest in the delay line gives up its image."""
         with self._lock:
             while self._line and self._line[0].slot is None:
-                self._let_go(self._line[0].meta.mid_exposure_host_ns + 1)
+                self._let_go(self._line[0].mid_ns + 1)
             if self._line:
                 self._line[0].image = False
-                self._let_go(self._line[0].meta.mid_exposure_host_ns + 1)
+                self._let_go(self._line[0].mid_ns + 1)
+
+    def _meta(self, arrival: Arrival) -> pb.FrameMeta:
+        meta = pb.FrameMeta()
+        meta.CopyFrom(self._every_meta)  # half as long as naming every field
+        meta.sequence = arrival.sequence
+        meta.device_time_ns = arrival.device_time_ns
+        meta.host_time_ns = arrival.host_time_ns
+        meta.mid_exposure_host_ns = arrival.mid_exposure_ns
+        meta.frame_id = arrival.frame_id
+        meta.mapping_sd_ns = arrival.mapping_sd_ns
+        meta.exposure_us = arrival.exposure_us
+        if arrival.lost_before:
+            meta.frames_lost_before = arrival.lost_before
+        return meta
 
     # --- under the lock ---
 
@@ -251,7 +304,7 @@ class FrameRecorder:
     def _count(self, window: _Window, stored: _Stored) -> None:
         if stored.image:
             window.frames += 1
-            window.last_ns = stored.meta.mid_exposure_host_ns
+            window.last_ns = stored.mid_ns
             window.first_ns = window.first_ns or window.last_ns
         else:
             window.lost += 1
@@ -269,8 +322,8 @@ class FrameRecorder:
 
     def _tell(self, before_ns: int) -> None:
         """Write the meta of frames in the line that were exposed before `before_ns`, and what of them is due as a preview."""
-        while self._told < len(self._line) and (stored := self._line[self._told]).meta.mid_exposure_host_ns < before_ns:
-            mid = stored.meta.mid_exposure_host_ns
+        while self._told < len(self._line) and (stored := self._line[self._told]).mid_ns < before_ns:
+            mid = stored.mid_ns
             self._told += 1
             if mid >= self._next_preview_ns and stored.image:
                 self._next_preview_ns = mid + self._preview_ns
@@ -281,24 +334,8 @@ class FrameRecorder:
     def _let_go(self, before_ns: int) -> None:
         """Let frames out of the delay line that were exposed before `before_ns`."""
         self._tell(before_ns)
-        while self._line and self._line[0].meta.mid_exposure_host_ns < before_ns:
+        while self._line and self._line[0].mid_ns < before_ns:
             stored = self._line.popleft()
             self._told -= 1
             if stored.slot is not None and self._queue is not None:
                 self._queue.ring.give_back(stored.slot)
-
-
-def _meta(arrival: Arrival) -> pb.FrameMeta:
-    height, width = arrival.image.shape
-    return pb.FrameMeta(
-        sequence=arrival.sequence,
-        device_time_ns=arrival.device_time_ns,
-        host_time_ns=arrival.host_time_ns,
-        mid_exposure_host_ns=arrival.mid_exposure_ns,
-        exposure_us=arrival.exposure_us,
-        frame_id=arrival.frame_id,
-        frames_lost_before=arrival.lost_before,
-        width=width,
-        height=height,
-        mapping_sd_ns=arrival.mapping_sd_ns,
-    )

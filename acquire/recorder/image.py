@@ -26,8 +26,14 @@ class RawImageEncoder:
     def __init__(self, camera: str, width: int, height: int) -> None:
         image = RawImage(width=width, height=height, encoding="mono8", step=width, frame_id=camera)
         self._shape = (height, width)
-        self._fixed = image.SerializeToString(deterministic=True)
-        self._length = _DATA_FIELD + _varint(width * height)
+        self._size = width * height
+        self._after_time = image.SerializeToString(deterministic=True) + _DATA_FIELD + _varint(width * height)
+
+    def prefix(self, log_time_ns: int, size: int) -> bytes:
+        """The message before its pixels, of which there are `size` bytes."""
+        if size != self._size:
+            raise RecorderError(f"an image has {size} bytes, the recording's are {self._shape[1]} x {self._shape[0]}")
+        return _timestamp(log_time_ns) + self._after_time
 
     def encode(self, log_time_ns: int, image: NDArray[np.uint8]) -> list[Buffer]:
         """Parts of the message; the last one is a view of `image` (height, width)."""
@@ -35,7 +41,7 @@ class RawImageEncoder:
             raise RecorderError(f"image is {image.shape[1]} x {image.shape[0]}, the recording's are {self._shape[1]} x {self._shape[0]}")
         if not image.flags.c_contiguous:
             image = np.ascontiguousarray(image)
-        return [_timestamp(log_time_ns) + self._fixed + self._length, image.data.cast("B")]
+        return [_timestamp(log_time_ns) + self._after_time, image.data.cast("B")]
 
 
 def png_message(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> bytes:
@@ -55,13 +61,19 @@ def png_message(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> byte
 
 def _timestamp(time_ns: int) -> bytes:
     seconds, nanos = divmod(time_ns, 10**9)
-    body = _seconds(seconds) + _varint(nanos)
-    return _TIMESTAMP_FIELD + len(body).to_bytes() + body
+    if nanos >= 1 << 28:  # three of four times: without the loop
+        return _seconds(seconds, 5) + bytes(
+            (nanos & 127 | 128, nanos >> 7 & 127 | 128, nanos >> 14 & 127 | 128, nanos >> 21 & 127 | 128, nanos >> 28)
+        )
+    end = _varint(nanos)
+    return _seconds(seconds, len(end)) + end
 
 
-@lru_cache(maxsize=4)
-def _seconds(seconds: int) -> bytes:
-    return b"\x08" + _varint(seconds) + b"\x10"
+@lru_cache(maxsize=8)
+def _seconds(seconds: int, behind: int) -> bytes:
+    """Of a timestamp field, what stands before its `behind` bytes of nanoseconds."""
+    body = b"\x08" + _varint(seconds) + b"\x10"
+    return _TIMESTAMP_FIELD + (len(body) + behind).to_bytes() + body
 
 
 def _varint(value: int) -> bytes:

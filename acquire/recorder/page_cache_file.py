@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar, Final
 
 from acquire.recorder import atomic
+from acquire.recorder.data_file import LentRun
 from schemas.container import Buffer
 
 RESERVE_BYTES: Final = 8 << 20
@@ -30,11 +33,18 @@ class PageCacheFile:
         self._sync_bytes = sync_bytes
         self._synced = 0
 
-    def has_room(self, size: int, *, image: bool) -> bool:  # noqa: ARG002 - `append` waits, or says that the disk is full
+    def has_room(self, size: int, *, image: bool, lent: int = 0) -> bool:  # noqa: ARG002 - `append` waits, or says that the disk is full
         """See DataFile."""
         return True
 
-    def append(self, buffers: list[Buffer], *, image: bool = False) -> int:  # noqa: ARG002 - the reserve is another file's
+    def append_lent(self, run: LentRun) -> int:
+        """See DataFile."""
+        length = self.append([run.lead, *itertools.chain.from_iterable(zip(run.lent, run.behind, strict=True))])
+        for release in run.release:
+            release()
+        return length
+
+    def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:  # noqa: ARG002 - the reserve is another file's
         """See DataFile."""
         try:
             length = atomic.write_all(self._fd, buffers)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from acquire.errors import RecorderError
+from acquire.page_memory import PAGE
 from acquire.recorder import atomic
-from acquire.recorder.direct_file import PAGE
 from acquire.recorder.edit import copy_chunk
 from acquire.recorder.rewrite import Rewriter, mapped, read_layout, refuse_folder
 from acquire.recorder.summary import ChunkEntry
@@ -161,7 +161,9 @@ class _Salvage:
         """Take whole records; returns where they end."""
         at = start
         for opcode, found, body in container.walk(self._data, start):
-            if not container.HEADER <= opcode <= container.DATA_END:
+            # Of padding both length and bytes are known: where they are wrong, what follows is searched for.
+            padding = opcode == container.PADDING and len(body) < 2 * PAGE and not any(body)
+            if not padding and not container.HEADER <= opcode <= container.DATA_END:
                 break
             at = found + container.RECORD_HEAD + len(body)
             if opcode == container.DATA_END:

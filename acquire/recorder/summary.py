@@ -145,7 +145,7 @@ def pack_chunk(offset: int, size: int, crc: int, index: dict[int, list[tuple[int
     if len(index) == 1:
         [(channel_id, entries)] = index.items()
         if len(entries) == 1:
-            return _pack_one(offset, size, crc, channel_id, entries[0])
+            return pack_chunk_of_one(offset, size, crc, channel_id, entries[0])
     start, end = min(min(entries)[0] for entries in index.values()), max(max(entries)[0] for entries in index.values())
     head = container.chunk_head(start, end, size, crc)
     at = offset + len(head) + size
@@ -158,8 +158,8 @@ def pack_chunk(offset: int, size: int, crc: int, index: dict[int, list[tuple[int
     return PackedChunk(head, indexes, entry.pack())
 
 
-def _pack_one(offset: int, size: int, crc: int, channel_id: int, entry: tuple[int, int]) -> PackedChunk:
-    """The same for a chunk of one message, at a fifth of the time: at line rate there are 365 in a second."""
+def pack_chunk_of_one(offset: int, size: int, crc: int, channel_id: int, entry: tuple[int, int]) -> PackedChunk:
+    """`pack_chunk` of a chunk of one message, at a fifth of the time: at line rate there are 365 in a second."""
     time_ns, at = entry
     head = container.chunk_head(time_ns, time_ns, size, crc)
     index = _ONE_INDEX.pack(container.MESSAGE_INDEX, 22, channel_id, 16, time_ns, at)

@@ -13,14 +13,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Final, NamedTuple
+from typing import Final
 
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
 from acquire.recorder.block_memory import BlockMemory
 from acquire.recorder.checksum import checksums
-from acquire.recorder.data_file import DataFile
+from acquire.recorder.data_file import DataFile, LentRun
 from acquire.recorder.direct_file import DirectFile
+from acquire.recorder.lent_chunks import pack_lent
+from acquire.recorder.messages import DiskBehind, ImageMessage, LentImage, SmallMessage
 from acquire.recorder.page_cache_file import PageCacheFile
 from acquire.recorder.summary import Summary, pack_chunk, pack_topic
 from schemas import container
@@ -41,26 +43,12 @@ SMALL_BYTES: Final = 2 << 20
 """of small topics that wait for a full disk to be finished with"""
 
 
-class DiskBehind(RecorderError):
-    """What waits for the disk fills the memory there is: this image was not taken, a later one may be."""
-
-
 @dataclass(frozen=True)
 class Channel:
     """Handle of a topic in one file."""
 
     id: int
     topic: Topic
-
-
-class ImageMessage(NamedTuple):
-    """One image to be written; `parts` are views of bytes that stay as they are until they are written."""
-
-    log_time_ns: int
-    parts: Sequence[Buffer]
-    sequence: int = 0
-    publish_time_ns: int | None = None
-    """log time where None"""
 
 
 @dataclass(frozen=True)
@@ -172,19 +160,28 @@ class McapWriter:
         if channel.topic.image:
             self.write_images(channel, [ImageMessage(log_time_ns, parts, sequence, publish_time_ns)])
             return
-        self._refuse_unset(channel, log_time_ns)
-        body = b"".join(parts)
-        publish = log_time_ns if publish_time_ns is None else publish_time_ns
-        head = container.message_head(channel.id, sequence, log_time_ns, publish, len(body))
+        self.write_small(channel, [SmallMessage(log_time_ns, b"".join(parts), sequence, publish_time_ns)])
+
+    def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
+        """Write messages of a small topic.
+
+        Raises:
+            RecorderError: as from `write`.
+        """
+        for message in messages:
+            self._refuse_unset(channel, message.log_time_ns)
         with self._lock:
             self._open()
             if self._full is not None and len(self._small) > SMALL_BYTES:
                 raise self._full
-            self._small_index.setdefault(channel.id, []).append((log_time_ns, len(self._small)))
-            self._small += head
-            self._small += body
-            self._hash.add(channel.topic.name, log_time_ns, len(body), body)
-            if len(self._small) >= SMALL_CHUNK_BYTES:
+            small, index, topic = self._small, self._small_index.setdefault(channel.id, []), channel.topic.name
+            for time_ns, data, sequence, publish_time_ns in messages:
+                publish = time_ns if publish_time_ns is None else publish_time_ns
+                index.append((time_ns, len(small)))
+                small += container.message_head(channel.id, sequence, time_ns, publish, len(data))
+                small += data
+            self._hash.add_all(topic, [(message.log_time_ns, len(message.data), message.data, None) for message in messages])
+            if len(small) >= SMALL_CHUNK_BYTES:
                 self._flush_small()
 
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
@@ -223,6 +220,27 @@ class McapWriter:
             self._chunk(buffers, at, crc, {channel.id: index}, image=True)
             for time_ns, size, data, data_crc in identity:
                 self._hash.add(channel.topic.name, time_ns, size, data, data_crc)
+
+    def write_lent(self, channel: Channel, images: Sequence[LentImage]) -> None:
+        """Write images from where they lie, a chunk each, all or none; each is released when it is on the disk, or the disk failed.
+
+        Raises:
+            RecorderError: as from `write_images`; none is released then.
+        """
+        for image in images:
+            self._refuse_unset(channel, image.log_time_ns)
+        with self._lock:
+            self._open()
+            if self._full is not None:
+                raise self._full
+            chunks = pack_lent(self._file.size, channel.id, images)
+            run = chunks.run
+            if not self._file.has_room(run.own_bytes, image=True, lent=run.lent_bytes):
+                raise DiskBehind(f"{self.part_path}: the disk is too slow: {chunks.size} bytes more have no room in memory")
+            self._put(run)
+            self._summary.chunks += chunks.entries
+            self._summary.message_counts[channel.id] += len(images)
+            self._hash.add_all(channel.topic.name, chunks.identity)
 
     def flush(self) -> None:
         """Hand small topics to the file now; on return others can read in it what was written before. `finish` does it too."""
@@ -306,9 +324,9 @@ class McapWriter:
         for number, entries in index.items():
             self._summary.message_counts[number] += len(entries)
 
-    def _put(self, buffers: list[Buffer], *, image: bool = False) -> int:
+    def _put(self, buffers: Sequence[Buffer] | LentRun, *, image: bool = False) -> int:
         try:
-            length = self._file.append(buffers, image=image)
+            length = self._file.append_lent(buffers) if isinstance(buffers, LentRun) else self._file.append(buffers, image=image)
         except OSError as error:
             # From here on no more images; the space held back is for small topics, the seal and the summary.
             self._full = self._disk_error(error)

@@ -12,12 +12,14 @@ import ctypes
 import os
 import sys
 import time
+from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from acquire.camera.base import Camera, CameraInfo, ClockReading, Frame
+from acquire.camera.buffers import FrameBuffers
 from acquire.clock import Clock
 from acquire.config import CameraConfig
 from acquire.errors import CameraLost, CameraNotFound
@@ -51,13 +53,19 @@ class SyntheticCamera(Camera):
     config: CameraConfig
     clock: Clock
     faults: Faults = field(default_factory=Faults.from_environment)
+    spare: int = 0
     deaths: int = 0
 
     def __post_init__(self) -> None:
         self._next = 0
         self._sequence = 0
         self._start_ns = 0
-        self._image = np.random.default_rng(1).integers(0, 255, (self.config.height, self.config.width), dtype=np.uint8)
+        size = self.config.width, self.config.height
+        pixels = np.random.default_rng(1).integers(0, 255, size[::-1], dtype=np.uint8)
+        self._buffers = FrameBuffers(2, self.spare, pixels.size)
+        self._free = deque(range(2))
+        for slot in range(len(self._buffers)):
+            self._buffers.image(slot, *size)[:] = pixels
 
     def open(self) -> CameraInfo:
         if self.config.address == "absent":
@@ -90,23 +98,38 @@ class SyntheticCamera(Camera):
             return None
         if wait > 0:
             time.sleep(wait)
-        self._image[0, 4:8] = 0
-        self._image[0, :4] = np.frombuffer(np.uint32(self._next).tobytes(), np.uint8)
+        slot = self._free.popleft()
+        image = self._buffers.image(slot, self.config.width, self.config.height)
+        image[0, 4:8] = 0
+        image[0, :4] = np.frombuffer(np.uint32(self._next).tobytes(), np.uint8)
         self._next += 1
         self._sequence += 1
         return Frame(
-            image=self._image,
+            image=image,
             sequence=self._sequence - 1,
             frame_id=(65_400 + self._next) % 65_535 + 1,
             device_time_ns=self.device_ns(exposed),
             host_time_ns=self.clock.monotonic_ns(),
             exposure_us=self.config.exposure_us,
             lost_before=lost,
-            token=0,
+            token=slot,
         )
 
     def release(self, frame: Frame) -> None:
         frame.image[0, 4:8] = 0xAA  # whoever still looks at a released frame will notice
+        slot = self._buffers.release(frame)
+        if slot is not None:
+            self._free.append(slot)
+
+    @property
+    def spare_buffers(self) -> int:
+        return self.spare
+
+    def keep(self, frame: Frame) -> bool:
+        slot = self._buffers.keep(frame)
+        if slot is not None:
+            self._free.append(slot)
+        return slot is not None
 
     def latch_clock(self) -> ClockReading | None:
         before = self.clock.monotonic_ns()
@@ -122,9 +145,9 @@ class SyntheticCamera(Camera):
 _faults = Faults.from_environment()
 
 
-def make(config: CameraConfig, clock: Clock) -> Camera:
+def make(config: CameraConfig, clock: Clock, spare_buffers: int = 0) -> Camera:
     """One set of faults for the process: a camera that died once lives after the reconnection."""
-    return SyntheticCamera(config, clock, _faults)
+    return SyntheticCamera(config, clock, _faults, spare_buffers)
 
 
 if __name__ == "__main__":

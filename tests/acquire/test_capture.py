@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -30,10 +31,13 @@ from tests.loopback import loopback
 COMMAND = (sys.executable, str(Path(__file__).with_name("synthetic_camera.py")))
 CALIBRATION = CameraCalibrationSpec(width=64, height=48, K=[[100, 0, 32], [0, 100, 24], [0, 0, 1]], T_world_camera=np.eye(4).tolist())
 RATE = 120.0
+LARGE = CALIBRATION.model_copy(update={"width": 111, "height": 83})
+"""9213 bytes: two pages and a piece, so that a continuous recording writes frames from the camera's buffers"""
 
 
-def rig(address: str = "synthetic", **recorder: object) -> RigConfig:
-    camera = CameraConfig(address=address, width=64, height=48, frame_rate_hz=RATE, calibration=CALIBRATION)
+def rig(address: str = "synthetic", *, large: bool = False, **recorder: object) -> RigConfig:
+    calibration = LARGE if large else CALIBRATION
+    camera = CameraConfig(address=address, width=calibration.width, height=calibration.height, frame_rate_hz=RATE, calibration=calibration)
     return RigConfig(camera=camera, recorder=RecorderConfig.model_validate({"disk_reserve_bytes": 0, **recorder}))
 
 
@@ -130,6 +134,47 @@ def test_a_window_holds_every_frame_from_before_it_opened(tmp_path: Path, enviro
         names = {m.name: m.metadata for m in reader.iter_metadata()}
     assert SessionManifest.model_validate_json(names["percuss.manifest"]["json"]) == manifest
     assert names["percuss.seal"]["content_id"] == done.content_id
+
+
+def test_a_continuous_recording_of_the_cameras_own_buffers(
+    tmp_path: Path, environment: pytest.MonkeyPatch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every frame is there as it was when it came, though its buffer is used again, the camera goes away and files turn."""
+    monkeypatch.setenv("CAMERA_FAULTS", "die:120,lose:50")
+    capture = CaptureProcess(rig(large=True, mode="continuous", rotate_bytes=500_000), COMMAND)
+    capture.start()
+    try:
+        capture.open_recording(tmp_path / "a.mcap", manifest_of_a_box(), [])
+        time.sleep(0.3)
+        start = capture.open_window()
+        time.sleep(1.0)
+        report = capture.close_window()
+        time.sleep(1.5)
+        status = capture.status()
+        done = capture.close_recording()
+    finally:
+        capture.stop()
+    assert (status.dropped, status.error) == (0, "")
+    images: list = []
+    metas: list[pb.FrameMeta] = []
+    files = sorted(tmp_path.iterdir(), key=lambda path: (len(path.name), path.name))
+    assert len(files) >= 3
+    for path in files:
+        found = read(path)
+        images += found.get("/camera/main/image", [])
+        metas += [pb.FrameMeta.FromString(message.data) for message in found.get("/camera/main/meta", [])]
+    assert (
+        [meta.sequence for meta in metas] == [image.sequence for image in images] == list(range(metas[0].sequence, metas[-1].sequence + 1))
+    )
+    assert all(meta.image_recorded for meta in metas)
+    numbers = [_number(image) for image in images]
+    runs = [later - earlier for earlier, later in pairwise(numbers)]
+    assert sum(step not in {1, 2} for step in runs) == 1, "numbers begin again once, where the camera came back"
+    assert sum(step == 2 for step in runs) >= 2
+    assert done.lost == sum(meta.frames_lost_before for meta in metas)
+    inside = [image for image in images if report.start_ns <= image.log_time <= report.end_ns]
+    assert len(inside) == report.frames
+    assert report.start_ns >= start
 
 
 def test_small_topics_arrive_in_order_and_complete(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:

@@ -24,9 +24,12 @@ def sleep_watching(seconds: float) -> float:
     return held_up_s
 
 
-def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("large", [False, True], ids=["copied", "lent"])
+def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
+    tmp_path: Path, environment: pytest.MonkeyPatch, large: bool
+) -> None:
     """Nothing of the process runs after SIGKILL: what is recovered is what it had handed to the system."""
-    capture = CaptureProcess(rig(mode="continuous", rotate_bytes=150_000), COMMAND)
+    capture = CaptureProcess(rig(large=large, mode="continuous", rotate_bytes=300_000 if large else 150_000), COMMAND)
     capture.start()
     process = capture._process
     assert process is not None

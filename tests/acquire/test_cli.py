@@ -23,7 +23,7 @@ def cameras(monkeypatch: pytest.MonkeyPatch) -> list[CameraInfo]:
     """What answers to `acquire discover`."""
     pytest.importorskip("gi")
     found: list[CameraInfo] = []
-    monkeypatch.setattr("acquire.camera.aravis.discover", lambda: found)
+    monkeypatch.setattr("acquire.camera.aravis_library.discover", lambda: found)
     return found
 
 

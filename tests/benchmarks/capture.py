@@ -5,6 +5,10 @@ its turn; the table shows medians over the rounds. Every writer is fed as fast a
 at line rate, where the processor sleeps between frames and its caches go cold. CPU is that of all threads of this process, kernel
 included; "kernel threads" is what the kernel's own did meanwhile and until everything was on the disk (on an idle machine: for this).
 "Same durability" is fdatasync every 32 MB and fsync at the end, as the recorder does.
+
+This recorder keeps a frame's buffer until the disk has it, as it does with the camera's: its frames come from a pool of page-aligned
+buffers, which are used again when they are released. Plain write() gets the same buffers in the same order. The other writers get the
+same pixels, which they copy.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ import resource
 import statistics
 import tempfile
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -34,18 +39,21 @@ from rich.progress import track
 from rich.table import Table
 
 from acquire.config import RecorderConfig
+from acquire.page_memory import page_memory, whole_pages
 from acquire.recorder.block_memory import BlockMemory
 from acquire.recorder.direct_file import can_write_directly
 from acquire.recorder.frame_queue import BATCH_BYTES
-from acquire.recorder.frame_recorder import Arrival, FrameRecorder, backlog_bytes
+from acquire.recorder.frame_recorder import Arrival, FrameRecorder, backlog_frames, lent_memory
 from acquire.recorder.image import RawImageEncoder
-from acquire.recorder.writer import SYNC_BYTES, ImageMessage, McapWriter
+from acquire.recorder.messages import ImageMessage
+from acquire.recorder.writer import SYNC_BYTES, McapWriter
 from schemas import topics
 
 WIDTH, HEIGHT, RATE_HZ = 656, 492, 365
 PERIOD_NS = 10**9 // RATE_HZ
 T0_NS = 1_700_000_000_000_000_000
-WAITING_BYTES = 12 << 20
+BUFFERS = 128
+"""the 64 that a rig file asks for, and some of those that a camera may lend besides"""
 BATCH = BATCH_BYTES // (WIDTH * HEIGHT)
 Frames = list[NDArray[np.uint8]]
 Calls = Iterator[float]
@@ -89,23 +97,57 @@ def windows_writer(path: Path, frames: Frames) -> Calls:
 @cache
 def _memory() -> BlockMemory:
     """As it is when a recording has begun: it is not part of writing a frame that this is made, or given back."""
-    return BlockMemory(backlog_bytes(WIDTH, HEIGHT, RATE_HZ))
+    return lent_memory(WIDTH, HEIGHT, backlog_frames(WIDTH, HEIGHT, RATE_HZ))
+
+
+class Pool:
+    """Buffers as a camera has them; the one that was released first comes next."""
+
+    def __init__(self, images: Frames) -> None:
+        self.free = deque(PoolBuffer(self, image) for image in images)
+
+
+class PoolBuffer:
+    """One frame's memory: a Lender."""
+
+    def __init__(self, pool: Pool, image: NDArray[np.uint8]) -> None:
+        self.image = image
+        self.pixels = memoryview(image).cast("B")
+        self._pool = pool
+
+    def keep(self) -> bool:
+        """See Lender: it is not filled again before it is released."""
+        return True
+
+    def release(self) -> None:
+        """See Lender."""
+        self._pool.free.append(self)
+
+
+def page_aligned_images(count: int) -> NDArray[np.uint8]:
+    """Views (count, HEIGHT, WIDTH), each at the beginning of a page, of noise."""
+    stride = whole_pages(WIDTH * HEIGHT)
+    memory = np.frombuffer(page_memory(count * stride), np.uint8)[: count * stride].reshape(count, stride)
+    memory[:] = np.random.default_rng(1).integers(0, 256, memory.shape, dtype=np.uint8)
+    return memory[:, : WIDTH * HEIGHT].reshape(count, HEIGHT, WIDTH)
 
 
 def whole_recorder(path: Path, frames: Frames) -> Calls:
     """All of this recorder, continuous: what the capture process does with a frame, from the camera's buffer to file, meta and index."""
     memory = _memory()
     writer = McapWriter(path, memory)
-    recorder = FrameRecorder(writer, "main", WIDTH, HEIGHT, RATE_HZ, RecorderConfig(mode="continuous"), T0_NS)
+    recorder = FrameRecorder(writer, "main", WIDTH, HEIGHT, RATE_HZ, RecorderConfig(mode="continuous"), T0_NS, lent=True)
+    pool = Pool(frames[:BUFFERS])
     yield 0.0
-    for number, frame in enumerate(frames, 1):
+    for number in range(1, len(frames) + 1):
         mid = number * PERIOD_NS
-        start = time.perf_counter()
-        recorder.add(Arrival(frame, number, number, mid, mid, mid, 1000, 1500.0, 0))
-        yield time.perf_counter() - start
         # It never waits for the disk; whoever feeds it faster than the disk writes must.
-        while memory.used_bytes > WAITING_BYTES:
+        while not pool.free:
             time.sleep(5e-3)
+        lender = pool.free.popleft()
+        start = time.perf_counter()
+        recorder.add(Arrival(lender.image, number, number, mid, mid, mid, 1000, 1500.0, 0, lender))
+        yield time.perf_counter() - start
     recorder.close()
     writer.finish()
     if recorder.dropped:
@@ -242,7 +284,7 @@ def machine(folder: Path) -> str:
 @click.option("--rounds", default=5)
 def main(folder: Path | None, count: int, rounds: int) -> None:
     """Measure and tabulate."""
-    pool = np.random.default_rng(1).integers(0, 256, (64, HEIGHT, WIDTH), dtype=np.uint8)
+    pool = page_aligned_images(BUFFERS)
     frames: Frames = [pool[number % len(pool)] for number in range(count)]
     megabytes = count * pool[0].nbytes / 1e6
     turns: dict[str, list[Turn]] = {name: [] for name in WRITERS}

@@ -22,6 +22,7 @@ from tests.loopback import loopback
 ADDRESS = loopback(61)
 CLOSE_S = 12.0
 BUFFERS = 16
+SPARE = 20
 STALL_S = 10.0
 """a loaded machine may pause"""
 
@@ -43,7 +44,7 @@ def camera(camera_config: CameraConfig) -> Iterator[Camera]:
     before = set(threading.enumerate())
     clock = SystemClock()
     server = VirtualGigeCamera(ADDRESS, "CONTRACT", PatternSource(clock, 1), clock) if camera_config.address == ADDRESS else None
-    device = AravisCamera(camera_config, clock)
+    device = AravisCamera(camera_config, clock, SPARE)
     try:
         yield device
     finally:
@@ -108,6 +109,51 @@ def test_frames_that_are_never_released_end_in_silence_not_in_overwriting(camera
     for frame in held:
         camera.release(frame)
     assert next_frame(camera).lost_before > 0  # what came meanwhile is counted
+
+
+def test_kept_frames_take_nothing_from_reception(camera: Camera) -> None:
+    camera.open()
+    camera.start()
+    assert camera.spare_buffers == SPARE
+    kept: list[tuple[Frame, np.ndarray]] = []
+    for _ in range(SPARE):
+        frame = next_frame(camera)
+        assert frame.image.ctypes.data % 4096 == 0
+        assert camera.keep(frame)
+        kept.append((frame, frame.image.copy()))
+    previous = next_frame(camera)
+    assert not camera.keep(previous), "no buffer is left to take its place"
+    for _ in range(2 * BUFFERS):
+        camera.release(previous)
+        previous = next_frame(camera)
+        assert previous.lost_before == 0
+    camera.release(previous)
+    assert all(np.array_equal(frame.image, copy) for frame, copy in kept)
+    other = threading.Thread(target=lambda: [camera.release(frame) for frame, _ in kept[:5]])
+    other.start()
+    again = []
+    other.join()
+    for _ in range(5):
+        frame = next_frame(camera)
+        assert camera.keep(frame)
+        again.append(frame)
+    last = next_frame(camera)
+    assert not camera.keep(last)
+    for frame in (last, *again, *(frame for frame, _ in kept[5:])):
+        camera.release(frame)
+    assert {next_frame(camera).lost_before for _ in range(BUFFERS // 2)} == {0}
+
+
+def test_a_kept_frame_outlives_its_camera(camera: Camera) -> None:
+    camera.open()
+    camera.start()
+    frame = next_frame(camera)
+    assert camera.keep(frame)
+    copy = frame.image.copy()
+    camera.close()
+    assert np.array_equal(frame.image, copy)
+    camera.release(frame)
+    assert not camera.keep(frame)
 
 
 def test_its_clock_is_read_between_two_of_the_hosts(camera: Camera) -> None:

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from acquire.camera import aravis
-from acquire.camera.aravis import AravisCamera, discover
+from acquire.camera.aravis import AravisCamera
+from acquire.camera.aravis_library import discover
 from acquire.camera.base import Frame
 from acquire.camera.discovery import is_controlled
 from acquire.clock import DeviceClockMapper, SystemClock

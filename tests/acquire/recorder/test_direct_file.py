@@ -16,13 +16,15 @@ from mcap.reader import make_reader
 
 from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
+from acquire.page_memory import PAGE
 from acquire.recorder import direct_file
 from acquire.recorder.block_memory import BLOCK_BYTES, BlockMemory
-from acquire.recorder.direct_file import PAGE, RESERVE_BYTES, DirectFile, can_write_directly
+from acquire.recorder.direct_file import RESERVE_BYTES, DirectFile, can_write_directly
 from acquire.recorder.frame_recorder import Arrival, FrameRecorder
 from acquire.recorder.image import RawImageEncoder
+from acquire.recorder.messages import DiskBehind
 from acquire.recorder.recover import recover
-from acquire.recorder.writer import DiskBehind, McapWriter
+from acquire.recorder.writer import McapWriter
 from analyze.followed import FollowedRecording
 from schemas import topics
 from tests import small_recording as small
