@@ -81,7 +81,7 @@ TOOLS ?= ../shared/data/workshop_tools
 bench-plan-input: setup  ## edges of noisy clouds beside the raw hull's; stable planes beside trimesh's (TOOLS=folder); times (five minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.plan_input noise
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.plan_input poses $(TOOLS)
-	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.plan_input speed
+	@OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python -m tests.benchmarks.plan_input speed  # as `analyze` sets it for itself
 
 bench-striker: setup  ## swings on two virtual objects at three speeds against the truth: contact time, speed, impulse (two minutes)
 	@$(BIN)/python tests/benchmarks/striker.py

@@ -14,11 +14,12 @@ from analyze.errors import PlanError
 from analyze.estimation.cells import cells_from_voxels, wall_thickness
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.voxels import voxelise
-from analyze.object_files import object_files
+from analyze.object_files import ObjectFiles, object_files
 from analyze.output_file import write_text
 from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.fillings import Pieces
+from analyze.planning.given import Given
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
 from analyze.planning.paper_strikes import paper_strike_plan
@@ -68,7 +69,8 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = la
     Raises:
         DocumentError, ShapeError: the object file or its shape cannot be used.
         RecordingError, JoinError, EstimationError: of the recordings given as results so far.
-        PlanError: the rig file or the result so far cannot be used, or no set of strikes determines the centre of mass.
+        PlanError: the rig file or the result so far cannot be used, or no set of strikes determines the centre of mass; what was noted of
+            the shape goes with it (`__notes__`).
     """
     progress("reading the files", 0, STEPS)
     rig, notes = _rig_of(options)
@@ -86,16 +88,27 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = la
         if so_far.touches:
             bench = replace(bench, striker=taught(bench.striker, so_far.touches))
             notes.append(_note_on_striker(bench.striker, len(so_far.touches)))
+    try:
+        plan = _plan_of(files, model, bench, rig.errors, given, options, progress)
+    except PlanError as error:
+        for note in model.warnings:
+            error.add_note(note)
+        raise
+    return PlannedObject(plan.model_copy(update={"warnings": [*plan.warnings, *notes]}), model, files.spec, bench.camera)
+
+
+def _plan_of(
+    files: ObjectFiles, model: ObjectModel, bench: Bench, errors: Errors, given: Given | None, options: PlanOptions, progress: Progress
+) -> StrikePlan:
     progress("trying the axes", 3, STEPS)
-    prepared = prepare(model, files.spec, bench, rig.errors, given)
+    prepared = prepare(model, files.spec, bench, errors, given)
     if options.method is PlanMethod.PAPER:
-        return PlannedObject(paper_strike_plan(prepared, files.sha256, options.strikes), model, files.spec, bench.camera)
+        return paper_strike_plan(prepared, files.sha256, options.strikes)
     progress("cutting the body into pieces", 4, STEPS)
     cells = _pieces(model, wall_thickness(files.spec, model))
     progress("choosing the strikes", 5, STEPS)
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
-    plan = finish(prepared, files.sha256, Request(options.strikes, target), cells)
-    return PlannedObject(plan.model_copy(update={"warnings": [*plan.warnings, *notes]}), model, files.spec, bench.camera)
+    return finish(prepared, files.sha256, Request(options.strikes, target), cells)
 
 
 def _rig_of(options: PlanOptions) -> tuple[PlannedRig, list[str]]:
@@ -127,9 +140,10 @@ def write_plan(plan: StrikePlan, path: Path) -> None:
 
 
 def _note_on_striker(striker: StrikerModel, strikes: int) -> str:
+    many = "1 strike" if strikes == 1 else f"{strikes} strikes"
     mass, mass_sd = 1000 * striker.effective_mass_kg, 1000 * striker.effective_mass_sd_kg
     return (
-        f"speeds are for the striker as {strikes} strikes so far showed it: effective mass {mass:.0f} ± {mass_sd:.0f} g, "
+        f"speeds are for the striker as {many} so far showed it: effective mass {mass:.0f} ± {mass_sd:.0f} g, "
         f"restitution {striker.restitution:.2f} ± {striker.restitution_sd:.2f}"
     )
 

@@ -34,7 +34,7 @@ def render_plan(plan: StrikePlan, console: Console | None = None) -> None:
 
 def _strike_table(plan: StrikePlan) -> Table:
     how = ", the paper's way" if plan.method is PlanMethod.PAPER else ""
-    table = Table(title=f"{plan.object_name}: {len(plan.strikes)} strikes{how}", title_justify="left", padding=(0, 0), pad_edge=False)
+    table = Table(title=f"{plan.object_name}: {_strikes(len(plan.strikes))}{how}", title_justify="left", padding=(0, 0), pad_edge=False)
     table.add_column("strikes", no_wrap=True)
     table.add_column("axis", no_wrap=True)
     for heading in ("tips at", "height", "speed", "E", "needs µ", "tag", "φ told to", "I_edge to"):
@@ -56,6 +56,10 @@ def _strike_table(plan: StrikePlan) -> Table:
             _relative(first),
         )
     return table
+
+
+def _strikes(many: int) -> str:
+    return f"{many} strike{'' if many == 1 else 's'}"
 
 
 def _relative(strike: PlannedStrike) -> str:

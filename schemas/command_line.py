@@ -83,7 +83,8 @@ def one_line_errors(command: str, *problems: type[Exception]) -> Callable[[Calla
 
     Args:
         command: acquire or analyze; the line begins with it.
-        problems: what the package raises on purpose, each with a message that names the thing and the remedy.
+        problems: what the package raises on purpose, each with a message that names the thing and the remedy; its notes follow, a line
+            each.
     """
 
     def end(code: int, line: str = "") -> NoReturn:
@@ -97,7 +98,8 @@ def one_line_errors(command: str, *problems: type[Exception]) -> Callable[[Calla
             try:
                 return verb(*args, **kwargs)
             except (*problems, DocumentError) as error:
-                end(PROBLEM, str(error))
+                notes = "".join(f"\nnote: {note}" for note in getattr(error, "__notes__", ()))
+                end(PROBLEM, f"{error}{notes}")
             except BrokenPipeError:  # whoever read our output has left
                 end(PROBLEM)
             except OSError as error:

@@ -18,6 +18,7 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, KDTree, QhullError
 
 from analyze.geometry import scanned_surface
 from analyze.geometry.cloud_noise import CloudNoise, cloud_noise
+from analyze.geometry.distance import highest
 from analyze.geometry.hull_planes import DIRECTIONS, FINEST, FittedPlane, even_directions, fitted_planes
 from analyze.geometry.polyhedron import BoolArray
 from analyze.geometry.scanned_surface import ScannedSurface
@@ -113,7 +114,7 @@ def cloud_surface(points: Array) -> CloudSurface:
     vertices, faces = _oriented(hull)
     equations = np.unique(np.round(hull.equations, 6), axis=0)
     some = kept[:: max(1, len(kept) // DEPTH_SAMPLES)]
-    depth = -(some @ equations[:, :3].T + equations[:, 3]).max(axis=1)
+    depth = -highest(equations, some)
     deep = depth > max(4 * sd, DEEP * extent)
     reach = max(4 * sd, DEEP * extent) + 2.5 * noise.spacing
     return CloudSurface(

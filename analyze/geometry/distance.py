@@ -15,6 +15,9 @@ from analyze.types import Array, IntArray
 
 NEAREST_SAMPLES = 5
 CHUNK = 40_000
+MANY_PLANES = 200
+TOGETHER = 27
+"""points that follow one another and mostly lie close together (the pieces of a cube): few of many planes are in question for them"""
 HEIGHTS = 500_000
 """of points over faces, at a time: as many as the caches hold; more take ten times as long"""
 
@@ -60,14 +63,30 @@ def convex_depth(planes: Array, points: Array) -> Depth:
     """Exact inside; outside the distance to the farthest face's plane. `planes` (p, 4): unit outward normal n and d, n.x + d = 0."""
     value = np.empty(len(points))
     gradient = np.empty((len(points), 3))
-    step = max(1, HEIGHTS // len(planes))
+    step = max(1, HEIGHTS // len(planes)) if len(planes) < MANY_PLANES else TOGETHER
     for start in range(0, len(points), step):
         piece = slice(start, start + step)
-        heights = points[piece] @ planes[:, :3].T + planes[:, 3]
+        near = planes if step != TOGETHER else _in_question(planes, points[piece])
+        heights = points[piece] @ near[:, :3].T + near[:, 3]
         nearest = np.argmax(heights, axis=1)
         value[piece] = -heights[np.arange(len(heights)), nearest]
-        gradient[piece] = -planes[nearest, :3]
+        gradient[piece] = -near[nearest, :3]
     return Depth(value, gradient)
+
+
+def highest(planes: Array, points: Array) -> Array:
+    """Greatest height (n,) [m] of each of `points` (n, 3) over any of `planes` (p, 4); as `convex_depth`, for points in any order."""
+    step = max(1, HEIGHTS // len(planes))
+    pieces = [points[start : start + step] for start in range(0, len(points), step)]
+    return np.concatenate([(piece @ planes[:, :3].T + planes[:, 3]).max(axis=1) for piece in pieces])
+
+
+def _in_question(planes: Array, points: Array) -> Array:
+    """Those of `planes` (p, 4) that can be the highest for any of `points` (n, 3): for their middle at most twice their reach below it."""
+    middle = points.mean(axis=0)
+    reach = float(np.sqrt(np.max(np.sum((points - middle) ** 2, axis=1))))
+    height = planes[:, :3] @ middle + planes[:, 3]
+    return planes[height >= float(height.max()) - 2.001 * reach - 1e-12]
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from scipy.special import ndtr
 
 from analyze.geometry.cloud_noise import CloudNoise
 from analyze.geometry.polyhedron import BoolArray
+from analyze.geometry.rotations import plane_basis
 from analyze.types import Array
 
 SEEDS = 250
@@ -162,20 +163,20 @@ def _searched(points: Array, sd: float, spacing: float) -> list[tuple[Array, flo
 def _peaks(sample: Array, sd: float) -> list[tuple[Array, float]]:
     """(normal, offset) along evenly spread directions where most points lie in one thin outer layer; best first, 15 degrees apart."""
     directions = even_directions(DIRECTIONS)
-    heights = np.sort(sample @ directions.T, axis=0)
-    top = heights[-max(2, len(sample) // 100)]
-    counts, levels = np.zeros(DIRECTIONS), np.zeros(DIRECTIONS)
-    for depth in np.arange(0.0, 4.0, 0.5) * sd:
-        level = top - depth
-        within = [
-            np.searchsorted(column, each + sd) - np.searchsorted(column, each - sd) for column, each in zip(heights.T, level, strict=True)
-        ]
-        better = np.array(within) > counts
-        counts, levels = np.where(better, within, counts), np.where(better, level, levels)
+    heights = np.sort(directions @ sample.T, axis=1)
+    tried = heights[:, -max(2, len(sample) // 100), None] - np.arange(0.0, 4.0, 0.5) * sd
+    ends = [np.searchsorted(row, np.concatenate([level - sd, level + sd])) for row, level in zip(heights, tried, strict=True)]
+    below, within = np.split(np.array(ends), 2, axis=1)
+    within = within - below
+    # The first of those with most points, the highest.
+    best = np.argmax(within, axis=1)
+    counts, levels = within[np.arange(DIRECTIONS), best], tried[np.arange(DIRECTIONS), best]
     taken: list[tuple[Array, float]] = []
+    free = np.ones(DIRECTIONS, dtype=bool)
     for index in np.argsort(-counts):
-        if all(directions[index] @ normal < SAME for normal, _ in taken):
+        if free[index]:
             taken.append((directions[index], float(levels[index])))
+            free &= directions @ directions[index] < SAME
     return taken[:MOST_PEAKS]
 
 
@@ -387,7 +388,4 @@ def _least_squares(points: Array, inside: Array) -> tuple[Array, float]:
 
 def _basis(normal: Array) -> Array:
     """(2, 3) unit rows in the plane, square to each other."""
-    helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    u = np.cross(helper, normal)
-    u /= np.linalg.norm(u)
-    return np.stack([u, np.cross(normal, u)])
+    return np.stack(plane_basis(normal))

@@ -295,7 +295,7 @@ def _other_unit(longest: float, unit: LengthUnit | None) -> str:
     plain = longest / unit.metres
     fits = [other for other in LengthUnit if other is not unit and 0.03 <= plain * other.metres <= 0.6]
     if not fits:
-        return "correct shape.unit"
+        return "no unit makes it an object to strike: correct what wrote the file, or give box or cylinder with its dimensions"
     return f'did you mean unit = "{fits[0].value}"?'
 
 

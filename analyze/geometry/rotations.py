@@ -22,6 +22,16 @@ def hat(vector: Array) -> Array:
     return np.stack(rows, axis=-2)
 
 
+def plane_basis(up: Array) -> tuple[Array, Array]:
+    """Unit u, v (3,) each, square to the unit vector `up` (3,), u x v = up."""
+    x, y, z = up.tolist()
+    # The coordinate axis that is farthest from `up`, cross `up`; written out, as it is asked for thousands of times.
+    u: Array = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))[int(np.argmin(np.abs(up)))])
+    u /= np.sqrt(u @ u)
+    a, b, c = u.tolist()
+    return u, np.array([y * c - z * b, z * a - x * c, x * b - y * a])
+
+
 def matrix_from_vector(vector: Array) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) [rad]: axis times angle (Rodrigues 1840)."""
     vector = np.asarray(vector, dtype=np.float64)

@@ -13,7 +13,7 @@ from analyze.planning.hypothesis import Hypothesis
 from analyze.planning.impact import ImpactPoint, StrikerModel
 from analyze.planning.information import Candidate
 from analyze.planning.pivots import PivotAxis, Swing, swing
-from analyze.planning.precision import FRAME_PX, FRAME_RATE, frame_sd, strike_covariance
+from analyze.planning.precision import FRAME_PX, FRAME_RATE, SeenSwing, frame_sd, strike_covariances
 from analyze.types import CameraModel
 from schemas.documents import ObjectSpec, Rejection
 
@@ -67,7 +67,7 @@ def examine(
         outcome = _reach(model, spec, axis, believed, bench)
         (rejected if isinstance(outcome, Rejection) else reached).append(outcome)  # pyright: ignore[reportArgumentType]
     held = _held(reached, believed, bench)
-    usable: list[Usable] = []
+    passed: list[tuple[_Reached, SeenSwing, float]] = []
     for each, outcome in zip(reached, held, strict=True):
         if isinstance(outcome, Rejection):
             rejected.append(outcome)
@@ -78,17 +78,19 @@ def examine(
             rejected.append(_reject(each.axis, "speed", speed, problem))
             continue
         pixels = each.sight.pixels if each.sight.markers else FRAME_PX
-        noise = strike_covariance(each.expected, energy, frame_sd(pixels), bench.frame_rate)
-        usable.append(
-            Usable(
-                Candidate(each.axis, each.expected, noise),
-                each.point,
-                energy,
-                friction,
-                phi_spread(each.axis, believed),
-                each.sight.markers,
-            )
+        passed.append((each, SeenSwing(each.expected, energy, frame_sd(pixels)), friction))
+    told = strike_covariances([seen for _, seen, _ in passed], bench.frame_rate)
+    usable = [
+        Usable(
+            Candidate(each.axis, each.expected, noise),
+            each.point,
+            seen.energy,
+            friction,
+            phi_spread(each.axis, believed),
+            each.sight.markers,
         )
+        for (each, seen, friction), noise in zip(passed, told, strict=True)
+    ]
     return usable, rejected
 
 

@@ -25,6 +25,8 @@ CONTACT = 0.003
 """s, of a strike"""
 PUSH_STEPS = 24
 FREE_STEP = 2e-3
+LOOKED_THROUGH = 25
+"""steps after which strikes that have ended are left out; of `LONGEST` / `FREE_STEP` a part without rest"""
 LONGEST = 0.9
 """s after the strike; whoever needs longer stands nearly balanced, where nothing slides"""
 CREEP = 1e-7
@@ -130,11 +132,19 @@ def tips(cases: Sequence[Case], gravity: float) -> Tips:
     for i in range(PUSH_STEPS):
         body.step(step, peak * float(np.sin(np.pi * (i + 0.5) / PUSH_STEPS)))
     body.load_counts = True
-    for _ in range(round(LONGEST / FREE_STEP)):
-        body.step(np.full(len(cases), FREE_STEP), np.zeros(len(cases)))
-        if not body.goes_on.any():
-            break
-    return Tips(body.slip, body.least_load, (body.theta >= body.phi) | body.goes_on)
+    result = Tips(body.slip.copy(), body.least_load.copy(), np.zeros(len(cases), dtype=bool))
+    going = np.arange(len(cases))
+    for i in range(1, round(LONGEST / FREE_STEP) + 1):
+        body.step(np.full(len(going), FREE_STEP), np.zeros(len(going)))
+        if i % LOOKED_THROUGH == 0 or not body.goes_on.any():
+            # Those that have ended change no more.
+            result.slip[going], result.least_load[going] = body.slip, body.least_load
+            result.over[going] = (body.theta >= body.phi) | body.goes_on
+            going = going[body.goes_on]
+            if not len(going):
+                break
+            body = body.going_on()
+    return result
 
 
 def least_friction(cases: Sequence[Case], gravity: float) -> Array:
@@ -169,6 +179,14 @@ class _Bodies:
         self.least_load = np.full(n, np.inf)
         self.goes_on = np.ones(n, dtype=bool)
         self.load_counts = False
+
+    def going_on(self) -> _Bodies:
+        """Those of them that go on."""
+        rest = _Bodies.__new__(_Bodies)
+        for name, value in vars(self).items():
+            setattr(rest, name, value[..., self.goes_on] if isinstance(value, np.ndarray) else value)
+        rest._p = {name: value[self.goes_on] for name, value in self._p.items()}
+        return rest
 
     def step(self, dt: Array, push: Array) -> None:
         """Semi-implicit Euler: rates first. `dt` (n,) s, `push` (n,) N."""

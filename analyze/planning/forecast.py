@@ -142,7 +142,7 @@ def advice(information: Information, design: Design, made: int, exact_shape: boo
     parts = ", ".join(
         f"{name} {1000 * value:.2f} mm" for name, value in sorted(sources.items(), key=lambda pair: -pair[1])[:4] if value > 0
     )
-    head = f"c to {1000 * design.com_rms:.2f} mm with {planned} {'more ' if made else ''}strikes ({parts})"
+    head = f"c to {1000 * design.com_rms:.2f} mm with {planned} {'more ' if made else ''}{_strikes(planned)} ({parts})"
     if stop:
         text = (
             f"{head}; {planned} more would only bring {1000 * twice:.2f} mm, any number on these axes {1000 * floor:.2f} mm: "
@@ -151,7 +151,7 @@ def advice(information: Information, design: Design, made: int, exact_shape: boo
     else:
         text = head if made else f"{head}; {further} more would bring {1000 * twice:.2f} mm"
     if made:
-        so_far = f"the {made} strikes so far give c to {1000 * rms:.2f} mm"
+        so_far = f"the {made} {_strikes(made)} so far {'gives' if made == 1 else 'give'} c to {1000 * rms:.2f} mm"
         text = f"{so_far}: stop striking. {text}" if stop else f"{so_far}; {text}"
     return Advice(tuple(curve), floor, sources, stop, text)
 
@@ -159,6 +159,10 @@ def advice(information: Information, design: Design, made: int, exact_shape: boo
 def error_so_far(information: Information) -> float:
     """Error of c [m] by what is known already."""
     return float(np.sqrt(np.trace(information.covariance([], [])[COM, COM])))
+
+
+def _strikes(many: int) -> str:
+    return "strike" if many == 1 else "strikes"
 
 
 def _remedy(cause: str, exact_shape: bool) -> str:

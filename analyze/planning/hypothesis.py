@@ -18,11 +18,15 @@ UNEVEN_FILLING = 0.2
 """part of the half extent by which an unknown filling may shift c"""
 SAMPLES_ACROSS = 36
 """surface samples along the body's size"""
+NEEDLE = 0.5
+"""part of the samples' spacing below whose width a triangle is only cut along its length"""
 TIE = 1e-3
 """relative difference of two eigenvalues below which their directions are a free choice"""
 ROUND = 0.05
 """the same where Q of ours is round across them, so that nothing hangs on the choice, nor on the noise that would make it"""
 MOST_DIRECTIONS = 500
+SIGNS = 60_000
+"""of samples along directions, at a time: as many as the caches hold"""
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,7 @@ def hypothesis(model: ObjectModel) -> Hypothesis:
     for group in set(groups):
         members = np.array(groups) == group
         directions = _directions(model, axes[members])
-        asymmetry = np.abs((np.sign(arm @ directions.T) * length[:, None]).T @ weight).max()
+        asymmetry = np.abs(_differences(directions, arm, length * weight)).max()
         extent = np.ptp(model.hull_vertices @ directions.T, axis=0).min() / 2
         half[members] = min(asymmetry + step + UNEVEN_FILLING * extent, extent)
     shell = np.trace(second) * np.eye(3) - second
@@ -127,6 +131,16 @@ def _directions(model: ObjectModel, axes: Array) -> Array:
     normals = np.unique(hull.equations[:, :-1].round(6), axis=0)
     normals = normals[:: -(-len(normals) // MOST_DIRECTIONS)] @ axes
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def _differences(directions: Array, arm: Array, value: Array) -> Array:
+    """Sum (k,) of `value` (n,) over the samples `arm` (n, 3) on the side of each of `directions` (k, 3), less that of the others."""
+    total = np.zeros(len(directions))
+    step = max(1, SIGNS // len(directions))
+    for start in range(0, len(arm), step):
+        piece = slice(start, start + step)
+        total += np.sign(directions @ arm[piece].T) @ value[piece]
+    return total
 
 
 def principal_axes(second_moments: Array) -> Array:
@@ -157,15 +171,32 @@ def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
     triangles = model.vertices[model.faces]
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
+    needle = (2 * area < NEEDLE * spacing * longest) & (longest > spacing)
+    pieces = _bisected(triangles[needle], spacing)
+    points = [pieces.mean(axis=1)]
+    areas = [np.linalg.norm(np.cross(pieces[:, 1] - pieces[:, 0], pieces[:, 2] - pieces[:, 0]), axis=1) / 2]
+    triangles, longest, area = triangles[~needle], longest[~needle], area[~needle]
     steps = np.maximum(1, np.ceil(longest / spacing)).astype(int)
-    points: list[Array] = []
-    areas: list[Array] = []
     for many in np.unique(steps):
         mine = steps == many
         weights = _subtriangles(int(many))
         points.append(np.einsum("wk,fki->fwi", weights, triangles[mine]).reshape(-1, 3))
         areas.append(np.repeat(area[mine] / len(weights), len(weights)))
     return np.vstack(points), np.concatenate(areas)
+
+
+def _bisected(triangles: Array, longest: float) -> Array:
+    """Triangles (n, 3, 3) halved at their longest edge until none is longer than `longest` [m]: along a needle, not across it."""
+    done: list[Array] = []
+    while len(triangles):
+        sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
+        long = sides.max(axis=1) > longest
+        done.append(triangles[~long])
+        start = np.argmax(sides[long], axis=1)
+        a, b, c = (triangles[long][np.arange(len(start)), (start + i) % 3] for i in range(3))
+        middle = (a + b) / 2
+        triangles = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.concatenate(done) if done else triangles
 
 
 def even_cloud(model: ObjectModel, count: int) -> Array:

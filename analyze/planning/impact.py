@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
+from analyze.geometry.polyhedron import BoolArray
 from analyze.planning.pivots import PivotAxis, Swing
-from analyze.types import Array
+from analyze.types import Array, IntArray
 from schemas.rig_limits import tip_speeds
 
 NOMINAL = tip_speeds()
@@ -97,15 +98,10 @@ def impact_points(
     heights = np.arange(HEIGHT_STEP / 2, top, HEIGHT_STEP)
     distance, glance = _profile(model, axis, heights, start)
     result: list[ImpactPoint] = []
-    for i in np.flatnonzero((heights >= striker.lowest_m) & (heights <= min(top - BELOW_TOP, striker.highest_m))):
+    tried = np.flatnonzero((heights >= striker.lowest_m) & (heights <= min(top - BELOW_TOP, striker.highest_m)))
+    free, worst_glances = _free(heights, distance, glance, tried)
+    for i, worst_glance in zip(tried[free], worst_glances[free].tolist(), strict=True):
         height = float(heights[i])
-        offset = np.abs(heights - height)
-        flank = TIP_RADIUS - np.sqrt(np.maximum(TIP_RADIUS**2 - offset**2, 0))
-        near_by = offset <= PLACING
-        met_before = np.any(distance[offset < TIP_RADIUS] + flank[offset < TIP_RADIUS] < distance[i] - SHIFT)
-        worst_glance = float(glance[near_by].max())
-        if met_before or worst_glance > FACING or np.ptp(distance[near_by]) > 2 * PLACING * np.tan(FACING):
-            continue
         point = R.T @ (np.array([start + distance[i], 0.0, height]) - p)
         friction = [friction_at_impact(each, height) for each in swings]
         near = any(np.linalg.norm(point - centre) < 0.5 * CARD * edge + TIP_RADIUS for centre, edge in cards)
@@ -113,16 +109,33 @@ def impact_points(
     return result
 
 
+def _free(heights: Array, distance: Array, glance: Array, tried: IntArray) -> tuple[BoolArray, Array]:
+    """Of the steps `tried` (k,): whether the tip's foremost point meets a face there, and the steepest glance (k,) [rad] nearby.
+
+    heights, distance and glance (n,): as `_profile` has them.
+    """
+    offset = np.abs(heights - heights[tried, None])
+    flank = TIP_RADIUS - np.sqrt(np.maximum(TIP_RADIUS**2 - offset**2, 0))
+    near_by = offset <= PLACING
+    met_before = np.any((offset < TIP_RADIUS) & (distance + flank < distance[tried, None] - SHIFT), axis=1)
+    worst = np.where(near_by, glance, 0.0).max(axis=1, initial=0.0)
+    first, last = (np.where(near_by, distance, end) for end in (np.inf, -np.inf))
+    even = last.max(axis=1, initial=-np.inf) <= first.min(axis=1, initial=np.inf) + 2 * PLACING * np.tan(FACING)
+    return np.logical_not(met_before) & (worst <= FACING) & even, worst
+
+
 def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) -> tuple[Array, Array]:
     """Along +x from `start` at y = 0: distance (n,) [m] to the surface at each height, and its normal's angle (n,) against the ray.
 
     inf and pi where nothing is met. The faces that the plane y = 0 cuts become segments (x, z), each ray meets the foremost.
     """
-    world = model.vertices @ axis.R_world_object.T + axis.p_world_object
+    R, p = axis.R_world_object, axis.p_world_object
     # Off by a hair, so that no corner lies exactly in the plane.
-    y = world[:, 1] - HAIR
-    crosses = np.ptp((y[model.faces] > 0).astype(np.int8), axis=1) > 0
-    corners, y = world[model.faces[crosses]], y[model.faces[crosses]]
+    height: Array = model.vertices @ R[1] + p[1] - HAIR
+    a, b, c = (height[corner] > 0 for corner in model.faces.T)
+    cut = model.faces[(a != b) | (a != c)]
+    corners: Array = model.vertices[cut] @ R.T + p
+    y: Array = height[cut]
     distance, glance = np.full(len(heights), np.inf), np.full(len(heights), np.pi)
     if not len(corners):
         return distance, glance

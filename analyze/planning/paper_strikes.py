@@ -13,7 +13,7 @@ from analyze.planning.information import COM, Candidate, Information, spread, un
 from analyze.planning.paper_plan import PaperStrike, paper_plan
 from analyze.planning.pivots import PivotAxis, swing
 from analyze.planning.plan import Prepared, plan_hypothesis
-from analyze.planning.precision import FRAME_PX, frame_sd, strike_covariance
+from analyze.planning.precision import FRAME_PX, SeenSwing, frame_sd, strike_covariances
 from analyze.planning.view import visible_markers
 from analyze.types import Array
 from schemas.documents import Impact, Pivot, PlanMethod, PlannedStrike, Range, Rejection, StrikePlan
@@ -113,7 +113,7 @@ def _strikes(
     if problem := bench.striker.too_high_or_low(height):
         kept("impact_unreachable", height, problem)
     pixels = sight.pixels if sight.markers else FRAME_PX
-    noise = strike_covariance(expected, max(energy, 1.0), frame_sd(pixels), bench.frame_rate)
+    (noise,) = strike_covariances([SeenSwing(expected, max(energy, 1.0), frame_sd(pixels))], bench.frame_rate)
     slower, faster = speed / np.sqrt(energy), speed * 1.2
     if not bench.striker.too_fast_or_slow(speed):
         slower, faster = np.clip([slower, faster], bench.striker.slowest_m_s, bench.striker.fastest_m_s)

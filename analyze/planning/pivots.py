@@ -9,8 +9,9 @@ import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.polyhedron import BoolArray
+from analyze.geometry.rotations import plane_basis
 from analyze.planning.hypothesis import Hypothesis
-from analyze.planning.stable_planes import RestingPlane, plane_basis
+from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
 from schemas.documents import ObjectSpec
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from analyze.planning.impact import release_rate
@@ -36,26 +39,46 @@ def frame_sd(tag_px: float) -> float:
     return max(FRAME_SD * FRAME_PX / max(tag_px, 1.0), BEST_FRAME_SD)
 
 
-def strike_covariance(expected: Swing, energy_ratio: float, angle_sd: float, frame_rate: float = FRAME_RATE) -> Array:
-    """Covariance (2, 2) of phi [rad] and ln k from one strike; theta and theta' at release are unknown too.
+@dataclass(frozen=True)
+class SeenSwing:
+    """A strike as the camera sees it."""
+
+    expected: Swing
+    """phi and k count"""
+    energy: float
+    """E at release"""
+    angle_sd: float
+    """rad per frame"""
+
+
+def strike_covariances(strikes: Sequence[SeenSwing], frame_rate: float = FRAME_RATE) -> list[Array]:
+    """Covariance (2, 2) of phi [rad] and ln k from each strike; theta and theta' at release are unknown too.
 
     Args:
-        expected: phi and k.
-        energy_ratio: E at release.
-        angle_sd: rad per frame.
+        strikes: n, integrated together.
         frame_rate: Hz.
     """
-    rate = release_rate(expected, max(energy_ratio, SLOWEST_OVER))
+    if not strikes:
+        return []
     taken = min(frame_rate, DENSE_RATE)
     between = max(1, int(np.ceil(FINE_RATE / taken)))
     time = np.arange(0.0, LONGEST, 1 / (taken * between))
     # The motion itself, then with phi, ln k, theta_0 and ln omega_0 a little larger and smaller.
     steps = np.vstack([np.zeros(4), STEP * np.eye(4), -STEP * np.eye(4)])
-    start = np.stack([expected.phi + steps[:, 0], expected.k * np.exp(steps[:, 1]), steps[:, 2], rate * np.exp(steps[:, 3])])
-    theta = _motion(time, *start)[::between]
-    seen = np.cumsum(theta[:, 0] > expected.phi + PAST_BALANCE) == 0
+    starts: list[Array] = []
+    for each in strikes:
+        rate = release_rate(each.expected, max(each.energy, SLOWEST_OVER))
+        swing = each.expected
+        starts.append(np.stack([swing.phi + steps[:, 0], swing.k * np.exp(steps[:, 1]), steps[:, 2], rate * np.exp(steps[:, 3])]))
+    paths = _motion(time, *np.hstack(starts))[::between].reshape(-1, len(strikes), len(steps))
+    return [_told(paths[:, i], each, frame_rate / taken) for i, each in enumerate(strikes)]
+
+
+def _told(theta: Array, strike: SeenSwing, frames_per_row: float) -> Array:
+    """Covariance (2, 2) from the motion (times, 9): itself, and with each unknown a little larger and smaller."""
+    seen = np.cumsum(theta[:, 0] > strike.expected.phi + PAST_BALANCE) == 0
     rows = (theta[seen, 1:5] - theta[seen, 5:]) / (2 * STEP)
-    known = rows.T @ rows / angle_sd**2 * (frame_rate / taken) + np.eye(4) / UNKNOWN**2
+    known = rows.T @ rows / strike.angle_sd**2 * frames_per_row + np.eye(4) / UNKNOWN**2
     return np.asarray(np.linalg.inv(known)[:2, :2], dtype=np.float64)
 
 

@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -14,6 +16,7 @@ from scipy.spatial import ConvexHull
 
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.polyhedron import BoolArray
+from analyze.geometry.rotations import plane_basis
 from analyze.planning.hypothesis import Region
 from analyze.types import Array, IntArray
 
@@ -49,6 +52,10 @@ class RestingPlane:
 
     def outward(self) -> Array:
         """Unit vectors (k, 3) in the plane, out of the polygon, one per edge."""
+        return self._outward
+
+    @cached_property
+    def _outward(self) -> Array:
         start, end = self.edges
         across = np.cross(end - start, self.up)
         return across / np.linalg.norm(across, axis=1, keepdims=True)
@@ -61,15 +68,15 @@ class RestingPlane:
 
     def margin_of(self, region: Region) -> float:
         """The same of all points of `region`."""
-        start, _ = self.edges
-        out = self.outward()
-        return float(np.min(np.einsum("ki,ki->k", start - region.centre, out) - region.reach(out)))
+        return float(np.min(self._room(region) - region.reach(self.outward())))
 
     def firmness(self, region: Region) -> float:
         """Largest part of `region` about its centre that lies over the polygon; 1 and more: all of it, negative: not even its centre."""
-        start, _ = self.edges
-        out = self.outward()
-        return float(np.min(np.einsum("ki,ki->k", start - region.centre, out) / np.maximum(region.reach(out), 1e-12)))
+        return float(np.min(self._room(region) / np.maximum(region.reach(self.outward()), 1e-12)))
+
+    def _room(self, region: Region) -> Array:
+        """Distance (k,) [m] of the projected centre from each edge."""
+        return np.einsum("ki,ki->k", self.polygon - region.centre, self.outward())
 
 
 def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
@@ -145,19 +152,12 @@ def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tup
     return tuple(kept[:2])
 
 
-def plane_basis(up: Array) -> tuple[Array, Array]:
-    """Unit u, v (3,) each in the plane, u x v = up."""
-    helper = np.eye(3)[int(np.argmin(np.abs(up)))]
-    u = np.cross(helper, up)
-    u /= np.linalg.norm(u)
-    return u, np.cross(up, u)
-
-
 def _support_polygon(points: Array, up: Array) -> Array:
     """Convex polygon (k, 3) around `points`, counter-clockwise about `up` (Andrew 1979), nearly straight corners left out."""
     u, v = plane_basis(up)
-    flat = np.column_stack([points @ u, points @ v])
-    order = np.lexsort((flat[:, 1], flat[:, 0]))
+    x, y = points @ u, points @ v
+    order = [int(i) for i in np.lexsort((y, x))]
+    flat: list[tuple[float, float]] = list(zip(x.tolist(), y.tolist(), strict=True))
 
     def chain(indices: list[int]) -> list[int]:
         line: list[int] = []
@@ -167,16 +167,15 @@ def _support_polygon(points: Array, up: Array) -> Array:
             line.append(i)
         return line[:-1]
 
-    forward = [int(i) for i in order]
-    return points[chain(forward) + chain(forward[::-1])]
+    return points[chain(order) + chain(order[::-1])]
 
 
-def _turn(a: Array, b: Array, c: Array) -> float:
+def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
     """Turn [rad] from ab to bc; + is to the left, and near pi at the tip of a needle."""
-    first, second = b - a, c - b
-    if float(np.hypot(*first) * np.hypot(*second)) < 1e-18:
+    first, second = (b[0] - a[0], b[1] - a[1]), (c[0] - b[0], c[1] - b[1])
+    if math.hypot(*first) * math.hypot(*second) < 1e-18:
         return 0.0
-    return float(np.arctan2(first[0] * second[1] - first[1] * second[0], first @ second))
+    return math.atan2(first[0] * second[1] - first[1] * second[0], first[0] * second[0] + first[1] * second[1])
 
 
 def _area(polygon: Array, up: Array) -> float:

@@ -77,7 +77,7 @@ def result_warnings(
     worst_tilt = max(recording.manifest.gravity_tilt_sd_rad for recording in evidence.recordings)
     if worst_tilt > 0:
         tilt = np.degrees(worst_tilt)
-        warn(WarningCode.GRAVITY_ASSUMED, f"the table is taken for level to {tilt:.2f} deg; this is in the intervals")
+        warn(WarningCode.GRAVITY_ASSUMED, f"the table is taken for level to {tilt:.2f}°; this is in the intervals")
     if not inertial.measured.all():
         entries = [f"I{'xyz'[i]}{'xyz'[j]}" for i in range(3) for j in range(i, 3) if not inertial.measured[i, j]]
         warn(WarningCode.INERTIA_FROM_PRIOR, f"from the shape, not from strikes: {', '.join(entries)}")
@@ -117,9 +117,9 @@ def _poor_fits(evidence: Evidence, planes: Sequence[EquiPlane]) -> Iterator[tupl
             continue
         rms = float(np.sqrt(np.mean(motion.fit.residual**2)))
         if rms > POOR_RESIDUAL:
-            yield motion.strike_id, f"the fit misses theta by {np.degrees(rms):.2f} deg on average"
+            yield motion.strike_id, f"the fit misses θ by {np.degrees(rms):.2f}° on average"
         if motion.verdict is Verdict.ROCKED_BACK:
-            yield motion.strike_id, "rocked back before the balance point: phi is extrapolated"
+            yield motion.strike_id, "rocked back before the balance point: φ is extrapolated"
 
 
 def _names(items: Sequence[str]) -> str:

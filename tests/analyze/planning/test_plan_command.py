@@ -124,3 +124,21 @@ def test_the_object_of_the_readme_is_one_that_can_be_planned(tmp_path: Path):
     assert "plan-cards.html" in done.output
     entry = next(line for line in example.read_text().splitlines() if line.startswith("T_object_marker"))
     assert entry in (root / "README.md").read_text()
+
+
+def test_a_refusal_keeps_what_was_noted_of_the_shape(tmp_path: Path):
+    """Two balls side by side: refused, and that they were two bodies is said as well."""
+    import trimesh
+
+    balls = [trimesh.creation.icosphere(3, radius=40.0).apply_translation([place, 0, 0]) for place in (0.0, 5.0)]
+    trimesh.util.concatenate(balls).export(tmp_path / "b.stl")
+    thing = tmp_path / "b.toml"
+    thing.write_text(
+        'name = "b"\nmass_kg = 0.2\nmass_sd_kg = 0.001\n[shape]\nfile = "b.stl"\nunit = "mm"\n[[marker]]\nid = 0\nsize_m = 0.03\n'
+    )
+    done = run(str(thing))
+    assert done.exit_code == 1
+    lines = done.stderr.splitlines()
+    assert "is a ball" in lines[-2]
+    assert "2 bodies" in lines[-1]
+    assert lines[-1].startswith("note: ")

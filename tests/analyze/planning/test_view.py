@@ -12,7 +12,7 @@ from analyze.geometry.object_model import load_object_model
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import Request, finish, prepare
-from analyze.planning.precision import strike_covariance
+from analyze.planning.precision import SeenSwing, strike_covariances
 from analyze.planning.view import default_camera, refuse_off_surface
 from schemas.rig_limits import SMALLEST_TAG_PX
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
@@ -118,7 +118,8 @@ def test_slow_frames_tell_less():
     model = load_object_model(spec, None, "")
     fast, slow = (prepare(model, spec, Bench(STRIKER, default_camera(), 1.0, frame_rate=rate)) for rate in (120.0, 20.0))
     expected = fast.usable[0].candidate.expected
-    noise = {rate: np.sqrt(strike_covariance(expected, 1.15, 5e-4, rate)[0, 0]) for rate in (2.0, 20.0, 119.0, 120.0, 241.0, 480.0)}
+    rates = (2.0, 20.0, 119.0, 120.0, 241.0, 480.0)
+    noise = {rate: np.sqrt(strike_covariances([SeenSwing(expected, 1.15, 5e-4)], rate)[0][0, 0]) for rate in rates}
     assert 2.2 < noise[20.0] / noise[120.0] < 4.0
     assert noise[119.0] == pytest.approx(noise[120.0], rel=0.05)
     assert noise[241.0] / noise[480.0] == pytest.approx(np.sqrt(480 / 241), rel=0.05)
