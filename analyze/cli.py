@@ -234,7 +234,7 @@ def watch(file: Path) -> None:
 @click.option("--object", "object_file", type=click.Path(path_type=Path), help="Take family, ids and sizes from this object file.")
 @click.option("--ids", help="Which tags: 0-11, or 0,3,7.  [default: 0-11]")
 @click.option("--size-mm", type=float, help="Edge of the black square.  [default: 30]")
-@click.option("--family", help="Tag family; object files name 36h11 only.  [default: 36h11; of a board 5x5_100]")
+@click.option("--family", help="Tag family, as 25h9 or 4x4_100.  [default: 36h11; of a board 5x5_100]")
 @click.option("--board", type=click.Choice(["charuco"]), help="Instead: a board to calibrate a camera with.")
 @click.option("--squares", metavar="CxR", help="Of the board: columns x rows.  [default: 7x9]")
 @click.option("--square-mm", type=float, help="Of the board: edge of a square.  [default: 22]")

@@ -219,7 +219,7 @@ def _strike(recording: Recording, spec: ObjectSpec, record: pb.StrikeRecord) -> 
         )
     camera = camera_from_spec(recording.manifest.cameras[0].calibration)
     markers = [
-        Marker(marker.id, marker.size_m, None if marker.T_object_marker is None else np.array(marker.T_object_marker))
+        Marker(marker.name, marker.size_m, None if marker.T_object_marker is None else np.array(marker.T_object_marker))
         for marker in spec.marker
     ]
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)

@@ -54,7 +54,7 @@ def _describe(recording: Recording, *, complete: bool) -> dict[str, Any]:
         "object": {
             "name": manifest.object.name,
             "mass_kg": manifest.object.mass_kg,
-            "markers": [marker.id for marker in manifest.object.marker],
+            "markers": [marker.name for marker in manifest.object.marker],
         },
         "start_ns": min(times, default=None),
         "duration_s": (max(times) - min(times)) * 1e-9 if times else 0.0,

@@ -84,7 +84,7 @@ def _standing(stream: rr.RecordingStream, model: ObjectModel, spec: ObjectSpec) 
     stream.log("/world/object/shape", body, static=True)
     for marker in spec.marker:
         if marker.T_object_marker is not None:
-            _tag(stream, f"/world/object/tags/{marker.id}", marker)
+            _tag(stream, f"/world/object/tags/{marker.name}", marker)
 
 
 def _tag(stream: rr.RecordingStream, path: str, marker: MarkerSpec) -> None:

@@ -35,7 +35,8 @@ class CameraModel:
 class Marker:
     """A marker on the object."""
 
-    id: int
+    id: int | str
+    """its name: a number of 36h11, else as "25h9-3" (schemas.tags)"""
     size: float
     T_object_marker: Array | None
     """(4, 4)"""
@@ -56,7 +57,7 @@ class ImageFrame:
 class MarkerTrack:
     """One marker through one strike window; only frames in which it was found."""
 
-    marker_id: int
+    marker_id: int | str
     time_ns: IntArray
     """(n,)"""
     corners_px: Array

@@ -22,10 +22,12 @@ from analyze.motion.contact_time import contact_time
 from analyze.motion.scene import at_rest, check_placement, read_scene
 from analyze.motion.strike import StrikeTask, analyse_strike, verdict_of
 from analyze.tracking.camera_model import camera_from_spec, pixel_map
+from analyze.tracking.marker import families_of
 from analyze.tracking.track import track_markers
 from analyze.types import Marker
 from schemas import topics
 from schemas.documents import DocumentError, JudgeRequest, SeenMarker, StrikeVerdict, Verdict, WatchEvent, canonical_json, validate
+from schemas.tags import name_order
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -84,7 +86,7 @@ class StoredImage(Protocol):
 
 def markers_of(spec: ObjectSpec) -> list[Marker]:
     """Markers of an object as the trackers want them."""
-    return [Marker(m.id, m.size_m, None if m.T_object_marker is None else np.array(m.T_object_marker, dtype=float)) for m in spec.marker]
+    return [Marker(m.name, m.size_m, None if m.T_object_marker is None else np.array(m.T_object_marker, dtype=float)) for m in spec.marker]
 
 
 class Observer:
@@ -95,6 +97,7 @@ class Observer:
         self._decode = decode
         self._markers = markers
         self._by_id = {marker.id: marker for marker in markers}
+        self._families = families_of(self._by_id)
         self._strikes: dict[str, PlannedStrike] = {strike.id: strike for strike in plan.strikes}
         self._expected: PlannedStrike | None = None
         self._scenes: deque[Scene] = deque(maxlen=12)
@@ -125,12 +128,15 @@ class Observer:
         if 0 <= image.log_time_ns - self._looked_ns < _LOOK_EVERY_NS:
             return None
         self._looked_ns = image.log_time_ns
-        scene = read_scene(self._decode(image), self._camera)
+        scene = read_scene(self._decode(image), self._camera, self._families)
         self._scenes.append(scene)
         self._seen.append(scene)
         while scene.time_ns - self._seen[0].time_ns > _KEEP_NS:
             self._seen.popleft()
-        seen = [SeenMarker(id=i, corners_px=np.round(corners, 2).tolist()) for i, corners in sorted(scene.corners.items())]
+        seen = [
+            SeenMarker(id=i, corners_px=np.round(corners, 2).tolist())
+            for i, corners in sorted(scene.corners.items(), key=lambda item: name_order(item[0]))
+        ]
         still = at_rest(self._scenes)
         error, text = None, ""
         if self._expected is not None:
@@ -178,7 +184,7 @@ class Observer:
 
         A hand may take seconds; to follow the marker through all of them would take longer than anybody waits for a verdict.
         """
-        rest: dict[int, Any] = {}
+        rest: dict[int | str, Any] = {}
         before = 0
         for scene in self._seen:
             if start <= scene.time_ns <= end:

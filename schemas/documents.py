@@ -18,12 +18,14 @@ from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
     ValidationError,
+    ValidationInfo,
     field_validator,
     model_serializer,
     model_validator,
 )
 
 from schemas.document_problems import problems_in_one_line
+from schemas.tags import USUAL_FAMILY, MarkerName, TagFamily, marker_name
 
 SCHEMA_VERSION = "1.0"
 POSE_TOLERANCE = 1e-3
@@ -137,12 +139,32 @@ def _check_pose(T: list[list[float]]) -> None:
 class MarkerSpec(Document):
     """One square marker glued to the object. `T_object_marker` maps M to O: M's x right, y up, z out of the marker's face."""
 
-    family: Literal["36h11"] = "36h11"
-    id: int = Field(ge=0, le=586, description="number of the tag, 0 to 586")
+    family: TagFamily = USUAL_FAMILY
+    id: int = Field(ge=0, description="number of the tag in its family, from 0")
     size_m: float = Field(gt=0.002, lt=0.5, description="edge of the black square, in metres")
     mass_kg: float = Field(default=0.0, ge=0)
     thickness_m: float = Field(default=0.0, ge=0)
     T_object_marker: Matrix4 | None = None
+
+    @property
+    def name(self) -> int | str:
+        """What it is called wherever a marker is meant: see `marker_name`."""
+        return marker_name(self.family, self.id)
+
+    @field_validator("family", mode="before")
+    @classmethod
+    def _family(cls, value: object) -> object:
+        if isinstance(value, str) and value not in set(TagFamily):
+            raise ValueError(f"{value!r} is no tag family: choose {', '.join(TagFamily)}")
+        return value
+
+    @field_validator("id")
+    @classmethod
+    def _in_family(cls, value: int, info: ValidationInfo) -> int:
+        family = info.data.get("family")
+        if isinstance(family, TagFamily) and value >= family.size:
+            raise ValueError(f"{family} has no tag {value}: its ids are 0 to {family.size - 1}")
+        return value
 
     @field_validator("T_object_marker")
     @classmethod
@@ -184,10 +206,16 @@ class ObjectSpec(Document):
 
     @model_validator(mode="after")
     def _consistent(self) -> ObjectSpec:
-        ids = [marker.id for marker in self.marker]
-        twice = sorted({i for i in ids if ids.count(i) > 1})
+        names = [marker.name for marker in self.marker]
+        twice = [name for name in names if names.count(name) > 1]
         if twice:
             raise ValueError(f"marker id {twice[0]} is listed twice: every marker on an object needs its own id")
+        alike = {marker.family.codes: marker.family for marker in self.marker}
+        for marker in self.marker:
+            if marker.family is not alike[marker.family.codes]:
+                raise ValueError(
+                    f"marker families {marker.family} and {alike[marker.family.codes]} share their codes: name all such tags by one of them"
+                )
         if self.mass_sd_kg >= self.mass_kg:
             raise ValueError("mass_sd_kg is not below mass_kg: it is the scale's 1 sigma, in kilograms")
         return self
@@ -244,7 +272,7 @@ class PlannedStrike(Document):
     phi_measured_sd_rad: float | None = Field(default=None, ge=0, description="1 sigma expected of this strike's measurement")
     i_edge_predicted_kg_m2: float = Field(gt=0)
     i_edge_measured_sd_kg_m2: float | None = Field(default=None, ge=0, description="the same, of I_edge")
-    visible_markers: list[int]
+    visible_markers: list[MarkerName]
     camera_pose: Matrix4 = Field(description="T_world_camera that looks along the pivot axis")
     friction_needed: float = Field(ge=0)
     rolls: bool = Field(default=False, description="the edge is a rim or a curved flank: the contact can roll")
@@ -614,7 +642,7 @@ class Result(Document):
 class SeenMarker(Document):
     """A marker in the newest image."""
 
-    id: int
+    id: MarkerName
     corners_px: list[list[float]]
 
 

@@ -24,8 +24,8 @@ OWNERS = {
     "mujoco": {"acquire/virtual/"},
 }
 STDLIB = {"__future__", "collections", "dataclasses", "enum", "functools", "itertools", "math", "typing"}
-FOUNDATION = STDLIB | {"numpy", "scipy", "analyze.errors", "analyze.types", "schemas.documents", "schemas.rig_limits"}
-"""what every pure package may use; `schemas.documents` for its types, `schemas.rig_limits` for its numbers"""
+FOUNDATION = STDLIB | {"numpy", "scipy", "analyze.errors", "analyze.types", "schemas.documents", "schemas.rig_limits", "schemas.tags"}
+"""what every pure package may use; `schemas.documents` for its types, `schemas.rig_limits` for its numbers, `schemas.tags` for names"""
 SHAPE_FORMATS = {"trimesh", "manifold3d", "laspy", "json", "re", "struct", "warnings", "zipfile.ZipFile"}
 """what turns a shape file's bytes into arrays, in memory"""
 PURE = {

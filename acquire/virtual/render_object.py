@@ -11,7 +11,7 @@ import numpy as np
 from acquire.virtual.backdrop import LIGHT_WORLD
 from acquire.virtual.layers import Layer, Outline, composed, covered, layer
 from acquire.virtual.render_mesh import FaceGroup, face_groups
-from acquire.virtual.render_tag import CELLS, Lines, tag_lines
+from acquire.virtual.render_tag import Lines, tag_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,8 +49,8 @@ class ObjectPainter:
             if marker.T_object_marker is None:
                 continue
             T = np.array(marker.T_object_marker)
-            lines = tag_lines(marker.id)
-            points = lines.points * (marker.size_m / (CELLS - 2)) @ T[:3, :2].T + T[:3, 3]
+            lines = tag_lines(marker.family, marker.id)
+            points = lines.points * (marker.size_m / lines.tag_cells) @ T[:3, :2].T + T[:3, 3]
             self._cards.append(_Card(self._nearest_group(T[:3, 3]), T, points, lines))
         self._vertices = virtual_object.mesh_vertices
 

@@ -1,4 +1,4 @@
-"""A printed 36h11 tag as border lines between black and white, each with the difference it makes."""
+"""A printed tag as border lines between black and white, each with the difference it makes."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from schemas.tags import TagFamily
+
 WHITE, BLACK = 225.0, 30.0
 """grey levels of a printed card that faces the camera, at the reference exposure"""
-CELLS = 10
-"""the black square's 8 x 8 cells and one cell of quiet zone around it"""
+RIM_CELLS = 1
+"""white cells around the black square"""
 
 
 @dataclass(frozen=True)
@@ -33,21 +35,26 @@ class Lines:
     """(m,) grey levels inside minus outside"""
     cover: NDArray[np.float64]
     """(m,) 1 on the card's rim, 0 within"""
+    tag_cells: int
+    """along an edge of the black square"""
 
 
 @cache
-def tag_lines(marker_id: int) -> Lines:
-    """Borders of tag `marker_id` on its card, merged to the longest straight runs, then cut so that lens distortion can bend them.
+def tag_lines(family: TagFamily, marker_id: int) -> Lines:
+    """Borders of a tag on its card, merged to the longest straight runs, then cut so that lens distortion can bend them.
 
     Orientation as the detector sees it: the first row of `generateImageMarker` is the top (+y), its first corner the top left (-x, +y).
     """
-    bits = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), marker_id, CELLS - 2)
-    card = np.zeros((CELLS + 2, CELLS + 2))
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
+    tag_cells = dictionary.markerSize + 2
+    bits = cv2.aruco.generateImageMarker(dictionary, marker_id, tag_cells)
+    cells = tag_cells + 2 * RIM_CELLS
+    card = np.zeros((cells + 2, cells + 2))
     card[1:-1, 1:-1] = WHITE
     card[2:-2, 2:-2] = np.where(bits > 127, WHITE, BLACK)
     rows = _runs(np.diff(card, axis=0))
     columns = [(line, a, b, -step) for line, a, b, step in _runs(np.diff(card, axis=1).T)]
-    half = CELLS / 2
+    half = cells / 2
     # row borders run left to right with the inside below them, column borders top to bottom with the inside on their left
     runs = [((a - half, half - line), (b - half, half - line), step, line) for line, a, b, step in rows]
     runs += [((line - half, half - a), (line - half, half - b), step, line) for line, a, b, step in columns]
@@ -58,9 +65,9 @@ def tag_lines(marker_id: int) -> Lines:
         start += list(range(len(points), len(points) + pieces))
         points += [tuple(np.array(first) + (np.array(last) - first) * i / pieces) for i in range(pieces + 1)]
         value += [step] * pieces
-        cover += [float(np.sign(step)) if line in {0, CELLS} else 0.0] * pieces
+        cover += [float(np.sign(step)) if line in {0, cells} else 0.0] * pieces
     index = np.array(start)
-    return Lines(np.array(points), index, index + 1, np.array(value), np.array(cover))
+    return Lines(np.array(points), index, index + 1, np.array(value), np.array(cover), tag_cells)
 
 
 def _runs(steps: NDArray[np.float64]) -> list[tuple[int, int, int, float]]:

@@ -55,15 +55,15 @@ class Placed:
         square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
         return self.world(apply(np.array(marker.T_object_marker), square))
 
-    def tag_centre(self, tag_id: int) -> Array | None:
+    def tag_centre(self, name: int | str) -> Array | None:
         """(3,) in W; None where its place is not given."""
         for marker in self.spec.marker:
-            if marker.id == tag_id and marker.T_object_marker is not None:
+            if marker.name == name and marker.T_object_marker is not None:
                 return self.world(np.array(marker.T_object_marker)[:3, 3])
         return None
 
 
-def draw_body(view: View, body: Placed, highlighted: tuple[int, ...] = (), ring: str = INK) -> list[str]:
+def draw_body(view: View, body: Placed, highlighted: tuple[int | str, ...] = (), ring: str = INK) -> list[str]:
     """SVG elements, farthest first. Tags in `highlighted` get a frame of the colour `ring`."""
     items: list[tuple[float, str, str]] = [*_faces(view, body), *_edges(view, body), *_tags(view, body, highlighted, ring)]
     elements: list[str] = []
@@ -109,7 +109,7 @@ def _edges(view: View, body: Placed) -> list[tuple[float, str, str]]:
     return found
 
 
-def _tags(view: View, body: Placed, highlighted: tuple[int, ...], ring: str) -> list[tuple[float, str, str]]:
+def _tags(view: View, body: Placed, highlighted: tuple[int | str, ...], ring: str) -> list[tuple[float, str, str]]:
     found: list[tuple[float, str, str]] = []
     for marker in body.spec.marker:
         if marker.T_object_marker is None:
@@ -120,7 +120,7 @@ def _tags(view: View, body: Placed, highlighted: tuple[int, ...], ring: str) -> 
         normal = body.R @ np.array(marker.T_object_marker)[:3, 2]
         if normal @ view.towards_eye(card.mean(axis=0))[0] <= 0:
             continue
-        lit = marker.id in highlighted
+        lit = marker.name in highlighted
         near = float(view.nearness(card).mean()) + 1.01 * _ahead(body.shape)
         parts = [polygon(view.project(card), "#fff", ring if lit else "#8a939c", 5 if lit else 0.8)]
         parts.append(f'<path d="{_black(view, body, marker, code)}" fill="#111"/>')

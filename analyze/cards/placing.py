@@ -137,7 +137,7 @@ def side_name(spec: ObjectSpec, direction: Array) -> str:
             continue
         angle = float(np.arccos(np.clip(np.array(marker.T_object_marker)[:3, 2] @ direction, -1, 1)))
         if angle < least - 1e-9:
-            best, least = marker.id, angle
+            best, least = marker.name, angle
     return axis_name(direction) if best is None else f"tag {best}"
 
 

@@ -148,7 +148,7 @@ def _words(view: View, place: Setting, tail: Array, camera: Array, line_ends: Ar
     tip = view.project(arc)[-1]
     parts.append(ink.text((min(tip[0] + 14, WIDTH - 180), tip[1] + 26), "tips this way", 24, ink.PIVOT, "start", bold=True))
     if place.tag is not None:
-        marker = next(each for each in place.body.spec.marker if each.id == place.tag)
+        marker = next(each for each in place.body.spec.marker if each.name == place.tag)
         if marker.T_object_marker is not None:
             corners = view.project(place.body.tag_corners(marker, 0.66 * marker.size_m))
             parts.append(ink.pill((float(corners[:, 0].mean()), float(corners[:, 1].max()) + 22), f"tag {place.tag}", 24, ink.CAMERA))

@@ -32,7 +32,7 @@ class Setting:
     strike_height: float
     camera: Array
     """(3,) m"""
-    tag: int | None
+    tag: int | str | None
     """the one that faces the camera"""
     tip_angle: float
     """rad, at which it stands on the edge"""

@@ -13,6 +13,7 @@ from analyze.tracking.camera_model import distort, pixel_map, undistort
 from analyze.tracking.edges import fit_square
 from analyze.tracking.marker import detect
 from analyze.tracking.pose import solve_pose
+from schemas.tags import USUAL_FAMILY, name_order
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from analyze.types import Array, CameraModel, ImageFrame, Marker
     from schemas.documents import PlannedStrike
+    from schemas.tags import TagFamily
 
 _STILL_PX = 0.3
 _STILL_GREY = 3.0
@@ -36,20 +38,20 @@ class Scene:
     """One image, read."""
 
     time_ns: int
-    corners: dict[int, Array]
+    corners: dict[int | str, Array]
     """marker id -> (4, 2) raw px, refined"""
-    twice: tuple[int, ...]
+    twice: tuple[int | str, ...]
     """ids that stand in the image more than once"""
     saturated_fraction: float
     coarse: NDArray[np.float32]
     """every eighth pixel, to tell motion where no marker is in view"""
 
 
-def read_scene(frame: ImageFrame, camera: CameraModel) -> Scene:
-    """Find all markers in one image."""
-    corners: dict[int, Array] = {}
-    twice: list[int] = []
-    for sighting in detect(frame.image):
+def read_scene(frame: ImageFrame, camera: CameraModel, families: Sequence[TagFamily] = (USUAL_FAMILY,)) -> Scene:
+    """Find all markers of `families` in one image."""
+    corners: dict[int | str, Array] = {}
+    twice: list[int | str] = []
+    for sighting in detect(frame.image, families):
         if sighting.marker_id in corners:
             twice.append(sighting.marker_id)
             continue
@@ -87,14 +89,14 @@ class PlacementCheck:
     text: str
 
 
-def check_placement(scene: Scene, markers: Mapping[int, Marker], camera: CameraModel, planned: PlannedStrike) -> PlacementCheck:
+def check_placement(scene: Scene, markers: Mapping[int | str, Marker], camera: CameraModel, planned: PlannedStrike) -> PlacementCheck:
     """Compare the pose that the markers show with the plan's R_world_object."""
     wanted = ", ".join(str(i) for i in planned.visible_markers) or "any"
     if scene.twice:
         return PlacementCheck(None, f"marker {scene.twice[0]} is in view twice: cover or remove one")
     known = {i: corners for i, corners in scene.corners.items() if i in markers}
     if not known:
-        strange = sorted(scene.corners)
+        strange = sorted(scene.corners, key=name_order)
         if strange:
             return PlacementCheck(
                 None, f"marker {strange[0]} is not on this object: put the right object down, marker {wanted} towards the camera"

@@ -174,7 +174,7 @@ def _scale(solution: _Solution) -> float:
 
 
 def _collect(
-    tracks: Sequence[MarkerTrack], by_id: dict[int, Marker], camera: CameraModel, placement: Placement, rest_end_ns: int
+    tracks: Sequence[MarkerTrack], by_id: dict[int | str, Marker], camera: CameraModel, placement: Placement, rest_end_ns: int
 ) -> tuple[_Views, Array]:
     rested = [track for track in tracks if np.count_nonzero(track.time_ns < rest_end_ns) >= 3 and track.marker_id in by_id]
     if not rested:

@@ -14,7 +14,7 @@ AXIS_NAMES = ("x", "y", "z")
 
 
 def placement_card(
-    model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, impact_height: float, markers: list[int], stands: bool = True
+    model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, impact_height: float, markers: list[int | str], stands: bool = True
 ) -> str:
     """Which side goes down and which faces where, then where the striker hits; and what to do if it does not stand there, as it may not."""
     down, right = _side(-axis.plane.up, spec), _side(axis.tip, spec)
@@ -32,7 +32,7 @@ def _side(direction: Array, spec: ObjectSpec) -> str:
     """Name of the side that looks along `direction` (3,): a marker on it, or O's nearest axis."""
     for marker in spec.marker:
         if marker.T_object_marker is not None and np.array(marker.T_object_marker)[:3, 2] @ direction > np.cos(np.radians(10)):
-            return f"{_axis_name(direction)} (marker {marker.id})"
+            return f"{_axis_name(direction)} (marker {marker.name})"
     return _axis_name(direction)
 
 

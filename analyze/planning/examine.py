@@ -46,7 +46,7 @@ class Usable:
     """least coefficient with which the edge holds"""
     phi_sd: float
     """rad, 1 sigma of phi over Q"""
-    markers: list[int]
+    markers: list[int | str]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from analyze.planning.pivots import PivotAxis
 from analyze.types import Array, CameraModel
 from schemas.documents import MarkerSpec, ObjectSpec
 from schemas.rig_limits import SMALLEST_TAG_PX
+from schemas.tags import name_order
 
 FACING = np.radians(15.0)
 """angle between a marker's normal and the pivot axis up to which its pose does not flip"""
@@ -43,7 +44,7 @@ class Fault:
 class Sight:
     """Markers seen through a tip, the one that looks straightest along the axis first; if there are none, why."""
 
-    markers: list[int]
+    markers: list[int | str]
     fault: Fault
     """of the marker that comes nearest to being seen"""
     pixels: float = 0.0
@@ -81,7 +82,7 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
             continue
         where = "outside" if outside > 0 else "inside"
         raise PlanError(
-            f"{spec.name}: marker {marker.id} lies {1000 * abs(outside):.0f} mm {where} the surface, its centre must lie on it "
+            f"{spec.name}: marker {marker.name} lies {1000 * abs(outside):.0f} mm {where} the surface, its centre must lie on it "
             f"(within {1000 * most:.0f} mm): correct T_object_marker, its last column is the centre in the shape's frame, in metres"
         )
 
@@ -91,7 +92,7 @@ def visible_markers(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: 
 
     Lens distortion is left out: it is a few px at the border, within `BORDER_PX`.
     """
-    seen: list[tuple[float, int, float]] = []
+    seen: list[tuple[float, int | str, float]] = []
     least = np.pi
     faults: list[Fault] = []
     for marker in spec.marker:
@@ -103,15 +104,15 @@ def visible_markers(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: 
         if angle > FACING:
             continue
         path = _path(axis, marker, T_object_marker, phi, camera)
-        fault = _out_of_image(path, marker.id, phi, camera) or _small(path, marker.id)
-        fault = fault or _hidden(model, axis, marker.id, T_object_marker, phi, camera)
+        fault = _out_of_image(path, marker.name, phi, camera) or _small(path, marker.name)
+        fault = fault or _hidden(model, axis, marker.name, T_object_marker, phi, camera)
         if fault is None:
-            seen.append((round(angle, 3), marker.id, _edge(path[0])))
+            seen.append((round(angle, 3), marker.name, _edge(path[0])))
         else:
             faults.append(fault)
     none = f"no marker faces the camera through the tip (best is {np.degrees(least):.0f} deg off the axis)"
     nearest = max([Fault("no_marker", least, none), *faults], key=lambda each: CODES.index(each.code))
-    seen.sort()
+    seen.sort(key=lambda each: (each[0], name_order(each[1])))
     return Sight([marker_id for _, marker_id, _ in seen], nearest, seen[0][2] if seen else 0.0)
 
 
@@ -142,7 +143,7 @@ def _edge(corners: Array) -> float:
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
 
 
-def _out_of_image(path: Array, marker_id: int, phi: float, camera: CameraModel) -> Fault | None:
+def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraModel) -> Fault | None:
     if not np.isfinite(path).all():
         return Fault("out_of_image", None, f"marker {marker_id} is beside or behind the camera in some part of the tip")
     last = np.array([camera.width, camera.height]) - 1 - BORDER_PX
@@ -155,14 +156,16 @@ def _out_of_image(path: Array, marker_id: int, phi: float, camera: CameraModel) 
     return Fault("out_of_image", float(over[worst]), text)
 
 
-def _small(path: Array, marker_id: int) -> Fault | None:
+def _small(path: Array, marker_id: int | str) -> Fault | None:
     pixels = _edge(path[0])
     if pixels >= SMALLEST_TAG_PX:
         return None
     return Fault("tag_small", pixels, f"marker {marker_id} is {pixels:.0f} px wide in the image: {SMALLEST_TAG_PX:g} px are wanted")
 
 
-def _hidden(model: ObjectModel, axis: PivotAxis, marker_id: int, T_object_marker: Array, phi: float, camera: CameraModel) -> Fault | None:
+def _hidden(
+    model: ObjectModel, axis: PivotAxis, marker_id: int | str, T_object_marker: Array, phi: float, camera: CameraModel
+) -> Fault | None:
     """Where the object itself stands between the marker's centre and the camera, at rest, at balance or past it."""
     start = T_object_marker[:3, 3] + 0.002 * T_object_marker[:3, 2]
     pivot = np.array([0.0, 0.0, axis.radius])

@@ -9,18 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyze.errors import TagError
+from schemas.tags import TagFamily
 
-FAMILIES = {
-    "36h11": cv2.aruco.DICT_APRILTAG_36h11,
-    "36h10": cv2.aruco.DICT_APRILTAG_36h10,
-    "25h9": cv2.aruco.DICT_APRILTAG_25h9,
-    "16h5": cv2.aruco.DICT_APRILTAG_16h5,
-    "4x4_100": cv2.aruco.DICT_4X4_100,
-    "5x5_100": cv2.aruco.DICT_5X5_100,
-}
-"""AprilTag families (Olson 2011) and ArUco dictionaries (Garrido-Jurado et al. 2014); recordings are searched for 36h11"""
+FAMILIES = {family.value: int(getattr(cv2.aruco, family.opencv)) for family in TagFamily}
 ON_OBJECTS, ON_BOARDS = "36h11", "5x5_100"
-"""two, so that a board in view is never taken for an object"""
+"""unless another is asked for: two, so that a board in view is never taken for an object"""
 QUIET_CELLS = 1
 """white cells that a detector needs around the black square"""
 

@@ -57,11 +57,7 @@ def print_tags(options: PrintOptions, output: Path) -> str:
     pages = tag_pages(tags, options.paper, heading)
     write_pdf(pages, output)
     sizes = sorted({tag.size_mm for tag in tags})
-    said = _said(output, f"{len(tags)} tags of {', '.join(f'{size:g}' for size in sizes)} mm", pages, options.paper)
-    others = sorted({tag.family for tag in tags} - {families.ON_OBJECTS})
-    if others:
-        said += f"; {', '.join(others)} is not looked for on objects, an object file can only name {families.ON_OBJECTS}"
-    return said
+    return _said(output, f"{len(tags)} tags of {', '.join(f'{size:g}' for size in sizes)} mm", pages, options.paper)
 
 
 def print_board(options: BoardOptions, output: Path) -> str:

@@ -1,4 +1,4 @@
-"""Finding 36h11 markers in an image, and checking who a known square is.
+"""Finding square markers in an image, and checking who a known square is.
 
 OpenCV finds the squares and reads their code; its corners serve as a start only. Measured on OpenCV 5.0 with rendered tags of known
 corners: CORNER_REFINE_APRILTAG is biased by +0.45 px in x and y, SUBPIX and CONTOUR have no bias but 0.2-0.5 px of noise; the edge
@@ -14,35 +14,44 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from schemas.tags import USUAL_FAMILY, TagFamily, family_and_id, marker_name
+
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
     from numpy.typing import NDArray
 
     from analyze.types import Array
 
-_CELLS = 8
-_WRONG_CELLS = 6
-"""cells that may read wrong in a square whose place is already known; two ids differ in 11 or more"""
+_ELSEWHERE = tuple(TagFamily(name) for name in ("36h11", "36h10", "25h9", "mip_36h12", "5x5_100", "6x6_100", "7x7_100", "4x4_50"))
+"""looked for where nothing was found: the printed marker may be of another family than the object file says. The surest come first"""
 
 
 @dataclass(frozen=True)
 class Sighting:
     """A marker as OpenCV sees it: raw px, good to about half a pixel."""
 
-    marker_id: int
+    marker_id: int | str
+    """its name: see schemas.tags"""
     corners_px: Array
     """(4, 2) top-left, top-right, bottom-right, bottom-left of the marker"""
 
 
-@cache
-def _dictionary() -> cv2.aruco.Dictionary:
-    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+def families_of(names: Iterable[int | str]) -> tuple[TagFamily, ...]:
+    """The families to search an image for, the usual one where nothing is named."""
+    return tuple(sorted({family_and_id(name)[0] for name in names})) or (USUAL_FAMILY,)
 
 
 @cache
-def _detector() -> cv2.aruco.ArucoDetector:
+def _dictionary(family: TagFamily) -> cv2.aruco.Dictionary:
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
+
+
+@cache
+def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
-    # One wrong bit of 36: enough for noise, and random patches do not become markers.
+    # One wrong bit of 36 (none of 16 or 25): enough for noise, and random patches do not become markers.
     parameters.errorCorrectionRate = 0.3
     parameters.minMarkerPerimeterRate = 0.05
     # Two windows suit tags of 30 to 200 px; the constant keeps sensor noise on flat areas from becoming thousands of contours.
@@ -52,35 +61,66 @@ def _detector() -> cv2.aruco.ArucoDetector:
     parameters.adaptiveThreshConstant = 10
     # The default 0.125 merges a large tag with quads of its own code and then keeps the wrong one (4 % of 120 px tags were missed).
     parameters.minMarkerDistanceRate = 0.05
-    return cv2.aruco.ArucoDetector(_dictionary(), parameters)
+    return cv2.aruco.ArucoDetector([_dictionary(family) for family in families], parameters)
 
 
 @cache
-def _cells(marker_id: int) -> NDArray[np.bool_]:
-    return np.asarray(cv2.aruco.generateImageMarker(_dictionary(), marker_id, _CELLS)) > 127
+def _cells(name: int | str) -> NDArray[np.bool_]:
+    family, tag_id = family_and_id(name)
+    return np.asarray(cv2.aruco.generateImageMarker(_dictionary(family), tag_id, _dictionary(family).markerSize + 2)) > 127
 
 
-def detect(image: NDArray[np.uint8], origin: tuple[int, int] = (0, 0)) -> list[Sighting]:
-    """All markers in `image`; `origin` (column, row) is added to their corners.
+@cache
+def wrong_cells(family: TagFamily) -> int:
+    """Cells that may read wrong in a square whose place is already known: half of those in which two tags of the family differ at least."""
+    codes = np.asarray(_dictionary(family).bytesList, dtype=np.uint8)
+    many = len(codes)
+    # (tag, turn by 90 degrees, byte): OpenCV keeps each code in all four orientations.
+    codes = codes.reshape(many, 4, -1)
+    least = 8 * codes.shape[2]
+    for turn in range(4):
+        differ = np.bitwise_count(codes[:, None, 0] ^ codes[None, :, turn]).sum(axis=2, dtype=np.int64)
+        if turn == 0:
+            differ[np.arange(many), np.arange(many)] = least
+        least = min(least, int(differ.min()))
+    return (least + 1) // 2
+
+
+def detect(image: NDArray[np.uint8], families: Sequence[TagFamily] = (USUAL_FAMILY,), origin: tuple[int, int] = (0, 0)) -> list[Sighting]:
+    """All markers of `families` in `image`; `origin` (column, row) is added to their corners.
 
     One marker found twice in the same place (outer and inner contour) is reported once, the larger one.
     """
-    corners, ids, _ = _detector().detectMarkers(np.ascontiguousarray(image))
+    families = tuple(families)
+    # Squares are looked for once, whatever the number of families; each is then read as each of them.
+    corners, ids, _, which = _detector(families).detectMarkersMultiDict(np.ascontiguousarray(image))
     if ids is None:
         return []
     found: list[Sighting] = []
-    for quad, marker_id in sorted(zip(corners, np.ravel(ids), strict=True), key=lambda item: -cv2.contourArea(item[0][0])):
+    read = zip(corners, np.ravel(ids), np.ravel(which).astype(int).tolist(), strict=True)
+    for quad, tag_id, family in sorted(read, key=lambda item: -cv2.contourArea(item[0][0])):
+        name = marker_name(families[family], int(tag_id))
         points = np.asarray(quad[0], dtype=float) + origin
         centre, reach = points.mean(axis=0), 0.5 * np.ptp(points, axis=0).max()
-        if any(s.marker_id == marker_id and np.max(np.abs(s.corners_px.mean(axis=0) - centre)) < reach for s in found):
+        if any(s.marker_id == name and np.max(np.abs(s.corners_px.mean(axis=0) - centre)) < reach for s in found):
             continue
-        found.append(Sighting(int(marker_id), points))
+        found.append(Sighting(name, points))
     return found
 
 
-def is_marker(image: NDArray[np.uint8], corners_px: Array, marker_id: int) -> bool:
+def of_another_family(image: NDArray[np.uint8], families: Sequence[TagFamily]) -> int | str | None:
+    """Name of the largest marker that is of none of `families`, as far as that can be told."""
+    codes = {family.codes for family in families}
+    for family in _ELSEWHERE:
+        if family.codes not in codes and (seen := detect(image, (family,))):
+            return seen[0].marker_id
+    return None
+
+
+def is_marker(image: NDArray[np.uint8], corners_px: Array, name: int | str) -> bool:
     """Whether the square with these raw corners (4, 2) shows this marker, in this orientation."""
-    centre = (np.arange(_CELLS) + 0.5) / _CELLS
+    code = _cells(name)
+    centre = (np.arange(len(code)) + 0.5) / len(code)
     x, y = np.meshgrid(centre, centre)
     square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
     H = cv2.getPerspectiveTransform(square, corners_px.astype(np.float32))
@@ -90,6 +130,5 @@ def is_marker(image: NDArray[np.uint8], corners_px: Array, marker_id: int) -> bo
     if column.min() < 0 or row.min() < 0 or column.max() >= image.shape[1] or row.max() >= image.shape[0]:
         return False
     grey = image[row, column].astype(float)
-    code = _cells(marker_id)
     threshold = 0.5 * (grey[code].mean() + grey[~code].mean())
-    return int(np.count_nonzero((grey > threshold) != code)) <= _WRONG_CELLS
+    return int(np.count_nonzero((grey > threshold) != code)) <= wrong_cells(family_and_id(name)[0])

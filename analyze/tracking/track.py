@@ -10,12 +10,15 @@ import numpy as np
 from analyze.errors import TrackingError
 from analyze.tracking.camera_model import distort, pixel_map, undistort
 from analyze.tracking.edges import fit_square
-from analyze.tracking.marker import Sighting, detect, is_marker
+from analyze.tracking.marker import Sighting, detect, families_of, is_marker, of_another_family
 from analyze.tracking.pose import choose_by_motion, solve_pose
 from analyze.types import MarkerTrack
+from schemas.tags import family_and_id, name_order
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
 
     from analyze.tracking.edges import Square
     from analyze.tracking.pose import PosePair
@@ -35,7 +38,7 @@ _NEAR_PX = 1.2
 class Gap:
     """Frames in which a marker was not found."""
 
-    marker_id: int
+    marker_id: int | str
     start_ns: int
     """first frame without it"""
     frames: int
@@ -46,8 +49,8 @@ class TrackingReport:
     """Tracks with what a reader must know about them."""
 
     tracks: tuple[MarkerTrack, ...]
-    unknown_ids: tuple[int, ...]
-    """markers of the family that the object does not carry"""
+    unknown_ids: tuple[int | str, ...]
+    """markers of its families that the object does not carry"""
     gaps: tuple[Gap, ...]
     frames_total: int
     images_end_ns: int
@@ -85,18 +88,20 @@ class MarkerFollower:
         expected: ids of those that the camera shall see; once one of them was found the others are not followed, each costs milliseconds.
     """
 
-    def __init__(self, camera: CameraModel, markers: Sequence[Marker], expected: Sequence[int] = ()) -> None:
+    def __init__(self, camera: CameraModel, markers: Sequence[Marker], expected: Sequence[int | str] = ()) -> None:
         self._camera = camera
         self._pixels = pixel_map(camera)
         self._paths = {marker.id: _Path(marker) for marker in markers}
         self._known = frozenset(self._paths)
         self._expected = frozenset(expected) & self._known
-        self._unknown: dict[int, int] = {}
+        self._families = families_of(self._known)
+        self._unknown: dict[int | str, int] = {}
+        self._first: NDArray[np.uint8] | None = None
         self._gaps: list[Gap] = []
         self.frames_total = 0
         self._last_ns = 0
 
-    def add(self, frame: ImageFrame) -> dict[int, Square]:
+    def add(self, frame: ImageFrame) -> dict[int | str, Square]:
         """Markers found in this frame, by id.
 
         Raises:
@@ -108,8 +113,10 @@ class MarkerFollower:
                 f" {self._camera.width} x {self._camera.height}: recalibrate, or use the rig file of this recording"
             )
         self.frames_total += 1
+        if self._first is None:
+            self._first = frame.image
         self._last_ns = frame.time_ns
-        found: dict[int, Square] = {}
+        found: dict[int | str, Square] = {}
         for marker_id, path in self._paths.items():
             if path.time_ns and (square := self._follow(frame, path)) is not None:
                 found[marker_id] = square
@@ -133,9 +140,14 @@ class MarkerFollower:
             TrackingError: only markers that the object does not carry were seen.
         """
         tracks = tuple(track for path in self._paths.values() if (track := self._track(path)) is not None)
-        unknown = tuple(sorted(i for i, times in self._unknown.items() if times >= min(2, self.frames_total)))
+        unknown = tuple(sorted((i for i, times in self._unknown.items() if times >= min(2, self.frames_total)), key=name_order))
+        known = ", ".join(str(i) for i in sorted(self._known, key=name_order)) or "none"
+        if not tracks and not unknown and self._first is not None and (other := of_another_family(self._first, self._families)) is not None:
+            family, tag_id = family_and_id(other)
+            raise TrackingError(
+                f"what looks like marker {tag_id} of {family} is in view, the object carries {known}: correct its family in the object file"
+            )
         if unknown and not tracks:
-            known = ", ".join(str(i) for i in sorted(self._known)) or "none"
             raise TrackingError(f"marker {unknown[0]} is in view, but the object carries {known}: correct the object file or the marker")
         return TrackingReport(tracks, unknown, tuple(self._gaps), self.frames_total, self._last_ns)
 
@@ -153,12 +165,12 @@ class MarkerFollower:
         region = frame.image[top:bottom, left:right]
         if min(region.shape) < 16:
             return None
-        for sighting in detect(region, (int(left), int(top))):
+        for sighting in detect(region, families_of([path.marker.id]), (int(left), int(top))):
             if sighting.marker_id == path.marker.id:
                 return self._fit(frame, sighting.corners_px)
         return None
 
-    def _trusted(self, frame: ImageFrame, square: Square, expected: Array, marker_id: int) -> bool:
+    def _trusted(self, frame: ImageFrame, square: Square, expected: Array, marker_id: int | str) -> bool:
         raw = distort(self._camera, square.corners)
         return float(np.max(np.abs(raw - expected))) < _NEAR_PX and is_marker(frame.image, raw, marker_id)
 
@@ -167,8 +179,8 @@ class MarkerFollower:
 
     def _scan(self, frame: ImageFrame) -> list[Sighting]:
         known: list[Sighting] = []
-        seen: set[int] = set()
-        for sighting in detect(frame.image):
+        seen: set[int | str] = set()
+        for sighting in detect(frame.image, self._families):
             if sighting.marker_id in seen and sighting.marker_id in self._known:
                 raise TrackingError(f"marker {sighting.marker_id} is in view twice: cover or remove one, every marker needs its own id")
             if sighting.marker_id in self._paths:
@@ -178,7 +190,7 @@ class MarkerFollower:
             seen.add(sighting.marker_id)
         return known
 
-    def _note(self, frame: ImageFrame, found: dict[int, Square]) -> None:
+    def _note(self, frame: ImageFrame, found: dict[int | str, Square]) -> None:
         for marker_id, path in self._paths.items():
             square = found.get(marker_id)
             if square is None:
@@ -220,7 +232,7 @@ class MarkerFollower:
 
 
 def track_markers(
-    frames: Iterable[ImageFrame], camera: CameraModel, markers: Sequence[Marker], expected: Sequence[int] = ()
+    frames: Iterable[ImageFrame], camera: CameraModel, markers: Sequence[Marker], expected: Sequence[int | str] = ()
 ) -> TrackingReport:
     """Follow `markers` through `frames` (in the order of time), with what else was seen; see MarkerFollower.
 

@@ -11,7 +11,7 @@ import pytest
 from analyze.errors import RecordingError
 from analyze.types import ImageFrame
 from analyze.watch import Observer, watch
-from schemas.documents import JudgeRequest, StrikePlan, Verdict
+from schemas.documents import JudgeRequest, StrikePlan, Verdict, WatchEvent
 from tests.analyze.motion.tipping import SIZE, camera, marker, marker_poses, planned, simulate
 from tests.analyze.tracking.rendering import render
 
@@ -194,3 +194,21 @@ def test_the_loop_answers_before_there_is_a_file_and_ends_with_its_input(tmp_pat
     (line,) = out.getvalue().splitlines()
     assert json.loads(line)["code"] == "unreadable"
     assert not [thread for thread in threading.enumerate() if thread.name == "watch-stdin" and thread.is_alive()]
+
+
+def test_a_tag_of_another_family_is_watched_and_judged_by_its_name(tip):
+    name, tag = "25h9-3", marker("25h9-3")
+    plan = PLAN.model_copy(update={"strikes": [planned().model_copy(update={"visible_markers": [name]})]})
+    R, p = marker_poses(tip[0], TAG)
+    rng = np.random.default_rng(3)
+    images = [Stored(old.log_time_ns, render(camera(), [(name, SIZE, R[i], p[i])], rng)) for i, old in enumerate(tip[1])]
+    watcher, _ = observer(StrikePlan.model_validate_json(plan.model_dump_json()), [tag])
+    watcher.expect("s1")
+    events = [event for image in images if (event := watcher.add(image)) is not None]
+    assert json.loads(events[0].model_dump_json())["markers"][0]["id"] == name
+    assert WatchEvent.model_validate_json(events[0].model_dump_json()).markers[0].id == name
+    assert events[0].text == ""
+    verdict = watcher.judge(request_for(tip[0], images))
+    assert verdict.code is Verdict.GOOD
+    assert verdict.phi == pytest.approx(tip[0].phi, abs=np.radians(0.1))
+    assert observer(plan, [tag])[0].add(tip[1][0]).markers == []

@@ -19,6 +19,7 @@ from schemas.documents import (
     parse_strike_plan,
     read_object_spec,
 )
+from schemas.tags import family_and_id, marker_name, name_order
 
 GOOD = """
 name = "carton"
@@ -34,6 +35,29 @@ id = 0
 size_m = 0.03
 T_object_marker = [[1, 0, 0, 0], [0, 0, -1, -0.03], [0, 1, 0, 0], [0, 0, 0, 1]]
 """
+
+
+SECOND = "[[marker]]\nid = 0\nsize_m = 0.02\n"
+
+
+def test_one_id_in_two_families_is_two_markers():
+    spec = parse_object_spec(GOOD.replace("[[marker]]\n", f'{SECOND}family = "25h9"\n[[marker]]\n'), "carton.toml")
+    assert [marker.name for marker in spec.marker] == ["25h9-0", 0]
+
+
+@pytest.mark.parametrize("name", [7, 586, "25h9-34", "4x4_100-0", "mip_36h12-249"])
+def test_a_markers_name_is_its_family_and_number(name):
+    assert marker_name(*family_and_id(name)) == name
+
+
+@pytest.mark.parametrize("name", [587, -1, "7", "36h11-7", "25h9-35", "9x9-1", ""])
+def test_what_names_no_marker_is_refused(name):
+    with pytest.raises(ValueError, match=r"names no marker|has no tag"):
+        family_and_id(name)
+
+
+def test_names_are_sorted_by_family_and_number():
+    assert sorted(["5x5_100-3", 12, "25h9-10", 2, "25h9-9"], key=name_order) == [2, 12, "25h9-9", "25h9-10", "5x5_100-3"]
 
 
 def test_a_good_object():
@@ -55,7 +79,11 @@ def test_a_good_object():
         ("[0.08, 0.06, 0.15]", "[0.08, 0.06, 0.0]", "longer than 0"),
         ("id = 0", "id = 900", "marker.0.id"),
         ("mass_sd_kg = 0.0001", "mass_sd_kg = 0.1", "mass_sd_kg is not below"),
-        ("[[marker]]", '[[marker]]\nfamily = "25h9"', "family"),
+        ("[[marker]]", '[[marker]]\nfamily = "25h7"', "'25h7' is no tag family: choose 36h11, 36h10, 25h9, 16h5, 4x4_50"),
+        ("id = 0", 'family = "25h9"\nid = 35', "marker.0.id: 25h9 has no tag 35: its ids are 0 to 34"),
+        ("id = 0", 'family = "25h9"\nid = -1', "marker.0.id"),
+        ("[[marker]]\n", f"{SECOND}[[marker]]\n", "marker id 0 is listed twice"),
+        ("[[marker]]\n", f'{SECOND}family = "4x4_50"\n[[marker]]\nfamily = "4x4_100"\n', "4x4_50 and 4x4_100 share their codes"),
         ("name = ", "name == ", "not valid TOML"),
     ],
 )

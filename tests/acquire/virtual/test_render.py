@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from acquire.virtual.render import MOST_SUBEXPOSURES, Renderer
 from acquire.virtual.render_mesh import face_groups
 from acquire.virtual.sensor import REFERENCE_EXPOSURE_US
 from acquire.virtual.station import ARM_LENGTH_M, station
+from schemas.tags import TagFamily
 
 SEED = 3
 STATION = station(SEED)
@@ -130,6 +133,21 @@ def test_tag_edges_lie_where_the_lens_puts_them():
             # area under the step: how many of the 11 pixels lie left of the edge
             errors.append(left - 0.5 + np.sum((line - high) / (low - high)) - true)
         assert abs(np.mean(errors)) < 0.02
+
+
+@pytest.mark.parametrize(("name", "family"), [("carton", "25h9"), ("carton", "4x4_100"), ("spray", "7x7_50")])
+def test_tags_of_other_families_are_drawn_as_large_and_as_they_are(name, family):
+    usual = load_object(name, SEED)
+    markers = [marker.model_copy(update={"family": TagFamily(family)}) for marker in usual.spec.marker]
+    shape = replace(usual, spec=usual.spec.model_copy(update={"marker": markers}))
+    poses = tipped(shape, 0.2)
+    image = picture(Renderer(shape, STATION, SEED), poses)
+    facing = max(shape.spec.marker, key=lambda m: -np.array(m.T_object_marker)[1, 2])
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, TagFamily(family).opencv)))
+    corners, ids, _ = detector.detectMarkers(image)
+    assert facing.id in ids.ravel()
+    found = corners[list(ids.ravel()).index(facing.id)].reshape(4, 2)
+    np.testing.assert_allclose(found, square_px(shape, facing.id, poses), atol=1.0)
 
 
 @pytest.mark.parametrize(("name", "theta"), [("carton", 0.0), ("carton", 0.35), ("juice", 0.2), ("salt", 0.1), ("spray", 0.25)])

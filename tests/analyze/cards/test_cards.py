@@ -18,7 +18,8 @@ from analyze.geometry.object_model import load_object_model
 from analyze.object_files import object_files
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
-from schemas.documents import LengthUnit
+from schemas.documents import LengthUnit, StrikePlan
+from schemas.tags import family_and_id
 from tests.analyze.balanced_html import Balanced
 
 OBJECTS = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data"
@@ -108,6 +109,26 @@ def test_the_tag_in_the_pictures_is_the_tag_that_faces_the_camera(name):
             assert found is not None
             assert card.strike.visible_markers[0] in found.ravel()
         seen[card.strike.axis_id] = card
+
+
+def test_tags_of_two_families_are_planned_with_and_shown(tmp_path):
+    """A carton whose ends carry 25h9, with numbers that its other tags have too."""
+    path = OBJECTS / "carton.toml"
+    text = path.read_text().replace('family = "36h11"\nid = 0\n', 'family = "25h9"\nid = 2\n')
+    (tmp_path / "carton.toml").write_text(text)
+    files = object_files(tmp_path / "carton.toml")
+    model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
+    plan = make_plan(model, files.spec, files.sha256, StrikerModel())
+    usual = planned("carton")[0]
+    names = [strike.visible_markers for strike in plan.strikes]
+    assert names == [["25h9-2" if name == 0 else name for name in strike.visible_markers] for strike in usual.strikes]
+    assert StrikePlan.model_validate_json(plan.model_dump_json()) == plan
+    for card in cards(plan, model, files.spec):
+        family, tag_id = family_and_id(card.strike.visible_markers[0])
+        detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv)))
+        assert tag_id in detector.detectMarkers(painted(str(card.side)))[1].ravel()
+    assert any(name == ["25h9-2"] for name in names)
+    assert "Tag 25h9-2 faces the camera" in render_cards(plan, model, files.spec)
 
 
 def test_a_name_cannot_break_the_page():

@@ -154,9 +154,16 @@ def test_many_tags_take_more_pages():
             assert placed.x + 60 + placed.quiet <= page.width - 12
 
 
-def test_tags_that_no_object_may_bear_are_printed_and_said_so(tmp_path):
-    assert "an object file can only name 36h11" in run("--family", "36h10", "--ids", "0-1", "-o", tmp_path / "t.pdf").output
-    assert "object file" not in run("--ids", "0-1", "-o", tmp_path / "u.pdf").output
+def test_an_objects_tags_are_of_the_families_it_names(tmp_path):
+    text = 'name = "mug"\nmass_kg = 0.3\nmass_sd_kg = 0.001\n[shape]\nfile = "mug.stl"\nunit = "mm"\n'
+    text += "".join(f'[[marker]]\nfamily = "{family}"\nid = 5\nsize_m = 0.025\n' for family in ("36h11", "25h9", "4x4_100"))
+    (tmp_path / "mug.toml").write_text(text)
+    assert run("--object", tmp_path / "mug.toml", "-o", tmp_path / "t.pdf").exit_code == 0
+    ((image, _),) = painted((tmp_path / "t.pdf").read_bytes())
+    for family in ("36h11", "25h9", "4x4_100"):
+        ((tag_id, corners),) = found_tags(image, family).items()
+        assert tag_id == 5
+        assert np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) == pytest.approx([25.0] * 4, abs=WITHIN_MM)
 
 
 def test_ids():

@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 
 from schemas.documents import LensModel
+from schemas.tags import family_and_id
 
-CODE = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-LINES = np.array([-5.6, *range(-4, 5), 5.6]) / 8
-"""cell borders in units of the tag's size; the outermost ones end the white margin"""
+RIM_CELLS = 1.6
+"""width of the white margin"""
 PIECES = 2
 FINE = 4
 """blurred whole pixels would be a lens with a staircase for a profile: 2 grey levels off"""
@@ -37,8 +37,10 @@ class Look:
     background: float = 120
 
 
-def bits(marker_id: int) -> np.ndarray:
-    return cv2.aruco.generateImageMarker(CODE, marker_id, 8) > 127
+def bits(name: int | str) -> np.ndarray:
+    family, tag_id = family_and_id(name)
+    code = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
+    return cv2.aruco.generateImageMarker(code, tag_id, code.markerSize + 2) > 127
 
 
 def project(camera, points_camera):
@@ -60,12 +62,15 @@ def corners_of(size):
 def borders(marker_id, look):
     """Pieces of border between cells of different grey: start (n, 2), end (n, 2) in units of the size, and grey inside minus outside (n,);
     anticlockwise around the inside as seen on the tag (x right, y up)."""
-    grey = np.pad(np.where(bits(marker_id)[::-1], look.white, look.black), 1, constant_values=look.white)
+    code = bits(marker_id)[::-1]
+    half = len(code) / 2
+    lines = np.array([-half - RIM_CELLS, *(np.arange(len(code) + 1) - half), half + RIM_CELLS]) / len(code)
+    grey = np.pad(np.where(code, look.white, look.black), 1, constant_values=look.white)
     grey = np.pad(grey, 1, constant_values=look.background)
     start, end, weight = [], [], []
-    for i, line in enumerate(LINES):
-        for j in range(len(LINES) - 1):
-            a, b = LINES[j], LINES[j + 1]
+    for i, line in enumerate(lines):
+        for j in range(len(lines) - 1):
+            a, b = lines[j], lines[j + 1]
             # upright border, upwards: inside on its left; level border, rightwards: inside above it
             start += [(line, a), (a, line)]
             end += [(line, b), (b, line)]
