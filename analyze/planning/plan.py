@@ -178,8 +178,7 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
     members = [information.candidates[i] for i in chosen.chosen]
     usable = [prepared.usable[i] for i in chosen.chosen]
     predicted = {each.axis_id: each for each in forecast.axis_forecasts(information, chosen)}
-    unsure = prepared.unsure
-    order = sorted(zip(usable, chosen.repeats, strict=True), key=lambda pair: _placing_order(pair[0].candidate.axis, unsure))
+    order = sorted(zip(usable, chosen.repeats, strict=True), key=lambda pair: _placing_order(pair[0].candidate.axis, prepared))
     planned: list[PlannedStrike] = []
     for each, repeats in order:
         first = prepared.made + len(planned) + 1
@@ -324,9 +323,10 @@ def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.Axi
     )
 
 
-def _placing_order(axis: PivotAxis, unsure: frozenset[str]) -> tuple[bool, str, int, str]:
-    """Where it surely stands first: what is learned there says whether it stands on the others."""
-    return axis.plane.id in unsure, axis.plane.id, len(axis.id), axis.id
+def _placing_order(axis: PivotAxis, prepared: Prepared) -> tuple[float, str, int, str]:
+    """Where it surely stands first, then the surer faces: what is learned there says whether it stands on the others."""
+    firm = min(axis.plane.firmness(prepared.believed.region), 1.0) if axis.plane.id in prepared.unsure else 1.0
+    return -round(firm, 6), axis.plane.id, len(axis.id), axis.id
 
 
 def _warnings(prepared: Prepared, used: Sequence[Usable]) -> list[str]:
