@@ -21,6 +21,7 @@ BATCH_NS: Final = 30_000_000
 """Frames are written together, so many or the frames of so long; the time is between exposures."""
 STRAGGLER_S: Final = 0.05
 """between two looks whether frames wait and no more come"""
+_LAST_S: Final = 1.0
 _ROOM_S: Final = 5e-3
 """between two looks whether there is room again"""
 
@@ -117,6 +118,8 @@ class LentQueue:
             self._newest_ns = mid_ns
             with self._lock:
                 self._write_batch()
+        if self._ending.is_set():  # it came while the queue was closed: nobody else looks after it any more
+            self.wait_until_written(_LAST_S)
         return taken
 
     def wait_until_written(self, timeout_s: float) -> None:

@@ -175,6 +175,20 @@ def test_a_failing_disk_gives_everything_back_and_is_told(rig: Rig, monkeypatch:
     rig.check_given_back()
 
 
+def test_a_frame_that_comes_while_the_recording_is_closed_is_given_back(rig: Rig) -> None:
+    """The camera's thread is between the recorder and its queue when another closes both."""
+    rig.feed(3)
+    rig.recorder.close()
+    rig.recorder._ending = False
+    rig.feed(1)
+    assert rig.recorder.waiting == 0
+    rig.writer.finish()
+    rig.feed(1)
+    assert rig.recorder.waiting == 0
+    assert [lender.released for lender in rig.lenders] == [1] * 5
+    rig.recorder.close()
+
+
 def test_a_disk_that_stands_still_holds_nobody_up(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     go, write_pages = threading.Event(), direct_file._write_pages
 
