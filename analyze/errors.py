@@ -9,6 +9,7 @@
     ├── TrackingError           the marker is unknown, seen twice, or not seen
     ├── JoinError               recordings that are not of one object, or would count a strike twice
     ├── EstimationError         too few good strikes
+    ├── CalibrationError        images that show no board, or views that do not determine the camera
     └── OutputError             a file that cannot be written
 
 Each message is one line: the file or thing, what is wrong, what to try.
@@ -53,6 +54,10 @@ class EstimationError(AnalyzeError):
 
 class OutputError(AnalyzeError):
     """A file cannot be written."""
+
+
+class CalibrationError(AnalyzeError):
+    """The camera cannot be calibrated with these images."""
 
 
 class TagError(AnalyzeError):

@@ -32,6 +32,7 @@ PURE = {
     "analyze/geometry": FOUNDATION | {"analyze.geometry", "io.BytesIO", "pathlib.PurePath"} | SHAPE_FORMATS,
     "analyze/planning": FOUNDATION | {"analyze.planning", "analyze.geometry"},
     "analyze/tracking": FOUNDATION | {"analyze.tracking", "cv2"},
+    "analyze/calibration": FOUNDATION | {"analyze.calibration", "analyze.tracking", "analyze.tags", "cv2"},
     "analyze/motion": FOUNDATION | {"analyze.motion", "analyze.tracking"},
     "analyze/estimation": FOUNDATION | {"analyze.estimation", "analyze.geometry"},
 }
@@ -54,6 +55,7 @@ IMPURE_CALLS = {
 """what reads, writes or draws by chance without an import of its own"""
 CV2_ALLOWED = (
     "analyze/tracking",
+    "analyze/calibration",
     "analyze/geometry",
     "analyze/image_message.py",
     "analyze/replay",

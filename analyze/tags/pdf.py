@@ -52,6 +52,8 @@ def _figure(page: Page) -> Figure:
     if page.fields:
         sheet.black(page.fields)
         sheet.words(*page.caption_at, page.caption, 8)
+    if page.origin is not None:
+        _origin(sheet, *page.origin)
     _rulers(sheet)
     return figure
 
@@ -105,6 +107,21 @@ def _tag(sheet: _Sheet, placed: PlacedTag) -> None:
     while len(parts) > 1 and len(" · ".join(parts)) > room:
         parts.pop()
     sheet.words(left + 1.2, low - STRIP + 1.4, " · ".join(parts), 6.5)
+
+
+def _origin(sheet: _Sheet, x: float, y: float) -> None:
+    """Arrows along the board's x and y from its origin, just outside the squares."""
+    away, long, head = 1.0, 9.0, 1.4
+    letters = {"x": (x + long + 1.0, y - away - 0.8), "y": (x - away - 0.7, y + long + 1.0)}
+    for start, along, name in (((x, y - away), np.array([1.0, 0.0]), "x"), ((x - away, y), np.array([0.0, 1.0]), "y")):
+        tail, tip = np.array(start), np.array(start) + long * along
+        across = np.array([-along[1], along[0]])
+        sheet.line(tuple(tail), tuple(tip), 0.25)
+        for side in (1.0, -1.0):
+            sheet.line(tuple(tip - head * along + 0.5 * side * head * across), tuple(tip), 0.25)
+        sheet.words(*letters[name], name, 8, bold=True)
+    sheet.words(x - 4.2, y - 4.4, "0", 8, bold=True)
+    sheet.line((x - away, y - away), (x - 2.4, y - 2.4), 0.15)
 
 
 def _rulers(sheet: _Sheet) -> None:

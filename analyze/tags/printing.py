@@ -10,7 +10,7 @@ from analyze.errors import TagError
 from analyze.object_files import object_spec
 from analyze.tags import families
 from analyze.tags.pdf import write_pdf
-from analyze.tags.sheet import Board, Page, Tag, board_page, parse_ids, tag_pages
+from analyze.tags.sheet import Board, Page, Tag, board_page, parse_ids, refuse_impossible, tag_pages
 
 DEFAULT_SIZE_MM = 30.0
 
@@ -67,14 +67,25 @@ def print_board(options: BoardOptions, output: Path) -> str:
         TagError: no such family or paper; a board that cannot be, or does not fit.
         OutputError: the file cannot be written.
     """
+    board = parse_board(options)
+    page = board_page(board, options.paper)
+    write_pdf([page], output)
+    return _said(output, page.caption, [page], options.paper)
+
+
+def parse_board(options: BoardOptions) -> Board:
+    """The board that is asked for.
+
+    Raises:
+        TagError: not understood, or there can be no such board.
+    """
     columns, _, rows = options.squares.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and len(columns) < 4 and len(rows) < 4):
         raise TagError(f"--squares {options.squares}: not understood: write columns x rows, as 7x9")
     marker = 0.7 * options.square_mm if options.marker_mm is None else options.marker_mm
     board = Board(options.family or families.ON_BOARDS, int(columns), int(rows), options.square_mm, marker)
-    page = board_page(board, options.paper)
-    write_pdf([page], output)
-    return _said(output, page.caption, [page], options.paper)
+    refuse_impossible(board)
+    return board
 
 
 def _said(output: Path, what: str, pages: Sequence[Page], paper: str) -> str:

@@ -90,6 +90,8 @@ class Page:
     """black fields of a board"""
     caption: str = ""
     caption_at: tuple[float, float] = (0.0, 0.0)
+    origin: tuple[float, float] | None = None
+    """of a board: its frame's origin, x to the right and y up"""
 
 
 def parse_ids(text: str) -> list[int]:
@@ -149,18 +151,7 @@ def board_page(board: Board, paper: str) -> Page:
         TagError: no such paper or family; too few squares, too small, too many tags, or too large for the paper.
     """
     width, height = _paper(paper)
-    if min(board.columns, board.rows) < LEAST_SQUARES:
-        raise TagError(
-            f"a board of {board.columns}x{board.rows} squares has too few corners: give at least {LEAST_SQUARES}x{LEAST_SQUARES}"
-        )
-    _refuse_small("the board's tag", board.marker_mm)
-    needed = board.columns * board.rows // 2
-    if needed > families.count(board.family):
-        raise TagError(f"a board of {board.columns}x{board.rows} needs {needed} tags, {board.family} has {families.count(board.family)}")
-    cell = board.marker_mm / len(families.cells(board.family, 0))
-    if board.square_mm < board.marker_mm + 2 * families.QUIET_CELLS * cell:
-        least = board.marker_mm + 2 * families.QUIET_CELLS * cell
-        raise TagError(f"squares of {board.square_mm:g} mm leave no white rim round tags of {board.marker_mm:g} mm: {least:.1f} mm or more")
+    refuse_impossible(board)
     left, right = MARGIN + RULER_SIDE, width - MARGIN
     top, bottom = height - MARGIN - HEADING, MARGIN + RULER_FOOT + STRIP
     wide, high = board.columns * board.square_mm, board.rows * board.square_mm
@@ -184,7 +175,36 @@ def board_page(board: Board, paper: str) -> Page:
             tag_id += 1
     size = f"{board.columns}x{board.rows}, squares {board.square_mm:g} mm, tags {board.marker_mm:g} mm"
     caption = f"ChArUco {size}, {board.family}, ids 0-{tag_id - 1}"
-    return Page(width, height, "Percuss: calibration board, glue it flat on glass or aluminium", (), tuple(fields), caption, (x, y - 4.0))
+    return Page(
+        width,
+        height,
+        "Percuss: calibration board, glue it flat on glass or aluminium",
+        (),
+        tuple(fields),
+        caption,
+        (x + 16.0, y - 4.0),
+        (x, y),
+    )
+
+
+def refuse_impossible(board: Board) -> None:
+    """Say why there can be no such board, whatever the paper.
+
+    Raises:
+        TagError: no such family; too few squares, too small, or too many tags.
+    """
+    if min(board.columns, board.rows) < LEAST_SQUARES:
+        raise TagError(
+            f"a board of {board.columns}x{board.rows} squares has too few corners: give at least {LEAST_SQUARES}x{LEAST_SQUARES}"
+        )
+    _refuse_small("the board's tag", board.marker_mm)
+    needed = board.columns * board.rows // 2
+    if needed > families.count(board.family):
+        raise TagError(f"a board of {board.columns}x{board.rows} needs {needed} tags, {board.family} has {families.count(board.family)}")
+    cell = board.marker_mm / len(families.cells(board.family, 0))
+    if board.square_mm < board.marker_mm + 2 * families.QUIET_CELLS * cell:
+        least = board.marker_mm + 2 * families.QUIET_CELLS * cell
+        raise TagError(f"squares of {board.square_mm:g} mm leave no white rim round tags of {board.marker_mm:g} mm: {least:.1f} mm or more")
 
 
 def black_fields(cells: BoolArray, x: float, y: float, size: float) -> list[Rect]:

@@ -1,0 +1,49 @@
+"""A ChArUco board as the lens sees it: where its corners and its tags are.
+
+Its frame B: x right and y up as printed, z out of its face, origin at the lower left corner of the squares, where the print has its mark.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from analyze.tags.sheet import Board
+    from analyze.types import Array, IntArray
+
+MM = 1e-3
+
+
+@cache
+def corner_points(board: Board) -> Array:
+    """Inner corners ((columns - 1)(rows - 1), 3) in B [m], row by row from the upper left."""
+    column, row = np.meshgrid(np.arange(1, board.columns), np.arange(1, board.rows))
+    squares = np.stack([column.ravel(), board.rows - row.ravel(), np.zeros(column.size)], axis=-1)
+    points = np.asarray(squares * (board.square_mm * MM), dtype=np.float64)
+    points.setflags(write=False)
+    return points
+
+
+@cache
+def tag_squares(columns: int, rows: int) -> IntArray:
+    """(tags, 2) column and row (from the top) of the white square in which tag i stands."""
+    return np.array([(column, row) for row in range(rows) for column in range(columns) if (row + column) % 2], dtype=np.int64)
+
+
+def tag_count(board: Board) -> int:
+    """Tags on the board; their ids begin at 0."""
+    return board.columns * board.rows // 2
+
+
+def tag_corners(board: Board) -> Array:
+    """Corners (4, 2) of a tag about its square's middle, in squares, x right and y down: top-left, top-right, bottom-right, bottom-left."""
+    half = 0.5 * board.marker_mm / board.square_mm
+    return np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
+
+
+def rim(board: Board) -> float:
+    """White between a tag and the edge of its square, in squares."""
+    return 0.5 * (1.0 - board.marker_mm / board.square_mm)

@@ -1,0 +1,195 @@
+"""From the views of a board to its lens: solve, straighten, fit the corners again, leave out what does not fit, and judge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.calibration.board import corner_points
+from analyze.calibration.precision import pixel_sd
+from analyze.calibration.solve import MEDIAN_CHI, Bundle, observed, resolve, solve
+from analyze.calibration.straight import refit
+from analyze.calibration.verdict import coverage, doubts, tilt, undetermined
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from analyze.calibration.detect import View
+    from analyze.calibration.lens import Lens
+    from analyze.calibration.precision import PixelMap
+    from analyze.calibration.verdict import Coverage
+    from analyze.tags.sheet import Board
+    from analyze.types import Array
+    from schemas.documents import LensModel
+
+OUTLYING = 5.0
+"""times the scatter of all corners: such a corner is left out"""
+_BAD_VIEW, _BAD_VIEW_PX = 4.0, 0.15
+"""times the others' median and px: such a view is left out"""
+_LEAST_LEFT = 6
+"""corners of a view"""
+STEPS = 4
+
+
+@dataclass(frozen=True)
+class Shot:
+    """An image with the corners that were found in it."""
+
+    name: str
+    image: NDArray[np.uint8]
+    view: View
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """A view that was left out."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A lens, and what is known about it."""
+
+    lens: Lens
+    covariance: Array
+    """(p, p) of its numbers, scaled by what the residuals show"""
+    bundle: Bundle
+    shots: tuple[Shot, ...]
+    """views that were used, with their corners as refitted"""
+    dropped: tuple[Dropped, ...]
+    corners_dropped: int
+    pixels: PixelMap
+    """sd of a direction's pixel over the image"""
+    covered: Coverage
+    tilts: tuple[float, ...]
+    """rad, per view"""
+    scatter: float
+    """factor on the corners' own sd that the residuals show, at least 1"""
+    undetermined: tuple[str, ...]
+    """why the lens cannot be used; empty where it can"""
+    doubts: tuple[str, ...]
+
+    @property
+    def sd(self) -> Array:
+        """(p,) of the lens's numbers."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def rms_px(self) -> float:
+        """Of the residuals, both directions together: root mean square distance."""
+        return float(np.sqrt(np.mean(np.sum(np.concatenate(self.bundle.residuals) ** 2, axis=1))))
+
+
+def calibrate(shots: Sequence[Shot], board: Board, model: LensModel, progress: Callable[[str, int, int], None]) -> Calibration:
+    """Lens of the camera that took these shots, all of one size; at least one.
+
+    The result may be one that must not be used: `undetermined` says so.
+    """
+    points = corner_points(board)
+    height, width = shots[0].image.shape
+    kept, dropped, lost = list(shots), [], 0
+    progress("solving for the lens", 0, STEPS)
+    bundle = solve([observed(shot.view, points) for shot in kept], model, width, height)
+    for turn in range(STEPS - 1):
+        progress("corners once more, through that lens", turn + 1, STEPS)
+        # What is far off before all is straightened may be the lens: the first turn leaves out gross errors only.
+        limit = 3.0 if turn == 0 else 1.0
+        kept, left, bundle, gone = _without_bad_views(kept, bundle, limit)
+        dropped += left
+        if turn < 2:
+            kept, left, bundle = _refitted(kept, board, points, bundle)
+            dropped += left
+            bundle = resolve([observed(shot.view, points) for shot in kept], bundle.lens, bundle.poses)
+        kept, fewer = _without_outliers(kept, bundle, limit)
+        lost += fewer
+        if fewer or gone or turn == STEPS - 2:
+            bundle = resolve([observed(shot.view, points) for shot in kept], bundle.lens, bundle.poses)
+    return assess(kept, bundle, points, dropped, lost)
+
+
+def assess(shots: Sequence[Shot], bundle: Bundle, points: Array, dropped: Sequence[Dropped], corners_dropped: int) -> Calibration:
+    """How well the views determine the lens that fits them.
+
+    Args:
+        shots: that were used.
+        bundle: what fits them best.
+        points: all corners of the board (n, 3) m in B.
+        dropped: views left out.
+        corners_dropped: single corners left out.
+    """
+    scatter = bundle.scatter()
+    covariance = bundle.covariance * scatter**2
+    covered = coverage([shot.view.place for shot in shots], bundle.lens.width, bundle.lens.height)
+    pixels = pixel_sd(bundle.lens, covariance)
+    middle = points.mean(axis=0)
+    tilts = tuple(tilt(pose, middle) for pose in bundle.poses)
+    sd = np.sqrt(np.diag(covariance))
+    return Calibration(
+        lens=bundle.lens,
+        covariance=covariance,
+        bundle=bundle,
+        shots=tuple(shots),
+        dropped=tuple(dropped),
+        corners_dropped=corners_dropped,
+        pixels=pixels,
+        covered=covered,
+        tilts=tilts,
+        scatter=scatter,
+        undetermined=tuple(undetermined(bundle.lens, sd, pixels, tilts, covered)),
+        doubts=tuple(doubts(bundle.lens, sd, pixels, scatter, covered)),
+    )
+
+
+def _refitted(shots: Sequence[Shot], board: Board, points: Array, bundle: Bundle) -> tuple[list[Shot], list[Dropped], Bundle]:
+    views = [refit(shot.image, board, shot.view, points, bundle.lens, pose) for shot, pose in zip(shots, bundle.poses, strict=True)]
+    kept = [Shot(shot.name, shot.image, view) for shot, view in zip(shots, views, strict=True) if view is not None]
+    left = [Dropped(shot.name, "too few corners are sharp") for shot, view in zip(shots, views, strict=True) if view is None]
+    return kept, left, _only(bundle, [view is not None for view in views])
+
+
+def _without_bad_views(shots: list[Shot], bundle: Bundle, limit: float) -> tuple[list[Shot], list[Dropped], Bundle, bool]:
+    """Less the views whose corners lie far from where the others say: blur from motion, a board that bent, a tag misread."""
+    size = np.array([float(np.sqrt(np.median(np.sum(residual**2, axis=1)))) for residual in bundle.residuals])
+    usual = float(np.median(size))
+    bad = (size > limit * _BAD_VIEW * usual) & (size > limit * _BAD_VIEW_PX)
+    if not bad.any() or np.count_nonzero(~bad) < 3:
+        return shots, [], bundle, False
+    left = [
+        Dropped(shot.name, f"its corners lie {px:.2f} px off, the others' {usual:.2f} px: it moved, or the board was bent")
+        for shot, px, away in zip(shots, size, bad, strict=True)
+        if away
+    ]
+    return [shot for shot, away in zip(shots, bad, strict=True) if not away], left, _only(bundle, ~bad), True
+
+
+def _without_outliers(shots: Sequence[Shot], bundle: Bundle, limit: float) -> tuple[list[Shot], int]:
+    chi = np.concatenate(bundle.sigmas)
+    most = limit * OUTLYING * max(1.0, float(np.median(chi)) / MEDIAN_CHI)
+    kept: list[Shot] = []
+    lost = 0
+    for shot, sigmas in zip(shots, bundle.sigmas, strict=True):
+        good = sigmas < most
+        if good.all() or np.count_nonzero(good) < _LEAST_LEFT:
+            kept.append(shot)
+            continue
+        lost += int(np.count_nonzero(~good))
+        kept.append(Shot(shot.name, shot.image, shot.view.only(good)))
+    return kept, lost
+
+
+def _only(bundle: Bundle, kept: Sequence[bool] | NDArray[np.bool_]) -> Bundle:
+    index = [i for i, keep in enumerate(kept) if keep]
+    return Bundle(
+        bundle.lens,
+        tuple(bundle.poses[i] for i in index),
+        tuple(bundle.residuals[i] for i in index),
+        tuple(bundle.sigmas[i] for i in index),
+        bundle.covariance,
+        bundle.cost,
+    )

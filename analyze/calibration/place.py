@@ -1,0 +1,116 @@
+"""Where the camera stands in W, by one view of a board that lies or stands on the table."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analyze.calibration.board import corner_points
+from analyze.calibration.lens import project
+from analyze.calibration.solve import Pose, fit_pose, observed, pose_covariance
+from analyze.calibration.straight import refit
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from analyze.calibration.detect import View
+    from analyze.calibration.lens import Lens
+    from analyze.tags.sheet import Board
+    from analyze.types import Array
+
+LYING = np.eye(3)
+"""R_world_board: printed side up, x arrow along W's x (where objects tip), y arrow away from the camera"""
+STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""R_world_board: upright on its lower edge, face to the camera, x arrow along W's x"""
+
+
+@dataclass(frozen=True)
+class CameraPlace:
+    """The camera in W."""
+
+    T_world_camera: Array
+    """(4, 4)"""
+    turn_sd: Array
+    """(3,) rad about W's axes"""
+    position_sd: Array
+    """(3,) m along W's axes"""
+    corners: int
+    rms_px: float
+    """of its corners: root mean square distance"""
+
+
+def place_camera(
+    image: NDArray[np.uint8],
+    view: View,
+    board: Board,
+    lens: Lens,
+    lens_covariance: Array,
+    scatter: float,
+    R_world_board: Array,
+    p_world_board: Array,
+) -> CameraPlace:
+    """Pose of the camera in W, with its sd by corners and lens; how well the board was laid is not in it.
+
+    Args:
+        image: that shows the board.
+        view: its corners.
+        board: that is seen.
+        lens: of the camera.
+        lens_covariance: (p, p) of its numbers.
+        scatter: factor on the corners' own sd.
+        R_world_board: (3, 3) how it lies: LYING or STANDING.
+        p_world_board: (3,) m, where its origin is in W.
+    """
+    points = corner_points(board)
+    seen = observed(view, points)
+    pose = fit_pose(seen, lens)
+    refitted = refit(image, board, view, points, lens, pose)
+    if refitted is not None:
+        seen = observed(refitted, points)
+        pose = fit_pose(seen, lens)
+    covariance = pose_covariance(seen, lens, pose, lens_covariance / scatter**2) * scatter**2
+    T = _world_camera(pose, R_world_board, p_world_board)
+    steps = np.concatenate([np.full(3, 1e-6), np.full(3, 1e-7)])
+    J = np.zeros((6, 6))
+    for i, step in enumerate(steps):
+        nudge = np.zeros(6)
+        nudge[i] = step
+        moved = _world_camera(Pose(pose.rotation + nudge[:3], pose.translation + nudge[3:]), R_world_board, p_world_board)
+        J[:3, i] = Rotation.from_matrix(moved[:3, :3] @ T[:3, :3].T).as_rotvec() / step
+        J[3:, i] = (moved[:3, 3] - T[:3, 3]) / step
+    sd = np.sqrt(np.diag(J @ covariance @ J.T))
+    return CameraPlace(T, sd[:3], sd[3:], len(seen.points), residual_px(seen.points, seen.place, lens, pose))
+
+
+def residual_px(points: Array, place: Array, lens: Lens, pose: Pose) -> float:
+    """Root mean square distance of corners (n, 2) px from where points (n, 3) of the board are drawn."""
+    image, _, _ = project(lens, points, pose.rotation, pose.translation)
+    return math.sqrt(float(np.mean(np.sum((place - image) ** 2, axis=1))))
+
+
+def oddities(T_world_camera: Array) -> list[str]:
+    """What a rig's camera should not be."""
+    sight, position = T_world_camera[:3, 2], T_world_camera[:3, 3]
+    found: list[str] = []
+    if position[2] < 0:
+        found.append(
+            "the camera would be below the table: the printed side must face up (--upright: face the camera), y arrow away from the camera"
+        )
+    elif sight[1] < 0.5:
+        found.append(
+            f"the camera would look along ({sight[0]:.1f}, {sight[1]:.1f}, {sight[2]:.1f}) in W, where a rig's looks along +y: "
+            "lay the board with its x arrow where objects tip and its y arrow away from the camera"
+        )
+    return found
+
+
+def _world_camera(pose: Pose, R_world_board: Array, p_world_board: Array) -> Array:
+    R_board_camera = pose.matrix.T
+    T = np.eye(4)
+    T[:3, :3] = R_world_board @ R_board_camera
+    T[:3, 3] = p_world_board - T[:3, :3] @ pose.translation
+    return T

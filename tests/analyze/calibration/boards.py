@@ -1,0 +1,193 @@
+"""Pictures of a ChArUco board with known corners, independent of the estimator: own lens formulas, exact area coverage, blur before the
+pixels add up.
+
+The board's own frame: x right, y up the page, z out of its face; origin at the lower left corner of the squares [m]. Upper left square
+black, tags in the white ones row by row (OpenCV's pattern since 4.6). Models perspective, lens, blur, noise, a white rim round the board
+and the grey around it; no shading, no depth of field, no bent paper unless `bend` is given. Integer coordinates are pixel centres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import cv2
+import numpy as np
+
+from schemas.documents import LensModel
+from tests.analyze.tracking.rendering import FINE, UPRIGHT_PX, Look
+
+UNITS = 20
+"""raster units per square: a tag of 0.7 squares with 5 x 5 bits and its border has cells of two units, and 3 units of white round it"""
+RIM = 16
+"""units of white paper round the squares"""
+
+
+@dataclass(frozen=True)
+class TrueLens:
+    """What a camera really does."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    k: tuple[float, ...]
+    """k1, k2, p1, p2, k3; of a fisheye k1, k2, k3, k4"""
+    model: LensModel = LensModel.PINHOLE
+
+    def project(self, points):
+        """(..., 2) px of points in C (..., 3) m."""
+        X, Y, Z = np.moveaxis(np.asarray(points, float), -1, 0)
+        if self.model is LensModel.FISHEYE:
+            radius = np.hypot(X, Y)
+            angle = np.arctan2(radius, Z)
+            bent = angle + sum(k * angle ** (3 + 2 * i) for i, k in enumerate(self.k))
+            scale = bent / np.maximum(radius, 1e-12)
+            return np.stack([self.fx * scale * X + self.cx, self.fy * scale * Y + self.cy], -1)
+        k1, k2, p1, p2, k3 = self.k
+        x, y = X / Z, Y / Z
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        return np.stack([self.fx * u + self.cx, self.fy * v + self.cy], -1)
+
+
+@dataclass(frozen=True)
+class TrueBoard:
+    """A printed board."""
+
+    columns: int = 7
+    rows: int = 9
+    square: float = 0.022
+    family: int = cv2.aruco.DICT_5X5_100
+    bend: float = 0.0
+    """m, how far its middle stands out of the plane of its left and right edges"""
+    lines: tuple = field(init=False, compare=False)
+
+    def __post_init__(self):
+        object.__setattr__(self, "lines", _borders(self))
+
+    @property
+    def size(self):
+        return np.array([self.columns, self.rows]) * self.square
+
+    def corners(self):
+        """((columns - 1) (rows - 1), 3) inner corners, row by row from the top, as OpenCV counts them from the top left."""
+        x, y = np.meshgrid(np.arange(1, self.columns), self.rows - np.arange(1, self.rows))
+        return self.surface(np.stack([x.ravel(), y.ravel()], 1) * self.square)
+
+    def surface(self, points):
+        """Points of the paper (n, 3) m."""
+        x = points[:, 0] / self.size[0]
+        return np.column_stack([points, 4 * self.bend * x * (1 - x)])
+
+
+def _borders(board):
+    """Where the grey changes: start, end (n, 2) m, and greys inside and outside (n, 2); 0 black, 1 white, NaN beyond the paper."""
+    paper = np.ones((board.rows * UNITS, board.columns * UNITS))
+    tags = cv2.aruco.getPredefinedDictionary(board.family)
+    tag = 0
+    for row in range(board.rows):
+        for column in range(board.columns):
+            area = paper[row * UNITS : (row + 1) * UNITS, column * UNITS : (column + 1) * UNITS]
+            if (row + column) % 2 == 0:
+                area[:] = 0
+            else:
+                code = cv2.aruco.generateImageMarker(tags, tag, tags.markerSize + 2) > 127
+                side = 2 * len(code)
+                inset = (UNITS - side) // 2
+                area[inset : inset + side, inset : inset + side] = code.repeat(2, 0).repeat(2, 1)
+                tag += 1
+    rim = np.pad(paper, RIM, constant_values=1.0)[::-1]
+    grey = np.pad(rim, 1, constant_values=np.nan)
+    start, end, step = [], [], []
+    # Upright borders run up, with their inside on the left; level ones run left, with their inside below.
+    for outside, inside, place in (
+        (grey[1:-1, 1:], grey[1:-1, :-1], lambda line, a, b: ((line, a), (line, b))),
+        (grey[1:, 1:-1].T, grey[:-1, 1:-1].T, lambda line, a, b: ((b, line), (a, line))),
+    ):
+        for line in range(inside.shape[1]):
+            for a, b in _runs(inside[:, line], outside[:, line]):
+                ends = place(line, a, b)
+                start.append(ends[0])
+                end.append(ends[1])
+                step.append((inside[a, line], outside[a, line]))
+    scale = board.square / UNITS
+    return (np.array(start) - RIM) * scale, (np.array(end) - RIM) * scale, np.array(step)
+
+
+def _runs(inside, outside):
+    """Stretches, of two units at most, along which the greys on either side differ and do not change."""
+    first = 0
+    for i in range(1, len(inside) + 1):
+        same = i < len(inside) and i - first < 2 and str((inside[i], outside[i])) == str((inside[first], outside[first]))
+        if not same:
+            if inside[first] != outside[first] and not (np.isnan(inside[first]) and np.isnan(outside[first])):
+                yield first, i
+            first = i
+
+
+def picture(lens, board, R, p, look=None, pieces=1):
+    """Grey values (height, width) without noise. R (3, 3) and p (3,) map the board's frame to C."""
+    look = look or Look()
+    start, end, step = board.lines
+    greys = np.where(np.isnan(step), look.background, look.black + (look.white - look.black) * step)
+    along = np.linspace(0, 1, pieces + 1)[:, None, None]
+    points = start + along * (end - start)
+    pixels = lens.project(board.surface(points.reshape(-1, 2)) @ R.T + p).reshape(pieces + 1, -1, 2)
+    # A face seen from the front turns its border clockwise in an image whose y points down.
+    weight = -(greys[:, 0] - greys[:, 1])
+    fine = np.zeros((FINE * lens.height, FINE * lens.width + 1))
+    ends = FINE * (pixels + 0.5) - 0.5
+    height, width = fine.shape
+    beyond = np.zeros((height, width + 1))
+    for a, b in pairwise(ends):
+        seen = (np.maximum(a, b).min(1) > -2) & (np.minimum(a, b)[:, 1] < height + 2)
+        for s, e, w in zip(a[seen], b[seen], weight[seen], strict=True):
+            _add(fine, beyond, s, e, w)
+    fine += np.cumsum(beyond[:, ::-1], axis=1)[:, ::-1][:, 1:]
+    fine = cv2.GaussianBlur((fine[:, :-1] + look.background).astype(np.float32), (0, 0), FINE * look.blur)
+    return fine.reshape(lens.height, FINE, lens.width, FINE).mean((1, 3))
+
+
+def _add(image, beyond, start, end, weight):
+    """Weight times the signed area to the left of a directed line; what lies wholly to its left is kept in `beyond`, to be summed once."""
+    (x0, y0), (x1, y1) = (start, end) if start[1] < end[1] else (end, start)
+    signed = weight if start[1] < end[1] else -weight
+    height, width = image.shape
+    top, bottom = max(round(y0), 0), min(round(y1) + 1, height)
+    left, right = min(max(int(np.floor(min(x0, x1))), 0), width), min(max(int(np.ceil(max(x0, x1))) + 1, 0), width)
+    if top >= bottom:
+        return
+    y = np.clip(np.arange(top, bottom + 1) - 0.5, y0, y1)
+    beyond[top:bottom, left] += signed * np.diff(y)
+    if left == right:
+        return
+    X = np.arange(left, right + 1) - 0.5
+    if abs(x1 - x0) < UPRIGHT_PX:
+        over = np.maximum(0.5 * (x0 + x1) - X, 0.0) * (y - y0)[:, None]
+    else:
+        slope = (x1 - x0) / (y1 - y0) if y1 > y0 else 0.0
+        if slope == 0.0:
+            return
+        a, b = np.maximum((x0 + slope * (y - y0))[:, None] - X, 0.0), np.maximum(x0 - X, 0.0)
+        over = (a - b) * (a + b) / (2 * slope)
+    image[top:bottom, left:right] -= signed * np.diff(np.diff(over, axis=0), axis=1)
+
+
+def photograph(lens, board, R, p, rng, look=None, pieces=1):
+    """As a camera gives it, uint8."""
+    look = look or Look()
+    image = picture(lens, board, R, p, look, pieces)
+    return np.clip(np.rint(image + rng.normal(0, look.noise, image.shape)), 0, 255).astype(np.uint8)
+
+
+def facing(board, middle, tilt=0.0, towards=0.0, spin=0.0):
+    """R, p of a board whose middle is at `middle` (3,) in C, tilted about `towards` in the image and spun in its own plane [rad]."""
+    lean = cv2.Rodrigues(tilt * np.array([np.cos(towards), np.sin(towards), 0.0]))[0]
+    turn = cv2.Rodrigues(np.array([0.0, 0.0, spin]))[0]
+    R = lean @ turn @ np.diag([1.0, -1.0, -1.0])
+    return R, np.asarray(middle) - R @ np.array([*(board.size / 2), 0.0])

@@ -1,0 +1,150 @@
+"""A lens from the corners of many views: what it says of itself holds, and what the views do not determine is refused by name."""
+
+import numpy as np
+import pytest
+
+from analyze.calibration.board import corner_points
+from analyze.calibration.calibrate import Shot, assess
+from analyze.calibration.detect import View
+from analyze.calibration.lens import plain_lens
+from analyze.calibration.precision import pixel_sd, without_turn
+from analyze.calibration.solve import observed, solve
+from analyze.tags.sheet import Board
+from schemas.documents import LensModel
+from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing
+
+BOARD, PRINTED = Board("5x5_100", 7, 9, 22.0, 15.4), TrueBoard()
+LENS = TrueLens(656, 492, 1430.0, 1431.0, 331.0, 242.0, (-0.12, 0.1, 3e-4, -2e-4, 0.02))
+WIDE = TrueLens(656, 492, 300.0, 301.0, 331.0, 242.0, (0.05, -0.02, 0.003, -0.001), LensModel.FISHEYE)
+CORNER_SD = 0.007
+
+
+def all_over(rng, depth=0.6, many=15):
+    """Views tilted by 12 to 43 degrees, everywhere in the image."""
+    return [
+        (
+            [rng.uniform(-0.13, 0.13) * depth, rng.uniform(-0.1, 0.1) * depth, depth],
+            rng.uniform(0.2, 0.75),
+            rng.uniform(0, 6.28),
+            rng.uniform(0, 6.28),
+        )
+        for _ in range(many)
+    ]
+
+
+def seen(lens, views, rng, sd=CORNER_SD):
+    """Corners as an image would give them, without images."""
+    shots = []
+    for number, (middle, tilt, towards, spin) in enumerate(views):
+        R, p = facing(PRINTED, middle, tilt, towards, spin)
+        place = lens.project(PRINTED.corners() @ R.T + p)
+        index = np.flatnonzero(((place > 8) & (place < [lens.width - 9, lens.height - 9])).all(axis=1))
+        if len(index) < 8:
+            continue
+        noisy = place[index] + rng.normal(0, sd, (len(index), 2))
+        view = View(index, noisy, np.tile(CORNER_SD**2 * np.eye(2), (len(index), 1, 1)), np.zeros((len(index), 2, 2)), 0.7)
+        shots.append(Shot(f"{number}.png", np.zeros((lens.height, lens.width), np.uint8), view))
+    return shots
+
+
+def calibrated(lens, views, rng, sd=CORNER_SD):
+    shots, points = seen(lens, views, rng, sd), corner_points(BOARD)
+    bundle = solve([observed(shot.view, points) for shot in shots], lens.model, lens.width, lens.height)
+    return assess(shots, bundle, points, (), 0)
+
+
+def truth(lens):
+    return np.array([lens.fx, lens.fy, lens.cx, lens.cy, *lens.k])
+
+
+@pytest.mark.parametrize(("lens", "depth", "spread"), [(LENS, 0.6, 1.0), (WIDE, 0.13, 6.0)])
+def test_the_sd_of_every_number_is_what_its_errors_are(lens, depth, spread):
+    z = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        views = [([spread * x, spread * y, w], t, a, s) for ([x, y, w], t, a, s) in all_over(rng, depth)]
+        found = calibrated(lens, views, rng)
+        assert not found.undetermined
+        assert 0.9 < found.scatter < 1.1
+        z.append((found.lens.numbers - truth(lens)) / found.sd)
+    # Numbers of one lens are correlated: 3 lenses of 9 numbers are some 10 independent ones.
+    assert 0.35 < np.sqrt(np.mean(np.square(z))) < 1.6
+    assert np.abs(z).max() < 4.5
+
+
+def test_the_stated_error_of_pixels_holds_over_the_whole_image():
+    rng = np.random.default_rng(5)
+    found = calibrated(LENS, all_over(rng), rng)
+    off = pixel_errors(found, LENS)
+    assert np.nanmax(off / found.pixels.value.ravel()) < 3.5
+    assert found.pixels.worst < 0.1
+
+
+def pixel_errors(found, lens):
+    """Distance (n,) px of the pixel that each direction falls on from where it should, the best turn of the camera taken out."""
+    from analyze.calibration.lens import project
+    from analyze.calibration.precision import grid
+    from analyze.tracking.camera_model import undistort
+
+    _, _, points = grid(found.lens)
+    rays = (undistort(found.lens.camera(), points) - found.lens.numbers[2:4]) / found.lens.numbers[:2]
+    directions = np.column_stack([rays, np.ones(len(rays))])
+    _, by_pose, _ = project(found.lens, directions, np.zeros(3), np.zeros(3))
+    moves = (lens.project(directions) - points).reshape(-1, 1)
+    return np.linalg.norm(without_turn(moves, by_pose[..., :3].reshape(-1, 3)).reshape(-1, 2), axis=1)
+
+
+def test_errors_beyond_the_corners_own_noise_widen_what_is_stated():
+    quiet, loud = (calibrated(LENS, all_over(np.random.default_rng(6)), np.random.default_rng(6), sd) for sd in (CORNER_SD, 10 * CORNER_SD))
+    assert loud.scatter == pytest.approx(10.0, rel=0.1)
+    assert loud.sd[0] / quiet.sd[0] == pytest.approx(10.0, rel=0.2)
+    assert any("the board is not flat" in doubt for doubt in loud.doubts)
+
+
+def test_boards_that_all_face_the_camera_do_not_determine_the_focal_length():
+    rng = np.random.default_rng(7)
+    found = calibrated(LENS, [(middle, 0.03 * rng.uniform(), towards, spin) for middle, _, towards, spin in all_over(rng)], rng)
+    (reason,) = found.undetermined
+    assert "focal length" in reason
+    assert "± " in reason
+    assert "all boards face the camera within" in reason
+    assert "tilted by 20-45 degrees" in reason
+    # What it says of itself is true even so.
+    assert abs(found.lens.numbers[0] - LENS.fx) < 4 * found.sd[0]
+
+
+def test_views_of_the_middle_only_do_not_determine_the_corners():
+    rng = np.random.default_rng(8)
+    found = calibrated(
+        LENS, [([0.005, 0.0, 1.1], rng.uniform(0.4, 0.75), rng.uniform(0, 6.28), rng.uniform(0, 6.28)) for _ in range(15)], rng
+    )
+    (reason,) = found.undetermined
+    assert "distortion is not determined at the" in reason
+    assert "corner of the image" in reason
+    assert "add views in which the board reaches" in reason
+    assert found.covered.share < 0.5
+
+
+def test_bare_sides_of_the_image_are_named():
+    rng = np.random.default_rng(9)
+    views = [([-0.13 + 0.02 * rng.uniform(), y, 0.9], t, a, s) for ([_, y, _], t, a, s) in all_over(rng, 0.9)]
+    found = calibrated(LENS, views, rng)
+    assert found.pixels.worst_at[0] > 500
+    assert any("follows from its model only" in doubt and "reaches the right" in doubt for doubt in found.doubts)
+
+
+def test_a_print_stretched_in_one_direction_is_suspected():
+    rng = np.random.default_rng(10)
+    stretched = TrueLens(656, 492, 1430.0, 1430.0 * 1.006, 331.0, 242.0, LENS.k)
+    assert any("compare its two rulers" in doubt for doubt in calibrated(stretched, all_over(rng), rng).doubts)
+
+
+def test_a_turn_of_the_camera_counts_for_nothing():
+    lens = plain_lens(LensModel.PINHOLE, 656, 492, 2000.0)
+    only_middle = np.zeros((9, 9))
+    only_middle[2, 2] = 1.0
+    only_focal = np.zeros((9, 9))
+    only_focal[:2, :2] = 1.0
+    # A middle that is 1 px off is a turn by 1/2000, but for what perspective adds towards the borders.
+    assert pixel_sd(lens, only_middle).worst < 0.05
+    assert pixel_sd(lens, only_focal).worst == pytest.approx(np.hypot(327.5, 245.5) / 2000, rel=1e-3)

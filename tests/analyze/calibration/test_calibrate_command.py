@@ -1,0 +1,163 @@
+"""`analyze calibrate` as a user types it, on rendered images of a printed board."""
+
+import json
+import tomllib
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from acquire.config import read_rig
+from analyze.cli import main
+from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph
+from tests.analyze.tracking.rendering import Look
+
+PRINTED = TrueBoard(5, 7)
+LENS = TrueLens(328, 246, 715.0, 715.5, 166.0, 120.0, (-0.12, 0.1, 3e-4, -2e-4, 0.0))
+SQUARES = ("--squares", "5x7")
+RIG = """name = "bench"
+gravity_tilt_sd_rad = 0.0021
+
+[camera]  # ours
+address = "10.0.0.2"
+width = 328
+height = 246
+
+[camera.calibration]  # of the region
+width = 328
+height = 246
+K = [
+  [700, 0, 164],
+  [0, 700, 123],
+  [0, 0, 1],
+]
+T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]
+
+# how hard it hits
+[striker]
+kind = "manual"
+"""
+WORLD_CAMERA = np.array([[1.0, 0, 0, 0.06], [0, -0.6, 0.8, -0.25], [0, -0.8, -0.6, 0.28], [0, 0, 0, 1]])
+"""looks down on the table at 37 degrees"""
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["calibrate", *map(str, arguments)])
+
+
+def photo(path, pose, seed, look=None, lens=LENS):
+    cv2.imwrite(str(path), photograph(lens, PRINTED, *pose, np.random.default_rng(seed), look))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Seven views, and in folders beside them the board on the table, one that is blurred, and one without a board."""
+    images = tmp_path_factory.mktemp("images")
+    rng = np.random.default_rng(3)
+    for number in range(7):
+        x, y = [(-0.5, -0.4), (0.5, -0.4), (-0.5, 0.4), (0.5, 0.4), (0, 0), (0.3, 0.0), (-0.3, 0.1)][number]
+        middle = [0.16 * x * 0.4, 0.12 * y * 0.4, 0.4]
+        photo(images / f"{number}.png", facing(PRINTED, middle, rng.uniform(0.4, 0.7), 0.9 * number, 0.3 * number), number)
+    for extra in ("table", "blurred", "empty"):
+        (images / extra).mkdir()
+    R = WORLD_CAMERA[:3, :3].T
+    photo(images / "table" / "lying.png", (R, R @ (np.array([0.0, 0.0, 0.003]) - WORLD_CAMERA[:3, 3])), 20)
+    photo(images / "blurred" / "b.png", facing(PRINTED, [0.01, 0.01, 0.33], 0.3, 2.0, 0.1), 21, Look(blur=1.8))
+    cv2.imwrite(str(images / "empty" / "e.png"), np.full((246, 328), 120, np.uint8))
+    return images
+
+
+def test_the_whole_way_into_the_rig_file(folder, tmp_path):
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG)
+    out = run(folder, *SQUARES, "--rig", rig, "--write", "-o", tmp_path / "camera.toml", "--json")
+    assert out.exit_code == 0, out.output
+    found = json.loads(next(line for line in out.stdout.splitlines() if line.startswith("{")))
+    for name, true in (("fx", LENS.fx), ("fy", LENS.fy), ("cx", LENS.cx), ("cy", LENS.cy)):
+        assert abs(found["numbers"][name]["value"] - true) < 4 * found["numbers"][name]["sd"]
+    assert found["numbers"]["fx"]["sd"] < 0.002 * LENS.fx
+    assert found["gravity_tilt_sd_rad"] == 0.0021
+    assert any("the vertical" in note for note in found["notes"])
+    read = read_rig(rig)
+    assert read.camera.calibration.K[0][0] == pytest.approx(found["numbers"]["fx"]["value"], abs=1e-3)
+    assert read.camera.calibration.T_world_camera[0][3] == 0.03
+    assert read.striker.kind == "manual"
+    kept = [line for line in RIG.splitlines() if line and not line.startswith(("K", "  [", "]", "T_", "width = 328", "height"))]
+    assert [line for line in kept if line not in rig.read_text()] == []
+    written = tomllib.loads((tmp_path / "camera.toml").read_text())["camera"]["calibration"]
+    assert written == tomllib.loads(rig.read_text())["camera"]["calibration"]
+    assert cv2.imread(str(tmp_path / "camera.png")).shape[1] > 1000
+
+
+def test_where_the_camera_stands_is_measured_by_the_board_on_the_table(folder):
+    out = run(folder, *SQUARES, "--table", folder / "table" / "lying.png", "--mark-mm", "0,0,3", "--json")
+    assert out.exit_code == 0, out.output
+    place = json.loads(out.stdout)["place"]
+    T = np.array(place["T_world_camera"])
+    assert np.all(np.abs(T - WORLD_CAMERA)[:3, 3] < 4 * np.array(place["position_sd_m"]))
+    assert max(place["position_sd_m"]) < 3e-4
+    turned = np.degrees(np.arccos(min(1.0, 0.5 * (np.trace(T[:3, :3].T @ WORLD_CAMERA[:3, :3]) - 1))))
+    assert turned < 4 * np.degrees(np.linalg.norm(place["turn_sd_rad"]))
+
+
+def test_the_table_of_what_was_found(folder):
+    out = run(f"{folder}/?.png", folder / "0.png", folder / "blurred", folder / "empty", *SQUARES)
+    assert out.exit_code == 0, out.output
+    text = " ".join(out.stdout.split())
+    for said in ("pinhole, 328 x 246 px, 7 views", "fx 71", "at worst", "no board in", "e.png", "b.png: blurred, 1.", "T_world_camera"):
+        assert said in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("nowhere",), "nowhere: no such file or folder: check the path"),
+        (("{images}/empty", *SQUARES), "the image shows no board with tags of 5x5_100: the board must be in focus"),
+        (("{images}/0.png", "--family", "4x4_100"), "tags of 5x5_100 are seen: is it --family 5x5_100?"),
+        (("{images}",), "another board: tags stand otherwise than on a board of 7x9 squares: is it --squares 5x7?"),
+        (("{images}", "--squares", "5x5"), "another board: a tag 16 is seen, a board of 5x5 squares ends with 11: is it --squares 5x7?"),
+        (("{images}/[012].png", *SQUARES), "3 views of the board from 3 images: at least 6 are needed, 15 are good"),
+        (("{images}", *SQUARES, "--rig", "{rig}"), "0.png has 328 x 246 px, the rig's camera 656 x 492"),
+        (("{images}", *SQUARES, "--table", "{images}/empty/e.png"), "e.png: shows too little of the board (0 tags)"),
+        (("{rig}",), "rig.toml: is no image that can be read"),
+        (("{images}", "--squares", "seven"), "--squares seven: not understood"),
+    ],
+)
+def test_what_cannot_be_used_is_one_line_with_the_remedy(folder, tmp_path, arguments, said):
+    rig = tmp_path / "rig.toml"
+    rig.write_text(RIG.replace("width = 328", "width = 656", 1).replace("height = 246", "height = 492", 1))
+    out = run(*(argument.format(images=folder, rig=rig) for argument in arguments))
+    assert out.exit_code == 1
+    (line,) = out.stderr.splitlines()
+    assert line.startswith("analyze: ")
+    assert said in line
+
+
+def test_images_of_different_sizes_are_refused(folder, tmp_path):
+    cv2.imwrite(str(tmp_path / "large.png"), np.zeros((480, 640), np.uint8))
+    out = run(folder / "0.png", tmp_path / "large.png", *SQUARES)
+    assert out.exit_code == 1
+    assert "large.png has 640 x 480 px" in out.stderr
+    assert "328 x 246: all must come from one camera with one region" in out.stderr
+
+
+def test_what_the_views_do_not_determine_is_refused_and_shown(tmp_path):
+    for number in range(6):
+        photo(
+            tmp_path / f"{number}.png",
+            facing(PRINTED, [0.012 * (number - 3), 0.005, 0.33 + 0.02 * number], 0.01, 0.9 * number, 0.5 * number),
+            number,
+        )
+    out = run(tmp_path, *SQUARES, "-o", tmp_path / "camera.toml")
+    assert out.exit_code == 1
+    assert "6 views do not determine the lens: focal length" in out.stderr
+    assert "all boards face the camera within" in out.stderr
+    assert (tmp_path / "camera.png").exists()
+    assert not (tmp_path / "camera.toml").exists()
+
+
+def test_usage():
+    assert run("x.png", "--write").exit_code == 2
+    assert run("x.png", "--upright").exit_code == 2
+    assert run("x.png", "--mark-mm", "1,2").exit_code == 2

@@ -1,0 +1,41 @@
+"""One table of a TOML file anew, all else as people wrote it."""
+
+import tomllib
+
+import pytest
+
+from schemas.toml_table import with_table
+
+TEXT = """# bench
+name = "b"
+
+[camera]
+address = "x"  # ours
+
+[camera.calibration]  # of the region
+K = [
+  [1, 2],
+  [3, 4],
+]
+old = 1
+
+# below
+[striker]
+kind = "manual"
+"""
+
+
+def test_only_the_table_changes():
+    new = with_table(TEXT, "camera.calibration", {"K": "[[5, 6], [7, 8]]", "rms_px": "0.1"})
+    assert new == TEXT.replace("K = [\n  [1, 2],\n  [3, 4],\n]\nold = 1\n", "K = [[5, 6], [7, 8]]\nrms_px = 0.1\n")
+
+
+def test_a_table_that_is_not_there_is_added_at_the_end():
+    new = with_table('[camera]\naddress = "x"', "camera.calibration", {"a": "1"})
+    assert new == '[camera]\naddress = "x"\n\n[camera.calibration]\na = 1\n'
+
+
+@pytest.mark.parametrize("text", ["[camera]\ncalibration = { a = 1 }\n", "camera.calibration.a = 1\n", "camera = 3\n", "not toml"])
+def test_what_a_line_editor_cannot_do_it_leaves(text):
+    new = with_table(text, "camera.calibration", {"a": "2"})
+    assert new is None or tomllib.loads(new)["camera"]["calibration"] == {"a": 2}
