@@ -7,14 +7,16 @@ from typing import Final
 
 PAGE: Final = 4096
 """a multiple of every disk's block"""
-_STEP: Final = 1 << 20
+_STEP: Final = 2 << 20
+"""a huge page"""
 _POPULATE_WRITE: Final = 23
 """MADV_POPULATE_WRITE (Linux 5.14): every page is there before the first frame comes"""
 
 
 def page_memory(size: int) -> mmap.mmap:
     """At least `size` bytes of zeros that begin on a page, in huge pages where the kernel has them; no first touch faults later."""
-    memory = mmap.mmap(-1, -(-size // _STEP) * _STEP)
+    # Private: memory that is shared gets no huge pages where the kernel is set up as usual (shmem_enabled = never).
+    memory = mmap.mmap(-1, -(-size // _STEP) * _STEP, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
     if hasattr(mmap, "MADV_HUGEPAGE"):
         memory.madvise(mmap.MADV_HUGEPAGE)
     for start in range(0, len(memory), _STEP):  # madvise keeps the interpreter: not for long at a time
