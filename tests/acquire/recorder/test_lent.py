@@ -147,7 +147,7 @@ def test_content_is_the_same_as_when_it_is_copied(tmp_path: Path, memory: BlockM
 @pytest.fixture
 def recording(tmp_path: Path, memory: BlockMemory) -> Path:
     """Whole, with a manifest and eight lent images of the small recording's size."""
-    with McapWriter(tmp_path / "a.mcap", memory) as writer:
+    with McapWriter(tmp_path / "a.mcap", memory, flush_s=60.0) as writer:
         small.write_head(writer)
         channel = writer.add_topic(topics.raw_image("main"))
         sample = pb.ClockSample(clock="camera/main", device_time_ns=1, host_before_ns=1, host_after_ns=2)
@@ -232,7 +232,7 @@ def test_recover_takes_a_whole_one_and_a_cut_one(recording: Path, tmp_path: Path
     for number, cut in enumerate((chunks[4] - 5, chunks[4], chunks[5] + 3000)):
         (tmp_path / "cut.part").write_bytes(data[:cut])
         report = recover(tmp_path / "cut.part", tmp_path / f"cut{number}.mcap")
-        assert report.topics[IMAGE_TOPIC] in ({3, 4} if number < 2 else {5})
+        assert report.topics == {IMAGE_TOPIC: 4 if number < 2 else 5}
 
 
 @pytest.mark.parametrize("damage", ["opcode", "short", "long", "huge", "bytes"])
