@@ -14,7 +14,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-striker protos lock clean
+.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -82,6 +82,9 @@ bench-plan-input: setup  ## edges of noisy clouds beside the raw hull's; stable 
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.plan_input noise
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.plan_input poses $(TOOLS)
 	@OPENBLAS_NUM_THREADS=1 PYTHONPATH=. $(BIN)/python -m tests.benchmarks.plan_input speed  # as `analyze` sets it for itself
+
+bench-calibrate: setup  ## lenses from 20 x 15 rendered boards against the truth, beside OpenCV's defaults; the refusals (ten minutes)
+	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.calibrate
 
 bench-striker: setup  ## swings on two virtual objects at three speeds against the truth: contact time, speed, impulse (two minutes)
 	@$(BIN)/python tests/benchmarks/striker.py

@@ -115,7 +115,7 @@ def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
             "worst_at_px": list(found.pixels.worst_at),
             "column_px": found.pixels.column.tolist(),
             "row_px": found.pixels.row.tolist(),
-            "px": [[None if math.isnan(value) else value for value in row] for row in found.pixels.value.tolist()],
+            "px": [[None if math.isnan(value) else round(value, 5) for value in row] for row in found.pixels.value.tolist()],
         },
         "coverage": {"share": found.covered.share, "corners": found.covered.count.astype(int).tolist()},
         "views": views,

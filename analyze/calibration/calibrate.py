@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 OUTLYING = 5.0
 """times the scatter of all corners: such a corner is left out"""
-_BAD_VIEW, _BAD_VIEW_PX = 4.0, 0.15
+_BAD_VIEW, _BAD_VIEW_PX = 4.0, 0.05
 """times the others' median and px: such a view is left out"""
-_LEAST_LEFT = 6
-"""corners of a view"""
+_BAD_SHARE = 0.3
+"""of a view's corners: where more are outliers it is the view that is bad"""
 STEPS = 4
 
 
@@ -106,9 +106,10 @@ def calibrate(shots: Sequence[Shot], board: Board, model: LensModel, progress: C
             kept, left, bundle = _refitted(kept, board, points, bundle)
             dropped += left
             bundle = resolve([observed(shot.view, points) for shot in kept], bundle.lens, bundle.poses)
-        kept, fewer = _without_outliers(kept, bundle, limit)
+        kept, left, bundle, fewer = _without_outliers(kept, bundle, limit)
+        dropped += left
         lost += fewer
-        if fewer or gone or turn == STEPS - 2:
+        if fewer or left or gone or turn == STEPS - 2:
             bundle = resolve([observed(shot.view, points) for shot in kept], bundle.lens, bundle.poses)
     return assess(kept, bundle, points, dropped, lost)
 
@@ -168,19 +169,22 @@ def _without_bad_views(shots: list[Shot], bundle: Bundle, limit: float) -> tuple
     return [shot for shot, away in zip(shots, bad, strict=True) if not away], left, _only(bundle, ~bad), True
 
 
-def _without_outliers(shots: Sequence[Shot], bundle: Bundle, limit: float) -> tuple[list[Shot], int]:
+def _without_outliers(shots: Sequence[Shot], bundle: Bundle, limit: float) -> tuple[list[Shot], list[Dropped], Bundle, int]:
+    """Less the corners that lie far off, and less the views of which many do; how many single corners."""
     chi = np.concatenate(bundle.sigmas)
     most = limit * OUTLYING * max(1.0, float(np.median(chi)) / MEDIAN_CHI)
-    kept: list[Shot] = []
-    lost = 0
-    for shot, sigmas in zip(shots, bundle.sigmas, strict=True):
-        good = sigmas < most
-        if good.all() or np.count_nonzero(good) < _LEAST_LEFT:
-            kept.append(shot)
-            continue
-        lost += int(np.count_nonzero(~good))
-        kept.append(Shot(shot.name, shot.image, shot.view.only(good)))
-    return kept, lost
+    good = [sigmas < most for sigmas in bundle.sigmas]
+    bad = [float(np.mean(~each)) > _BAD_SHARE for each in good]
+    if sum(not each for each in bad) < 3:
+        return list(shots), [], bundle, 0
+    left = [
+        Dropped(shot.name, f"{np.count_nonzero(~each)} of its {len(each)} corners lie off: it moved, or the board was bent")
+        for shot, each, away in zip(shots, good, bad, strict=True)
+        if away
+    ]
+    kept = [Shot(shot.name, shot.image, shot.view.only(each)) for shot, each, away in zip(shots, good, bad, strict=True) if not away]
+    lost = sum(int(np.count_nonzero(~each)) for each, away in zip(good, bad, strict=True) if not away)
+    return kept, left, _only(bundle, [not away for away in bad]), lost
 
 
 def _only(bundle: Bundle, kept: Sequence[bool] | NDArray[np.bool_]) -> Bundle:

@@ -76,7 +76,7 @@ def undetermined(lens: Lens, sd: Array, pixels: PixelMap, tilts: Sequence[float]
     if pixels.worst > PIXEL_REFUSED and not found:
         found.append(
             f"distortion is not determined at the {where(lens, *pixels.worst_at)} of the image, ± {pixels.worst:.1f} px"
-            f": corners were seen in {100 * covered.share:.0f} % of it: add views in which the board reaches {_empty(covered)}"
+            f": corners were seen in {100 * covered.share:.0f} % of it: add views in which the board reaches into all four corners"
         )
     return found
 
@@ -136,5 +136,5 @@ def _empty(covered: Coverage) -> str:
     parts = {"left": seen[:, :2], "right": seen[:, -2:], "top": seen[:2], "bottom": seen[-2:]}
     bare = [name for name, part in parts.items() if float(np.mean(part)) < 0.5]
     if len(bare) in {0, len(parts)}:
-        return "all borders and corners of the image"
+        return "all four corners of the image"
     return f"the {' and the '.join(bare)}"

@@ -74,7 +74,7 @@ def _coverage(axes: Axes, found: Calibration) -> None:
             if not count[row, column]:
                 axes.add_patch(_hatched(column * lens.width / columns, row * lens.height / rows, lens.width / columns, lens.height / rows))
     for number, shot in enumerate(found.shots):
-        axes.plot(*shot.view.place.T, ".", ms=3.2, color=CYCLE[number % len(CYCLE)], alpha=0.75, mew=0)
+        axes.plot(*shot.view.place.T, ".", ms=3.8, color=CYCLE[number % len(CYCLE)], alpha=0.75, mew=0)
     axes.set_title(f"{sum(len(shot.view.place) for shot in found.shots)} corners in {len(found.shots)} views")
     bare = 100 * (1 - found.covered.share)
     axes.set_xlabel("colour: the view" + (f"; hatched: no corner there ({bare:.0f} %)" if bare > 0.5 else "; corners everywhere"))
@@ -135,7 +135,7 @@ def _residuals(axes: Axes, found: Calibration) -> None:
         headwidth=3.5,
         headlength=4,
     )
-    magnified = 10 ** np.floor(np.log10(max(usual, 1e-6)))
+    magnified = max(step * 10.0**power for power in range(-6, 3) for step in (1, 2, 5) if step * 10.0**power <= 1.5 * max(usual, 1e-6))
     long = magnified * scale
     x, y = 0.03 * lens.width, 0.95 * lens.height
     axes.plot([x, x + long], [y, y], color=INK, lw=2, solid_capstyle="butt")

@@ -7,11 +7,12 @@ from analyze.calibration.board import corner_points
 from analyze.calibration.calibrate import Shot, assess
 from analyze.calibration.detect import View
 from analyze.calibration.lens import plain_lens
-from analyze.calibration.precision import pixel_sd, without_turn
+from analyze.calibration.precision import pixel_sd
 from analyze.calibration.solve import observed, solve
 from analyze.tags.sheet import Board
 from schemas.documents import LensModel
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing
+from tests.analyze.calibration.compare import pixel_errors, truth
 
 BOARD, PRINTED = Board("5x5_100", 7, 9, 22.0, 15.4), TrueBoard()
 LENS = TrueLens(656, 492, 1430.0, 1431.0, 331.0, 242.0, (-0.12, 0.1, 3e-4, -2e-4, 0.02))
@@ -53,10 +54,6 @@ def calibrated(lens, views, rng, sd=CORNER_SD):
     return assess(shots, bundle, points, (), 0)
 
 
-def truth(lens):
-    return np.array([lens.fx, lens.fy, lens.cx, lens.cy, *lens.k])
-
-
 @pytest.mark.parametrize(("lens", "depth", "spread"), [(LENS, 0.6, 1.0), (WIDE, 0.13, 6.0)])
 def test_the_sd_of_every_number_is_what_its_errors_are(lens, depth, spread):
     z = []
@@ -75,23 +72,9 @@ def test_the_sd_of_every_number_is_what_its_errors_are(lens, depth, spread):
 def test_the_stated_error_of_pixels_holds_over_the_whole_image():
     rng = np.random.default_rng(5)
     found = calibrated(LENS, all_over(rng), rng)
-    off = pixel_errors(found, LENS)
+    off = pixel_errors(found.lens, LENS)
     assert np.nanmax(off / found.pixels.value.ravel()) < 3.5
     assert found.pixels.worst < 0.1
-
-
-def pixel_errors(found, lens):
-    """Distance (n,) px of the pixel that each direction falls on from where it should, the best turn of the camera taken out."""
-    from analyze.calibration.lens import project
-    from analyze.calibration.precision import grid
-    from analyze.tracking.camera_model import undistort
-
-    _, _, points = grid(found.lens)
-    rays = (undistort(found.lens.camera(), points) - found.lens.numbers[2:4]) / found.lens.numbers[:2]
-    directions = np.column_stack([rays, np.ones(len(rays))])
-    _, by_pose, _ = project(found.lens, directions, np.zeros(3), np.zeros(3))
-    moves = (lens.project(directions) - points).reshape(-1, 1)
-    return np.linalg.norm(without_turn(moves, by_pose[..., :3].reshape(-1, 3)).reshape(-1, 2), axis=1)
 
 
 def test_errors_beyond_the_corners_own_noise_widen_what_is_stated():
@@ -121,7 +104,7 @@ def test_views_of_the_middle_only_do_not_determine_the_corners():
     (reason,) = found.undetermined
     assert "distortion is not determined at the" in reason
     assert "corner of the image" in reason
-    assert "add views in which the board reaches" in reason
+    assert "add views in which the board reaches into all four corners" in reason
     assert found.covered.share < 0.5
 
 

@@ -9,9 +9,14 @@ import pytest
 from click.testing import CliRunner
 
 from acquire.config import read_rig
+from acquire.recorder.image import RawImageEncoder
+from acquire.recorder.writer import McapWriter
 from analyze.cli import main
+from schemas import topics
+from schemas.documents import LensModel, TimeSource, canonical_json
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph
 from tests.analyze.tracking.rendering import Look
+from tests.small_recording import START_NS, manifest, write_head
 
 PRINTED = TrueBoard(5, 7)
 LENS = TrueLens(328, 246, 715.0, 715.5, 166.0, 120.0, (-0.12, 0.1, 3e-4, -2e-4, 0.0))
@@ -132,6 +137,65 @@ def test_what_cannot_be_used_is_one_line_with_the_remedy(folder, tmp_path, argum
     (line,) = out.stderr.splitlines()
     assert line.startswith("analyze: ")
     assert said in line
+
+
+def test_a_bent_board_is_left_out_and_a_finger_does_no_harm(folder, tmp_path):
+    R, p = facing(PRINTED, [0.01, -0.01, 0.38], 0.5, 3.0, 0.4)
+    bent = photograph(LENS, TrueBoard(5, 7, bend=0.004), R, p, np.random.default_rng(30))
+    cv2.imwrite(str(tmp_path / "bent.png"), bent)
+    finger = cv2.imread(str(folder / "4.png"), cv2.IMREAD_GRAYSCALE)
+    cv2.ellipse(finger, (150, 246), (18, 130), 12, 0, 360, 150, -1)
+    cv2.imwrite(str(tmp_path / "finger.png"), finger)
+    out = run(*(folder / f"{number}.png" for number in (0, 1, 2, 3, 5, 6)), tmp_path, *SQUARES, "--json")
+    assert out.exit_code == 0, out.output
+    found = json.loads(out.stdout)
+    (left,) = found["dropped"]
+    assert left["name"].endswith("bent.png")
+    assert "the board was bent" in left["reason"]
+    used = {view["name"].rsplit("/", 1)[-1]: view for view in found["views"]}
+    assert 6 <= used["finger.png"]["corners"] < 24
+    for name, true in (("fx", LENS.fx), ("cx", LENS.cx)):
+        assert abs(found["numbers"][name]["value"] - true) < 4 * found["numbers"][name]["sd"]
+    assert found["scatter"] < 1.3
+
+
+@pytest.mark.slow
+def test_a_fisheye_from_its_images(tmp_path):
+    lens = TrueLens(328, 246, 200.0, 200.2, 166.0, 121.0, (0.05, -0.02, 0.003, -0.001), LensModel.FISHEYE)
+    rng = np.random.default_rng(5)
+    for number in range(16):
+        across, down = np.radians([-32, -10, 10, 32][number % 4]), np.radians([-24, -8, 8, 24][number // 4])
+        middle = 0.12 * np.array([np.tan(across), np.tan(down), 1.0])
+        R, p = facing(PRINTED, middle, rng.uniform(0.2, 0.5), rng.uniform(0, 6.28), rng.uniform(0, 6.28))
+        cv2.imwrite(str(tmp_path / f"{number:02d}.png"), photograph(lens, PRINTED, R, p, rng, pieces=2))
+    out = run(tmp_path, *SQUARES, "--model", "fisheye", "--json")
+    assert out.exit_code == 0, out.output
+    found = json.loads(out.stdout)
+    z = [
+        (found["numbers"][name]["value"] - value) / found["numbers"][name]["sd"]
+        for name, value in zip(("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"), (200.0, 200.2, 166.0, 121.0, *lens.k), strict=True)
+    ]
+    assert np.abs(z).max() < 4.5
+    assert found["pixel_sd"]["median_px"] < 0.1
+
+
+def test_a_recording_gives_each_place_of_the_board_once(folder, tmp_path):
+    path = tmp_path / "board.mcap"
+    writer = McapWriter(path)
+    write_head(writer, canonical_json(manifest(time_source=TimeSource.CONTAINER_PTS)))
+    topic, encoder = writer.add_topic(topics.raw_image("main")), RawImageEncoder("camera", 328, 246)
+    pictures = [cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) for file in sorted(folder.glob("*.png"))]
+    for number in range(30 * len(pictures)):  # 60 frames per second, half a second a place
+        time_ns = START_NS + number * 16_666_667
+        writer.write(topic, time_ns, encoder.encode(time_ns, pictures[number // 30]), sequence=number)
+    writer.finish()
+    out = run(path, *SQUARES, "--json")
+    assert out.exit_code == 0, out.output
+    found = json.loads(out.stdout)
+    assert len(found["views"]) == len(pictures)
+    assert found["images"] < 5 * 0.5 * len(pictures) + 2
+    assert found["alike"] == found["images"] - len(pictures)
+    assert "board.mcap at 0." in found["views"][0]["name"]
 
 
 def test_images_of_different_sizes_are_refused(folder, tmp_path):
