@@ -17,6 +17,7 @@ from analyze.calibration.detect import Sight, families_seen, find_corners, likel
 from analyze.calibration.place import LYING, STANDING, CameraPlace, oddities, place_camera
 from analyze.calibration.verdict import LEAST_VIEWS
 from analyze.errors import CalibrationError
+from analyze.tags.families import ON_BOARDS
 from analyze.tags.sheet import Board
 from schemas.documents import CameraCalibrationSpec, DocumentError, LensModel, validate
 from schemas.rig import RigConfig
@@ -211,7 +212,8 @@ def _no_board(looked_at: int, some: Sequence[Image], board: Board) -> str:
     for image in some:
         for family, many in families_seen(image).items():
             others[family] = max(many, others.get(family, 0))
-    likely = max(others, key=lambda family: others[family], default=None)
+    # A small dictionary is the beginning of a larger one: of those alike the one that boards are printed with.
+    likely = max(others, key=lambda family: (others[family], family == ON_BOARDS), default=None)
     if likely is not None and others[likely] >= 3:
         return f"{what} {none} with tags of {board.family}; tags of {likely} are seen: is it --family {likely}?"
     return (
