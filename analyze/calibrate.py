@@ -19,7 +19,7 @@ from analyze.calibration.verdict import LEAST_VIEWS
 from analyze.errors import CalibrationError
 from analyze.tags.families import ON_BOARDS
 from analyze.tags.sheet import Board
-from schemas.documents import CameraCalibrationSpec, DocumentError, LensModel, validate
+from schemas.documents import CameraCalibrationSpec, LensModel, validate
 from schemas.rig import RigConfig
 
 BLURRED = 2.0
@@ -155,13 +155,10 @@ def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
 
 def spec_of(answer: CalibrationAnswer) -> CameraCalibrationSpec | None:
     """As the rig file takes it; None where nothing says where the camera stands."""
-    entries = toml_entries(answer)
     if answer.world_camera is None:
         return None
-    try:
-        return CameraCalibrationSpec.model_validate(tomllib.loads("\n".join(f"{key} = {value}" for key, value in entries.items())))
-    except DocumentError as error:
-        raise CalibrationError(str(error)) from None
+    table = "\n".join(f"{key} = {value}" for key, value in toml_entries(answer).items())
+    return validate(CameraCalibrationSpec, tomllib.loads(table), "calibration")
 
 
 def toml_entries(answer: CalibrationAnswer) -> Mapping[str, str]:

@@ -68,9 +68,10 @@ def notes(answer: CalibrationAnswer) -> list[str]:
             "scale, so measure both rulers; how well the board was laid is not in the sd"
         )
     elif answer.rig_place is not None:
-        said.append("where the camera stands is the rig file's, not measured: --table IMAGE measures it")
+        said.append("where the camera stands is the rig file's, found with the lens as it was: --table IMAGE measures it with this one")
     else:
-        said.append("where the camera stands (T_world_camera) was not measured: give --table IMAGE, or --rig RIG.toml to keep the rig's")
+        or_kept = "" if answer.rig is not None else ", or --rig RIG.toml to keep the rig's"
+        said.append(f"where the camera stands (T_world_camera) was not measured: give --table IMAGE{or_kept}")
     level = "" if answer.rig is None else f" ({answer.rig.gravity_tilt_sd_rad:g} rad)"
     said.append(f"a board shows the table, not the vertical: the rig's gravity_tilt_sd_rad{level} stays as it is")
     return said
