@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from analyze.calibrate import CalibrationAnswer, spec_of, toml_entries
+from analyze.calibrate import CalibrationAnswer, read_rig, spec_of, toml_entries
 from analyze.errors import CalibrationError
 from analyze.output_file import write_text
 from schemas.toml_table import with_table
@@ -51,6 +51,22 @@ def write_calibration(answer: CalibrationAnswer, output: Path) -> None:
     write_text(output, "\n".join(lines) + "\n")
 
 
+def refuse_unplaced(rig: Path) -> None:
+    """Say before the work that this rig file says nothing of where the camera stands; for where it will not be measured.
+
+    Raises:
+        CalibrationError: so it is, or there is no such file.
+    """
+    if read_rig(rig)[1] is None:
+        raise _unplaced(rig)
+
+
+def _unplaced(rig: Path) -> CalibrationError:
+    return CalibrationError(
+        f"{rig}: says nothing of where the camera stands (T_world_camera), which is not measured here: add --table IMAGE"
+    )
+
+
 def write_into_rig(answer: CalibrationAnswer, rig: Path) -> None:
     """Put the table into the rig file; every other line stays as it is.
 
@@ -59,9 +75,7 @@ def write_into_rig(answer: CalibrationAnswer, rig: Path) -> None:
         OutputError: the file cannot be written.
     """
     if spec_of(answer) is None:
-        raise CalibrationError(
-            f"{rig}: says nothing of where the camera stands (T_world_camera), and it was not measured: add --table IMAGE"
-        )
+        raise _unplaced(rig)
     text = with_table(rig.read_text(encoding="utf-8"), TABLE, toml_entries(answer))
     if text is None:
         raise CalibrationError(f"{rig}: has no plain table [{TABLE}] to write in: put what -o writes there by hand")

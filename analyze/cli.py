@@ -349,7 +349,7 @@ def calibrate(
     reaching into all corners of the image.
     """
     from analyze.calibrate import CalibrateOptions, calibrate_camera
-    from analyze.camera_files import default_picture, parse_mark, write_calibration, write_into_rig
+    from analyze.camera_files import default_picture, parse_mark, refuse_unplaced, write_calibration, write_into_rig
     from analyze.camera_table import calibration_json, render_calibration
     from analyze.output_file import refuse_unwritable
     from analyze.progress import StrikeProgress
@@ -361,6 +361,8 @@ def calibrate(
         raise click.UsageError("--write needs --rig RIG.toml: which file to write into")
     if table is None and (upright or mark_mm != "0,0,0"):
         raise click.UsageError("--upright and --mark-mm are of the board on the table: add --table IMAGE")
+    if write and rig is not None and table is None:
+        refuse_unplaced(rig)
     plain = BoardOptions()
     board = parse_board(BoardOptions(family, squares or plain.squares, plain.square_mm if square_mm is None else square_mm))
     options = CalibrateOptions(inputs, board, LensModel(model), table, upright, parse_mark(mark_mm), rig)

@@ -287,7 +287,10 @@ def _better_pose(view: Observed, lens: Lens, pose: Pose) -> Pose:
         refined = other
         for _ in range(8):
             residual, by_pose, _ = _whitened(view, lens, refined, _HUBER)
-            refined = _stepped(refined, _inverse(by_pose.T @ by_pose) @ (by_pose.T @ residual))
+            step = _inverse(by_pose.T @ by_pose) @ (by_pose.T @ residual)
+            refined = _stepped(refined, step)
+            if float(np.abs(step).max()) < 1e-7:
+                break
         if refined.translation[2] > 0 and _misfit(view, lens, refined) < 0.98 * least:
             best, least = refined, _misfit(view, lens, refined)
     return best

@@ -198,6 +198,14 @@ def test_a_recording_gives_each_place_of_the_board_once(folder, tmp_path):
     assert "board.mcap at 0." in found["views"][0]["name"]
 
 
+def test_a_rig_without_a_place_for_the_camera_is_refused_before_the_work(folder, tmp_path):
+    rig = tmp_path / "rig.toml"
+    rig.write_text('[camera]\naddress = "10.0.0.2"\nwidth = 328\nheight = 246\n')
+    out = run("nowhere", *SQUARES, "--rig", rig, "--write")
+    assert out.exit_code == 1
+    assert "says nothing of where the camera stands (T_world_camera), which is not measured here: add --table IMAGE" in out.stderr
+
+
 def test_images_of_different_sizes_are_refused(folder, tmp_path):
     cv2.imwrite(str(tmp_path / "large.png"), np.zeros((480, 640), np.uint8))
     out = run(folder / "0.png", tmp_path / "large.png", *SQUARES)
