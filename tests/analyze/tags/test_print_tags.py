@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from analyze.calibration.board import corner_points
 from analyze.cli import main
 from analyze.errors import TagError
 from analyze.tags.families import FAMILIES, cells, count
@@ -206,3 +207,11 @@ def test_what_does_not_go_together_is_wrong_usage(tmp_path):
 def test_a_board_with_narrow_squares_is_refused():
     with pytest.raises(TagError, match="leave no white rim"):
         board_page(Board("5x5_100", 7, 9, 20.0, 18.0), "A4")
+
+
+def test_the_boards_mark_is_its_frames_origin():
+    board = Board("5x5_100", 7, 9, 22.0, 15.4)
+    page = board_page(board, "A4")
+    assert page.origin == pytest.approx((min(field.x for field in page.fields), min(field.y for field in page.fields)))
+    first = corner_points(board)[0]  # beside the upper left square
+    assert first == pytest.approx([0.022, 8 * 0.022, 0.0])
