@@ -14,7 +14,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker protos lock clean
+.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -100,6 +100,10 @@ bench-plan-feasibility: setup  ## lift and slip as predicted beside the virtual 
 
 bench-energy: setup  ## the energy loop in the virtual rig's physics, 4 objects x 20 seeds: strikes to the first tip, E afterwards (ten minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.energy
+
+SESSION ?=
+bench-tags: setup  ## tag angles and frames per second beside plain OpenCV; sessions' speed (SESSION=recordings/demo-carton-1.mcap) (four minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.tags $(if $(SESSION),--session $(SESSION))
 
 protos: setup  ## regenerate schemas/proto/percuss_pb2.py(.pyi)
 	@$(BIN)/python -m grpc_tools.protoc -I schemas/proto --python_out=schemas/proto --pyi_out=schemas/proto schemas/proto/percuss.proto

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from analyze.tracking.camera_model import PixelMap
-    from analyze.types import Array
+    from analyze.types import Array, IntArray
 
 _HALF_BAND = 4
 """rows (or columns) taken on either side of the edge"""
@@ -33,9 +33,29 @@ _CONVERGED_PX = 0.02
 """Gauss-Newton converges quadratically: after a step this small the rest is below 0.001 px"""
 _CONVERGED_BLUR_PX = 0.1
 """of s, which the covariance hangs on: left at half its size it makes the sd half as large as the errors"""
+_MOST_STEP, _LEAST_STEP = np.array([1.2, 1.2, 0.5]), np.array([-1.2, -1.2, -0.3])
+"""px, of one step: line at the middle and its turn, blur"""
+_LEAST_CONTRAST = 12.0
+"""grey levels"""
+_LEAST_START = 1.0
+"""grey levels of contrast on the way there"""
+_START = np.array([[0.0, 0.0, 0.8]] * 4)
+"""line [px], blur [px]"""
 _RESTART_PX = 0.6
 """px; a start farther off than this is worth a second fit"""
-_INVERSE_SQRT_2PI = 1.0 / math.sqrt(2.0 * math.pi)
+_SAME_BAND_PX = 0.4
+"""px that a square may be expected away from where its band was laid"""
+_ITERATIONS = 8
+"""most Gauss-Newton steps; two or three are the rule"""
+_NEXT, _BEFORE = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])
+_EDGE = np.arange(4)
+_ACROSS = np.arange(-_HALF_BAND, _HALF_BAND + 1)
+_PER_SIGMA = 512
+_STEEPEST = 16
+"""sigma on either side that the tables of the normal distribution hold; blur is never below 0.25 px, the band never beyond 4"""
+_Z = np.arange(-_STEEPEST * _PER_SIGMA, _STEEPEST * _PER_SIGMA + 1) / _PER_SIGMA
+_CUMULATIVE = ndtr(_Z)
+_DENSITY = np.exp(-0.5 * _Z * _Z) / math.sqrt(2.0 * math.pi)
 
 
 @dataclass(frozen=True)
@@ -56,7 +76,51 @@ class Square:
     """px, mean s"""
 
 
-def fit_square(image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array, iterations: int = 8) -> Square | None:
+@dataclass(frozen=True)
+class _Band:
+    """The pixels along a square's four edges, and where each lies."""
+
+    corners_ideal: Array
+    """(4, 2) px, of the square that it was laid around"""
+    corners_raw: Array
+    """(4, 2) px"""
+    index: IntArray
+    """(4, s) into the image's pixels, row by row"""
+    t: Array
+    """(4, s) along each edge, from -1 to 1"""
+    v: Array
+    """(4, s) ideal px out of the square"""
+    valid: NDArray[np.bool_]
+    """(4, s)"""
+    window: tuple[float, float]
+    """px, middle and half width of the stretch of v that is fitted"""
+    middle: Array
+    """(4, 2) ideal px, of the edges"""
+    along: Array
+    """(4, 2) unit"""
+    outward: Array
+    """(4, 2) unit"""
+    half: Array
+    """(4,) ideal px, half an edge's length"""
+
+
+@dataclass(frozen=True)
+class SquareFit:
+    """A fitted square with what the next image's fit can start from."""
+
+    square: Square
+    band: _Band
+    shape: Array
+    """(4, 3) a, b, s of each edge, in the band"""
+
+
+def fit_square(image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array) -> Square | None:
+    """`find_square`, the square alone."""
+    found = find_square(image, pixels, corners_ideal, corners_raw)
+    return None if found is None else found.square
+
+
+def find_square(image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array) -> SquareFit | None:
     """Refine a dark square's corners.
 
     Args:
@@ -64,145 +128,190 @@ def fit_square(image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array,
         pixels: ideal coordinates of the pixel centres.
         corners_ideal: (4, 2) start, ideal px, within about 2 px, in either sense of rotation.
         corners_raw: (4, 2) the same in raw px.
-        iterations: most Gauss-Newton steps; two or three are the rule.
 
     Returns:
         The square, or None where an edge leaves the image, is too short, or does not look like one.
     """
-    square = _fit_once(image, pixels, corners_ideal, corners_raw, iterations, _END_MARGIN_PX)
-    if square is None:
+    band = _band(image.shape, pixels, corners_ideal, corners_raw, _END_MARGIN_PX)
+    found = None if band is None else _fit(image, band, _START)
+    if found is None:
         return None
-    moved = square.corners - corners_ideal
-    margin = max(_END_MARGIN_PX, _END_MARGIN_BLURS * square.blur)
+    moved = found.square.corners - corners_ideal
+    margin = max(_END_MARGIN_PX, _END_MARGIN_BLURS * found.square.blur)
     if float(np.max(np.abs(moved))) < _RESTART_PX and margin < 1.3 * _END_MARGIN_PX:
-        return square
+        return found
     # The band of pixels was laid around a poor start and may miss part of the edge, or the blur is larger than thought.
-    return _fit_once(image, pixels, square.corners, corners_raw + moved, iterations, margin)
+    band = _band(image.shape, pixels, found.square.corners, corners_raw + moved, margin)
+    return None if band is None else _fit(image, band, _START)
 
 
-def _fit_once(
-    image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array, iterations: int, end_margin: float
-) -> Square | None:
-    samples = _pixels_along(image, pixels, corners_raw)
-    if samples is None:
+def find_again(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Array) -> SquareFit | None:
+    """The square of the image before, where it has moved so little that the same pixels tell its place: a third of the work.
+
+    Args:
+        image: of the same size.
+        before: what was found in it.
+        expected_ideal: (4, 2) ideal px, where it is expected.
+
+    Returns:
+        None where it has moved too far, or is not there: `find_square` may know.
+    """
+    if float(np.abs(expected_ideal - before.band.corners_ideal).max()) > _SAME_BAND_PX:
         return None
-    grey, points, valid = samples
+    found = _fit(image, before.band, before.shape)
+    if found is None or float(np.abs(found.square.corners - before.band.corners_ideal).max()) > _RESTART_PX:
+        return None
+    # The blur that the band's ends were cut for is still about the same.
+    return found if abs(found.square.blur - before.square.blur) < _CONVERGED_BLUR_PX else None
+
+
+def _band(shape: tuple[int, ...], pixels: PixelMap, corners_ideal: Array, corners_raw: Array, end_margin: float) -> _Band | None:
+    taken = _pixels_along(shape, corners_raw)
+    if taken is None:
+        return None
+    index, valid = taken
     start = corners_ideal
-    along = np.roll(start, -1, axis=0) - start
+    stop = start[_NEXT]
+    along = stop - start
     length = np.hypot(along[:, 0], along[:, 1])
     along /= length[:, None]
-    area = 0.5 * float(np.sum(start[:, 0] * np.roll(start[:, 1], -1) - np.roll(start[:, 0], -1) * start[:, 1]))
+    area = float(np.sum(start[:, 0] * stop[:, 1] - stop[:, 0] * start[:, 1]))
     # y points down: a positive area is clockwise on the screen, and (dy, -dx) points out of the square.
-    outward = np.stack([along[:, 1], -along[:, 0]], axis=-1) * np.sign(area)
-    middle = 0.5 * (start + np.roll(start, -1, axis=0))
-    offset = points - middle[:, None, :]
-    u = np.einsum("esc,ec->es", offset, along)
-    v = np.einsum("esc,ec->es", offset, outward)
-    half = 0.5 * length[:, None]
-    cell = np.min(length) / 8.0
+    outward = along[:, ::-1] * (np.array([1.0, -1.0]) * math.copysign(1.0, area))
+    middle = 0.5 * (start + stop)
+    half = 0.5 * length
+    points = pixels.ideal.reshape(-1, 2).take(index, axis=0)
+    tv = (points - middle[:, None, :]) @ np.stack([along / half[:, None], outward], axis=-1)
+    t, v = np.ascontiguousarray(tv[..., 0]), np.ascontiguousarray(tv[..., 1])
+    cell = float(length.min()) / 8.0
     inner = min(_REACH_PX, 0.8 * cell)
     outer = min(_REACH_PX, 0.7 * cell)
-    valid &= np.abs(u) < half - min(end_margin, cell)
-    t = u / half
-    # a, b: line v = a + b t; then black, white, s
-    parameters = np.zeros((4, 5))
-    parameters[:, 4] = 0.8
-    far_in, far_out = valid & (v < -1.2) & (v > -inner - 1.0), valid & (v > 1.2) & (v < outer + 1.0)
-    if min(far_in.sum(axis=1).min(), far_out.sum(axis=1).min()) < 4:
-        return None
-    parameters[:, 2] = np.sum(grey * far_in, axis=1) / far_in.sum(axis=1)
-    parameters[:, 3] = np.sum(grey * far_out, axis=1) / far_out.sum(axis=1)
-    if np.min(parameters[:, 3] - parameters[:, 2]) < 12.0:
-        return None
-    step, normal = np.full((4, 5), np.inf), np.zeros((4, 5, 5))
-    weight, remaining = np.zeros(4), np.zeros(4)
-    for _ in range(iterations):
-        normal, gradient, weight, squares = _normal_equations(parameters, t, v, grey, valid, (inner, outer))
+    valid &= np.abs(t) < (1.0 - min(end_margin, cell) / half)[:, None]
+    window = 0.5 * (outer - inner), 0.5 * (outer + inner)
+    return _Band(corners_ideal, corners_raw, index, t, v, valid, window, middle, along, outward, half)
+
+
+def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | None:
+    """Gauss-Newton from `start` (4, 3)."""
+    grey = image.reshape(-1).take(band.index).astype(float)
+    shape = start.copy()
+    products = np.zeros((4, 6, 6))
+    fitted, contrast, moved, weight = np.zeros((4, 5)), np.zeros(4), math.inf, np.zeros(4)
+    for _ in range(_ITERATIONS):
+        products, weight = _products(shape, band, grey)
+        # Black and white are linear in the image: solved for with the step, they need no start.
         try:
-            step = np.linalg.solve(normal, gradient[..., None])[..., 0]
+            fitted = np.linalg.solve(products[:, :5, :5], products[:, :5, 5:])[..., 0]
         except np.linalg.LinAlgError:
             return None
-        # The sum is of before this step; what the step takes off it is known, because the model is as good as linear there.
-        remaining = squares - np.einsum("ep,ep->e", gradient, step)
-        step[:, :2] = np.clip(step[:, :2], -1.2, 1.2)
-        step[:, 4] = np.clip(step[:, 4], -0.3, 0.5)
-        parameters += step
-        parameters[:, 4] = np.clip(parameters[:, 4], 0.25, 3.0)
-        if np.max(np.abs(step[:, :2])) < _CONVERGED_PX and np.max(np.abs(step[:, 4])) < _CONVERGED_BLUR_PX:
+        contrast = fitted[:, 4] - fitted[:, 3]
+        if not contrast.min() > _LEAST_START:
+            return None
+        step = np.minimum(np.maximum(fitted[:, :3] / -contrast[:, None], _LEAST_STEP), _MOST_STEP)
+        shape += step
+        np.minimum(np.maximum(shape[:, 2], 0.25), 3.0, out=shape[:, 2])
+        size = np.abs(step).max(axis=0)
+        moved = max(size[0], size[1])
+        if moved < _CONVERGED_PX and size[2] < _CONVERGED_BLUR_PX:
             break
-    if float(np.max(np.abs(step[:, :2]))) > 0.3 or np.max(np.abs(parameters[:, :2])) > _HALF_BAND:
+    if moved > 0.3 or np.abs(shape[:, :2]).max() > _HALF_BAND or not contrast.min() >= _LEAST_CONTRAST:
         return None
+    # The sum is of before the last step; what the step takes off it is known, because the model is as good as linear there.
+    remaining = products[:, 5, 5] - (products[:, :5, 5] * fitted).sum(axis=1)
     variance = np.maximum(remaining, 0.0) / np.maximum(weight - 5.0, 1.0)
-    covariance_line = np.linalg.inv(normal)[:, :2, :2] * variance[:, None, None]
-    corners, covariance = _intersect(middle, along, outward, half[:, 0], parameters[:, :2], covariance_line)
-    contrast = float(np.min(parameters[:, 3] - parameters[:, 2]))
-    sd = math.sqrt(float(np.mean(np.trace(covariance, axis1=1, axis2=2))) / 2.0)
-    if not math.isfinite(sd) or contrast < 12.0:
+    covariance_line = np.linalg.inv(products[:, :5, :5])[:, :2, :2] * (variance / contrast**2)[:, None, None]
+    corners, covariance = _intersect(band, shape[:, :2], covariance_line)
+    sd = math.sqrt(float((covariance[:, 0, 0] + covariance[:, 1, 1]).sum()) / 8.0)
+    if not math.isfinite(sd):
         return None
-    return Square(corners, covariance, sd, contrast, math.sqrt(float(np.mean(variance))), float(np.mean(parameters[:, 4])))
+    blur = float(shape[:, 2].sum()) / 4.0
+    return SquareFit(Square(corners, covariance, sd, float(contrast.min()), math.sqrt(float(variance.sum()) / 4.0), blur), band, shape)
 
 
-def _normal_equations(
-    parameters: Array, t: Array, v: Array, grey: Array, valid: NDArray[np.bool_], reach: tuple[float, float]
-) -> tuple[Array, Array, Array, Array]:
-    a, b, black, white, s = (parameters[:, i, None] for i in range(5))
-    d = v - a - b * t
-    weight = (valid & (d > -reach[0]) & (d < reach[1])).astype(float)
-    z = d / s
-    level = ndtr(z) * weight
-    # Rows are derivatives of the model by a, b, black, white, s; the last one is the residual.
-    rows = np.empty((4, 6, t.shape[1]))
-    np.multiply(np.exp(-0.5 * z * z) * weight, (black - white) * _INVERSE_SQRT_2PI / s, out=rows[:, 0])
-    np.multiply(rows[:, 0], t, out=rows[:, 1])
-    np.subtract(weight, level, out=rows[:, 2])
-    rows[:, 3] = level
-    np.multiply(rows[:, 0], z, out=rows[:, 4])
-    rows[:, 5] = (grey - black) * weight - (white - black) * level
-    products = rows @ rows.transpose(0, 2, 1)
-    return products[:, :5, :5], products[:, :5, 5], weight.sum(axis=1), products[:, 5, 5]
+def _products(shape: Array, band: _Band, grey: Array) -> tuple[Array, Array]:
+    """Sums of products (4, 6, 6) over the pixels of each edge, and how many pixels it has (4,).
+
+    Of: the change of the edge's profile (0 inside, 1 outside) with a, b and s, its sign turned; 1 - profile; profile; grey.
+    """
+    s = shape[:, 2, None]
+    d = shape[:, 1, None] * band.t
+    np.subtract(band.v, d, out=d)
+    d -= shape[:, 0, None]
+    weight = ((np.abs(d - band.window[0]) < band.window[1]) & band.valid).astype(float)
+    d /= s
+    # From tables, to 1e-7: the functions themselves cost more than all the rest.
+    place = d * _PER_SIGMA
+    index = np.rint(place).astype(np.intp)
+    place -= index
+    index += _STEEPEST * _PER_SIGMA
+    density = _DENSITY.take(index, mode="clip")
+    place *= density
+    place /= _PER_SIGMA
+    rows = np.empty((4, 6, band.t.shape[1]))
+    profile = rows[:, 4]
+    np.add(_CUMULATIVE.take(index, mode="clip"), place, out=profile)
+    profile *= weight
+    np.subtract(weight, profile, out=rows[:, 3])
+    density *= weight
+    np.divide(density, s, out=rows[:, 0])
+    np.multiply(rows[:, 0], band.t, out=rows[:, 1])
+    np.multiply(rows[:, 0], d, out=rows[:, 2])
+    np.multiply(grey, weight, out=rows[:, 5])
+    return rows @ rows.transpose(0, 2, 1), weight.sum(axis=1)
 
 
-def _pixels_along(image: NDArray[np.uint8], pixels: PixelMap, corners_raw: Array) -> tuple[Array, Array, NDArray[np.bool_]] | None:
-    """Grey values (4, s), ideal coordinates (4, s, 2) and validity (4, s) of the raw pixels in a band along each edge."""
-    height, width = image.shape
-    start, stop = corners_raw, np.roll(corners_raw, -1, axis=0)
+def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray, NDArray[np.bool_]] | None:
+    """Index (4, s) and validity (4, s) of the raw pixels in a band along each edge."""
+    height, width = shape
+    start, stop = corners_raw, corners_raw[_NEXT]
     delta = stop - start
     steep = np.abs(delta[:, 1]) > np.abs(delta[:, 0])
-    major = np.where(steep, 1, 0)
-    edge = np.arange(4)
-    low = np.minimum(start[edge, major], stop[edge, major])
-    high = np.maximum(start[edge, major], stop[edge, major])
-    if np.min(high - low) < 6.0 or np.max(high - low) > 2000.0:
+    major = steep.astype(np.intp)
+    from_major, to_major = start[_EDGE, major], stop[_EDGE, major]
+    low, high = np.minimum(from_major, to_major), np.maximum(from_major, to_major)
+    extent = high - low
+    if not (extent.min() >= 6.0 and extent.max() <= 2000.0):
         return None
-    first = np.ceil(low).astype(int)
-    count = np.floor(high).astype(int) - first + 1
-    along = first[:, None] + np.arange(int(count.max()))
-    slope = delta[edge, 1 - major] / delta[edge, major]
-    across = start[edge, 1 - major][:, None] + slope[:, None] * (along - start[edge, major][:, None])
-    across_px = np.rint(across).astype(int)[:, :, None] + np.arange(-_HALF_BAND, _HALF_BAND + 1)
-    along_px = np.broadcast_to(along[:, :, None], across_px.shape)
-    columns = np.where(steep[:, None, None], across_px, along_px).reshape(4, -1)
-    rows = np.where(steep[:, None, None], along_px, across_px).reshape(4, -1)
-    used = np.broadcast_to((along <= np.floor(high)[:, None])[:, :, None], across_px.shape).reshape(4, -1)
-    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-    if np.any(inside.sum(axis=1) < 0.9 * used.sum(axis=1)):
-        return None
-    index = np.clip(rows, 0, height - 1) * width + np.clip(columns, 0, width - 1)
-    return image.reshape(-1)[index].astype(float), pixels.ideal.reshape(-1, 2)[index], used & inside
+    first = np.ceil(low)
+    last = np.floor(high)
+    along = first[:, None] + np.arange(int((last - first).max()) + 1)
+    slope = delta[_EDGE, 1 - major] / delta[_EDGE, major]
+    across = start[_EDGE, 1 - major][:, None] + slope[:, None] * (along - from_major[:, None])
+    middle = np.rint(across).astype(np.intp)
+    used = (along <= last[:, None]).repeat(len(_ACROSS), axis=1)
+    along_px = along.astype(np.intp)
+    (left, top), (right, bottom) = corners_raw.min(axis=0), corners_raw.max(axis=0)
+    reach = _HALF_BAND + 2
+    if left < reach or top < reach or right > width - 1 - reach or bottom > height - 1 - reach:
+        along_px, middle = _within(along_px, middle, used, np.where(steep, height, width), np.where(steep, width, height))
+        if np.any(used.sum(axis=1) < 0.9 * len(_ACROSS) * (last - first + 1)):
+            return None
+    step_across = np.where(steep, 1, width)[:, None]
+    index = along_px * np.where(steep, width, 1)[:, None] + middle * step_across
+    index = (index[..., None] + step_across[..., None] * _ACROSS).reshape(4, -1)
+    return index, used
 
 
-def _intersect(middle: Array, along: Array, outward: Array, half: Array, line: Array, covariance: Array) -> tuple[Array, Array]:
+def _within(along: IntArray, middle: IntArray, used: NDArray[np.bool_], length: IntArray, breadth: IntArray) -> tuple[IntArray, IntArray]:
+    """Bands (4, n) moved into the image, of `length` and `breadth` (4,) as each edge sees it; clears `used` (4, n * band) beyond it."""
+    across = middle[..., None] + _ACROSS
+    inside = (along >= 0)[..., None] & (along < length[:, None])[..., None] & (across >= 0) & (across < breadth[:, None, None])
+    used &= inside.reshape(4, -1)
+    kept = np.clip(middle, _HALF_BAND, breadth[:, None] - 1 - _HALF_BAND)
+    return np.clip(along, 0, length[:, None] - 1), kept
+
+
+def _intersect(band: _Band, line: Array, covariance: Array) -> tuple[Array, Array]:
     """Corner i = edge i-1 x edge i, with covariance (4, 2, 2) from both lines' (a, b)."""
-    point = middle + line[:, :1] * outward
-    direction = along + (line[:, 1] / half)[:, None] * outward
-    normal = np.stack([-direction[:, 1], direction[:, 0]], axis=-1)
+    point = band.middle + line[:, :1] * band.outward
+    direction = band.along + (line[:, 1] / band.half)[:, None] * band.outward
+    normal = direction[:, ::-1] * np.array([-1.0, 1.0])
     normal /= np.hypot(normal[:, 0], normal[:, 1])[:, None]
-    level = np.einsum("ec,ec->e", normal, point)
-    matrix = np.stack([np.roll(normal, 1, axis=0), normal], axis=1)
+    level = (normal * point).sum(axis=1)
+    matrix = np.stack([normal[_BEFORE], normal], axis=1)
     inverse = np.linalg.inv(matrix)
-    corners = np.einsum("eij,ej->ei", inverse, np.stack([np.roll(level, 1), level], axis=-1))
+    corners = np.asarray(inverse @ np.stack([level[_BEFORE], level], axis=-1)[..., None], dtype=np.float64)[..., 0]
     # Offsets of the two lines at the corner: a + b t with t = +1 on the incoming edge, -1 on the outgoing one.
-    end = covariance[:, 0, 0] + 2 * covariance[:, 0, 1] + covariance[:, 1, 1]
-    begin = covariance[:, 0, 0] - 2 * covariance[:, 0, 1] + covariance[:, 1, 1]
-    variance = np.stack([np.roll(end, 1), begin], axis=-1)
-    return corners, np.einsum("eij,ej,ekj->eik", inverse, variance, inverse)
+    even, odd = covariance[:, 0, 0] + covariance[:, 1, 1], 2 * covariance[:, 0, 1]
+    variance = np.stack([(even + odd)[_BEFORE], even - odd], axis=-1)
+    return corners, (inverse * variance[:, None, :]) @ inverse.transpose(0, 2, 1)

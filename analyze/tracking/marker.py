@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 _ELSEWHERE = tuple(TagFamily(name) for name in ("36h11", "36h10", "25h9", "mip_36h12", "5x5_100", "6x6_100", "7x7_100", "4x4_50"))
 """looked for where nothing was found: the printed marker may be of another family than the object file says. The surest come first"""
+_UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,30 @@ def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
 def _cells(name: int | str) -> NDArray[np.bool_]:
     family, tag_id = family_and_id(name)
     return np.asarray(cv2.aruco.generateImageMarker(_dictionary(family), tag_id, _dictionary(family).markerSize + 2)) > 127
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """What it takes to check one marker's cells."""
+
+    code: NDArray[np.bool_]
+    """(n,) True is white"""
+    centres: Array
+    """(n, 3) of the cells, homogeneous, the black square from (0, 0) to (1, 1)"""
+    means: Array
+    """(2, n) that take the mean of the white and of the black cells"""
+    wrong: int
+
+
+@cache
+def _reading(name: int | str) -> _Reading:
+    code = _cells(name)
+    centre = (np.arange(len(code)) + 0.5) / len(code)
+    x, y = np.meshgrid(centre, centre)
+    white = code.ravel()
+    means = np.stack([white / white.sum(), ~white / (~white).sum()])
+    centres = np.stack([x.ravel(), y.ravel(), np.ones(white.size)], axis=-1)
+    return _Reading(white, centres, means, wrong_cells(family_and_id(name)[0]))
 
 
 @cache
@@ -119,16 +144,13 @@ def of_another_family(image: NDArray[np.uint8], families: Sequence[TagFamily]) -
 
 def is_marker(image: NDArray[np.uint8], corners_px: Array, name: int | str) -> bool:
     """Whether the square with these raw corners (4, 2) shows this marker, in this orientation."""
-    code = _cells(name)
-    centre = (np.arange(len(code)) + 0.5) / len(code)
-    x, y = np.meshgrid(centre, centre)
-    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
-    H = cv2.getPerspectiveTransform(square, corners_px.astype(np.float32))
-    points = np.stack([x, y, np.ones_like(x)], axis=-1) @ H.T
-    column = np.rint(points[..., 0] / points[..., 2]).astype(int)
-    row = np.rint(points[..., 1] / points[..., 2]).astype(int)
-    if column.min() < 0 or row.min() < 0 or column.max() >= image.shape[1] or row.max() >= image.shape[0]:
+    read = _reading(name)
+    H = cv2.getPerspectiveTransform(_UNIT, corners_px.astype(np.float32))
+    points = read.centres @ H.T
+    pixel = np.rint(points[:, :2] / points[:, 2:]).astype(np.intp)
+    (left, top), (right, bottom) = pixel.min(axis=0), pixel.max(axis=0)
+    if left < 0 or top < 0 or right >= image.shape[1] or bottom >= image.shape[0]:
         return False
-    grey = image[row, column].astype(float)
-    threshold = 0.5 * (grey[code].mean() + grey[~code].mean())
-    return int(np.count_nonzero((grey > threshold) != code)) <= wrong_cells(family_and_id(name)[0])
+    grey = image[pixel[:, 1], pixel[:, 0]].astype(float)
+    white, black = read.means @ grey
+    return int(np.count_nonzero((grey > 0.5 * (white + black)) != read.code)) <= read.wrong

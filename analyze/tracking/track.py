@@ -9,9 +9,9 @@ import numpy as np
 
 from analyze.errors import TrackingError
 from analyze.tracking.camera_model import distort, pixel_map, undistort
-from analyze.tracking.edges import fit_square
+from analyze.tracking.edges import find_again, find_square
 from analyze.tracking.marker import Sighting, detect, families_of, is_marker, of_another_family
-from analyze.tracking.pose import choose_by_motion, solve_pose
+from analyze.tracking.pose import choose_by_motion, solve_poses
 from analyze.types import MarkerTrack
 from schemas.tags import family_and_id, name_order
 
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from analyze.tracking.edges import Square
-    from analyze.tracking.pose import PosePair
+    from analyze.tracking.edges import Square, SquareFit
     from analyze.types import Array, CameraModel, ImageFrame, Marker
 
 _FULL_SCANS = 2
@@ -57,6 +56,15 @@ class TrackingReport:
     """time of the last image that was looked at, 0 where there was none"""
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """A marker in one frame."""
+
+    fit: SquareFit
+    corners_raw: Array
+    """(4, 2) px"""
+
+
 @dataclass
 class _Path:
     """What is known of one marker so far."""
@@ -67,16 +75,19 @@ class _Path:
     corners_ideal: list[Array] = field(default_factory=list)
     sd: list[float] = field(default_factory=list)
     missed: int = 0
+    fit: SquareFit | None = None
+    """the newest"""
 
-    def predict(self, time_ns: int) -> tuple[Array, float]:
-        """Expected raw corners (4, 2), and how far off they may be [px], at constant velocity."""
-        last = self.corners_raw[-1]
+    def predict(self, time_ns: int) -> tuple[Array, Array, float]:
+        """Expected raw and ideal corners (4, 2), and how far off they may be [px], at constant velocity."""
+        raw, ideal = self.corners_raw[-1], self.corners_ideal[-1]
         if len(self.time_ns) < 2:
-            return last, 4.0
+            return raw, ideal, 4.0
         step = self.time_ns[-1] - self.time_ns[-2]
         ratio = min((time_ns - self.time_ns[-1]) / step, 4.0) if step > 0 else 0.0
-        move = (last - self.corners_raw[-2]) * ratio
-        return last + move, 6.0 + 1.5 * float(np.max(np.abs(move))) + 4.0 * self.missed
+        move = (raw - self.corners_raw[-2]) * ratio
+        moved = ideal + (ideal - self.corners_ideal[-2]) * ratio
+        return raw + move, moved, 6.0 + 1.5 * float(np.abs(move).max()) + 4.0 * self.missed
 
 
 class MarkerFollower:
@@ -116,22 +127,22 @@ class MarkerFollower:
         if self._first is None:
             self._first = frame.image
         self._last_ns = frame.time_ns
-        found: dict[int | str, Square] = {}
+        found: dict[int | str, _Seen] = {}
         for marker_id, path in self._paths.items():
-            if path.time_ns and (square := self._follow(frame, path)) is not None:
-                found[marker_id] = square
+            if path.time_ns and (seen := self._follow(frame, path)) is not None:
+                found[marker_id] = seen
         missing = [marker_id for marker_id, path in self._paths.items() if marker_id not in found and path.time_ns]
         # Nothing seen yet: search more often than for what is merely hidden.
-        due = self.frames_total <= _FULL_SCANS or self.frames_total % _RESCAN_EVERY == 0
+        due = self.frames_total <= _FULL_SCANS or (self.frames_total % _RESCAN_EVERY == 0 and len(found) < len(self._paths))
         if due or any(self._paths[i].missed == 1 for i in missing):
             for sighting in self._scan(frame):
-                if sighting.marker_id not in found and (square := self._fit(frame, sighting.corners_px)) is not None:
-                    found[sighting.marker_id] = square
+                if sighting.marker_id not in found and (seen := self._found(frame, sighting)) is not None:
+                    found[sighting.marker_id] = seen
         self._note(frame, found)
         if any(self._paths[marker_id].time_ns for marker_id in self._expected):
             self._paths = {marker_id: self._paths[marker_id] for marker_id in self._paths if marker_id in self._expected}
             self._expected = frozenset()
-        return found
+        return {marker_id: seen.fit.square for marker_id, seen in found.items()}
 
     def report(self) -> TrackingReport:
         """Tracks of all markers that were found, with poses.
@@ -151,12 +162,14 @@ class MarkerFollower:
             raise TrackingError(f"marker {unknown[0]} is in view, but the object carries {known}: correct the object file or the marker")
         return TrackingReport(tracks, unknown, tuple(self._gaps), self.frames_total, self._last_ns)
 
-    def _follow(self, frame: ImageFrame, path: _Path) -> Square | None:
-        expected, reach = path.predict(frame.time_ns)
+    def _follow(self, frame: ImageFrame, path: _Path) -> _Seen | None:
+        expected, expected_ideal, reach = path.predict(frame.time_ns)
         if path.missed == 0:
-            square = self._fit(frame, expected)
-            if square is not None and self._trusted(frame, square, expected, path.marker.id):
-                return square
+            fit = None if path.fit is None else find_again(frame.image, path.fit, expected_ideal)
+            fit = fit or find_square(frame.image, self._pixels, expected_ideal, expected)
+            seen = None if fit is None else self._placed(fit)
+            if seen is not None and self._trusted(frame, seen, expected, path.marker.id):
+                return seen
         if path.missed >= _LOOKED_FOR:
             return None
         margin = int(reach + 0.35 * float(np.ptp(expected, axis=0).max())) + 2
@@ -167,15 +180,19 @@ class MarkerFollower:
             return None
         for sighting in detect(region, families_of([path.marker.id]), (int(left), int(top))):
             if sighting.marker_id == path.marker.id:
-                return self._fit(frame, sighting.corners_px)
+                return self._found(frame, sighting)
         return None
 
-    def _trusted(self, frame: ImageFrame, square: Square, expected: Array, marker_id: int | str) -> bool:
-        raw = distort(self._camera, square.corners)
-        return float(np.max(np.abs(raw - expected))) < _NEAR_PX and is_marker(frame.image, raw, marker_id)
+    def _trusted(self, frame: ImageFrame, seen: _Seen, expected: Array, marker_id: int | str) -> bool:
+        return float(np.abs(seen.corners_raw - expected).max()) < _NEAR_PX and is_marker(frame.image, seen.corners_raw, marker_id)
 
-    def _fit(self, frame: ImageFrame, corners_raw: Array) -> Square | None:
-        return fit_square(frame.image, self._pixels, undistort(self._camera, corners_raw), corners_raw)
+    def _found(self, frame: ImageFrame, sighting: Sighting) -> _Seen | None:
+        ideal = undistort(self._camera, sighting.corners_px)
+        fit = find_square(frame.image, self._pixels, ideal, sighting.corners_px)
+        return None if fit is None else self._placed(fit)
+
+    def _placed(self, fit: SquareFit) -> _Seen:
+        return _Seen(fit, distort(self._camera, fit.square.corners))
 
     def _scan(self, frame: ImageFrame) -> list[Sighting]:
         known: list[Sighting] = []
@@ -190,10 +207,10 @@ class MarkerFollower:
             seen.add(sighting.marker_id)
         return known
 
-    def _note(self, frame: ImageFrame, found: dict[int | str, Square]) -> None:
+    def _note(self, frame: ImageFrame, found: dict[int | str, _Seen]) -> None:
         for marker_id, path in self._paths.items():
-            square = found.get(marker_id)
-            if square is None:
+            seen = found.get(marker_id)
+            if seen is None:
                 if path.time_ns:
                     path.missed += 1
                     if path.missed == 1:
@@ -203,18 +220,18 @@ class MarkerFollower:
                         self._gaps[index] = Gap(marker_id, self._gaps[index].start_ns, path.missed)
                 continue
             path.missed = 0
+            path.fit = seen.fit
             path.time_ns.append(frame.time_ns)
-            path.corners_ideal.append(square.corners)
-            path.corners_raw.append(distort(self._camera, square.corners))
-            path.sd.append(square.sd)
+            path.corners_ideal.append(seen.fit.square.corners)
+            path.corners_raw.append(seen.corners_raw)
+            path.sd.append(seen.fit.square.sd)
 
     def _track(self, path: _Path) -> MarkerTrack | None:
-        pairs: list[PosePair] = []
-        kept: list[int] = []
-        for i, corners in enumerate(path.corners_ideal):
-            if (pair := solve_pose(corners, path.marker.size, self._camera.K)) is not None:
-                pairs.append(pair)
-                kept.append(i)
+        if not path.time_ns:
+            return None
+        solved = solve_poses(np.array(path.corners_ideal), path.marker.size, self._camera.K)
+        kept = [i for i, pair in enumerate(solved) if pair is not None]
+        pairs = [pair for pair in solved if pair is not None]
         if not kept:
             return None
         time_ns = np.array(path.time_ns, dtype=np.int64)[kept]
