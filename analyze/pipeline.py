@@ -42,8 +42,8 @@ class EstimateOptions:
     """use this object file instead of the recording's"""
     exclude: frozenset[str] = frozenset()
     """ids of strikes to leave out"""
-    estimator: str = "pivot_fit"
-    """whose phi and k are used: pivot_fit or sign_change"""
+    estimator: str | None = None
+    """whose phi and k are used: pivot_fit, moment_balance or sign_change; None: of each strike the one that suits its motion"""
     seed: int = 0
 
 
@@ -161,7 +161,7 @@ def _usable(motion: TipMotion, options: EstimateOptions) -> bool:
     return motion.fit is not None and motion.verdict in USABLE and motion.strike_id not in options.exclude
 
 
-def equiplanes(evidence: Evidence, motions: Sequence[TipMotion], estimator: str = "pivot_fit") -> tuple[EquiPlane, ...]:
+def equiplanes(evidence: Evidence, motions: Sequence[TipMotion], estimator: str | None = None) -> tuple[EquiPlane, ...]:
     """Equi-planes of fitted motions; k, which goes with g, as it would be where the first recording was made."""
     levels = levels_of(evidence.recordings)
     found: list[EquiPlane] = []
@@ -186,8 +186,8 @@ def systematic_errors(evidence: Evidence) -> SystematicErrors:
     )
 
 
-def _plane(planned: PlannedStrike, motion: TipMotion, estimator: str) -> EquiPlane:
-    if motion.fit is not None and motion.fit.estimator == estimator:
+def _plane(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
+    if estimator is None or (motion.fit is not None and motion.fit.estimator == estimator):
         return equiplane(motion.strike_id, planned, motion)
     chosen = next((fit for fit in motion.alternatives if fit.estimator == estimator), None)
     return equiplane(motion.strike_id, planned, motion) if chosen is None else equiplane_from_fit(motion.strike_id, planned, chosen)

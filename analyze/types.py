@@ -121,6 +121,9 @@ class MotionFit:
     residual: Array
     """(window length,) rad"""
     note: str = ""
+    """why this estimator, this window"""
+    violated: tuple[str, ...] = ()
+    """assumptions of the estimator that the motion did not keep, each with its number"""
 
 
 @dataclass(frozen=True)

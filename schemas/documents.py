@@ -538,6 +538,8 @@ class AlternativeFit(Document):
     phi: Quantity
     k: Quantity | None = None
     note: str = ""
+    violated: list[str] = []
+    """assumptions of the estimator that the motion did not keep"""
 
 
 class StrikeResult(Document):
@@ -552,6 +554,8 @@ class StrikeResult(Document):
     used: bool
     weight: float = Field(ge=0)
     estimator: str | None = None
+    estimator_note: str = ""
+    """why this one, and why this window"""
     window_ns: list[int] | None = None
     phi: Quantity | None = None
     k: Quantity | None = None

@@ -10,6 +10,7 @@ as much as itself, and is added at the end.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,9 @@ from analyze.types import MotionFit
 
 if TYPE_CHECKING:
     from analyze.types import Array, TipAngle
+
+    Model = Callable[[Array], tuple[Array, Array]]
+    """theta (n,) [rad] of parameters (p,), and its derivatives (n, p)"""
 
 MIN_FRAMES = 8
 _HUBER = 2.5
@@ -43,21 +47,65 @@ class _Solution:
     """(n,) of Huber's loss, 0..1"""
 
 
+@dataclass(frozen=True)
+class Sample:
+    """The part of theta(t) that is fitted."""
+
+    time0_ns: int
+    time: Array
+    """(n,) s from time0_ns on"""
+    theta: Array
+    """(n,) rad"""
+    sd: Array
+    """(n,) rad"""
+    guess: Array
+    """(5,) phi, k, theta0, omega0, drag, good enough to start from"""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model that was fitted to a Sample."""
+
+    parameters: Array
+    """(p,) phi, k, theta0, omega0[, more]"""
+    residual: Array
+    """(n,) rad"""
+    covariance: Array
+    """(2, 2) of (phi, k)"""
+
+
 def pivot_fit(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
     """Fit phi, k, theta0, omega0 without drag over angle[window[0]:window[1]].
 
     Raises:
         EstimationError: the window is too short or holds no tipping motion.
     """
-    return _fit(angle, window, parameters=4, start=None)
+    return _pivot_fit(angle, window, "pivot_fit", 4)
 
 
 def pivot_fit_with_drag(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
     """The same with a drag term c theta' |theta'|, whose c is fitted too."""
-    return _fit(angle, window, parameters=5, start=None)
+    return _pivot_fit(angle, window, "pivot_fit_with_drag", 5)
 
 
-def _fit(angle: TipAngle, window: tuple[int, int], parameters: int, start: Array | None) -> MotionFit:
+def _pivot_fit(angle: TipAngle, window: tuple[int, int], estimator: str, size: int) -> MotionFit:
+    cut = sample(angle, window, size)
+
+    def model(x: Array) -> tuple[Array, Array]:
+        drag = float(x[4]) if size == 5 else 0.0
+        theta, _, jacobian = trajectory(cut.time, float(x[0]), float(x[1]), float(x[2]), float(x[3]), drag)
+        return theta, jacobian[:, :size]
+
+    fitted = fit_model(cut, model, cut.guess[:size])
+    return motion_fit(estimator, angle, window, cut, fitted, damping=float(fitted.parameters[4]) if size == 5 else 0.0)
+
+
+def sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sample:
+    """Cut out what is fitted.
+
+    Raises:
+        EstimationError: the window is too short.
+    """
     first, last = window
     if last - first < max(MIN_FRAMES, parameters + 3):
         raise EstimationError(
@@ -66,41 +114,62 @@ def _fit(angle: TipAngle, window: tuple[int, int], parameters: int, start: Array
     time0 = int(angle.time_ns[first])
     time = np.asarray((angle.time_ns[first:last] - time0) * 1e-9, dtype=np.float64)
     theta, sd = angle.theta[first:last], np.maximum(angle.sd[first:last], 1e-6)
-    guess = np.array([*first_guess(time, theta), 0.0]) if start is None else start
+    guess = np.array([*first_guess(time, theta), 0.0])
     if not (0.0 < guess[0] < 2.0 and guess[1] > 1.0):
         guess = np.array(
             [max(0.3, 0.8 * float(np.max(theta))), 60.0, float(theta[0]), float(theta[2] - theta[0]) / float(time[2] - time[0]), 0.0]
         )
-    solution = _minimise(time, theta, sd, guess[:parameters])
-    phi, k, theta0, omega0 = (float(x) for x in solution.parameters[:4])
+    return Sample(time0, time, theta, sd, guess)
+
+
+def fit_model(cut: Sample, model: Model, start: Array, profiled: bool = True) -> Fitted:
+    """Fit a model of theta(t) whose first two parameters are phi and k.
+
+    Args:
+        cut: the data.
+        model: gives theta and its derivatives.
+        start: (p,) parameters to start from.
+        profiled: the model is the pendulum itself, so that a vague phi can be stretched to its profile likelihood's interval.
+
+    Raises:
+        EstimationError: what fits is no tip.
+    """
+    solution = _minimise(cut, model, start)
+    phi, k = float(solution.parameters[0]), float(solution.parameters[1])
     if not (0.0 < phi < 2.5 and 0.5 < k < 5000.0):
         raise EstimationError(f"the motion is no tip over an edge (phi {math.degrees(phi):.1f} deg, k {k:.1f} rad/s^2): look at the images")
-    covariance = _covariance(solution, time, theta, sd)[:2, :2]
+    return Fitted(solution.parameters, solution.residual, _covariance(solution, cut, profiled)[:2, :2])
+
+
+def motion_fit(estimator: str, angle: TipAngle, window: tuple[int, int], cut: Sample, fitted: Fitted, damping: float = 0.0) -> MotionFit:
+    """As a result; the uncertain zero of theta is added."""
+    covariance = fitted.covariance.copy()
     covariance[0, 0] += angle.zero_sd**2
+    phi, k, theta0, omega0 = (float(x) for x in fitted.parameters[:4])
     return MotionFit(
-        estimator="pivot_fit" if parameters == 4 else "pivot_fit_with_drag",
+        estimator=estimator,
         phi=phi,
         k=k,
         covariance=covariance,
         theta0=theta0,
         omega0=omega0,
-        time0_ns=time0,
-        damping=float(solution.parameters[4]) if parameters == 5 else 0.0,
+        time0_ns=cut.time0_ns,
+        damping=damping,
         window=window,
-        residual=solution.residual,
+        residual=fitted.residual,
     )
 
 
-def _minimise(time: Array, theta: Array, sd: Array, start: Array) -> _Solution:
-    size = len(start)
-    scale = _SCALE[:size]
+def _minimise(cut: Sample, model: Model, start: Array) -> _Solution:
+    theta, sd = cut.theta, cut.sd
+    scale = _SCALE[: len(start)]
     x = start.copy()
     weight = np.ones_like(theta)
     damping = 1e-3
 
     def evaluate(x: Array) -> tuple[Array, Array]:
-        model, _, jacobian = trajectory(time, float(x[0]), float(x[1]), float(x[2]), float(x[3]), float(x[4]) if size == 5 else 0.0)
-        return theta - model, jacobian[:, :size]
+        expected, jacobian = model(x)
+        return theta - expected, jacobian
 
     residual, jacobian = evaluate(x)
     weight = _huber(residual / sd)
@@ -139,8 +208,9 @@ def _huber(standardised: Array) -> Array:
     return np.minimum(1.0, _HUBER * scale / np.maximum(np.abs(standardised), 1e-9))
 
 
-def _covariance(solution: _Solution, time: Array, theta: Array, sd: Array) -> Array:
+def _covariance(solution: _Solution, cut: Sample, profiled: bool) -> Array:
     n, p = solution.jacobian.shape
+    sd = cut.sd
     weight = np.sqrt(solution.weight) / sd
     J = solution.jacobian * weight[:, None]
     r = solution.residual / sd
@@ -153,9 +223,9 @@ def _covariance(solution: _Solution, time: Array, theta: Array, sd: Array) -> Ar
     normal = (J * scale).T @ (J * scale)
     inverse = np.asarray(np.linalg.pinv(normal, rcond=1e-14, hermitian=True) * np.outer(scale, scale), dtype=np.float64)
     linear_sd = math.sqrt(float(inverse[0, 0]) * variance)
-    if linear_sd <= _LINEAR_SD:
+    if linear_sd <= _LINEAR_SD or not profiled:
         return inverse * variance
-    profile = profile_sd(Tip(time, theta, weight, solution.parameters, inverse), variance)
+    profile = profile_sd(Tip(cut.time, cut.theta, weight, solution.parameters, inverse), variance)
     return inverse * variance * max(1.0, profile / linear_sd) ** 2
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.errors import EstimationError, TrackingError
+from analyze.motion.balance_fit import moment_balance
 from analyze.motion.contact import ContactErrors, with_contact_errors
+from analyze.motion.edge_motion import EdgeMotion, edge_motion
 from analyze.motion.free_motion import jump, longest_clean_fit, settled_fit
 from analyze.motion.pendulum import energy_ratio
 from analyze.motion.phases import Course, WindowLimits, find_course, free_window, phases_of
@@ -98,17 +100,24 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     if course.released is None or (judgement is not None and judgement.code is Verdict.NOT_MOVED):
         return _result(task, judgement or Judgement(Verdict.NOT_MOVED, "no tip"), angle, course, None, ())
     try:
-        fit, kick = _fit(angle, course, task.planned.phi_predicted_rad, settings)
+        fits = _fit(motion, course, task.planned, settings)
     except EstimationError as error:
         return _result(task, judgement or _unfitted(angle, course, str(error)), angle, course, None, ())
-    fit = with_contact_errors(fit, task.planned.rolls, settings.contact)
+    fit, kick = with_contact_errors(fits.chosen, task.planned.rolls, settings.contact), fits.kick
     top = float(np.max(angle.theta[course.released : course.ended]))
     vague = judge_vague(fit, course, top, settings.verdict)
     if vague is not None:
         return _result(task, judgement or kick or vague, angle, course, None, ())
     ratio = energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
-    judgement = judgement or kick or judge_contact(motion, _until(angle, fit), task.planned.rolls, settings.verdict)
-    return _result(task, judgement or judge_fit(fit, course, ratio, top), angle, course, fit, _alternatives(angle, course, fit, settings))
+    judgement = judgement or kick or judge_contact(fits.motion, _until(angle, fit), task.planned.rolls, settings.verdict)
+    return _result(
+        task,
+        judgement or judge_fit(fit, course, ratio, top),
+        angle,
+        course,
+        fit,
+        (*fits.others, *_alternatives(angle, course, fit, settings)),
+    )
 
 
 def verdict_of(motion: TipMotion) -> StrikeVerdict:
@@ -151,9 +160,20 @@ def rest_end(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
     return min(ends, default=max((int(track.time_ns[-1]) + 1 for track in tracks if len(track.time_ns)), default=0))
 
 
-def _fit(angle: TipAngle, course: Course, phi_predicted: float, settings: MotionSettings) -> tuple[MotionFit, Judgement | None]:
-    """pivot_fit over the window that its own phi bounds, and a judgement where a second kick splits it."""
-    window = free_window(angle, course, phi_predicted, settings.window)
+@dataclass(frozen=True)
+class _Fits:
+    chosen: MotionFit
+    others: tuple[MotionFit, ...]
+    kick: Judgement | None
+    """where a second kick splits the motion"""
+    motion: PlanarMotion
+    """with what the edge itself did"""
+
+
+def _fit(motion: PlanarMotion, course: Course, planned: PlannedStrike, settings: MotionSettings) -> _Fits:
+    """The fit that suits what the edge did, over the window that phi itself bounds."""
+    angle = motion.angle
+    window = free_window(angle, course, planned.phi_predicted_rad, settings.window)
     fit = pivot_fit(angle, window)
     for _ in range(3):
         again = free_window(angle, course, fit.phi, settings.window)
@@ -161,13 +181,17 @@ def _fit(angle: TipAngle, course: Course, phi_predicted: float, settings: Motion
             break
         window = again
         fit = pivot_fit(angle, window)
+    edge = edge_motion(motion, window)
+    balanced = _balanced(edge, fit, planned.pivot.radius_m, settings.verdict)
+    if balanced is not None:
+        moved = f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
+        return _Fits(replace(balanced, note=f"chosen because {moved}"), (replace(fit, violated=(moved,)),), None, edge.motion)
     index, size, gain = jump(angle, fit)
-    limits = settings.verdict
-    if gain < limits.kick_chi2 or abs(size) < limits.kick_ratio * abs(fit.omega0):
-        return settled_fit(angle, fit), None
+    if not _kicked(fit, size, gain, settings.verdict):
+        return _Fits(settled_fit(angle, fit), (), None, edge.motion)
     clean = longest_clean_fit(angle, window)
     if clean is not None:
-        return clean, None
+        return _Fits(clean, (), None, edge.motion)
     after = 1e-6 * (angle.time_ns[index] - fit.time0_ns)
     reason = f"its speed jumped by {size:+.2f} rad/s {after:.0f} ms after the strike: catch the striker after the first contact"
     rest = (index + settings.window.guard_frames, fit.window[1])
@@ -176,7 +200,23 @@ def _fit(angle: TipAngle, course: Course, phi_predicted: float, settings: Motion
             fit = pivot_fit(angle, rest)
         except EstimationError:
             reason += " (no fit after it)"
-    return fit, Judgement(Verdict.STRUCK_TWICE, reason)
+    return _Fits(fit, (), Judgement(Verdict.STRUCK_TWICE, reason), edge.motion)
+
+
+def _kicked(fit: MotionFit, size: float, gain: float, limits: VerdictLimits) -> bool:
+    return gain >= limits.kick_chi2 and abs(size) >= limits.kick_ratio * abs(fit.omega0)
+
+
+def _balanced(edge: EdgeMotion, hinge: MotionFit, radius: float, limits: VerdictLimits) -> MotionFit | None:
+    """The moment balance over the hinge's window, where the edge is seen to have moved and that explains the motion."""
+    if max(edge.slid, edge.lifted) < limits.edge_moved:
+        return None
+    try:
+        fit = moment_balance(edge.motion, hinge.window, radius)
+    except EstimationError:
+        return None
+    _, size, gain = jump(edge.motion.angle, fit)
+    return None if _kicked(fit, size, gain, limits) else fit
 
 
 def _unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:

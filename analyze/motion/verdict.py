@@ -26,6 +26,8 @@ class VerdictLimits:
     """m along the table, before the balance point"""
     lift: float = 0.002
     """m off the table"""
+    edge_moved: float = 1.5e-4
+    """m of sliding or lifting, beyond noise, from which on the edge is no longer taken for a hinge"""
     twist: float = math.radians(5.0)
     """rad about other axes than the pivot"""
     kick_ratio: float = 0.06

@@ -169,6 +169,7 @@ def strike_result(
     values: dict[str, Any] = {}
     if fit is not None:
         values["estimator"] = fit.estimator
+        values["estimator_note"] = fit.note
         values["phi"] = quantity(fit.phi, math.sqrt(fit.covariance[0, 0]), "rad")
         values["cov_phi_k"] = fit.covariance.tolist()
         values["k"] = _k_quantity(fit)
@@ -210,7 +211,11 @@ def _k_quantity(fit: MotionFit) -> Quantity | None:
 
 def _alternative(fit: MotionFit) -> AlternativeFit:
     return AlternativeFit(
-        estimator=fit.estimator, phi=quantity(fit.phi, math.sqrt(fit.covariance[0, 0]), "rad"), k=_k_quantity(fit), note=fit.note
+        estimator=fit.estimator,
+        phi=quantity(fit.phi, math.sqrt(fit.covariance[0, 0]), "rad"),
+        k=_k_quantity(fit),
+        note=fit.note,
+        violated=list(fit.violated),
     )
 
 

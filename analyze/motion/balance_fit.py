@@ -1,0 +1,98 @@
+"""phi and k of one strike whose edge slid or hopped: the moment balance about the line that touches, in which friction has no part.
+
+With s(t) the sliding of the contact along the table, z(t) the height of the edge over it (both seen by the camera), psi = phi - theta and
+R the distance of c from the edge, the balance of moments about the touching line is, per I_edge,
+
+    theta'' = -k [ sin psi + (cos psi + rho / R) s'' / g + sin psi z'' / g ]
+
+(it holds while the edge touches, whatever the friction, and in flight, when nothing touches). In the weak form, integrated by parts,
+
+    Omega = theta' + (k / g) [ (cos psi + rho / R) s' + sin psi z' ],    Omega' = -k sin psi + (k / g) [ sin psi s' - cos psi z' ] theta'
+
+only the velocities of the edge are left, and their errors stay where they are instead of adding up: s enters theta as -(k / g) cos psi s.
+An edge that holds makes it `pivot_fit`. The rolling of a rounded edge is in s only as far as it slides against that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.motion.pivot_fit import fit_model, motion_fit, sample
+
+if TYPE_CHECKING:
+    from analyze.motion.tip_angle import PlanarMotion
+    from analyze.types import Array, MotionFit
+
+ESTIMATOR = "moment_balance"
+G = 9.81
+"""m/s^2; a hundredth of it is a hundredth of a small correction"""
+_R_TIMES_K = G / 1.35
+"""m rad/s^2, of a solid or hollow body over its edge, within 15 %: only rho / R needs it"""
+_STEPS = np.array([1e-6, 1e-3, 1e-6, 1e-5])
+"""of phi, k, theta0, omega0, for derivatives"""
+_START_FRAMES = 6
+
+
+def moment_balance(motion: PlanarMotion, window: tuple[int, int], radius: float) -> MotionFit:
+    """Fit phi, k, theta0, omega0 over motion.angle[window[0]:window[1]] with the edge's own motion as it was seen.
+
+    Args:
+        motion: theta, slip and lift through the strike.
+        window: range of frames in which only gravity and the table act.
+        radius: of the edge's rounding [m].
+
+    Raises:
+        EstimationError: the window is too short or holds no tipping motion.
+    """
+    angle = motion.angle
+    cut = sample(angle, window, 4)
+    inside = slice(*window)
+    slip, lift = angle.slip[inside] - angle.slip[window[0]], motion.lift[inside] - motion.lift[window[0]]
+    # What the edge's place is not known to goes into theta at once: see above.
+    by_slip = cut.guess[1] / G * np.cos(cut.guess[0] - cut.theta)
+    cut = replace(cut, sd=np.hypot(cut.sd, by_slip * motion.position_sd[inside]))
+
+    def model(x: Array) -> tuple[Array, Array]:
+        steps = np.concatenate([np.zeros((1, 4)), np.diag(_STEPS), -np.diag(_STEPS)])
+        theta = _driven(cut.time, x + steps, slip, lift, radius)
+        return theta[:, 0], (theta[:, 1:5] - theta[:, 5:]) / (2 * _STEPS)
+
+    fitted = fit_model(cut, model, cut.guess[:4], profiled=False)
+    fit = motion_fit(ESTIMATOR, angle, window, cut, fitted)
+    first = slice(0, min(_START_FRAMES, len(cut.time)))
+    s_rate, z_rate = (float(np.polyfit(cut.time[first], values[first], 1)[0]) for values in (slip, lift))
+    psi = fit.phi - fit.theta0
+    k = float(fitted.parameters[1])
+    turning = k / G * ((math.cos(psi) + radius * k / _R_TIMES_K) * s_rate + math.sin(psi) * z_rate)
+    return replace(fit, omega0=fit.omega0 - turning)
+
+
+def _driven(time: Array, parameters: Array, slip: Array, lift: Array, radius: float) -> Array:
+    """Theta (n, c) of c sets of parameters (c, 4) phi, k, theta0, Omega0; slip and lift (n,) are straight between the times (RK4)."""
+    phi, k, theta, turn = (parameters[:, i].copy() for i in range(4))
+    by_g = k / G
+    rolled = radius * k / _R_TIMES_K
+    found = np.empty((len(time), len(phi)))
+    found[0] = theta
+
+    def rate(theta: Array, turn: Array, s: float, z: float) -> tuple[Array, Array]:
+        psi = phi - theta
+        sin, cos = np.sin(psi), np.cos(psi)
+        speed = turn - by_g * ((cos + rolled) * s + sin * z)
+        return speed, -k * sin + by_g * (sin * s - cos * z) * speed
+
+    for i in range(1, len(time)):
+        h = float(time[i] - time[i - 1])
+        s, z = float(slip[i] - slip[i - 1]) / h, float(lift[i] - lift[i - 1]) / h
+        a1, b1 = rate(theta, turn, s, z)
+        a2, b2 = rate(theta + h / 2 * a1, turn + h / 2 * b1, s, z)
+        a3, b3 = rate(theta + h / 2 * a2, turn + h / 2 * b2, s, z)
+        a4, b4 = rate(theta + h * a3, turn + h * b3, s, z)
+        theta = theta + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        turn = turn + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
+        found[i] = theta
+    return found

@@ -1,0 +1,79 @@
+"""How the edge itself moved during a strike: slid along the table, or left it.
+
+The camera sees where the point moves that is taken for the edge. Where that point is off the true edge by d, turning alone moves it by
+(R(theta) - 1) d: a registration error, no sliding. It is told apart by what it does off the table, and taken out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from analyze.motion.tip_angle import PlanarMotion
+    from analyze.types import Array
+
+_OFFSET_SD = 5e-4
+"""m, of the edge's place as the plan and the marker's registration have it"""
+_UNMODELLED = 3e-5
+"""m, of a frame's lift: the rounding is no perfect circle, nor the lens model perfect"""
+_SHARED = 3.0
+"""neighbouring frames share most of that: ten of them count as one"""
+_NEIGHBOURS = 5
+_OUTLIER = 3.0
+
+
+@dataclass(frozen=True)
+class EdgeMotion:
+    """Of the frames of a window, against its first frames."""
+
+    motion: PlanarMotion
+    """with slip and lift of the edge itself"""
+    slid: float
+    """m, most that it slid, less what noise makes of it"""
+    lifted: float
+    """m, the same off the table"""
+    offset: Array
+    """(2,) m, along and off the table at rest, of the true edge from where it was taken to be"""
+
+
+def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
+    """Slip and lift of the edge, its misplacement taken out.
+
+    Args:
+        motion: as tip_angle gives it.
+        window: frames [start, stop) that are looked at; all are corrected.
+    """
+    angle = motion.angle
+    used = slice(*window)
+    theta, sd = angle.theta[used], np.maximum(motion.position_sd[used], 1e-7)
+    # A point at the offset d = (x, z) from the edge is moved by turning by (cos x + sin z, -sin x + cos z). Only what that does off the
+    # table tells d: along the table the edge may slide as it likes.
+    A = np.stack([-np.sin(theta), np.cos(theta) - 1.0], axis=-1)
+    b = motion.lift[used]
+    scale = _SHARED * np.hypot(sd, _UNMODELLED)
+    weight = np.ones_like(b)
+    offset = np.zeros(2)
+    for _ in range(8):
+        rows = A * (np.sqrt(weight) / scale)[:, None]
+        offset = np.linalg.solve(rows.T @ rows + np.eye(2) / _OFFSET_SD**2, rows.T @ (b * np.sqrt(weight) / scale))
+        left = np.abs(b - A @ offset) / scale
+        weight = np.minimum(1.0, _OUTLIER * max(1.0, 1.4826 * float(np.median(left))) / np.maximum(left, 1e-9))
+    all_sin, all_cos = np.sin(angle.theta), np.cos(angle.theta) - 1.0
+    slip = angle.slip - all_cos * offset[0] - all_sin * offset[1]
+    lift = motion.lift + all_sin * offset[0] - all_cos * offset[1]
+    corrected = replace(motion, angle=replace(angle, slip=slip), lift=lift)
+    return EdgeMotion(corrected, smooth_range(slip[used], sd), max(0.0, smooth_range(lift[used], sd)), -offset)
+
+
+def smooth_range(values: Array, sd: Array) -> float:
+    """Range of the medians of five neighbours [as values], less four of their own sd: what noise alone hardly reaches."""
+    if len(values) < _NEIGHBOURS:
+        return 0.0
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, _NEIGHBOURS), axis=1)
+    # The median of five normal values has 0.536 of their sd.
+    noise = 4.0 * math.sqrt(2.0) * 0.536 * float(np.median(sd))
+    return max(0.0, float(np.ptp(smooth)) - noise)
