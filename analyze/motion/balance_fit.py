@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.motion.pivot_fit import fit_model, motion_fit, sample
+from analyze.motion.pivot_fit import Sample, fit_model, motion_fit, sample
 
 if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion
@@ -34,16 +34,22 @@ _R_TIMES_K = G / 1.35
 """m rad/s^2, of a solid or hollow body over its edge, within 15 %: only rho / R needs it"""
 _STEPS = np.array([1e-6, 1e-3, 1e-6, 1e-5])
 """of phi, k, theta0, omega0, for derivatives"""
+_OUTLIER = 5.0
+_LEAST_SCALE = 0.7
+"""of the frames' stated variances, however small the residuals are"""
 _START_FRAMES = 6
+_START_K = 70.0
+"""rad/s^2, of a body of 0.2 m"""
 
 
-def moment_balance(motion: PlanarMotion, window: tuple[int, int], radius: float) -> MotionFit:
+def moment_balance(motion: PlanarMotion, window: tuple[int, int], radius: float, phi: float | None = None) -> MotionFit:
     """Fit phi, k, theta0, omega0 over motion.angle[window[0]:window[1]] with the edge's own motion as it was seen.
 
     Args:
         motion: theta, slip and lift through the strike.
         window: range of frames in which only gravity and the table act.
         radius: of the edge's rounding [m].
+        phi: to start from [rad], where theta(t) is not like a hinge's at all.
 
     Raises:
         EstimationError: the window is too short or holds no tipping motion.
@@ -52,42 +58,97 @@ def moment_balance(motion: PlanarMotion, window: tuple[int, int], radius: float)
     cut = sample(angle, window, 4)
     inside = slice(*window)
     slip, lift = angle.slip[inside] - angle.slip[window[0]], motion.lift[inside] - motion.lift[window[0]]
+    if phi is not None:
+        cut = replace(cut, guess=np.array([phi, _START_K, *cut.guess[2:]]))
     # What the edge's place is not known to goes into theta at once: see above.
-    by_slip = cut.guess[1] / G * np.cos(cut.guess[0] - cut.theta)
-    cut = replace(cut, sd=np.hypot(cut.sd, by_slip * motion.position_sd[inside]))
+    psi = cut.guess[0] - cut.theta
+    by_place = np.stack([np.ones_like(psi), cut.guess[1] / G * np.cos(psi), cut.guess[1] / G * np.sin(psi)], axis=-1)
+    variance = np.einsum("ni,nij,nj->n", by_place, motion.covariance[inside], by_place)
+    cut = replace(cut, sd=np.sqrt(np.maximum(variance, (0.1 * cut.sd) ** 2)))
 
     def model(x: Array) -> tuple[Array, Array]:
         steps = np.concatenate([np.zeros((1, 4)), np.diag(_STEPS), -np.diag(_STEPS)])
-        theta = _driven(cut.time, x + steps, slip, lift, radius)
+        theta = driven(cut.time, x + steps, slip, lift, radius)
         return theta[:, 0], (theta[:, 1:5] - theta[:, 5:]) / (2 * _STEPS)
 
     fitted = fit_model(cut, model, cut.guess[:4], profiled=False)
-    fit = motion_fit(ESTIMATOR, angle, window, cut, fitted)
+    covariance = _covariance(
+        cut, fitted.parameters, model(fitted.parameters)[1], fitted.residual, (slip, lift, radius), motion.covariance[inside]
+    )
+    fit = motion_fit(ESTIMATOR, angle, window, cut, replace(fitted, covariance=covariance))
     first = slice(0, min(_START_FRAMES, len(cut.time)))
-    s_rate, z_rate = (float(np.polyfit(cut.time[first], values[first], 1)[0]) for values in (slip, lift))
+    s_rate, z_rate = (_slope(cut.time[first], values[first]) for values in (slip, lift))
     psi = fit.phi - fit.theta0
     k = float(fitted.parameters[1])
     turning = k / G * ((math.cos(psi) + radius * k / _R_TIMES_K) * s_rate + math.sin(psi) * z_rate)
     return replace(fit, omega0=fit.omega0 - turning)
 
 
-def _driven(time: Array, parameters: Array, slip: Array, lift: Array, radius: float) -> Array:
-    """Theta (n, c) of c sets of parameters (c, 4) phi, k, theta0, Omega0; slip and lift (n,) are straight between the times (RK4)."""
+def _slope(time: Array, values: Array) -> float:
+    away = time - np.mean(time)
+    return float(away @ values) / float(away @ away)
+
+
+def _covariance(cut: Sample, x: Array, jacobian: Array, residual: Array, edge: tuple[Array, Array, float], frames: Array) -> Array:
+    """(2, 2) of phi and k: errors of theta, slip and lift of every frame, carried through the motion and the fit.
+
+    Args:
+        cut: the data.
+        x: (4,) parameters.
+        jacobian: (n, 4).
+        residual: (n,) rad.
+        edge: slip (n,), lift (n,) [m], radius [m].
+        frames: (n, 3, 3) covariance of theta, slip, lift.
+    """
+    n = len(cut.time)
+    slip, lift, radius = edge
+    step = 1e-5
+    moved = np.concatenate([np.zeros((n, 1)), step * np.eye(n)], axis=1)
+    still = np.zeros((n, n + 1))
+    parameters = np.repeat(x[None], n + 1, axis=0)
+    by_slip = driven(cut.time, parameters, slip[:, None] + moved, lift[:, None] + still, radius)
+    by_lift = driven(cut.time, parameters, slip[:, None] + still, lift[:, None] + moved, radius)
+    # (n, n, 3): what an error of frame j's theta, slip and lift makes of the residual of frame i
+    effect = np.stack([np.eye(n), -(by_slip[:, 1:] - by_slip[:, :1]) / step, -(by_lift[:, 1:] - by_lift[:, :1]) / step], axis=-1)
+    noise = np.einsum("ija,jab,kjb->ik", effect, frames, effect)
+    scale = np.array([0.1, 20.0, 0.02, 0.2])
+    weighted = jacobian * scale / cut.sd[:, None]
+    solve = np.linalg.pinv(weighted.T @ weighted, rcond=1e-14, hermitian=True) @ weighted.T / cut.sd
+    left = np.eye(n) - jacobian * scale @ solve
+    expected = float(np.trace(left @ noise @ left.T / cut.sd[:, None] / cut.sd))
+    found = float(np.sum(np.minimum(np.abs(residual / cut.sd), _OUTLIER) ** 2))
+    covariance = solve @ noise @ solve.T * np.outer(scale, scale) * max(_LEAST_SCALE, found / expected)
+    return np.asarray(covariance[:2, :2], dtype=np.float64)
+
+
+def driven(time: Array, parameters: Array, slip: Array, lift: Array, radius: float, kick: tuple[int, Array] | None = None) -> Array:
+    """Theta (n, c) of c sets of parameters (c, 4 or more) phi, k, theta0, Omega0 (RK4).
+
+    Args:
+        time: (n,) s.
+        parameters: (c, 4 or more).
+        slip: (n,) or (n, c) m, straight between the times.
+        lift: (n,) m, the same.
+        radius: m, of the rounding.
+        kick: time index, and the jumps in speed (c,) [rad/s] there.
+    """
     phi, k, theta, turn = (parameters[:, i].copy() for i in range(4))
     by_g = k / G
     rolled = radius * k / _R_TIMES_K
     found = np.empty((len(time), len(phi)))
     found[0] = theta
 
-    def rate(theta: Array, turn: Array, s: float, z: float) -> tuple[Array, Array]:
+    def rate(theta: Array, turn: Array, s: Array, z: Array) -> tuple[Array, Array]:
         psi = phi - theta
         sin, cos = np.sin(psi), np.cos(psi)
         speed = turn - by_g * ((cos + rolled) * s + sin * z)
         return speed, -k * sin + by_g * (sin * s - cos * z) * speed
 
     for i in range(1, len(time)):
+        if kick is not None and i - 1 == kick[0]:
+            turn = turn + kick[1]
         h = float(time[i] - time[i - 1])
-        s, z = float(slip[i] - slip[i - 1]) / h, float(lift[i] - lift[i - 1]) / h
+        s, z = (slip[i] - slip[i - 1]) / h, (lift[i] - lift[i - 1]) / h
         a1, b1 = rate(theta, turn, s, z)
         a2, b2 = rate(theta + h / 2 * a1, turn + h / 2 * b1, s, z)
         a3, b3 = rate(theta + h / 2 * a2, turn + h / 2 * b2, s, z)

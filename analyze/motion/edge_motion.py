@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _OFFSET_SD = 5e-4
 """m, of the edge's place as the plan and the marker's registration have it"""
+_OFFSET_MOST = 1.5e-3
+"""m; what would need more is a lift"""
 _UNMODELLED = 3e-5
 """m, of a frame's lift: the rounding is no perfect circle, nor the lens model perfect"""
 _SHARED = 3.0
@@ -56,12 +58,15 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
     b = motion.lift[used]
     scale = _SHARED * np.hypot(sd, _UNMODELLED)
     weight = np.ones_like(b)
-    offset = np.zeros(2)
+    offset: Array = np.zeros(2)
     for _ in range(8):
         rows = A * (np.sqrt(weight) / scale)[:, None]
-        offset = np.linalg.solve(rows.T @ rows + np.eye(2) / _OFFSET_SD**2, rows.T @ (b * np.sqrt(weight) / scale))
+        normal = rows.T @ rows + np.eye(2) / _OFFSET_SD**2
+        offset = np.asarray(np.linalg.solve(normal, rows.T @ (b * np.sqrt(weight) / scale)), dtype=np.float64)
         left = np.abs(b - A @ offset) / scale
         weight = np.minimum(1.0, _OUTLIER * max(1.0, 1.4826 * float(np.median(left))) / np.maximum(left, 1e-9))
+    if float(np.linalg.norm(offset)) > _OFFSET_MOST:
+        offset = np.zeros(2)
     all_sin, all_cos = np.sin(angle.theta), np.cos(angle.theta) - 1.0
     slip = angle.slip - all_cos * offset[0] - all_sin * offset[1]
     lift = motion.lift + all_sin * offset[0] - all_cos * offset[1]

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from analyze.types import Array
 
 _MAX_STEP_S = 0.009
@@ -104,17 +106,37 @@ def first_guess(time: Array, theta: Array) -> tuple[float, float, float, float]:
 
     theta(t) = theta0 + omega0 t - A II cos(theta) + B II sin(theta), A = k sin(phi), B = k cos(phi), II the double integral.
     """
-
-    def integrate(values: Array) -> Array:
-        return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
-
-    columns = np.stack(
-        [np.ones_like(time), time - time[0], -integrate(integrate(np.cos(theta))), integrate(integrate(np.sin(theta)))], axis=-1
-    )
+    columns = _integrated_columns(time, theta)
     solution = np.linalg.lstsq(columns, theta, rcond=None)[0]
     return (
         math.atan2(float(solution[2]), float(solution[3])),
         math.hypot(float(solution[2]), float(solution[3])),
         float(solution[0]),
         float(solution[1]),
+    )
+
+
+def first_guess_with_kick(time: Array, theta: Array, places: Sequence[int]) -> list[tuple[float, int, Array]]:
+    """The same with a jump in speed at one of the `places` (indices of time).
+
+    Returns:
+        (sum of squares, place, (5,) phi, k, theta0, omega0, jump) of each, the best first.
+    """
+    columns = _integrated_columns(time, theta)
+    found: list[tuple[float, int, Array]] = []
+    for place in places:
+        jump = np.maximum(time - time[place], 0.0)
+        rows = np.column_stack([columns, jump])
+        x = np.linalg.lstsq(rows, theta, rcond=None)[0]
+        guess = np.array([math.atan2(float(x[2]), float(x[3])), math.hypot(float(x[2]), float(x[3])), x[0], x[1], x[4]])
+        found.append((float(np.sum((theta - rows @ x) ** 2)), place, guess))
+    return sorted(found, key=lambda each: each[0])
+
+
+def _integrated_columns(time: Array, theta: Array) -> Array:
+    def integrate(values: Array) -> Array:
+        return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
+
+    return np.stack(
+        [np.ones_like(time), time - time[0], -integrate(integrate(np.cos(theta))), integrate(integrate(np.sin(theta)))], axis=-1
     )

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from analyze.types import Array, TipAngle
 
 _STARTED_RAD = math.radians(0.15)
-_JUMP = 6.0
-"""sigmas"""
+_MISSED = 1.6
+"""frames, between two that follow each other at most"""
 
 
 @dataclass(frozen=True)
@@ -76,12 +76,16 @@ def find_course(angle: TipAngle, contact_time_ns: int, limits: WindowLimits) -> 
 def _landing(angle: TipAngle, released: int) -> int:
     """First frame after `released` in which the body was stopped hard: it loses a third of a fast turn within two frames."""
     theta = angle.theta
-    step = np.diff(theta) / np.maximum(np.diff(angle.time_ns) * 1e-9, 1e-6)
+    gap = np.maximum(np.diff(angle.time_ns) * 1e-9, 1e-6)
+    step = np.diff(theta) / gap
     speed = np.abs(step)
+    whole = gap < _MISSED * float(np.median(gap)) if len(gap) else gap > 0
     for i in range(max(released + 2, 2), len(step)):
         before = float(np.median(speed[max(released, i - 4) : i]))
         noise = 3.0 * float(angle.sd[i]) / max(float(angle.time_ns[i + 1] - angle.time_ns[i]) * 1e-9, 1e-6)
-        if before > 1.0 + noise and step[i] < 0.66 * before - noise and theta[i] > math.radians(20.0):
+        # Over frames that are missing nobody can say.
+        followed = bool(np.all(whole[max(released, i - 4) : i + 1]))
+        if followed and before > 1.0 + noise and step[i] < 0.66 * before - noise and theta[i] > math.radians(20.0):
             return i
     return len(theta)
 
@@ -130,7 +134,7 @@ def second_kick(time: Array, residual: Array, sd: Array, omega_response: Array) 
     q, _ = np.linalg.qr(basis)
     r = residual / sd
     best = (0, 0.0, 0.0)
-    for i in range(4, n - 4):
+    for i in range(1, n - 4):
         kick = np.maximum(time - time[i], 0.0) / sd
         kick = kick - q @ (q.T @ kick)
         power = float(kick @ kick)

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.errors import EstimationError, TrackingError
-from analyze.motion.balance_fit import moment_balance
-from analyze.motion.contact import ContactErrors, with_contact_errors
-from analyze.motion.edge_motion import EdgeMotion, edge_motion
-from analyze.motion.free_motion import jump, longest_clean_fit, settled_fit
+from analyze.motion.contact import with_contact_errors
+from analyze.motion.fit_choice import MotionSettings, fit_strike
 from analyze.motion.pendulum import energy_ratio
-from analyze.motion.phases import Course, WindowLimits, find_course, free_window, phases_of
-from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
+from analyze.motion.phases import Course, find_course, free_window, phases_of
 from analyze.motion.sign_change import sign_change
 from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
-from analyze.motion.verdict import Judgement, VerdictLimits, judge_contact, judge_fit, judge_motion, judge_vague
+from analyze.motion.verdict import Judgement, judge_contact, judge_fit, judge_motion, judge_vague
 from analyze.types import TipMotion
 from schemas.documents import StrikeVerdict, Verdict
 
@@ -45,17 +42,6 @@ class StrikeTask:
     """log_time as the striker felt it, 0 = not known"""
     images_end_ns: int | None = None
     """log_time of the last image, 0 where there is none; None = not known"""
-
-
-@dataclass(frozen=True)
-class MotionSettings:
-    """What a user may change; the defaults are the documented ones."""
-
-    window: WindowLimits = field(default_factory=WindowLimits)
-    verdict: VerdictLimits = field(default_factory=VerdictLimits)
-    contact: ContactErrors = field(default_factory=ContactErrors)
-    smoothing_points: int = 5
-    """of the paper's sign_change"""
 
 
 def placement_of(planned: PlannedStrike) -> Placement:
@@ -93,23 +79,27 @@ def analyse_strike(
 
 def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSettings) -> TipMotion:
     """The part of `analyse_strike` after the images: phases, fits, verdict."""
+    if (unseen := _unseen(task)) is not None:
+        return _without_motion(task, unseen)
     angle = motion.angle
     frame_ns = float(np.median(np.diff(angle.time_ns))) if len(angle.time_ns) > 1 else 1.0
     course = find_course(angle, task.contact_time_ns, settings.window)
-    judgement = judge_motion(motion, course, frame_ns, task.images_end_ns, settings.verdict)
-    if course.released is None or (judgement is not None and judgement.code is Verdict.NOT_MOVED):
+    judgement = judge_motion(motion, course, frame_ns, task.images_end_ns, task.planned.phi_predicted_rad, settings.verdict)
+    tipped = float(np.max(angle.theta[course.moved : course.ended], initial=0.0)) >= settings.verdict.not_moved
+    if course.released is None or not tipped:
         return _result(task, judgement or Judgement(Verdict.NOT_MOVED, "no tip"), angle, course, None, ())
-    try:
-        fits = _fit(motion, course, task.planned, settings)
-    except EstimationError as error:
-        return _result(task, judgement or _unfitted(angle, course, str(error)), angle, course, None, ())
+    fits = fit_strike(motion, course, task.planned, settings)
+    if fits.chosen is None:
+        window = free_window(angle, course, task.planned.phi_predicted_rad, settings.window)
+        contact = judge_contact(fits.motion, window, task.planned.rolls, settings.verdict)
+        return _result(task, judgement or fits.kick or contact or _unfitted(angle, course, fits.problem), angle, course, None, ())
     fit, kick = with_contact_errors(fits.chosen, task.planned.rolls, settings.contact), fits.kick
     top = float(np.max(angle.theta[course.released : course.ended]))
     vague = judge_vague(fit, course, top, settings.verdict)
-    if vague is not None:
-        return _result(task, judgement or kick or vague, angle, course, None, ())
-    ratio = energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
     judgement = judgement or kick or judge_contact(fits.motion, _until(angle, fit), task.planned.rolls, settings.verdict)
+    if vague is not None:
+        return _result(task, judgement or vague, angle, course, None, ())
+    ratio = energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
     return _result(
         task,
         judgement or judge_fit(fit, course, ratio, top),
@@ -158,65 +148,6 @@ def rest_end(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
         if np.any(moving):
             ends.append(int(track.time_ns[max(int(np.argmax(moving)) - 1, 1)]))
     return min(ends, default=max((int(track.time_ns[-1]) + 1 for track in tracks if len(track.time_ns)), default=0))
-
-
-@dataclass(frozen=True)
-class _Fits:
-    chosen: MotionFit
-    others: tuple[MotionFit, ...]
-    kick: Judgement | None
-    """where a second kick splits the motion"""
-    motion: PlanarMotion
-    """with what the edge itself did"""
-
-
-def _fit(motion: PlanarMotion, course: Course, planned: PlannedStrike, settings: MotionSettings) -> _Fits:
-    """The fit that suits what the edge did, over the window that phi itself bounds."""
-    angle = motion.angle
-    window = free_window(angle, course, planned.phi_predicted_rad, settings.window)
-    fit = pivot_fit(angle, window)
-    for _ in range(3):
-        again = free_window(angle, course, fit.phi, settings.window)
-        if again == window or again[1] - again[0] < MIN_FRAMES:
-            break
-        window = again
-        fit = pivot_fit(angle, window)
-    edge = edge_motion(motion, window)
-    balanced = _balanced(edge, fit, planned.pivot.radius_m, settings.verdict)
-    if balanced is not None:
-        moved = f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
-        return _Fits(replace(balanced, note=f"chosen because {moved}"), (replace(fit, violated=(moved,)),), None, edge.motion)
-    index, size, gain = jump(angle, fit)
-    if not _kicked(fit, size, gain, settings.verdict):
-        return _Fits(settled_fit(angle, fit), (), None, edge.motion)
-    clean = longest_clean_fit(angle, window)
-    if clean is not None:
-        return _Fits(clean, (), None, edge.motion)
-    after = 1e-6 * (angle.time_ns[index] - fit.time0_ns)
-    reason = f"its speed jumped by {size:+.2f} rad/s {after:.0f} ms after the strike: catch the striker after the first contact"
-    rest = (index + settings.window.guard_frames, fit.window[1])
-    if rest[1] - rest[0] >= 2 * MIN_FRAMES:
-        try:
-            fit = pivot_fit(angle, rest)
-        except EstimationError:
-            reason += " (no fit after it)"
-    return _Fits(fit, (), Judgement(Verdict.STRUCK_TWICE, reason), edge.motion)
-
-
-def _kicked(fit: MotionFit, size: float, gain: float, limits: VerdictLimits) -> bool:
-    return gain >= limits.kick_chi2 and abs(size) >= limits.kick_ratio * abs(fit.omega0)
-
-
-def _balanced(edge: EdgeMotion, hinge: MotionFit, radius: float, limits: VerdictLimits) -> MotionFit | None:
-    """The moment balance over the hinge's window, where the edge is seen to have moved and that explains the motion."""
-    if max(edge.slid, edge.lifted) < limits.edge_moved:
-        return None
-    try:
-        fit = moment_balance(edge.motion, hinge.window, radius)
-    except EstimationError:
-        return None
-    _, size, gain = jump(edge.motion.angle, fit)
-    return None if _kicked(fit, size, gain, limits) else fit
 
 
 def _unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:

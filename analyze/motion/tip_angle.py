@@ -70,6 +70,8 @@ class PlanarMotion:
     yaw: float
     """rad about W's z, of the true pivot axis against W's y"""
     rest_frames: int
+    covariance: Array
+    """(n, 3, 3) of theta, slip and lift of a frame, random part: rad, m"""
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,10 @@ def tip_angle(
         zero_sd=_zero_sd(random[at_rest], single[at_rest], _scale(chosen), views.sd[at_rest].min(axis=1)),
     )
     position_sd = np.sqrt(0.5 * (chosen.covariance[:, 1, 1] + chosen.covariance[:, 2, 2])) * _scale(chosen) * bad
-    return PlanarMotion(angle, motion[:, 2], position_sd, chi2, off_axis_sd, yaw, int(np.count_nonzero(at_rest)))
+    # Slip is x less what rolling makes of theta.
+    to_slip = np.array([[1.0, 0.0, 0.0], [-placement.radius, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    covariance = to_slip @ chosen.covariance[:, :3, :3] @ to_slip.T * (random / single * bad)[:, None, None] ** 2
+    return PlanarMotion(angle, motion[:, 2], position_sd, chi2, off_axis_sd, yaw, int(np.count_nonzero(at_rest)), covariance)
 
 
 def _random_scale(theta: Array, sd: Array) -> float:

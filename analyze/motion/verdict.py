@@ -32,13 +32,19 @@ class VerdictLimits:
     """rad about other axes than the pivot"""
     kick_ratio: float = 0.06
     """sudden change of speed over the speed at release"""
-    kick_chi2: float = 60.0
+    second_blow: float = 0.12
+    """the same, from which on it is a second blow however early it comes"""
+    kick_chi2: float = 20.0
     phi_sd: float = math.radians(1.0)
     """rad; a fit that knows phi worse than this is not used"""
     found: float = 0.8
     """share of frames with a marker between strike and landing"""
     gap: int = 5
     """frames in a row without one"""
+
+
+_SEEN_PAST_PHI = math.radians(35.0)
+"""of the predicted phi, until where the marker must be seen: the fitted window, and what phi may be off"""
 
 
 @dataclass(frozen=True)
@@ -50,28 +56,31 @@ class Judgement:
 
 
 def _smooth_peak(values: Array, sd: Array) -> float:
-    """Largest median of five neighbours that is more than its own noise."""
-    if len(values) < 5:
+    """Largest median of five neighbours (of all, where there are fewer) that is more than its own noise."""
+    if not len(values):
         return 0.0
-    windows = np.lib.stride_tricks.sliding_window_view(values, 5)
-    noise = np.lib.stride_tricks.sliding_window_view(sd, 5).mean(axis=1)
+    size = min(5, len(values))
+    windows = np.lib.stride_tricks.sliding_window_view(values, size)
+    noise = np.lib.stride_tricks.sliding_window_view(sd, size).mean(axis=1)
     return float(np.max(np.median(windows, axis=1) - 2.0 * noise, initial=0.0))
 
 
 def judge_motion(
-    motion: PlanarMotion, course: Course, frame_ns: float, images_end_ns: int | None, limits: VerdictLimits
+    motion: PlanarMotion, course: Course, frame_ns: float, images_end_ns: int | None, phi_predicted: float, limits: VerdictLimits
 ) -> Judgement | None:
     """Verdicts that the raw motion gives, None where it looks like a tip."""
     angle = motion.angle
     if course.moved is None or course.released is None:
-        peak = math.degrees(float(np.max(angle.theta, initial=0.0)))
-        return Judgement(Verdict.NOT_MOVED, f"the object turned by {peak:.2f} deg at most: move the striker closer, or strike harder")
-    free = slice(course.moved, course.ended)
+        return _not_moved(motion, float(np.max(angle.theta, initial=0.0)), limits)
+    # With the frame before: a gap may hide how it began to move.
+    free = slice(max(course.moved - 1, 0), course.ended)
     times = angle.time_ns[free]
     last_seen = int(angle.time_ns[-1])
     steps = np.diff(times) / frame_ns if len(times) > 1 else np.zeros(0)
+    # Where it lies down the marker may turn away: nothing is missed then.
+    steps = steps[angle.theta[free][: len(steps)] < phi_predicted + _SEEN_PAST_PHI]
     longest = round(float(np.max(steps, initial=1.0))) - 1
-    share = len(times) / max(1.0, float(np.sum(np.rint(steps))) + 1.0)
+    share = (len(steps) + 1) / max(1.0, float(np.sum(np.rint(steps))) + 1.0)
     unseen_end = (images_end_ns - last_seen) / frame_ns if images_end_ns else 0.0
     lost_early = (
         unseen_end > limits.gap and course.ended == len(angle.theta) and not course.came_back and angle.theta[-1] < math.radians(30.0)
@@ -80,9 +89,16 @@ def judge_motion(
         gone = max(longest, round(unseen_end) if lost_early else 0)
         return Judgement(Verdict.MARKER_LOST, f"no marker for {gone} frames during the tip: light the marker, or move the camera back")
     if float(np.max(angle.theta[free])) < limits.not_moved:
-        peak = math.degrees(float(np.max(angle.theta[free])))
-        return Judgement(Verdict.NOT_MOVED, f"the object turned by {peak:.2f} deg at most: move the striker closer, or strike harder")
+        return _not_moved(motion, float(np.max(angle.theta[free])), limits)
     return None
+
+
+def _not_moved(motion: PlanarMotion, peak: float, limits: VerdictLimits) -> Judgement:
+    slip = _smooth_peak(np.abs(motion.angle.slip), motion.position_sd)
+    turned = f"turned by {math.degrees(peak):.2f} deg at most"
+    if slip > limits.slip:
+        return Judgement(Verdict.SLID, f"the object slid by {1e3 * slip:.1f} mm and {turned}: use a rougher table or strike higher")
+    return Judgement(Verdict.NOT_MOVED, f"the object {turned}: move the striker closer, or strike harder")
 
 
 def judge_contact(motion: PlanarMotion, window: tuple[int, int], rolls: bool, limits: VerdictLimits) -> Judgement | None:

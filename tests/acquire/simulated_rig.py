@@ -273,7 +273,9 @@ class _Tip:
             1e-4,
         )
         small = np.full(n, 1e-4)
-        return PlanarMotion(angle, moved[:, 2], small, np.ones(n), np.full(n, 1e-3), 0.0, 10)
+        return PlanarMotion(
+            angle, moved[:, 2], small, np.ones(n), np.full(n, 1e-3), 0.0, 10, np.repeat(np.diag([1e-8, 1e-10, 1e-10])[None], n, axis=0)
+        )
 
 
 def _rotation(state: WorldState) -> np.ndarray:

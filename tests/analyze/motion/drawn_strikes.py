@@ -1,4 +1,4 @@
-"""Strikes of all kinds, drawn at random and simulated in the plane (sliding.py), as the camera would have seen them. For tests and `make bench-motion`.
+"""Strikes of all kinds, drawn at random, simulated in the plane (sliding.py), as cameras see them: for tests and `make bench-motion`.
 
 What a strike is called here follows from what the simulation did, with the limits that the manual states; between "clearly" and "clearly
 not" lies a stretch where either word is right, and such strikes are drawn again.
@@ -74,7 +74,9 @@ def holding_height(body: Body) -> float:
     return min(0.98 * body.height, (body.inertia + body.R**2) / (body.R * math.cos(body.phi)))
 
 
-def seen(course: Course, body: Body, rng: np.random.Generator, noise: float, rolls: bool = False, contact_known: bool = True) -> tuple[PlanarMotion, StrikeTask]:
+def seen(
+    course: Course, body: Body, rng: np.random.Generator, noise: float, rolls: bool = False, contact_known: bool = True
+) -> tuple[PlanarMotion, StrikeTask]:
     """Noise on every frame: of the angle, and what that does to the edge's place at a marker LEVER above it."""
     n = len(course.time)
     error = rng.normal(0, noise, n)
@@ -92,7 +94,11 @@ def seen(course: Course, body: Body, rng: np.random.Generator, noise: float, rol
     rest = course.time < 0
     angle = replace(angle, theta=angle.theta - angle.theta[rest].mean(), slip=angle.slip - angle.slip[rest].mean())
     lift = course.lift + LEVER * error * np.sin(course.theta) + rng.normal(0, 1e-5, n)
-    motion = PlanarMotion(angle, lift - lift[rest].mean(), np.full(n, place), np.ones(n), np.full(n, 2 * noise), 0.0, int(rest.sum()))
+    by_error = noise * np.stack([np.ones(n), -LEVER * np.cos(course.theta), LEVER * np.sin(course.theta)], axis=-1)
+    covariance = by_error[:, :, None] * by_error[:, None, :] + np.diag([0.0, 1e-10, 1e-10])
+    motion = PlanarMotion(
+        angle, lift - lift[rest].mean(), np.full(n, place), np.ones(n), np.full(n, 2 * noise), 0.0, int(rest.sum()), covariance
+    )
     off = math.radians(rng.normal(0, 3))
     plan = planned(body.rho, body.phi + off, rolls)
     return motion, StrikeTask("s1.1", plan, T0 if contact_known else 0)
@@ -108,7 +114,7 @@ def draw(kind: str, rng: np.random.Generator, noise: float | None = None) -> Str
 
 def _drawn(kind: str, rng: np.random.Generator, noise: float | None) -> Strike | None:
     body = draw_body(rng)
-    noise = math.radians(0.05 * 10 ** rng.uniform(0, 0.6)) if noise is None else noise
+    noise = math.radians(0.01 * 10 ** rng.uniform(0, 1)) if noise is None else noise
     energy = rng.uniform(0.35, 0.97) if kind == "rocked back" else 1 + rng.exponential(0.25) + 0.02
     height = holding_height(body) * rng.uniform(0.9, 1.05)
     if kind == "slid":
@@ -122,7 +128,7 @@ def _drawn(kind: str, rng: np.random.Generator, noise: float | None) -> Strike |
     pushes = [push_for(body, energy, min(height, 0.98 * body.height))]
     if kind == "struck twice":
         first = pushes[0]
-        pushes.append(Push(first.impulse * rng.uniform(0.15, 0.5), first.height, first.seconds, at=rng.uniform(0.03, 0.12)))
+        pushes.append(Push(first.impulse * rng.uniform(0.15, 0.5), first.height, first.seconds, at=rng.uniform(0.065, 0.12)))
     course = simulate(body, pushes, phase=rng.uniform(0, 1))
     if not _is(kind, course, body):
         return None
@@ -130,15 +136,32 @@ def _drawn(kind: str, rng: np.random.Generator, noise: float | None) -> Strike |
     motion, task = seen(course, body, rng, noise, rolls=kind == "rolled", contact_known=rng.random() < 0.7)
     if kind in ("twisted", "rolled"):
         turn = math.radians(rng.uniform(8, 25)) * np.clip((course.time - 0.01) / rng.uniform(0.1, 0.4), 0, 1)
+        before = course.theta < body.phi + math.radians(4)
+        if turn[before & (course.time > 0)].max(initial=0.0) < math.radians(7):
+            return None
         motion = replace(motion, angle=replace(motion.angle, off_axis=np.abs(turn + rng.normal(0, 2 * noise, n))))
     if kind == "marker lost":
         first = int(np.searchsorted(course.time, rng.uniform(0.02, 0.15)))
+        if course.theta[first] > body.phi + math.radians(15):
+            return None
         motion = _without(motion, np.r_[0:first, first + int(rng.integers(8, 30)) : n])
     if kind == "outside the window":
         end = rng.uniform(-0.1, 0.12)
         motion = _without(motion, np.flatnonzero(course.time < end))
         task = replace(task, contact_time_ns=T0, images_end_ns=T0 + round(1e9 * end))
     return Strike(kind, body, course, motion, task, noise, energy)
+
+
+def draw_free(rng: np.random.Generator, slides: bool) -> Strike:
+    """Energy 0.8 to 3, friction 0.2 to 0.8, rounding 0 to 5 mm, noise 0.05 to 0.5 degrees; the edge slides by 0.2 to 6 mm or not."""
+    while True:
+        body = draw_body(rng)
+        noise, energy = math.radians(0.05 * 10 ** rng.uniform(0, 1)), rng.uniform(0.8, 3.0)
+        height = holding_height(body) * (rng.uniform(0.6, 0.9) if slides else rng.uniform(0.92, 1.02))
+        course = simulate(body, [push_for(body, energy, min(height, 0.98 * body.height))], phase=rng.uniform(0, 1))
+        held = course.slid < 1e-4 if not slides else 2e-4 < course.slid < 6e-3
+        if held and course.flown < 1e-4 and float(course.theta.max()) > 0.3 * body.phi:
+            return Strike("free", body, course, *seen(course, body, rng, noise), noise, energy)
 
 
 def _is(kind: str, course: Course, body: Body) -> bool:
@@ -161,5 +184,11 @@ def _without(motion: PlanarMotion, kept: np.ndarray) -> PlanarMotion:
     angle = motion.angle
     cut = TipAngle(angle.time_ns[kept], angle.theta[kept], angle.sd[kept], angle.off_axis[kept], angle.slip[kept], angle.zero_sd)
     return replace(
-        motion, angle=cut, lift=motion.lift[kept], position_sd=motion.position_sd[kept], misfit=motion.misfit[kept], off_axis_sd=motion.off_axis_sd[kept]
+        motion,
+        angle=cut,
+        lift=motion.lift[kept],
+        position_sd=motion.position_sd[kept],
+        misfit=motion.misfit[kept],
+        off_axis_sd=motion.off_axis_sd[kept],
+        covariance=motion.covariance[kept],
     )

@@ -1,4 +1,4 @@
-"""An independent simulation of struck, tipping, sliding bodies in the plane across the edge: Newton's equations with Coulomb's dry friction.
+"""An independent simulation of struck, tipping, sliding bodies in the plane across the edge: Newton's equations with dry friction.
 
 A body with a circular edge rounding of radius rho stands on a face, is pushed by a half-sine force of some milliseconds, and turns about
 its edge, which sticks (rolls on its rounding) or slides. Nothing of the estimators is used: no energy integral, no pendulum.

@@ -1,0 +1,154 @@
+"""Which estimator suits what a strike shows, and why: the hinge, over all or a clean stretch, or the moment balance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError
+from analyze.motion.balance_fit import moment_balance
+from analyze.motion.contact import ContactErrors
+from analyze.motion.edge_motion import edge_motion
+from analyze.motion.free_motion import LATEST_START, jump, longest_clean_fit, settled_fit
+from analyze.motion.kicked_fit import kicked_fit
+from analyze.motion.phases import Course, WindowLimits, free_window
+from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
+from analyze.motion.verdict import Judgement, VerdictLimits
+from schemas.documents import Verdict
+
+if TYPE_CHECKING:
+    from analyze.motion.edge_motion import EdgeMotion
+    from analyze.motion.tip_angle import PlanarMotion
+    from analyze.types import MotionFit, TipAngle
+    from schemas.documents import PlannedStrike
+
+
+_STILL_TOUCHED = 4
+"""frames of the window that may still belong to a long first touch, whose end the clean stretch leaves out"""
+_CLEAR_SIGHT = math.radians(0.2)
+"""noise of a frame's angle, up to which a creeping edge can be told from it"""
+_APART, _APART_LEAST = 3.0, math.radians(0.02)
+"""sd of the hinge's phi, and rad, that hinge and balance must differ by for that; less is within what the edge's place is known to"""
+
+
+@dataclass(frozen=True)
+class MotionSettings:
+    """What a user may change; the defaults are the documented ones."""
+
+    window: WindowLimits = field(default_factory=WindowLimits)
+    verdict: VerdictLimits = field(default_factory=VerdictLimits)
+    contact: ContactErrors = field(default_factory=ContactErrors)
+    smoothing_points: int = 5
+    """of the paper's sign_change"""
+
+
+@dataclass(frozen=True)
+class StrikeFits:
+    """What the motion was fitted with."""
+
+    chosen: MotionFit | None
+    """None: nothing fits"""
+    others: tuple[MotionFit, ...]
+    motion: PlanarMotion
+    """with what the edge itself did"""
+    kick: Judgement | None = None
+    """where a second kick splits the motion"""
+    problem: str = ""
+    """why nothing fits"""
+
+
+def fit_strike(motion: PlanarMotion, course: Course, planned: PlannedStrike, settings: MotionSettings) -> StrikeFits:
+    """Fit the free motion over the window that phi itself bounds.
+
+    Args:
+        motion: through the whole window of the strike.
+        course: what it did, with the release.
+        planned: the strike; its phi says where to look first.
+        settings: limits.
+    """
+    angle, limits = motion.angle, settings.verdict
+    hinge, window, problem = _hinge(angle, course, planned.phi_predicted_rad, settings.window)
+    edge = edge_motion(motion, window)
+    balanced, why = _balanced(edge, window, hinge, planned, limits)
+    if balanced is not None:
+        others = () if hinge is None else (replace(hinge, violated=(why,)),)
+        return StrikeFits(replace(balanced, note=f"chosen because {why}"), others, edge.motion)
+    if hinge is None:
+        return _with_kick(edge.motion, window, limits, problem)
+    index, size, gain = jump(angle, hinge)
+    if not _kicked(hinge, size, gain, limits):
+        return StrikeFits(settled_fit(angle, hinge), (), edge.motion)
+    clean = longest_clean_fit(angle, window)
+    # What slows it down is the table, and a light touch right after the first leaves all that follows as good; else it is a second blow.
+    early = index - window[0]
+    light = early < _STILL_TOUCHED or (early <= LATEST_START and abs(size) < limits.second_blow * abs(hinge.omega0))
+    if clean is not None and (size < 0 or light):
+        return StrikeFits(clean, (), edge.motion)
+    reason = _kick_reason(angle, index, size, window)
+    rest = (index + settings.window.guard_frames, window[1])
+    fit = clean or hinge
+    if clean is None and rest[1] - rest[0] >= 2 * MIN_FRAMES:
+        try:
+            fit = pivot_fit(angle, rest)
+        except EstimationError:
+            reason += " (no fit after it)"
+    return StrikeFits(fit, (), edge.motion, Judgement(Verdict.STRUCK_TWICE, reason))
+
+
+def _hinge(angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits) -> tuple[MotionFit | None, tuple[int, int], str]:
+    """pivot_fit over the window that its own phi bounds, that window, and why it is None."""
+    window = free_window(angle, course, phi_predicted, limits)
+    try:
+        fit = pivot_fit(angle, window)
+        for _ in range(3):
+            again = free_window(angle, course, fit.phi, limits)
+            if again == window or again[1] - again[0] < MIN_FRAMES:
+                break
+            fit = pivot_fit(angle, again)
+            window = again
+    except EstimationError as error:
+        return None, window, str(error)
+    return fit, window, ""
+
+
+def _kicked(fit: MotionFit, size: float, gain: float, limits: VerdictLimits) -> bool:
+    return gain >= limits.kick_chi2 and abs(size) >= limits.kick_ratio * abs(fit.omega0)
+
+
+def _balanced(
+    edge: EdgeMotion, window: tuple[int, int], hinge: MotionFit | None, planned: PlannedStrike, limits: VerdictLimits
+) -> tuple[MotionFit | None, str]:
+    """The moment balance over the same window, where the edge moved and that explains the motion; and what says that it moved."""
+    moved = max(edge.slid, edge.lifted) >= limits.edge_moved
+    if not moved and (hinge is None or float(np.median(edge.motion.angle.sd[slice(*window)])) > _CLEAR_SIGHT):
+        return None, ""
+    try:
+        fit = moment_balance(edge.motion, window, planned.pivot.radius_m, None if hinge is not None else planned.phi_predicted_rad)
+    except EstimationError:
+        return None, ""
+    _, size, gain = jump(edge.motion.angle, fit)
+    if _kicked(fit, size, gain, limits):
+        return None, ""
+    if moved or hinge is None:
+        return fit, f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
+    sd, other = math.sqrt(float(hinge.covariance[0, 0])), math.sqrt(float(fit.covariance[0, 0]))
+    apart = abs(fit.phi - hinge.phi)
+    if other < sd and apart > max(_APART * sd, _APART_LEAST):
+        return fit, f"a hinge would put phi {math.degrees(apart):.2f} deg off, {apart / sd:.1f} of its sd: the edge crept"
+    return None, ""
+
+
+def _with_kick(motion: PlanarMotion, window: tuple[int, int], limits: VerdictLimits, problem: str) -> StrikeFits:
+    """Where no hinge fits: perhaps two do, with a second blow between them."""
+    found = kicked_fit(motion.angle, window)
+    if found is None or not _kicked(found.fit, found.size, found.gain, limits):
+        return StrikeFits(None, (), motion, problem=problem)
+    return StrikeFits(found.fit, (), motion, Judgement(Verdict.STRUCK_TWICE, _kick_reason(motion.angle, found.index, found.size, window)))
+
+
+def _kick_reason(angle: TipAngle, index: int, size: float, window: tuple[int, int]) -> str:
+    after = 1e-6 * (angle.time_ns[index] - angle.time_ns[window[0]])
+    return f"its speed jumped by {size:+.2f} rad/s {after:.0f} ms after the strike: catch the striker after the first contact"

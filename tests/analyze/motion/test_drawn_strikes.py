@@ -1,0 +1,92 @@
+"""Verdicts and fits on strikes of all kinds; `make bench-motion` does the same with hundreds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analyze.motion.balance_fit import moment_balance
+from analyze.motion.edge_motion import edge_motion
+from analyze.motion.pivot_fit import pivot_fit
+from analyze.motion.strike import MotionSettings, analyse_motion
+from schemas.documents import Verdict
+from tests.analyze.motion.drawn_strikes import EXPECTED, KINDS, draw, seen
+from tests.analyze.motion.sliding import Body, push_for, simulate
+
+NOISE = math.radians(0.02)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_strike_is_called_what_it_was(kind):
+    rng = np.random.default_rng([3, KINDS.index(kind)])
+    called = [draw(kind, rng).analysed() for _ in range(4)]
+    assert all(found.verdict in EXPECTED[kind] for found in called), [(found.verdict, found.reason) for found in called]
+    assert all(found.reason for found in called)
+
+
+def struck(friction, energy, height, rho=0.001):
+    body = Body(friction=friction, rho=rho)
+    return body, simulate(body, [push_for(body, energy, height * body.height)])
+
+
+def errors(friction, energy, height, repeats=6):
+    """Median errors of phi [rad] by hinge and by balance, over the same frames."""
+    body, course = struck(friction, energy, height)
+    rng = np.random.default_rng(4)
+    found = []
+    for _ in range(repeats):
+        motion, _ = seen(course, body, rng, NOISE)
+        window = (33, int(np.argmax(course.theta > body.phi + math.radians(25))))
+        hinge = pivot_fit(motion.angle, window)
+        balance = moment_balance(edge_motion(motion, window).motion, window, body.rho)
+        found.append((hinge.phi - body.phi, balance.phi - body.phi, hinge.k / body.k - 1, balance.k / body.k - 1))
+    return np.median(np.abs(found), axis=0)
+
+
+def test_where_the_edge_slides_the_balance_is_right_and_the_hinge_is_not():
+    phi_hinge, phi_balance, k_hinge, k_balance = errors(0.5, 2.0, 0.5)
+    assert phi_hinge > 3 * phi_balance
+    assert phi_balance < math.radians(0.03)
+    assert k_hinge > 3 * k_balance
+    assert k_balance < 0.01
+
+
+def test_where_it_holds_both_are_right():
+    phi_hinge, phi_balance, _, _ = errors(0.6, 1.1, 0.75)
+    assert phi_hinge < math.radians(0.02)
+    assert phi_balance < math.radians(0.02)
+
+
+def test_the_choice_says_why_and_what_the_other_assumed():
+    rng = np.random.default_rng(5)
+    body, course = struck(0.2, 3.0, 0.95)
+    motion, task = seen(course, body, rng, NOISE)
+    found = analyse_motion(motion, task, MotionSettings())
+    assert found.fit is not None
+    assert found.fit.estimator == "moment_balance"
+    assert "the edge" in found.fit.note
+    hinge = next(other for other in found.alternatives if other.estimator == "pivot_fit")
+    assert hinge.violated
+
+
+def test_a_misplaced_edge_is_no_sliding_one():
+    """0.5 mm of registration error move the supposed edge by 0.3 mm in the tip."""
+    rng = np.random.default_rng(6)
+    body, course = struck(0.6, 1.1, 0.75)
+    motion, task = seen(course, body, rng, NOISE)
+    theta, off = course.theta, np.array([3e-4, -4e-4])
+    angle = motion.angle
+    moved = replace(
+        motion,
+        angle=replace(angle, slip=angle.slip + (np.cos(theta) - 1) * off[0] + np.sin(theta) * off[1]),
+        lift=motion.lift - np.sin(theta) * off[0] + (np.cos(theta) - 1) * off[1],
+    )
+    found = edge_motion(moved, (33, 80))
+    assert found.slid < 1.5e-4
+    assert found.offset[0] == pytest.approx(-off[0], abs=1.5e-4)
+    good = analyse_motion(moved, task, MotionSettings())
+    assert good.verdict is Verdict.GOOD
+    assert abs(good.fit.phi - body.phi) < math.radians(0.03)
