@@ -93,7 +93,7 @@ bench-clock: setup  ## recorded frame times against the truth at drifts of -50, 
 	@PYTHONPATH=. $(BIN)/python tests/benchmarks/clock.py
 
 bench-motion: setup  ## phi and k of each estimator beside the Cramer-Rao bound, sliding edges too; verdicts on 400 strikes (five minutes)
-	@$(BIN)/python -m tests.benchmarks.motion
+	@PYTHONPATH=. $(BIN)/python tests/benchmarks/motion.py
 
 bench-plan: setup  ## our strikes beside the paper's on 200 random bodies: singular sets, error of the centre of mass (five minutes)
 	@PYTHONPATH=. $(BIN)/python tests/benchmarks/plan_design.py

@@ -134,6 +134,9 @@ def _balanced(
         return None, ""
     if moved or hinge is None:
         return fit, f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
+    _, size, gain = jump(edge.motion.angle, hinge)
+    if _kicked(hinge, size, gain, limits):
+        return fit, f"the edge moved at one end of the window, which a hinge takes for a blow of {size:+.2f} rad/s"
     sd, other = math.sqrt(float(hinge.covariance[0, 0])), math.sqrt(float(fit.covariance[0, 0]))
     apart = abs(fit.phi - hinge.phi)
     if other < sd and apart > max(_APART * sd, _APART_LEAST):

@@ -62,12 +62,14 @@ def test_where_it_holds_both_are_right():
 
 def test_the_choice_says_why_and_what_the_other_assumed():
     rng = np.random.default_rng(5)
-    body, course = struck(0.2, 3.0, 0.95)
+    body, course = struck(0.2, 1.1, 0.75)
     motion, task = seen(course, body, rng, NOISE)
     found = analyse_motion(motion, task, MotionSettings())
     assert found.fit is not None
     assert found.fit.estimator == "moment_balance"
     assert "the edge" in found.fit.note
+    assert found.verdict is Verdict.GOOD
+    assert abs(found.fit.phi - body.phi) < math.radians(0.03)
     hinge = next(other for other in found.alternatives if other.estimator == "pivot_fit")
     assert hinge.violated
 
