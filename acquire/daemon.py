@@ -181,10 +181,16 @@ class Daemon:
     # --- striker --------------------------------------------------------------------------------------------------
 
     def _home(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        """`after_stop` (True): a person starts anew; a program that goes on by itself says False, and is refused after a stop."""
-        stops = self._stops
+        """Home the arm, which is also how a person starts anew after a stop.
+
+        `after_stop` (True): a person does; a program that goes on by itself says False, and is refused after a stop. `stops_seen`: how many
+        stops `status` told before that person was asked; one that came since then was meant for what they said yes to.
+        """
+        stops = int(params.get("stops_seen", self._stops))
         with self._striker_lock:
             self._refuse_at_the_end()
+            if self._stops != stops:
+                raise StrikerStopped
             if not params.get("after_stop", True):
                 self._refuse_when_stopped()
             self._striker.home(lambda: self._stops != stops)
@@ -341,6 +347,7 @@ class Daemon:
             "pid": os.getpid(),
             "socket": str(self._config.daemon.socket_path()),
             "striker": self._striker.state.value,
+            "stops": self._stops,
             "striker_trouble": "stopped on request" if self._stopped else self._striker_trouble,
             "servo": asdict(health) if (health := self._striker.health) is not None else None,
             **{name: capture.get(name, 0) for name in numbers},

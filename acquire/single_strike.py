@@ -58,12 +58,14 @@ def strike_once(client: DaemonClient, name: str, tip_speed_m_s: float, ask: Ask,
 
     Raises:
         StrikerRefused: the answer was no, or an interlock said no.
+        StrikerStopped: somebody stopped the striker since the question was put.
     """
+    stops = client.call("status")["stops"]
     if not ask(f"the arm will swing at {tip_speed_m_s:.3f} m/s: all hands off, what it shall meet in its place?"):
         raise StrikerRefused("not struck: the answer was no")
     status = client.call("status")
     if status["striker"] != "homed" or status["striker_trouble"]:
-        client.call("striker.home", after_stop=after_stop)
+        client.call("striker.home", after_stop=after_stop, stops_seen=stops)
     client.call("striker.arm")
     client.call("striker.cock")
     return StrikeOutcome(**client.call("striker.strike", strike_id=name, tip_speed_m_s=tip_speed_m_s))

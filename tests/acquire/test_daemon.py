@@ -15,6 +15,7 @@ from acquire.errors import SessionError, StrikerStopped
 from acquire.prompts import Prompts
 from acquire.striker.base import StrikerState
 from acquire.striker.manual import ManualStriker
+from schemas.proto import percuss_pb2 as pb
 from schemas.rig import StrikerConfig
 
 
@@ -116,6 +117,19 @@ def test_after_a_stop_only_a_person_homes_it_again(rig: Daemon) -> None:
     assert rig._striker.state is StrikerState.ARMED
 
 
+def test_a_stop_between_a_persons_yes_and_homing_holds(rig: Daemon) -> None:
+    """What they said yes to was stopped: they are asked again."""
+    rig._stop_striker()
+    seen = rig._stops
+    rig._stop_striker()
+    with pytest.raises(StrikerStopped):
+        rig._home(None, {"stops_seen": seen})  # type: ignore[arg-type]
+    with pytest.raises(StrikerStopped):
+        rig._arm()
+    rig._home(None, {"stops_seen": rig._stops})  # type: ignore[arg-type]
+    rig._arm()
+
+
 def test_a_stop_after_homing_was_ordered_comes_first(rig: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
     home = rig._striker.home
 
@@ -153,3 +167,15 @@ def test_a_stop_since_a_session_was_opened_holds(rig: Daemon, monkeypatch: pytes
     rig._open_recording(connection, {})  # type: ignore[arg-type]
     with pytest.raises(StrikerStopped):
         rig._home(None, {"after_stop": False})  # type: ignore[arg-type]
+
+
+def test_a_strikers_fault_is_told_until_it_is_homed(rig: Daemon, capsys: pytest.CaptureFixture[str]) -> None:
+    told = []
+    rig._server = type("Server", (), {"publish": staticmethod(lambda event, data: told.append((event, data)))})()  # type: ignore[assignment]
+    rig._recording.write = lambda *_: None  # type: ignore[method-assign]
+    rig._on_event(pb.StrikerEvent(kind=pb.StrikerEvent.FAULT, text="the servo reports overload", host_time_ns=1))
+    assert rig._striker_trouble == "the servo reports overload"
+    assert ("trouble", {"text": "the striker is in a fault: the servo reports overload"}) in told
+    assert "overload" in capsys.readouterr().err
+    rig._home(None, {})  # type: ignore[arg-type]
+    assert not rig._striker_trouble

@@ -23,9 +23,10 @@ from acquire.preflight.computer import FolderState, LinuxComputer, PortState, Re
 from acquire.preflight.disk import RealDisk
 from acquire.preflight.film import Film, FilmContent
 from acquire.preflight.picture import CheckPicture
-from acquire.preflight.servo import ServoState
+from acquire.preflight.servo import ServoState, check_held_servo
 from acquire.preflight.session import LINES, Probes, RunningDaemon, check_rig
 from schemas.documents import SeenMarker, WatchEvent
+from schemas.rig import StrikerConfig
 from tests.rig_text import CALIBRATION
 
 RIG = (
@@ -425,3 +426,13 @@ def test_a_path_that_cannot_be_a_socket_is_refused(bench: Bench, tmp_path: Path)
     long = RIG.format(folder=tmp_path).replace("daemon.sock", "d" * 100)
     bench.rig_path.write_text(long, encoding="utf-8")
     assert bench.failures() == {"daemon socket"}
+
+
+def test_a_striker_in_its_fault_fails_with_the_reason():
+    healthy = {"model": 1030, "voltage_v": 12.0, "temperature_c": 30.0, "hardware_error": None}
+    for health in (healthy, None):
+        first = check_held_servo(StrikerConfig(), "fault", health, "its port was lost")[0]
+        assert first.outcome is Outcome.FAIL
+        assert "its port was lost" in first.found
+        assert first.remedy
+    assert check_held_servo(StrikerConfig(), "homed", healthy)[0].outcome is Outcome.PASS

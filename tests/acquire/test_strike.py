@@ -68,7 +68,7 @@ class Daemon:
 
     def _status(self, _params: object) -> dict[str, Any]:
         state = "homed" if self.homed else "disarmed"
-        return {"recording": self.recording, "rig": "bench", "striker": state, "striker_trouble": ""}
+        return {"recording": self.recording, "rig": "bench", "striker": state, "striker_trouble": "", "stops": 0}
 
     def _home(self, _params: object) -> dict[str, Any]:
         self.homed = True
