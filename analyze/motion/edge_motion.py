@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 _OFFSET_SD = 5e-4
 """m, of the edge's place as the plan and the marker's registration have it"""
 _OFFSET_MOST = 1.5e-3
-"""m; what would need more is a lift"""
+"""m; what would need more is a lift, unless turning explains all that was seen, along the table too"""
+_HELD = 1.5e-4
+"""m, of what turning may leave unexplained there"""
 _UNMODELLED = 3e-5
 """m, of a frame's lift: the rounding is no perfect circle, nor the lens model perfect"""
 _SHARED = 3.0
@@ -66,12 +68,23 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
         left = np.abs(b - A @ offset) / scale
         weight = np.minimum(1.0, _OUTLIER * max(1.0, 1.4826 * float(np.median(left))) / np.maximum(left, 1e-9))
     if float(np.linalg.norm(offset)) > _OFFSET_MOST:
-        offset = np.zeros(2)
+        offset = _misplaced(theta, angle.slip[used], b, sd)
     all_sin, all_cos = np.sin(angle.theta), np.cos(angle.theta) - 1.0
     slip = angle.slip - all_cos * offset[0] - all_sin * offset[1]
     lift = motion.lift + all_sin * offset[0] - all_cos * offset[1]
     corrected = replace(motion, angle=replace(angle, slip=slip), lift=lift)
     return EdgeMotion(corrected, smooth_range(slip[used], sd), max(0.0, smooth_range(lift[used], sd)), -offset)
+
+
+def _misplaced(theta: Array, slip: Array, lift: Array, sd: Array) -> Array:
+    """(2,) m that the point is off an edge that holds (a tag of unknown place, or not printed to scale), 0 where the edge did not hold."""
+    sin, turned = np.sin(theta), np.cos(theta) - 1.0
+    off_table, along = np.stack([-sin, turned, np.zeros_like(sin)], axis=-1), np.stack([turned, sin, np.ones_like(sin)], axis=-1)
+    rows, seen, weight = np.concatenate([off_table, along]), np.concatenate([lift, slip]), 1.0 / np.tile(sd, 2)
+    found = np.linalg.lstsq(rows * weight[:, None], seen * weight, rcond=None)[0]
+    left_lift, left_slip = np.split(seen - rows @ found, 2)
+    held = len(theta) >= 2 * _NEIGHBOURS and max(smooth_range(left_lift, sd), smooth_range(left_slip, sd)) < _HELD
+    return np.asarray(found[:2], dtype=np.float64) if held else np.zeros(2)
 
 
 def smooth_range(values: Array, sd: Array) -> float:
