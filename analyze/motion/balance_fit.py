@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.motion.pivot_fit import Sample, fit_model, motion_fit, sample
+from analyze.motion.pivot_fit import Sample, correlation_factor, fit_model, motion_fit, sample
 
 if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion
@@ -116,7 +116,10 @@ def _covariance(cut: Sample, x: Array, jacobian: Array, residual: Array, edge: t
     solve = np.linalg.pinv(weighted.T @ weighted, rcond=1e-14, hermitian=True) @ weighted.T / cut.sd
     left = np.eye(n) - jacobian * scale @ solve
     expected = float(np.trace(left @ noise @ left.T / cut.sd[:, None] / cut.sd))
-    found = float(np.sum(np.minimum(np.abs(residual / cut.sd), _OUTLIER) ** 2))
+    # Outliers are those of what most frames are off, and what is left from frame to frame alike averages out less, as in pivot_fit.
+    off = residual / cut.sd
+    most = _OUTLIER * max(1.0, 1.4826 * float(np.median(np.abs(off))))
+    found = float(np.sum(np.minimum(np.abs(off), most) ** 2)) * correlation_factor(off)
     covariance = solve @ noise @ solve.T * np.outer(scale, scale) * max(_LEAST_SCALE, found / expected)
     return np.asarray(covariance[:2, :2], dtype=np.float64)
 

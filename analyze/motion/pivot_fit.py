@@ -218,7 +218,7 @@ def _covariance(solution: _Solution, cut: Sample, profiled: bool) -> Array:
     psi = solution.weight * r
     share = max(0.5, float(np.mean(solution.weight > 0.999)))
     # n - p - 2 instead of n - p: the variance that Student's t has, because intervals are drawn as if it were normal.
-    variance = float(np.sum(psi**2)) / max(n - p - 2, 1) / share**2 * _correlation_factor(psi)
+    variance = float(np.sum(psi**2)) / max(n - p - 2, 1) / share**2 * correlation_factor(psi)
     scale = _SCALE[:p]
     normal = (J * scale).T @ (J * scale)
     inverse = np.asarray(np.linalg.pinv(normal, rcond=1e-14, hermitian=True) * np.outer(scale, scale), dtype=np.float64)
@@ -229,7 +229,7 @@ def _covariance(solution: _Solution, cut: Sample, profiled: bool) -> Array:
     return inverse * variance * max(1.0, profile / linear_sd) ** 2
 
 
-def _correlation_factor(r: Array) -> float:
+def correlation_factor(r: Array) -> float:
     """Variance inflation (1 + a) / (1 - a) of residuals with lag-1 correlation a; 1 where a is within its own noise.
 
     The fit takes up part of the slow variation, which leaves a at about -p / n for white noise; that is no reason to deflate.
