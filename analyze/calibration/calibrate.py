@@ -149,6 +149,9 @@ def assess(shots: Sequence[Shot], bundle: Bundle, points: Array, dropped: Sequen
 
 def _refitted(shots: Sequence[Shot], board: Board, points: Array, bundle: Bundle) -> tuple[list[Shot], list[Dropped], Bundle]:
     views = [refit(shot.image, board, shot.view, points, bundle.lens, pose) for shot, pose in zip(shots, bundle.poses, strict=True)]
+    if sum(view is not None for view in views) < min(3, len(shots)):
+        # So bad a lens that its corners are not found again: as they are, they say so.
+        return list(shots), [], bundle
     kept = [Shot(shot.name, shot.image, view) for shot, view in zip(shots, views, strict=True) if view is not None]
     left = [Dropped(shot.name, "too few corners are sharp") for shot, view in zip(shots, views, strict=True) if view is None]
     return kept, left, _only(bundle, [view is not None for view in views])
