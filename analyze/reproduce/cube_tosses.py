@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import zipfile
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -91,7 +92,8 @@ def read_tosses(path: Path) -> Tosses:
             lengths = np.asarray(packed["length"], dtype=np.int64)
             position = np.asarray(packed["position_m"], dtype=np.float64)
             quaternion = np.asarray(packed["quaternion_wxyz"], dtype=np.float64)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    # A TypeError: an .npy, which is an array and no archive.
+    except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
         raise RecordingError(f"{path}: no packed tosses: {error}: see docs/reproduce.md") from None
     total = int(lengths.sum()) if lengths.ndim == 1 else -1
     if position.shape != (total, 3) or quaternion.shape != (total, 4) or np.any(lengths < 2):
