@@ -37,9 +37,11 @@ def named_files(inputs: Sequence[Path]) -> list[Path]:
         elif given.exists():
             found.append(given)
         else:
-            fitting = (
-                sorted(Path(given.anchor or ".").glob(str(given.relative_to(given.anchor)))) if any(c in str(given) for c in "*?[") else []
-            )
+            try:
+                pattern = str(given.relative_to(given.anchor))
+                fitting = sorted(Path(given.anchor or ".").glob(pattern)) if any(c in pattern for c in "*?[") else []
+            except ValueError:  # no pattern: as img**.png
+                fitting = []
             if not fitting:
                 raise CalibrationError(f"{given}: no such file or folder: check the path")
             found += [path for path in fitting if path.suffix.lower() in (*SUFFIXES, RECORDING)]
