@@ -37,6 +37,8 @@ _STEPS = np.array([1e-6, 1e-3, 1e-6, 1e-5])
 _OUTLIER = 5.0
 _LEAST_SCALE = 0.7
 """of the frames' stated variances, however small the residuals are"""
+_MOST_STEP_S = 0.02
+"""of the integration: frames may be missing"""
 _START_FRAMES = 6
 _START_K = 70.0
 """rad/s^2, of a body of 0.2 m"""
@@ -150,13 +152,16 @@ def driven(time: Array, parameters: Array, slip: Array, lift: Array, radius: flo
     for i in range(1, len(time)):
         if kick is not None and i - 1 == kick[0]:
             turn = turn + kick[1]
-        h = float(time[i] - time[i - 1])
-        s, z = (slip[i] - slip[i - 1]) / h, (lift[i] - lift[i - 1]) / h
-        a1, b1 = rate(theta, turn, s, z)
-        a2, b2 = rate(theta + h / 2 * a1, turn + h / 2 * b1, s, z)
-        a3, b3 = rate(theta + h / 2 * a2, turn + h / 2 * b2, s, z)
-        a4, b4 = rate(theta + h * a3, turn + h * b3, s, z)
-        theta = theta + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-        turn = turn + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
+        gap = float(time[i] - time[i - 1])
+        s, z = (slip[i] - slip[i - 1]) / gap, (lift[i] - lift[i - 1]) / gap
+        steps = max(1, math.ceil(gap / _MOST_STEP_S))
+        h = gap / steps
+        for _ in range(steps):
+            a1, b1 = rate(theta, turn, s, z)
+            a2, b2 = rate(theta + h / 2 * a1, turn + h / 2 * b1, s, z)
+            a3, b3 = rate(theta + h / 2 * a2, turn + h / 2 * b2, s, z)
+            a4, b4 = rate(theta + h * a3, turn + h * b3, s, z)
+            theta = theta + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+            turn = turn + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
         found[i] = theta
     return found
