@@ -20,7 +20,7 @@ _OFFSET_SD = 5e-4
 """m, of the edge's place as the plan and the marker's registration have it"""
 _OFFSET_MOST = 1.5e-3
 """m; what would need more is a lift, unless turning explains all that was seen, along the table too"""
-_HELD = 1.5e-4
+_HELD = 6e-5
 """m, of what turning may leave unexplained there"""
 _UNMODELLED = 3e-5
 """m, of a frame's lift: the rounding is no perfect circle, nor the lens model perfect"""
@@ -54,21 +54,16 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
     angle = motion.angle
     used = slice(*window)
     theta, sd = angle.theta[used], np.maximum(motion.position_sd[used], 1e-7)
-    # A point at the offset d = (x, z) from the edge is moved by turning by (cos x + sin z, -sin x + cos z). Only what that does off the
-    # table tells d: along the table the edge may slide as it likes.
-    A = np.stack([-np.sin(theta), np.cos(theta) - 1.0], axis=-1)
-    b = motion.lift[used]
-    scale = _SHARED * np.hypot(sd, _UNMODELLED)
-    weight = np.ones_like(b)
-    offset: Array = np.zeros(2)
-    for _ in range(8):
-        rows = A * (np.sqrt(weight) / scale)[:, None]
-        normal = rows.T @ rows + np.eye(2) / _OFFSET_SD**2
-        offset = np.asarray(np.linalg.solve(normal, rows.T @ (b * np.sqrt(weight) / scale)), dtype=np.float64)
-        left = np.abs(b - A @ offset) / scale
-        weight = np.minimum(1.0, _OUTLIER * max(1.0, 1.4826 * float(np.median(left))) / np.maximum(left, 1e-9))
-    if float(np.linalg.norm(offset)) > _OFFSET_MOST:
-        offset = _misplaced(theta, angle.slip[used], b, sd)
+    found = _corrected(motion, used, _lifted_by(theta, motion.lift[used], sd), sd)
+    if max(found.slid, found.lifted) < _HELD:
+        return found
+    # Or is the point farther off than it should be, and the edge did hold?
+    offset = _misplaced(theta, angle.slip[used], motion.lift[used], sd)
+    return found if offset is None else _corrected(motion, used, offset, sd)
+
+
+def _corrected(motion: PlanarMotion, used: slice, offset: Array, sd: Array) -> EdgeMotion:
+    angle = motion.angle
     all_sin, all_cos = np.sin(angle.theta), np.cos(angle.theta) - 1.0
     slip = angle.slip - all_cos * offset[0] - all_sin * offset[1]
     lift = motion.lift + all_sin * offset[0] - all_cos * offset[1]
@@ -76,15 +71,33 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
     return EdgeMotion(corrected, smooth_range(slip[used], sd), max(0.0, smooth_range(lift[used], sd)), -offset)
 
 
-def _misplaced(theta: Array, slip: Array, lift: Array, sd: Array) -> Array:
-    """(2,) m that the point is off an edge that holds (a tag of unknown place, or not printed to scale), 0 where the edge did not hold."""
+def _lifted_by(theta: Array, lift: Array, sd: Array) -> Array:
+    """(2,) m that the point is off an edge that slides: only what that does off the table tells it."""
+    A = np.stack([-np.sin(theta), np.cos(theta) - 1.0], axis=-1)
+    scale = _SHARED * np.hypot(sd, _UNMODELLED)
+    weight = np.ones_like(lift)
+    offset: Array = np.zeros(2)
+    for _ in range(8):
+        rows = A * (np.sqrt(weight) / scale)[:, None]
+        normal = rows.T @ rows + np.eye(2) / _OFFSET_SD**2
+        offset = np.asarray(np.linalg.solve(normal, rows.T @ (lift * np.sqrt(weight) / scale)), dtype=np.float64)
+        left = np.abs(lift - A @ offset) / scale
+        weight = np.minimum(1.0, _OUTLIER * max(1.0, 1.4826 * float(np.median(left))) / np.maximum(left, 1e-9))
+    return offset if float(np.linalg.norm(offset)) < _OFFSET_MOST else np.zeros(2)
+
+
+def _misplaced(theta: Array, slip: Array, lift: Array, sd: Array) -> Array | None:
+    """(2,) m that the point is off an edge that holds (a tag of unknown place, or not printed to scale); None where the edge did not hold.
+
+    A point at the offset d = (x, z) from the edge is moved by turning by (cos x + sin z, -sin x + cos z), with cos - 1 for cos.
+    """
     sin, turned = np.sin(theta), np.cos(theta) - 1.0
     off_table, along = np.stack([-sin, turned, np.zeros_like(sin)], axis=-1), np.stack([turned, sin, np.ones_like(sin)], axis=-1)
     rows, seen, weight = np.concatenate([off_table, along]), np.concatenate([lift, slip]), 1.0 / np.tile(sd, 2)
     found = np.linalg.lstsq(rows * weight[:, None], seen * weight, rcond=None)[0]
     left_lift, left_slip = np.split(seen - rows @ found, 2)
     held = len(theta) >= 2 * _NEIGHBOURS and max(smooth_range(left_lift, sd), smooth_range(left_slip, sd)) < _HELD
-    return np.asarray(found[:2], dtype=np.float64) if held else np.zeros(2)
+    return np.asarray(found[:2], dtype=np.float64) if held else None
 
 
 def smooth_range(values: Array, sd: Array) -> float:

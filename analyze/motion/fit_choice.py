@@ -12,7 +12,7 @@ from analyze.errors import EstimationError
 from analyze.motion.balance_fit import moment_balance
 from analyze.motion.contact import ContactErrors
 from analyze.motion.edge_motion import edge_motion
-from analyze.motion.free_motion import LATEST_START, jump, longest_clean_fit, settled_fit
+from analyze.motion.free_motion import LATEST_START, jump, longest_clean_fit, scatter, settled_fit
 from analyze.motion.kicked_fit import kicked_fit
 from analyze.motion.phases import Course, WindowLimits, free_window
 from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
@@ -30,6 +30,8 @@ _STILL_TOUCHED = 4
 """frames of the window that may still belong to a long first touch, whose end the clean stretch leaves out"""
 _CLEAR_SIGHT = math.radians(0.2)
 """noise of a frame's angle, up to which a creeping edge can be told from it"""
+_EXPLAINED = 0.25
+"""share of a blow's evidence that may be left where the balance is to explain it"""
 _APART, _APART_LEAST = 3.0, math.radians(0.02)
 """sd of the hinge's phi, and rad, that hinge and balance must differ by for that; less is within what the edge's place is known to"""
 
@@ -75,12 +77,13 @@ def fit_strike(motion: PlanarMotion, course: Course, planned: PlannedStrike, set
     balanced, why = _balanced(edge, window, hinge, planned, limits)
     if balanced is not None:
         others = () if hinge is None else (replace(hinge, violated=(why,)),)
-        return StrikeFits(replace(balanced, note=f"chosen because {why}"), others, edge.motion)
+        note = "; ".join(part for part in (f"chosen because {why}", balanced.note) if part)
+        return StrikeFits(replace(balanced, note=note), others, edge.motion)
     if hinge is None:
         return _with_kick(edge.motion, window, limits, problem)
     index, size, gain = jump(angle, hinge)
     if not _kicked(hinge, size, gain, limits):
-        return StrikeFits(settled_fit(angle, hinge), (), edge.motion)
+        return StrikeFits(settled_fit(hinge, lambda frames: pivot_fit(angle, frames)), (), edge.motion)
     clean = longest_clean_fit(angle, window)
     # What slows it down is the table, and a light touch right after the first leaves all that follows as good; else it is a second blow.
     early = index - window[0]
@@ -125,17 +128,25 @@ def _balanced(
     moved = max(edge.slid, edge.lifted) >= limits.edge_moved
     if not moved and (hinge is None or float(np.median(edge.motion.angle.sd[slice(*window)])) > _CLEAR_SIGHT):
         return None, ""
+    phi = None if hinge is not None else planned.phi_predicted_rad
+
+    def over(frames: tuple[int, int]) -> MotionFit:
+        return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi)
+
     try:
-        fit = moment_balance(edge.motion, window, planned.pivot.radius_m, None if hinge is not None else planned.phi_predicted_rad)
+        fit = settled_fit(over(window), over)
     except EstimationError:
         return None, ""
-    _, size, gain = jump(edge.motion.angle, fit)
-    if _kicked(fit, size, gain, limits):
+    angle = edge.motion.angle
+    _, size, left = jump(angle, fit)
+    # The place of the edge is noisy too, which the angle's own sd does not hold.
+    left /= max(1.0, scatter(fit.residual) / float(np.median(angle.sd[slice(*fit.window)]))) ** 2
+    if _kicked(fit, size, left, limits):
         return None, ""
     if moved or hinge is None:
         return fit, f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
-    _, size, gain = jump(edge.motion.angle, hinge)
-    if _kicked(hinge, size, gain, limits):
+    _, size, gain = jump(angle, hinge)
+    if _kicked(hinge, size, gain, limits) and left < _EXPLAINED * gain:
         return fit, f"the edge moved at one end of the window, which a hinge takes for a blow of {size:+.2f} rad/s"
     sd, other = math.sqrt(float(hinge.covariance[0, 0])), math.sqrt(float(fit.covariance[0, 0]))
     apart = abs(fit.phi - hinge.phi)

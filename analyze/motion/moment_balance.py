@@ -227,7 +227,9 @@ def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, sp
     weight = np.minimum(1.0, _LOSS_SCALE * spread / np.maximum(np.abs(left), 1e-30))
     size = np.sqrt(np.sum(J**2, axis=0))
     scaled, own = J / size, prior / size
-    normal = (scaled * weight[:, None]).T @ scaled + np.outer(own, own)
+    # The loss bends only inside: that, not the weights, is its second derivative.
+    bent = np.abs(left) < _LOSS_SCALE * spread
+    normal = (scaled * bent[:, None]).T @ scaled + np.outer(own, own)
     if np.linalg.cond(normal) > 1e12:
         raise EstimationError("the contacts are too much alike to tell centre of mass and inertia: use throws that land on other edges")
     meat = np.outer(own, own) * spread**2

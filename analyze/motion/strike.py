@@ -96,7 +96,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     fit, kick = with_contact_errors(fits.chosen, task.planned.rolls, settings.contact), fits.kick
     top = float(np.max(angle.theta[course.released : course.ended]))
     vague = judge_vague(fit, course, top, settings.verdict)
-    judgement = judgement or kick or judge_contact(fits.motion, _until(angle, fit), task.planned.rolls, settings.verdict)
+    judgement = judgement or kick or judge_contact(fits.motion, _until(angle, course.released, fit), task.planned.rolls, settings.verdict)
     if vague is not None:
         return _result(task, judgement or vague, angle, course, None, ())
     ratio = energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
@@ -158,11 +158,11 @@ def _unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
     return Judgement(Verdict.UNREADABLE, reason)
 
 
-def _until(angle: TipAngle, fit: MotionFit) -> tuple[int, int]:
-    """The fitted window up to 5 deg past the balance point: what happens later no longer bears on phi."""
-    first, last = fit.window
-    past = np.flatnonzero(angle.theta[first:last] > fit.phi + 0.09)
-    return first, (first + int(past[0]) if len(past) else last)
+def _until(angle: TipAngle, released: int, fit: MotionFit) -> tuple[int, int]:
+    """From release to 5 deg past the balance point, within the fitted window: what happens later no longer bears on phi."""
+    last = fit.window[1]
+    past = np.flatnonzero(angle.theta[released:last] > fit.phi + 0.09)
+    return released, (released + int(past[0]) if len(past) else last)
 
 
 def _alternatives(angle: TipAngle, course: Course, fit: MotionFit, settings: MotionSettings) -> tuple[MotionFit, ...]:

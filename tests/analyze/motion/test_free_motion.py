@@ -72,7 +72,7 @@ def test_light_contacts_in_the_first_frames_are_waited_for():
     # 4, 3 and 4 % of the speed, one after the other: no single jump to speak of
     angle = tip({0.010: 0.2, 0.021: 0.15, 0.031: 0.2})
     spoilt = pivot_fit(angle, whole(angle))
-    fit = settled_fit(angle, spoilt)
+    fit = settled_fit(spoilt, lambda frames: pivot_fit(angle, frames))
     assert abs(np.degrees(spoilt.phi - PHI)) > 0.1
     assert 3 <= fit.window[0] <= 6
     assert abs(fit.phi - PHI) < 3.5 * np.sqrt(fit.covariance[0, 0])
@@ -84,4 +84,4 @@ def test_light_contacts_in_the_first_frames_are_waited_for():
 def test_a_clean_tip_waits_for_nothing(seed):
     angle = tip({}, seed)
     fit = pivot_fit(angle, whole(angle))
-    assert settled_fit(angle, fit) is fit
+    assert settled_fit(fit, lambda frames: pivot_fit(angle, frames)) is fit
