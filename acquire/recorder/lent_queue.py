@@ -123,11 +123,15 @@ class LentQueue:
         return taken
 
     def wait_until_written(self, timeout_s: float) -> None:
-        """Write what waits."""
+        """Write what waits, meta included: on return no other thread is at it either, unless the time is up."""
         end = time.monotonic() + timeout_s
-        while self._queue and time.monotonic() < end:
+        while True:
             with self._lock:
                 written = self._write_batch()
+                if not self._queue:  # seen without the lock it may be empty while another thread still writes the meta
+                    return
+            if time.monotonic() >= end:
+                return
             if not written:
                 time.sleep(_ROOM_S)
 
@@ -151,6 +155,8 @@ class LentQueue:
         """Write the oldest frames; False where there is no room for them now."""
         queue = self._queue
         batch = [queue[number] for number in range(min(len(queue), BATCH_FRAMES))]
+        if not batch:  # another thread wrote it
+            return True
         frames = [each for each in batch if isinstance(each, LentFrame)]
         if frames and not self._write(frames):
             return False

@@ -170,6 +170,8 @@ class McapWriter:
         """
         for message in messages:
             self._refuse_unset(channel, message.log_time_ns)
+        if not messages:  # an empty entry in the index has no times for its chunk
+            return
         with self._lock:
             self._open()
             if self._full is not None and len(self._small) > SMALL_BYTES:
