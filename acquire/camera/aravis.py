@@ -349,7 +349,13 @@ class AravisCamera(Camera):
                 f"the socket's receive buffer is {self.receive_buffer_bytes} B instead of {self._config.receive_buffer_bytes} B: "
                 f"frames may be lost; try sysctl -w net.core.rmem_max={self._config.receive_buffer_bytes}"
             )
-        memory = FrameBuffers(self._config.buffers, self._spare_buffers, payload)
+        try:
+            memory = FrameBuffers(self._config.buffers, self._spare_buffers, payload)
+        except (OSError, MemoryError) as error:  # as CameraError it is tried again, and the camera is let go of
+            count = self._config.buffers + self._spare_buffers
+            raise CameraError(
+                f"camera {self._config.address}: no memory for {count} buffers of {payload} B ({error}): end other programs"
+            ) from None
         buffers = [Aravis.Buffer.new(payload, memory.address(slot)) for slot in range(len(memory))]
         self._slots = {hash(buffer): index for index, buffer in enumerate(buffers)}
         for buffer in buffers[: memory.circulating]:
