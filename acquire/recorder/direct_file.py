@@ -246,8 +246,8 @@ class DirectFile:
                 if self._written - self._synced >= self._sync_bytes:
                     self._synced = self._written
                     os.fdatasync(self._fd)
-            except OSError as error:
-                self._failed = error
+            except Exception as error:  # whatever ends this thread, nobody may wait for it for ever
+                self._failed = error if isinstance(error, OSError) else OSError(errno.EIO, repr(error))
                 self._waiting.give_back_lent()
             with self._change:
                 self._change.notify_all()
