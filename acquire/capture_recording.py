@@ -114,9 +114,11 @@ class OpenRecording:
     def finish(self) -> dict[str, Any]:
         """Write what waits, finish the last file, and say what the recording holds."""
         frames = self.frames
-        if frames is not None:
-            frames.close()
-        seal = self.files.finish()
+        try:
+            if frames is not None:
+                frames.close()
+        finally:  # whatever befell the last frames, the file is finished
+            seal = self.files.finish()
         return {
             "path": str(seal.path),
             "frames": frames.frames if frames else 0,

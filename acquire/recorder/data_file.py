@@ -67,7 +67,11 @@ class DataFile(Protocol):
         ...
 
     def wait_until(self, size: int) -> None:
-        """Wait until the first `size` bytes can be read from the file by others, or the disk failed."""
+        """Wait until the first `size` bytes can be read from the file by others.
+
+        Raises:
+            OSError: the disk failed before.
+        """
         ...
 
     def sync(self) -> None:

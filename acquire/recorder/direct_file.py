@@ -169,6 +169,8 @@ class DirectFile:
         """See DataFile."""
         with self._change:
             self._change.wait_for(lambda: self._readable >= size or self._failed is not None)
+            if self._readable < size and self._failed is not None:
+                raise self._failed
 
     def sync(self) -> None:
         """See DataFile: the writing thread does it."""

@@ -245,13 +245,20 @@ class McapWriter:
             self._hash.add_all(channel.topic.name, chunks.identity)
 
     def flush(self) -> None:
-        """Hand small topics to the file now; on return others can read in it what was written before. `finish` does it too."""
+        """Hand small topics to the file now; on return others can read in it what was written before. `finish` does it too.
+
+        Raises:
+            RecorderError: the disk refused some of it.
+        """
         with self._lock:
             if self._closed:
                 return
             self._flush_small()
             size = self._file.size
-        self._file.wait_until(size)
+        try:
+            self._file.wait_until(size)
+        except OSError as error:
+            raise self._disk_error(error) from None
 
     def finish(self) -> Seal:
         """Write what is in memory, the seal and the summary; fsync; give the file its name.

@@ -134,7 +134,7 @@ def _balanced(
         return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi)
 
     try:
-        fit = settled_fit(over(window), over)
+        fit = over(window)
     except EstimationError:
         return None, ""
     angle = edge.motion.angle
@@ -144,7 +144,7 @@ def _balanced(
     if _kicked(fit, size, left, limits):
         return None, ""
     if moved or hinge is None:
-        return fit, f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
+        return settled_fit(fit, over), f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
     _, size, gain = jump(angle, hinge)
     if _kicked(hinge, size, gain, limits) and left < _EXPLAINED * gain:
         return fit, f"the edge moved at one end of the window, which a hinge takes for a blow of {size:+.2f} rad/s"

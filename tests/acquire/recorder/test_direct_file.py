@@ -157,7 +157,8 @@ def test_a_failing_disk_is_told_and_what_it_took_is_recovered(tmp_path: Path, me
 
     monkeypatch.setattr(direct_file, "_write_pages", broken)
     _image(writer, 5)
-    writer.flush()  # comes back
+    with pytest.raises(RecorderError, match="Input/output error"):
+        writer.flush()  # comes back, and says that not all is on the disk
     with pytest.raises(RecorderError, match="Input/output error"):
         _image(writer, 6)
     with pytest.raises(RecorderError, match="Input/output error"):
