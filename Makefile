@@ -86,7 +86,7 @@ bench-plan-input: setup  ## edges of noisy clouds beside the raw hull's; stable 
 bench-calibrate: setup  ## lenses from 20 x 15 rendered boards against the truth, beside OpenCV's defaults; the refusals (ten minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.calibrate
 
-bench-striker: setup  ## swings on two virtual objects at three speeds against the truth: contact time, speed, impulse (two minutes)
+bench-striker: setup  ## swings on two virtual objects at three speeds against the truth: contact time, speed, impulse (three minutes)
 	@$(BIN)/python tests/benchmarks/striker.py
 
 bench-clock: setup  ## recorded frame times against the truth at drifts of -50, 0 and +50 ppm (a minute)
