@@ -32,8 +32,8 @@ from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
 from acquire.heart import Heart
 from acquire.recorder.frame_recorder import Arrival, FrameRecorder
 from schemas import topics
-from schemas.documents import SessionManifest
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import SessionManifest
 
 COMMAND_S = 180.0
 """a command that takes longer hangs; the longest waits for a slow disk"""

@@ -19,7 +19,8 @@ from acquire.config import RigConfig
 from acquire.errors import AcquireError, CaptureGone, RecorderError
 from acquire.heart import SILENCE_S, Listener
 from acquire.recorder.frame_recorder import WindowReport
-from schemas.documents import SessionManifest, canonical_json
+from schemas.document import canonical_json
+from schemas.session_manifest import SessionManifest
 
 BATCH_S: Final = 0.05
 """small topics travel together this often"""

@@ -16,7 +16,8 @@ from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
 from acquire.recorder.frame_recorder import FrameRecorder, backlog_bytes, backlog_frames, lent_memory
 from acquire.recorder.writer import McapWriter
-from schemas.documents import MANIFEST_NAME, SessionManifest, canonical_json
+from schemas.document import canonical_json
+from schemas.session_manifest import MANIFEST_NAME, SessionManifest
 
 Attachments = list[tuple[str, str, bytes]]
 """name, media type, content"""

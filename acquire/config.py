@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 
 from acquire.errors import ConfigError
-from schemas.documents import DocumentError, validate
+from schemas.document import DocumentError, validate
 from schemas.rig import CameraConfig, DaemonConfig, RecorderConfig, RigConfig, StrikerConfig
 
 __all__ = ["CameraConfig", "DaemonConfig", "RecorderConfig", "RigConfig", "StrikerConfig", "read_rig"]

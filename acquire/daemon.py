@@ -32,8 +32,8 @@ from acquire.striker.base import Striker
 from acquire.striker.dynamixel import DynamixelStriker
 from acquire.striker.manual import ManualStriker
 from schemas import topics
-from schemas.documents import JudgeRequest, WatchEvent
 from schemas.proto import percuss_pb2 as pb
+from schemas.watch_lines import JudgeRequest, WatchEvent
 
 TICK_S = 0.1
 """how often signals, the parent and the child processes are looked after"""

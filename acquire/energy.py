@@ -18,7 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import log_ndtr
 
-from schemas.documents import PlannedStrike, StrikePlan, StrikeVerdict, Verdict
+from schemas.result import Verdict
+from schemas.strike_plan import PlannedStrike, StrikePlan
+from schemas.watch_lines import StrikeVerdict
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -28,7 +28,8 @@ from acquire.recorder.writer import PART_SUFFIX
 from acquire.salvage import Salvage
 from acquire.watcher import Watcher
 from schemas import topics
-from schemas.documents import SessionManifest, WatchEvent
+from schemas.session_manifest import SessionManifest
+from schemas.watch_lines import WatchEvent
 
 T = TypeVar("T")
 

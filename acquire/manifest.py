@@ -15,24 +15,21 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from acquire.camera.base import CameraInfo
 from acquire.config import RigConfig
 from acquire.errors import SessionError
-from schemas.documents import (
+from schemas.document import DocumentError, sha256_text
+from schemas.object_spec import ObjectSpec, object_sha256, parse_object_spec
+from schemas.session_manifest import (
     OBJECT_ATTACHMENT,
     PLAN_ATTACHMENT,
     RIG_ATTACHMENT,
     SHAPE_ATTACHMENT_PREFIX,
     CameraCalibrationSpec,
-    DocumentError,
     LensModel,
     ManifestCamera,
-    ObjectSpec,
     SessionManifest,
     TimeSource,
-    object_sha256,
-    parse_object_spec,
-    parse_strike_plan,
-    sha256_text,
 )
 from schemas.software import software_version
+from schemas.strike_plan import parse_strike_plan
 
 MAPPING_SD_NS = 30_000
 """1 sigma of the camera-to-host clock mapping with a latched clock (docs/hardware.md)"""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from acquire.config import RigConfig
-from schemas.documents import PlannedStrike, StrikePlan
 from schemas.rig_limits import TipSpeeds
+from schemas.strike_plan import PlannedStrike, StrikePlan
 
 CAMERA_MOVED_M, CAMERA_TURNED_RAD = 0.02, math.radians(2.0)
 """of the camera against the plan's, from which the tags may leave the image: either moves them by some 50 of its 656 pixels"""

@@ -10,8 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from acquire.energy import EnergyGoal, EnergyLearner
-from schemas.documents import PlannedStrike, StrikePlan, StrikeVerdict, Verdict
 from schemas.proto import percuss_pb2 as pb
+from schemas.result import Verdict
+from schemas.strike_plan import PlannedStrike, StrikePlan
+from schemas.watch_lines import StrikeVerdict
 
 State = pb.SessionState.State
 

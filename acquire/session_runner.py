@@ -15,17 +15,10 @@ from acquire.api import DaemonClient
 from acquire.errors import RecordingBroken, SessionError, StrikerError, StrikerLost, StrikerNotFound, StrikerRefused, StrikerStopped
 from acquire.plan_fit import RigLimits, beyond_striker, camera_elsewhere
 from acquire.striker.base import StrikerState
-from schemas.documents import (
-    DocumentError,
-    ObjectSpec,
-    PlannedStrike,
-    StrikePlan,
-    StrikeVerdict,
-    WatchEvent,
-    object_sha256,
-    read_object_spec,
-    read_strike_plan,
-)
+from schemas.document import DocumentError
+from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
+from schemas.strike_plan import PlannedStrike, StrikePlan, read_strike_plan
+from schemas.watch_lines import StrikeVerdict, WatchEvent
 
 POSE_TIMEOUT_S = 8.0
 """for the object to come to rest and be seen after it was placed"""

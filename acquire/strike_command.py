@@ -16,7 +16,8 @@ from acquire.config import read_rig
 from acquire.energy import EnergyLearner
 from acquire.errors import ConfigError, SessionError
 from acquire.striker.calibration import StrikerNumbers, Swing, SwingRatio, learn_striker, swing_ratio
-from schemas.documents import DocumentError, read_strike_plan
+from schemas.document import DocumentError
+from schemas.strike_plan import read_strike_plan
 
 NOTABLE_RATIO = 0.02
 """difference of reached and commanded tip speed that is worth a word"""

@@ -11,7 +11,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from schemas.documents import JudgeRequest, StrikeVerdict, WatchEvent, canonical_json
+from schemas.document import canonical_json
+from schemas.watch_lines import JudgeRequest, StrikeVerdict, WatchEvent
 
 
 class Watcher:

@@ -19,8 +19,9 @@ from analyze.calibration.verdict import LEAST_VIEWS
 from analyze.errors import CalibrationError
 from analyze.tags.families import ON_BOARDS
 from analyze.tags.sheet import Board
-from schemas.documents import CameraCalibrationSpec, LensModel, validate
+from schemas.document import validate
 from schemas.rig import RigConfig
+from schemas.session_manifest import CameraCalibrationSpec, LensModel
 
 BLURRED = 2.0
 """times the usual blur: such a view is left out"""

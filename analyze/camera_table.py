@@ -11,7 +11,7 @@ from rich.table import Table
 
 from analyze.calibrate import CalibrationAnswer, spec_of
 from analyze.calibration.verdict import where
-from schemas.documents import SCHEMA_VERSION
+from schemas.document import SCHEMA_VERSION
 
 MOST_NAMED = 4
 """images left out that are named; more are counted"""

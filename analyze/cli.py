@@ -97,7 +97,7 @@ def plan(
     from analyze.plan_files import STEPS, PlanOptions, plan_object, write_plan
     from analyze.plan_table import render_plan
     from analyze.progress import StrikeProgress
-    from schemas.documents import PlanMethod
+    from schemas.strike_plan import PlanMethod
 
     if method == "paper" and (target_com_mm is not None or given):
         raise click.UsageError("the paper's method knows neither --target-com-mm nor --given: leave them out, or plan with ours")
@@ -355,7 +355,7 @@ def calibrate(
     from analyze.progress import StrikeProgress
     from analyze.results.calibration_plot import write_picture
     from analyze.tags.printing import BoardOptions, parse_board
-    from schemas.documents import LensModel
+    from schemas.session_manifest import LensModel
 
     if write and rig is None:
         raise click.UsageError("--write needs --rig RIG.toml: which file to write into")

@@ -17,9 +17,12 @@ from analyze.recording import Recording, open_recording
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import Marker, TipMotion
-from schemas.documents import RIG_ATTACHMENT, ObjectSpec, PlannedStrike, SessionManifest, StrikePlan, Verdict, object_sha256
+from schemas.object_spec import ObjectSpec, object_sha256
 from schemas.proto import percuss_pb2 as pb
+from schemas.result import Verdict
+from schemas.session_manifest import RIG_ATTACHMENT, SessionManifest
 from schemas.software import software_version
+from schemas.strike_plan import PlannedStrike, StrikePlan
 
 OVERRIDE_TOLERANCE = 0.05
 """of the longest edge, by which an object file given afterwards may move the edges that were planned"""

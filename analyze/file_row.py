@@ -15,7 +15,7 @@ from pathlib import Path
 
 from analyze.errors import RecordingError
 from analyze.followed import PART_SUFFIX, FollowedRecording
-from schemas.documents import SessionManifest
+from schemas.session_manifest import SessionManifest
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from analyze.recording_head import parse_manifest, parse_plan
 from analyze.types import ImageFrame
 from schemas import container
 from schemas.container import ContainerError
-from schemas.documents import MANIFEST_NAME, PLAN_ATTACHMENT, SHAPE_ATTACHMENT_PREFIX, SessionManifest, StrikePlan
+from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT, SHAPE_ATTACHMENT_PREFIX, SessionManifest
+from schemas.strike_plan import StrikePlan
 from schemas.topics import TRUTH_PREFIX
 
 PART_SUFFIX = ".part"

@@ -9,7 +9,8 @@ from analyze.errors import RecordingError
 from analyze.followed import PART_SUFFIX, FollowedRecording
 from analyze.indexed_file import RecordedMessage
 from analyze.types import ImageFrame
-from schemas.documents import SessionManifest, StrikePlan
+from schemas.session_manifest import SessionManifest
+from schemas.strike_plan import StrikePlan
 
 
 def next_file(path: Path) -> Path:

@@ -19,7 +19,8 @@ from analyze.pipeline import Estimate, estimate_recordings
 from analyze.plan_files import RECORDING_SUFFIX
 from analyze.planning.given import Given, StrikeMade, together
 from analyze.planning.striker_taught import Touch
-from schemas.documents import Result, validate
+from schemas.document import validate
+from schemas.result import Result
 from schemas.rig import RigConfig
 
 

@@ -15,7 +15,8 @@ from analyze.errors import EstimationError, JoinError
 from analyze.evidence import Evidence, RecordingHead
 from analyze.geometry.edge_line import SAME_LINE, EdgeLine
 from analyze.types import TipMotion
-from schemas.documents import PlannedStrike, SessionManifest, StrikePlan
+from schemas.session_manifest import SessionManifest
+from schemas.strike_plan import PlannedStrike, StrikePlan
 
 
 def in_order(heads: Sequence[RecordingHead]) -> list[RecordingHead]:

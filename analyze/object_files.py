@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analyze.errors import ShapeError
-from schemas.documents import DocumentError, ObjectSpec, object_sha256, read_object_spec
+from schemas.document import DocumentError
+from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
 
 
 @dataclass(frozen=True)

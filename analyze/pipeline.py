@@ -24,7 +24,9 @@ from analyze.results.summary import render_summary
 from analyze.results.warnings import result_warnings
 from analyze.too_few import too_few
 from analyze.types import CentreOfMass, EquiPlane, InertialParameters, MassDistribution, TipMotion
-from schemas.documents import JoinedRecording, PlannedStrike, Result, ResultInputs, Verdict, sha256_text
+from schemas.document import sha256_text
+from schemas.result import JoinedRecording, Result, ResultInputs, Verdict
+from schemas.strike_plan import PlannedStrike
 
 __all__ = ["Estimate", "EstimateOptions", "estimate_evidence", "estimate_recording", "estimate_recordings", "render_summary"]
 

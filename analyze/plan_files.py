@@ -26,8 +26,11 @@ from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import FRICTION, Request, finish, prepare
 from analyze.planning.striker_taught import taught
 from analyze.types import CameraModel
-from schemas.documents import RIG_ATTACHMENT, DocumentError, ObjectSpec, PlanMethod, StrikePlan, validate
+from schemas.document import DocumentError, validate
+from schemas.object_spec import ObjectSpec
 from schemas.rig import RigConfig, StrikerConfig
+from schemas.session_manifest import RIG_ATTACHMENT
+from schemas.strike_plan import PlanMethod, StrikePlan
 
 RECORDING_SUFFIX = ".mcap"
 CELLS = 800

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.planning.rejections import counted
-from schemas.documents import PlanMethod, PlannedStrike, Prediction, StrikePlan
+from schemas.strike_plan import PlanMethod, PlannedStrike, Prediction, StrikePlan
 
 NOT_DETERMINED = "not determined"
 

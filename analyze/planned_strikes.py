@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from schemas.documents import StrikePlan
+from schemas.strike_plan import StrikePlan
 
 MOST_NAMED = 12
 """missing strikes that a line names"""

@@ -27,17 +27,10 @@ from analyze.recording_head import parse_manifest, parse_plan
 from analyze.types import ImageFrame
 from schemas import topics
 from schemas.container import ContainerError
-from schemas.documents import (
-    MANIFEST_NAME,
-    PLAN_ATTACHMENT,
-    SEAL_NAME,
-    SHAPE_ATTACHMENT_PREFIX,
-    ObjectSpec,
-    SessionManifest,
-    StrikePlan,
-    TimeSource,
-)
+from schemas.object_spec import ObjectSpec
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT, SEAL_NAME, SHAPE_ATTACHMENT_PREFIX, SessionManifest, TimeSource
+from schemas.strike_plan import StrikePlan
 
 __all__ = ["FollowedRecording", "RecordedMessage", "Recording", "TopicInfo", "Truth", "open_partial", "open_recording", "read_truth"]
 

@@ -8,7 +8,9 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from analyze.errors import RecordingError, RecordingVersion
-from schemas.documents import SCHEMA_VERSION, DocumentError, SessionManifest, StrikePlan, validate
+from schemas.document import SCHEMA_VERSION, DocumentError, validate
+from schemas.session_manifest import SessionManifest
+from schemas.strike_plan import StrikePlan
 
 T = TypeVar("T", bound=BaseModel)
 

@@ -18,7 +18,8 @@ from analyze.output_file import refuse_unwritable
 from analyze.tags import families
 from analyze.tags.sheet import black_fields
 from analyze.types import Array, CameraModel
-from schemas.documents import MarkerSpec, ObjectSpec, StrikePlan
+from schemas.object_spec import MarkerSpec, ObjectSpec
+from schemas.strike_plan import StrikePlan
 
 STRIKE = "strike"
 """the timeline: 1 is the first strike"""

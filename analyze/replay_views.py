@@ -13,7 +13,8 @@ from scipy.spatial import ConvexHull
 from analyze.geometry.rotations import matrix_from_vector
 from analyze.motion.pendulum import trajectory
 from analyze.types import Array, CentreOfMass, EquiPlane, IntArray, MarkerTrack, MotionFit, Phases, TipAngle, TipMotion
-from schemas.documents import PlannedStrike, Result, StrikePlan, Verdict
+from schemas.result import Result, Verdict
+from schemas.strike_plan import PlannedStrike, StrikePlan
 
 if TYPE_CHECKING:
     from analyze.geometry.object_model import ObjectModel

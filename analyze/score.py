@@ -14,8 +14,8 @@ from analyze.estimation.equiplane import standing_angle
 from analyze.recording import open_recording, read_truth
 from analyze.types import Array
 from schemas import topics
-from schemas.documents import PlannedStrike
 from schemas.proto import percuss_pb2 as pb
+from schemas.strike_plan import PlannedStrike
 
 if TYPE_CHECKING:
     from analyze.pipeline import Estimate

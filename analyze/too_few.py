@@ -6,7 +6,8 @@ from collections.abc import Collection, Sequence
 
 from analyze.planned_strikes import planned_strikes
 from analyze.types import TipMotion
-from schemas.documents import StrikePlan, Verdict
+from schemas.result import Verdict
+from schemas.strike_plan import StrikePlan
 
 
 def too_few(needed: int, motions: Sequence[TipMotion], usable: Collection[str], excluded: Collection[str], plan: StrikePlan) -> str:

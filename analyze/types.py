@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from schemas.documents import LensModel, Verdict
+from schemas.result import Verdict
+from schemas.session_manifest import LensModel
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -26,8 +26,10 @@ from analyze.tracking.marker import families_of
 from analyze.tracking.track import track_markers
 from analyze.types import Marker
 from schemas import topics
-from schemas.documents import DocumentError, JudgeRequest, SeenMarker, StrikeVerdict, Verdict, WatchEvent, canonical_json, validate
+from schemas.document import DocumentError, canonical_json, validate
+from schemas.result import Verdict
 from schemas.tags import name_order
+from schemas.watch_lines import JudgeRequest, SeenMarker, StrikeVerdict, WatchEvent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -36,7 +38,8 @@ if TYPE_CHECKING:
 
     from analyze.motion.scene import Scene
     from analyze.types import CameraModel, ImageFrame
-    from schemas.documents import ObjectSpec, PlannedStrike, StrikePlan
+    from schemas.object_spec import ObjectSpec
+    from schemas.strike_plan import PlannedStrike, StrikePlan
 
 _LOOK_EVERY_NS = 83_000_000
 _FRESH_NS = 1_000_000_000

@@ -14,7 +14,7 @@ from typing import IO, Any, NoReturn, ParamSpec, TypeVar
 
 import click
 
-from schemas.documents import DocumentError
+from schemas.document import DocumentError
 
 P = ParamSpec("P")
 R = TypeVar("R")

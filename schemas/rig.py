@@ -8,8 +8,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from schemas.documents import CameraCalibrationSpec, Document
+from schemas.document import Document
 from schemas.rig_limits import ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S, TipSpeeds, tip_speeds
+from schemas.session_manifest import CameraCalibrationSpec
 
 
 class CameraConfig(Document):

@@ -21,7 +21,9 @@ from acquire.recorder.writer import McapWriter
 from analyze.recording import open_recording, read_truth
 from analyze.types import ImageFrame
 from schemas import topics
-from schemas.documents import MANIFEST_NAME, Verdict, canonical_json
+from schemas.document import canonical_json
+from schemas.result import Verdict
+from schemas.session_manifest import MANIFEST_NAME
 
 BEFORE_NS, AFTER_NS = 120_000_000, 620_000_000
 MARGIN_PX = 14

@@ -10,19 +10,10 @@ import numpy as np
 from acquire.recorder.image import RawImageEncoder, png_message
 from acquire.recorder.writer import McapWriter, Seal
 from schemas import topics
-from schemas.documents import (
-    MANIFEST_NAME,
-    Box,
-    CameraCalibrationSpec,
-    ManifestCamera,
-    MarkerSpec,
-    ObjectSpec,
-    SessionManifest,
-    Shape,
-    TimeSource,
-    canonical_json,
-)
+from schemas.document import canonical_json
+from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import MANIFEST_NAME, CameraCalibrationSpec, ManifestCamera, SessionManifest, TimeSource
 
 WIDTH, HEIGHT = 96, 64
 ANCHOR_NS = 1_700_000_000_000_000_000

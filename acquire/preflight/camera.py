@@ -16,7 +16,7 @@ from schemas.rig_limits import SMALLEST_TAG_PX
 if TYPE_CHECKING:
     from acquire.config import CameraConfig
     from acquire.preflight.film import Film, Filming
-    from schemas.documents import WatchEvent
+    from schemas.watch_lines import WatchEvent
 
 CAMERA_LINES = ("camera", "camera settings", "frames", "camera clock", "light", "marker", "object at rest")
 RATE_TOLERANCE = 0.01

@@ -27,22 +27,12 @@ from acquire.errors import RecorderError
 from acquire.recorder.rewrite import mapped, read_layout
 from acquire.watcher import Watcher
 from schemas import container, topics
-from schemas.documents import (
-    Impact,
-    ManifestCamera,
-    Pivot,
-    PlannedStrike,
-    Range,
-    SessionManifest,
-    StrikePlan,
-    TimeSource,
-    WatchEvent,
-    canonical_json,
-    object_sha256,
-    parse_object_spec,
-    sha256_text,
-)
+from schemas.document import canonical_json, sha256_text
+from schemas.object_spec import object_sha256, parse_object_spec
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import ManifestCamera, SessionManifest, TimeSource
+from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range, StrikePlan
+from schemas.watch_lines import WatchEvent
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -15,7 +15,7 @@ from acquire.recorder.rewrite import Layout, Rewriter, mapped, read_layout
 from acquire.recorder.summary import ChunkEntry
 from schemas import container
 from schemas.container import ContainerError, ContentHash
-from schemas.documents import MANIFEST_NAME, SEAL_NAME, SessionManifest
+from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
 from schemas.topics import TRUTH_PREFIX, Topic
 
 

@@ -17,7 +17,8 @@ from acquire.recorder.rewrite import Rewriter, mapped, read_layout, refuse_folde
 from acquire.recorder.summary import ChunkEntry
 from schemas import container
 from schemas.container import ContainerError, ContentHash
-from schemas.documents import MANIFEST_NAME, SEAL_NAME, sha256_text
+from schemas.document import sha256_text
+from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME
 
 _CHUNK_HEAD = re.compile(rb"\x06.{4}\x00{4}.{16}.{4}\x00{4}", re.DOTALL)
 """a chunk below 4 GB: opcode, length, two times, size"""

@@ -27,7 +27,8 @@ from acquire.recorder.page_cache_file import PageCacheFile
 from acquire.recorder.summary import Summary, pack_chunk, pack_topic
 from schemas import container
 from schemas.container import Buffer, ContentHash
-from schemas.documents import MANIFEST_NAME, SEAL_NAME, sha256_text
+from schemas.document import sha256_text
+from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME
 from schemas.topics import Topic
 
 PART_SUFFIX: Final = ".part"

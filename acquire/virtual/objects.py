@@ -15,7 +15,7 @@ from acquire.errors import AcquireError
 from acquire.virtual.bottle_shapes import BOTTLES, convex_parts, read_stl
 from acquire.virtual.hidden import HiddenBody, box_depth, cylinder_depth, hidden_body, mesh_depth, sample_body
 from acquire.virtual.station import TABLE_FRICTION
-from schemas.documents import ObjectSpec, parse_object_spec
+from schemas.object_spec import ObjectSpec, parse_object_spec
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from analyze.calibration.verdict import Coverage
     from analyze.tags.sheet import Board
     from analyze.types import Array
-    from schemas.documents import LensModel
+    from schemas.session_manifest import LensModel
 
 OUTLYING = 5.0
 """times the scatter of all corners: such a corner is left out"""

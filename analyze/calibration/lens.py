@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from analyze.types import CameraModel
-from schemas.documents import FISHEYE_COEFFICIENTS, LensModel
+from schemas.session_manifest import FISHEYE_COEFFICIENTS, LensModel
 
 if TYPE_CHECKING:
     from analyze.types import Array

@@ -15,7 +15,7 @@ import numpy as np
 
 from analyze.calibration.lens import Lens, plain_lens, prior_sd, project
 from analyze.tracking.camera_model import undistort
-from schemas.documents import LensModel
+from schemas.session_manifest import LensModel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,7 +14,7 @@ from analyze.geometry.polyhedron import BoolArray
 from analyze.geometry.rotations import apply
 from analyze.tags import families
 from analyze.types import Array
-from schemas.documents import MarkerSpec, ObjectSpec
+from schemas.object_spec import MarkerSpec, ObjectSpec
 
 DARK, LIGHT = np.array([150.0, 160.0, 172.0]), np.array([243.0, 245.0, 248.0])
 """of faces turned from and to the light"""

@@ -19,7 +19,8 @@ from analyze.cards.setting import Setting, setting
 from analyze.geometry.object_model import ObjectModel
 from analyze.output_file import write_text
 from analyze.planning.footing import WHERE_IT_FALLS
-from schemas.documents import ObjectSpec, PlannedStrike, StrikePlan
+from schemas.object_spec import ObjectSpec
+from schemas.strike_plan import PlannedStrike, StrikePlan
 
 BESIDE = 0.0005
 """m beside the mark from which a strike's place is said; plans of ours strike at the mark"""

@@ -11,7 +11,7 @@ import numpy as np
 
 from analyze.geometry.rotations import matrix_from_vector
 from analyze.types import Array
-from schemas.documents import ObjectSpec
+from schemas.object_spec import ObjectSpec
 
 SAME = np.radians(1.0)
 """rotations smaller than this are no instruction"""

@@ -8,7 +8,7 @@ import numpy as np
 
 from analyze.cards.body import Placed
 from analyze.types import Array
-from schemas.documents import PlannedStrike
+from schemas.strike_plan import PlannedStrike
 
 ON_LINE = 0.004
 """part of the object's size within which a corner lies on the pivot edge"""

@@ -9,7 +9,7 @@ import numpy as np
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.voxels import Voxels
 from analyze.types import Array
-from schemas.documents import ObjectSpec
+from schemas.object_spec import ObjectSpec
 
 LEAST_PART = 1e-3
 ASSUMED_WALL = 0.025

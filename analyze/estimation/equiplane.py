@@ -6,7 +6,7 @@ import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.types import Array, EquiPlane, MotionFit, TipMotion
-from schemas.documents import PlannedStrike
+from schemas.strike_plan import PlannedStrike
 
 AXIS_TOLERANCE = 1e-3
 """rad: how far a plan's pivot.direction may be from W's +y at rest"""

@@ -19,7 +19,7 @@ import numpy as np
 
 from analyze.errors import ShapeError
 from analyze.types import Array, IntArray
-from schemas.documents import LengthUnit
+from schemas.object_spec import LengthUnit
 
 FORMATS = ("stl", "obj", "ply", "glb", "gltf", "3mf")
 MOST_UNPACKED = 200

@@ -19,7 +19,7 @@ from analyze.geometry.hull_planes import COARSE
 from analyze.geometry.mesh_repair import closed_mesh
 from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.types import Array, IntArray
-from schemas.documents import Box, Cylinder, LengthUnit, ObjectSpec
+from schemas.object_spec import Box, Cylinder, LengthUnit, ObjectSpec
 
 CYLINDER_SIDES = 128
 SMALLEST_EXTENT = 0.005

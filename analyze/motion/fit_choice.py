@@ -17,13 +17,13 @@ from analyze.motion.kicked_fit import kicked_fit
 from analyze.motion.phases import Course, WindowLimits, free_window
 from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
 from analyze.motion.verdict import Judgement, VerdictLimits
-from schemas.documents import Verdict
+from schemas.result import Verdict
 
 if TYPE_CHECKING:
     from analyze.motion.edge_motion import EdgeMotion
     from analyze.motion.tip_angle import PlanarMotion
     from analyze.types import MotionFit, TipAngle
-    from schemas.documents import PlannedStrike
+    from schemas.strike_plan import PlannedStrike
 
 
 _STILL_TOUCHED = 4

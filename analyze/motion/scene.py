@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from analyze.types import Array, CameraModel, ImageFrame, Marker
-    from schemas.documents import PlannedStrike
+    from schemas.strike_plan import PlannedStrike
     from schemas.tags import TagFamily
 
 _STILL_PX = 0.3

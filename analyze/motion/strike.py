@@ -17,13 +17,14 @@ from analyze.motion.sign_change import sign_change
 from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
 from analyze.motion.verdict import Judgement, judge_contact, judge_fit, judge_motion, judge_vague
 from analyze.types import TipMotion
-from schemas.documents import StrikeVerdict, Verdict
+from schemas.result import Verdict
+from schemas.watch_lines import StrikeVerdict
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.types import CameraModel, Marker, MarkerTrack, MotionFit, TipAngle
-    from schemas.documents import PlannedStrike
+    from schemas.strike_plan import PlannedStrike
 
 _REST_BEFORE_CONTACT_NS = 4_000_000
 """half a frame at 120 fps: the exposure of a resting frame must end before the contact"""

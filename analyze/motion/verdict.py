@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from schemas.documents import Verdict
+from schemas.result import Verdict
 
 if TYPE_CHECKING:
     from analyze.motion.phases import Course

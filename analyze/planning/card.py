@@ -8,7 +8,7 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.planning.footing import WHERE_IT_FALLS
 from analyze.planning.pivots import PivotAxis
 from analyze.types import Array
-from schemas.documents import ObjectSpec
+from schemas.object_spec import ObjectSpec
 
 AXIS_NAMES = ("x", "y", "z")
 

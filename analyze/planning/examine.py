@@ -15,7 +15,8 @@ from analyze.planning.information import Candidate
 from analyze.planning.pivots import PivotAxis, Swing, swing
 from analyze.planning.precision import FRAME_PX, FRAME_RATE, SeenSwing, frame_sd, strike_covariances
 from analyze.types import CameraModel
-from schemas.documents import ObjectSpec, Rejection
+from schemas.object_spec import ObjectSpec
+from schemas.strike_plan import Rejection
 
 STEEPEST_PHI = np.radians(50.0)
 ENERGIES = (1.15, 1.1, 1.2, 1.05, 1.25, 1.3)

@@ -16,7 +16,7 @@ from analyze.planning.plan import Prepared, plan_hypothesis
 from analyze.planning.precision import FRAME_PX, SeenSwing, frame_sd, strike_covariances
 from analyze.planning.view import visible_markers
 from analyze.types import Array
-from schemas.documents import Impact, Pivot, PlanMethod, PlannedStrike, Range, Rejection, StrikePlan
+from schemas.strike_plan import Impact, Pivot, PlanMethod, PlannedStrike, Range, Rejection, StrikePlan
 
 EDGE_SD = 5e-5
 """m, as of an edge in a shape that is taken as exact"""

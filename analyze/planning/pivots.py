@@ -13,7 +13,7 @@ from analyze.geometry.rotations import plane_basis
 from analyze.planning.hypothesis import Hypothesis
 from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
-from schemas.documents import ObjectSpec
+from schemas.object_spec import ObjectSpec
 
 BRIDGED_SD = 3e-4
 """m, where the edge joins two corners and no face ends there"""

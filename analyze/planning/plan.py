@@ -23,9 +23,9 @@ from analyze.planning.refusal import why_not
 from analyze.planning.stable_planes import RestingPlane, resting_planes
 from analyze.planning.unscanned import on_scanned_edges, on_scanned_planes
 from analyze.types import CameraModel
-from schemas.documents import (
+from schemas.object_spec import ObjectSpec
+from schemas.strike_plan import (
     Impact,
-    ObjectSpec,
     Pivot,
     PlanHypothesis,
     PlannedStrike,

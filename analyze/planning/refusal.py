@@ -13,7 +13,7 @@ from analyze.planning.information import Candidate, unknown_direction
 from analyze.planning.rejections import counted
 from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
-from schemas.documents import Rejection
+from schemas.strike_plan import Rejection
 
 BALL = 0.08
 """relative spread of the hull's distances from its middle, over all directions, below which the object is called a ball"""

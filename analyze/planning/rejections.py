@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analyze.planning import unscanned
-from schemas.documents import Rejection
+from schemas.strike_plan import Rejection
 
 _WORDS = {
     "slips": ("slipping", "friction needed", "", 1.0, 2),

@@ -16,7 +16,7 @@ from analyze.planning.hypothesis import body_size
 from analyze.planning.pivots import PivotAxis
 from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
-from schemas.documents import Rejection
+from schemas.strike_plan import Rejection
 
 CODE = "not_scanned"
 MOST_OF_PLANE = 0.2

@@ -12,7 +12,7 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply, inverse_transform, matrix_from_vector
 from analyze.planning.pivots import PivotAxis
 from analyze.types import Array, CameraModel
-from schemas.documents import MarkerSpec, ObjectSpec
+from schemas.object_spec import MarkerSpec, ObjectSpec
 from schemas.rig_limits import SMALLEST_TAG_PX
 from schemas.tags import name_order
 

@@ -12,10 +12,10 @@ import numpy as np
 from analyze.estimation.inertia import Scale, edge_inertia
 from analyze.estimation.paper import PaperCentre, PaperRegions
 from analyze.types import Array, CentreOfMass, EquiPlane, InertialParameters, MassDistribution, MotionFit, TipMotion
-from schemas.documents import (
+from schemas.document import canonical_json
+from schemas.result import (
     AlternativeFit,
     AxisMoment,
-    PlannedStrike,
     Quantity,
     RegionResult,
     Regions,
@@ -24,8 +24,8 @@ from schemas.documents import (
     ResultWarning,
     StrikeResult,
     Verdict,
-    canonical_json,
 )
+from schemas.strike_plan import PlannedStrike
 
 SIGMAS95 = 1.96
 SIGNIFICANT_DIGITS = 10

@@ -22,7 +22,7 @@ from analyze.results.plots import moments_figure, projection_figures, regions_fi
 from analyze.results.style import svg
 from analyze.results.summary import DEGREES, GRAM_CM2, with_interval
 from analyze.results.truth import ShownTruth, shown_truth
-from schemas.documents import Quantity, StrikeResult, Verdict
+from schemas.result import Quantity, StrikeResult, Verdict
 
 if TYPE_CHECKING:
     from analyze.pipeline import Estimate

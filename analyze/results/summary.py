@@ -9,7 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from schemas.documents import Quantity, Result
+from schemas.result import Quantity, Result
 
 if TYPE_CHECKING:
     from analyze.pipeline import Estimate

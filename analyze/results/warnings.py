@@ -10,7 +10,8 @@ import numpy as np
 from analyze.file_row import missing_text
 from analyze.planned_strikes import planned_strikes
 from analyze.types import EquiPlane, InertialParameters, MassDistribution
-from schemas.documents import ResultWarning, TimeSource, Verdict, WarningCode
+from schemas.result import ResultWarning, Verdict, WarningCode
+from schemas.session_manifest import TimeSource
 
 if TYPE_CHECKING:
     from analyze.estimation.agreement import Agreement

@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 
 from analyze.types import CameraModel
-from schemas.documents import FISHEYE_COEFFICIENTS, LensModel
+from schemas.session_manifest import FISHEYE_COEFFICIENTS, LensModel
 
 if TYPE_CHECKING:
     from analyze.types import Array
-    from schemas.documents import CameraCalibrationSpec
+    from schemas.session_manifest import CameraCalibrationSpec
 
 _NEWTON_STEPS = 12
 _UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)

@@ -41,7 +41,9 @@ from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import Request, finish, prepare
 from analyze.types import TipAngle
-from schemas.documents import PlannedStrike, StrikePlan, StrikeVerdict, object_sha256
+from schemas.object_spec import object_sha256
+from schemas.strike_plan import PlannedStrike, StrikePlan
+from schemas.watch_lines import StrikeVerdict
 
 FRAME_NS = 8_333_333
 ANGLE_SD = math.radians(0.03)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from acquire.manifest import calibration_message
-from schemas.documents import CameraCalibrationSpec, LensModel
+from schemas.session_manifest import CameraCalibrationSpec, LensModel
 
 
 @pytest.mark.parametrize(

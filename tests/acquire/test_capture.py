@@ -23,8 +23,8 @@ from acquire.capture_link import CaptureProcess
 from acquire.clock import SystemClock
 from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.errors import CameraNotFound, RecorderError
-from schemas.documents import CameraCalibrationSpec, ManifestCamera, SessionManifest
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import CameraCalibrationSpec, ManifestCamera, SessionManifest
 from tests import small_recording
 from tests.loopback import loopback
 

@@ -9,18 +9,9 @@ import numpy as np
 import pytest
 
 from acquire.energy import EnergyLearner
-from schemas.documents import (
-    Impact,
-    Pivot,
-    PlanHypothesis,
-    PlannedStrike,
-    Range,
-    StrikePlan,
-    StrikerPrior,
-    StrikeVerdict,
-    Verdict,
-    parse_strike_plan,
-)
+from schemas.result import Verdict
+from schemas.strike_plan import Impact, Pivot, PlanHypothesis, PlannedStrike, Range, StrikePlan, StrikerPrior, parse_strike_plan
+from schemas.watch_lines import StrikeVerdict
 
 MASS, G, HALF = 0.05, 9.81, np.array([0.04, 0.03, 0.09])
 UNIT_INERTIA = np.diag([(HALF[1] ** 2 + HALF[2] ** 2) / 3, (HALF[0] ** 2 + HALF[2] ** 2) / 3, (HALF[0] ** 2 + HALF[1] ** 2) / 3])

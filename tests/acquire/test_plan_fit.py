@@ -13,8 +13,8 @@ from acquire.config import RigConfig
 from acquire.errors import SessionError
 from acquire.plan_fit import RigLimits, beyond_striker, camera_elsewhere
 from acquire.session_runner import SessionInput, SessionRunner
-from schemas.documents import Range
 from schemas.rig import StrikerConfig
+from schemas.strike_plan import Range
 from tests.acquire.test_session import plan, planned
 from tests.system.complaints import spec_and_plan
 

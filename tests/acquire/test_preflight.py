@@ -25,8 +25,8 @@ from acquire.preflight.film import Film, FilmContent
 from acquire.preflight.picture import CheckPicture
 from acquire.preflight.servo import ServoState, check_held_servo
 from acquire.preflight.session import LINES, Probes, RunningDaemon, check_rig
-from schemas.documents import SeenMarker, WatchEvent
 from schemas.rig import StrikerConfig
+from schemas.watch_lines import SeenMarker, WatchEvent
 from tests.rig_text import CALIBRATION
 
 RIG = (

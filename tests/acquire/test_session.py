@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 
 from acquire import session as s
-from schemas.documents import Impact, Pivot, PlannedStrike, Range, StrikePlan, StrikeVerdict, Verdict
+from schemas.result import Verdict
+from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range, StrikePlan
+from schemas.watch_lines import StrikeVerdict
 
 EYE = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]

@@ -9,20 +9,10 @@ import numpy as np
 from analyze.evidence import Evidence, RecordingHead
 from analyze.geometry.object_model import load_object_model
 from analyze.types import MotionFit, Phases, TipAngle, TipMotion
-from schemas.documents import (
-    Box,
-    CameraCalibrationSpec,
-    ManifestCamera,
-    MarkerSpec,
-    ObjectSpec,
-    PlannedStrike,
-    SessionManifest,
-    Shape,
-    StrikePlan,
-    TimeSource,
-    Verdict,
-    object_sha256,
-)
+from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape, object_sha256
+from schemas.result import Verdict
+from schemas.session_manifest import CameraCalibrationSpec, ManifestCamera, SessionManifest, TimeSource
+from schemas.strike_plan import PlannedStrike, StrikePlan
 from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, Body, box_body, planned_strike, tip
 
 FRAME_S = 1 / 120

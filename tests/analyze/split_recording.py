@@ -10,7 +10,8 @@ from analyze.indexed_file import open_finished
 from analyze.indexed_row import IndexedRow
 from analyze.recording import open_recording
 from schemas import topics
-from schemas.documents import MANIFEST_NAME, canonical_json
+from schemas.document import canonical_json
+from schemas.session_manifest import MANIFEST_NAME
 from schemas.topics import TRUTH_PREFIX, Topic
 
 KNOWN = [

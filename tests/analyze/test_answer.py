@@ -14,7 +14,7 @@ from acquire.recorder.edit import append_topics, remove_topics
 from analyze.cli import main as analyze
 from analyze.recording import open_recording
 from schemas import topics
-from schemas.documents import SCHEMA_VERSION
+from schemas.document import SCHEMA_VERSION
 from schemas.proto import percuss_pb2 as pb
 
 SAMPLE = Path(__file__).resolve().parents[2] / "recordings" / f"sample-{SCHEMA_VERSION}.mcap"

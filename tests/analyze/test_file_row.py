@@ -18,7 +18,8 @@ from analyze.errors import RecordingCut
 from analyze.file_row import FileRow, row_of
 from analyze.inspect import inspect_recording, render_inspection
 from analyze.recording import open_partial, open_recording, read_truth
-from schemas.documents import SCHEMA_VERSION, Result
+from schemas.document import SCHEMA_VERSION
+from schemas.result import Result
 from tests import small_recording as small
 from tests.analyze.split_recording import split_recording
 

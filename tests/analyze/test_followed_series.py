@@ -15,7 +15,8 @@ from analyze.followed_series import FollowedSeries, next_file
 from analyze.indexed_file import RecordedMessage
 from analyze.watch import watch
 from schemas import topics
-from schemas.documents import MANIFEST_NAME, canonical_json
+from schemas.document import canonical_json
+from schemas.session_manifest import MANIFEST_NAME
 from tests import small_recording
 from tests.analyze.test_watch import PLAN
 

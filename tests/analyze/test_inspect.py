@@ -11,7 +11,8 @@ from rich.console import Console
 
 from analyze.errors import RecordingError
 from analyze.inspect import inspect_recording, render_inspection
-from schemas.documents import StrikePlan, canonical_json
+from schemas.document import canonical_json
+from schemas.strike_plan import StrikePlan
 from tests import small_recording as small
 from tests.analyze.motion.tipping import planned
 

@@ -18,7 +18,8 @@ from analyze.joined import in_order, join, levels_of, strikes_to_leave_out
 from analyze.pipeline import Estimate, EstimateOptions, equiplanes, estimate_evidence, systematic_errors
 from analyze.results.report import render_report
 from analyze.types import CentreOfMass, TipMotion
-from schemas.documents import Result, Verdict, WarningCode, canonical_json, sha256_text
+from schemas.document import canonical_json, sha256_text
+from schemas.result import Result, Verdict, WarningCode
 from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
 from tests.analyze.simulated_session import carton, session
 

@@ -14,7 +14,8 @@ from acquire.recorder.edit import append_topics, remove_topics
 from analyze.cli import main as analyze
 from analyze.recording import open_recording
 from schemas import topics
-from schemas.documents import SCHEMA_VERSION, object_sha256
+from schemas.document import SCHEMA_VERSION
+from schemas.object_spec import object_sha256
 from schemas.proto import percuss_pb2 as pb
 from tests.analyze.split_recording import as_two_sessions, rewritten
 

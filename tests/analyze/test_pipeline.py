@@ -9,8 +9,8 @@ from analyze.errors import EstimationError
 from analyze.pipeline import EstimateOptions, estimate_evidence, render_summary
 from analyze.score import score_estimate, tip_truth
 from analyze.types import TipMotion
-from schemas.documents import Result, Verdict, WarningCode
 from schemas.proto import percuss_pb2 as pb
+from schemas.result import Result, Verdict, WarningCode
 from tests.analyze.estimation.bodies import tip
 from tests.analyze.simulated_session import carton, session
 

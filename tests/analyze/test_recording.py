@@ -17,8 +17,9 @@ from acquire.recorder.writer import McapWriter
 from analyze.errors import RecordingCut, RecordingError, RecordingVersion
 from analyze.recording import FollowedRecording, Recording, open_partial, open_recording, read_truth
 from schemas import topics
-from schemas.documents import TimeSource, canonical_json
+from schemas.document import canonical_json
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import TimeSource
 from tests import small_recording as small
 
 

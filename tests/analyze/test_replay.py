@@ -18,8 +18,8 @@ from analyze.pipeline import estimate_evidence
 from analyze.replay import ReplayError, moment_of, screenshot, write_replay
 from analyze.types import MarkerTrack
 from schemas import topics
-from schemas.documents import MANIFEST_NAME, TimeSource
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import MANIFEST_NAME, TimeSource
 from tests.analyze.simulated_session import carton, manifest, session
 
 STATION = station(1)

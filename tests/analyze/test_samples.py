@@ -13,7 +13,8 @@ from click.testing import CliRunner
 
 from analyze.cli import main as analyze
 from analyze.recording import open_recording, read_truth
-from schemas.documents import SCHEMA_VERSION, Result
+from schemas.document import SCHEMA_VERSION
+from schemas.result import Result
 
 RECORDINGS = Path(__file__).resolve().parents[2] / "recordings"
 SAMPLES = sorted(RECORDINGS.glob("sample-*.mcap"))

@@ -14,17 +14,10 @@ from hypothesis import strategies as st
 
 from analyze.errors import RecordingError
 from analyze.watch import Observer, watch
-from schemas.documents import (
-    DocumentError,
-    JudgeRequest,
-    MarkerSpec,
-    ObjectSpec,
-    StrikePlan,
-    StrikeVerdict,
-    parse_object_spec,
-    parse_strike_plan,
-    validate,
-)
+from schemas.document import DocumentError, validate
+from schemas.object_spec import MarkerSpec, ObjectSpec, parse_object_spec
+from schemas.strike_plan import StrikePlan, parse_strike_plan
+from schemas.watch_lines import JudgeRequest, StrikeVerdict
 from tests.analyze.motion.tipping import camera, marker, planned
 
 QUICK = settings(max_examples=80, derandomize=True, deadline=None)

@@ -11,7 +11,9 @@ import pytest
 from analyze.errors import RecordingError
 from analyze.types import ImageFrame
 from analyze.watch import Observer, watch
-from schemas.documents import JudgeRequest, StrikePlan, Verdict, WatchEvent
+from schemas.result import Verdict
+from schemas.strike_plan import StrikePlan
+from schemas.watch_lines import JudgeRequest, WatchEvent
 from tests.analyze.motion.tipping import SIZE, camera, marker, marker_poses, planned, simulate
 from tests.analyze.tracking.rendering import render
 

@@ -17,7 +17,7 @@ from analyze.calibration.calibrate import Shot, calibrate
 from analyze.calibration.detect import find_corners, look
 from analyze.calibration.lens import Lens
 from analyze.tags.printing import BoardOptions, parse_board
-from schemas.documents import LensModel
+from schemas.session_manifest import LensModel
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph
 from tests.analyze.calibration.compare import pixel_errors, truth
 

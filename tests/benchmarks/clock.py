@@ -31,8 +31,8 @@ from acquire.clock import DeviceClockMapper, SystemClock
 from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.virtual.pattern_source import read_stamp
 from schemas import topics
-from schemas.documents import CameraCalibrationSpec
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import CameraCalibrationSpec
 from tests import small_recording
 
 ROOT = Path(__file__).parents[2]

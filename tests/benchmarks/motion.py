@@ -24,7 +24,7 @@ from analyze.motion.pendulum import trajectory
 from analyze.motion.pivot_fit import pivot_fit
 from analyze.motion.sign_change import sign_change
 from analyze.types import MotionFit
-from schemas.documents import Verdict
+from schemas.result import Verdict
 from tests.analyze.motion.drawn_strikes import EXPECTED, KINDS, Strike, draw, draw_free
 
 USED = (Verdict.GOOD, Verdict.ROCKED_BACK)

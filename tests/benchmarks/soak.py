@@ -30,8 +30,8 @@ from acquire.errors import RecorderError
 from acquire.recorder.rewrite import mapped, read_layout
 from acquire.virtual.pattern_source import noise, read_stamp, stamped
 from schemas import container
-from schemas.documents import CameraCalibrationSpec
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import CameraCalibrationSpec
 from tests import small_recording
 
 WIDTH, HEIGHT, SEED = 656, 492, 7

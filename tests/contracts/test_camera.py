@@ -16,7 +16,7 @@ from acquire.config import CameraConfig, RigConfig
 from acquire.errors import CameraError
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource
-from schemas.documents import CameraCalibrationSpec
+from schemas.session_manifest import CameraCalibrationSpec
 from tests.loopback import loopback
 
 ADDRESS = loopback(61)

@@ -6,7 +6,7 @@ import click
 import pytest
 
 from schemas.command_line import INTERRUPTED, PROBLEM, NumberRange, one_line_errors
-from schemas.documents import DocumentError
+from schemas.document import DocumentError
 
 
 class Mine(Exception):

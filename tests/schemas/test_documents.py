@@ -9,16 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.documents import (
-    DocumentError,
-    ObjectSpec,
-    StrikePlan,
-    canonical_json,
-    object_sha256,
-    parse_object_spec,
-    parse_strike_plan,
-    read_object_spec,
-)
+from schemas.document import DocumentError, canonical_json
+from schemas.object_spec import ObjectSpec, object_sha256, parse_object_spec, read_object_spec
+from schemas.strike_plan import StrikePlan, parse_strike_plan
 from schemas.tags import family_and_id, marker_name, name_order
 
 GOOD = """

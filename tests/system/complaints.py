@@ -6,11 +6,8 @@ from pathlib import Path
 
 from click.testing import CliRunner
 
-from schemas.documents import (
-    StrikePlan,
-    object_sha256,
-    parse_object_spec,
-)
+from schemas.object_spec import object_sha256, parse_object_spec
+from schemas.strike_plan import StrikePlan
 from tests.analyze.motion.tipping import planned
 from tests.carton import CARTON
 

@@ -22,8 +22,10 @@ from mcap.reader import make_reader
 from acquire.api import DaemonClient
 from acquire.errors import AcquireError, StrikerLost
 from schemas import topics
-from schemas.documents import StrikePlan, canonical_json, object_sha256, parse_object_spec
+from schemas.document import canonical_json
+from schemas.object_spec import object_sha256, parse_object_spec
 from schemas.proto import percuss_pb2 as pb
+from schemas.strike_plan import StrikePlan
 from tests.acquire.striker.plant import EFFECTIVE_MASS, Plant
 from tests.acquire.test_session import planned
 from tests.carton import CARTON

@@ -16,17 +16,11 @@ from analyze.cli import main as analyze
 from analyze.errors import OutputError
 from analyze.output_file import write_text
 from schemas import topics
-from schemas.documents import (
-    MANIFEST_NAME,
-    CameraCalibrationSpec,
-    ManifestCamera,
-    StrikePlan,
-    canonical_json,
-    object_sha256,
-    parse_object_spec,
-    sha256_text,
-)
+from schemas.document import canonical_json, sha256_text
+from schemas.object_spec import object_sha256, parse_object_spec
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import MANIFEST_NAME, CameraCalibrationSpec, ManifestCamera
+from schemas.strike_plan import StrikePlan
 from tests import small_recording
 from tests.analyze.motion.tipping import SIZE, camera, marker, marker_poses, simulate
 from tests.analyze.tracking.rendering import render

@@ -12,7 +12,7 @@ from acquire.recorder.edit import remove_topics
 from analyze.cli import main as analyze
 from analyze.recording import open_recording, read_truth
 from schemas import topics
-from schemas.documents import Result
+from schemas.result import Result
 
 pytestmark = pytest.mark.timeout(240)
 

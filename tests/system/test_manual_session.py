@@ -14,7 +14,7 @@ from acquire.virtual.hand import TOUCH_S, VirtualHand
 from acquire.virtual.truth import merge_truth
 from analyze.cli import main as analyze
 from analyze.recording import open_recording, read_truth
-from schemas.documents import read_strike_plan
+from schemas.strike_plan import read_strike_plan
 from tests.system.session_rig import SEED, session_rig
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]

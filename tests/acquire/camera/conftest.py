@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from acquire.config import CameraConfig
-from schemas.documents import CameraCalibrationSpec
+from schemas.session_manifest import CameraCalibrationSpec
 
 CLOSE_S = 12.0
 

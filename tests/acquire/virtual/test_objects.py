@@ -12,7 +12,7 @@ from acquire.virtual.contact_shape import contact_centres, inset_corners, rim_ce
 from acquire.virtual.hidden import box_depth, cylinder_depth, hidden_body, sample_body
 from acquire.virtual.objects import OBJECT_NAMES, load_object
 from acquire.virtual.station import calibration_sheet
-from schemas.documents import CameraCalibrationSpec
+from schemas.session_manifest import CameraCalibrationSpec
 
 BORDER = (np.array([0.0, 0.0, 1.0]), 0.0)
 

@@ -14,7 +14,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from schemas.documents import LensModel
+from schemas.session_manifest import LensModel
 from tests.analyze.tracking.rendering import FINE, UPRIGHT_PX, Look
 
 UNITS = 20

@@ -10,7 +10,7 @@ from analyze.calibration.lens import plain_lens
 from analyze.calibration.precision import pixel_sd
 from analyze.calibration.solve import observed, solve
 from analyze.tags.sheet import Board
-from schemas.documents import LensModel
+from schemas.session_manifest import LensModel
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing
 from tests.analyze.calibration.compare import pixel_errors, truth
 

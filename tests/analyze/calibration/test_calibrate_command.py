@@ -13,7 +13,8 @@ from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.writer import McapWriter
 from analyze.cli import main
 from schemas import topics
-from schemas.documents import LensModel, TimeSource, canonical_json
+from schemas.document import canonical_json
+from schemas.session_manifest import LensModel, TimeSource
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph
 from tests.analyze.tracking.rendering import Look
 from tests.small_recording import START_NS, manifest, write_head

@@ -9,7 +9,7 @@ from analyze.calibration.lens import Lens
 from analyze.calibration.solve import Pose
 from analyze.calibration.straight import refit
 from analyze.tags.sheet import Board
-from schemas.documents import LensModel
+from schemas.session_manifest import LensModel
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph
 from tests.analyze.tracking.rendering import Look
 

@@ -18,7 +18,8 @@ from analyze.geometry.object_model import load_object_model
 from analyze.object_files import object_files
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
-from schemas.documents import LengthUnit, StrikePlan
+from schemas.object_spec import LengthUnit
+from schemas.strike_plan import StrikePlan
 from schemas.tags import family_and_id
 from tests.analyze.balanced_html import Balanced
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from analyze.cards.placing import SAME, TOWARDS, Tilt, Turn, change_in_words, moves, sides
-from schemas.documents import Box, ObjectSpec, Shape
+from schemas.object_spec import Box, ObjectSpec, Shape
 
 quaternions = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1)
 STANDING = np.eye(3)

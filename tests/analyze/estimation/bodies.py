@@ -12,7 +12,7 @@ import numpy as np
 
 from analyze.estimation.cells import Cells
 from analyze.types import Array, EquiPlane, MotionFit
-from schemas.documents import Impact, Pivot, PlannedStrike, Range
+from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range
 
 GRAVITY = 9.81
 

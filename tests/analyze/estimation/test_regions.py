@@ -8,7 +8,7 @@ from analyze.estimation.regions import mass_distribution
 from analyze.geometry.object_model import load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.types import AxisInertia, CentreOfMass, InertialParameters
-from schemas.documents import Box, MarkerSpec, ObjectSpec, Shape
+from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape
 from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
 
 SIZE = (0.078, 0.06, 0.15)

@@ -14,7 +14,7 @@ import numpy as np
 from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.types import TipAngle, TipMotion
-from schemas.documents import Verdict
+from schemas.result import Verdict
 from tests.analyze.motion.sliding import Body, Course, Push, push_for, simulate
 from tests.analyze.motion.tipping import planned
 

@@ -12,7 +12,7 @@ from analyze.motion.balance_fit import moment_balance
 from analyze.motion.edge_motion import edge_motion
 from analyze.motion.pivot_fit import pivot_fit
 from analyze.motion.strike import MotionSettings, analyse_motion
-from schemas.documents import Verdict
+from schemas.result import Verdict
 from tests.analyze.motion.drawn_strikes import EXPECTED, KINDS, draw, seen
 from tests.analyze.motion.sliding import Body, push_for, simulate
 

@@ -5,7 +5,7 @@ import pytest
 
 from analyze.motion.strike import StrikeTask, analyse_strike, placement_of, rest_end
 from analyze.motion.tip_angle import tip_angle
-from schemas.documents import Verdict
+from schemas.result import Verdict
 from tests.analyze.motion.tipping import camera, marker, planned, simulate, track_of
 
 ANCHOR = 10**18

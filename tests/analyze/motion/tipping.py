@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from analyze.tracking.camera_model import distort, project_ideal, world_to_camera
 from analyze.types import CameraModel, Marker, MarkerTrack
-from schemas.documents import Impact, Pivot, PlannedStrike, Range
+from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range
 
 G = 9.80665
 W, D, H = 0.06, 0.05, 0.2

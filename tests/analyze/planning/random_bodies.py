@@ -10,7 +10,8 @@ from scipy.spatial import ConvexHull
 from analyze.estimation.cells import cells_from_voxels
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.voxels import voxelise
-from schemas.documents import ObjectSpec, validate
+from schemas.document import validate
+from schemas.object_spec import ObjectSpec
 from tests.analyze.geometry.shapes import box_triangles, stl
 
 KINDS = ("box", "hull", "prism", "bottle", "angle")

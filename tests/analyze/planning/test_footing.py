@@ -19,7 +19,7 @@ from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import Prepared, Request, finish, prepare
 from analyze.planning.stable_planes import resting_planes, stable_planes
-from schemas.documents import StrikePlan, parse_strike_plan
+from schemas.strike_plan import StrikePlan, parse_strike_plan
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.planning.comparison import compare
 from tests.analyze.planning.random_bodies import FAR_TAG, convex_triangles, random_body, spec_for

@@ -17,7 +17,7 @@ from analyze.planning.paper_plan import CONTACT_ANGLE, impact_force, paper_plan,
 from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import prepare
 from analyze.planning.stable_planes import resting_planes
-from schemas.documents import PlanMethod, parse_strike_plan
+from schemas.strike_plan import PlanMethod, parse_strike_plan
 from tests.analyze.geometry.shapes import spec_of
 
 TALL = [0.06, 0.05, 0.2]

@@ -17,7 +17,7 @@ from analyze.planning.impact import ImpactPoint, StrikerModel, best_impact, impa
 from analyze.planning.pivots import pivot_axes, swing
 from analyze.planning.plan import make_plan
 from analyze.planning.stable_planes import resting_planes, stable_planes
-from schemas.documents import StrikePlan, parse_strike_plan
+from schemas.strike_plan import StrikePlan, parse_strike_plan
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
 
 OBJECTS = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data"

@@ -12,7 +12,7 @@ from analyze.geometry.object_model import load_object_model
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
 from analyze.planning.rejections import counted
-from schemas.documents import Rejection
+from schemas.strike_plan import Rejection
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.planning.random_bodies import FAR_TAG, convex_triangles, spec_for
 

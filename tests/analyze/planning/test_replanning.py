@@ -23,7 +23,7 @@ from analyze.planning.information import Errors
 from analyze.planning.plan import Request, finish, make_plan, prepare
 from analyze.planning.view import default_camera
 from analyze.recording import open_recording
-from schemas.documents import SCHEMA_VERSION
+from schemas.document import SCHEMA_VERSION
 from tests.analyze.geometry.shapes import spec_of
 from tests.analyze.planning.random_bodies import FAR_TAG
 

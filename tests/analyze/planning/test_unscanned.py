@@ -17,7 +17,8 @@ from analyze.planning.plan import make_plan
 from analyze.planning.stable_planes import resting_planes, stable_planes
 from analyze.planning.unscanned import on_scanned_edges, on_scanned_planes
 from analyze.planning.view import refuse_off_surface
-from schemas.documents import ObjectSpec, StrikePlan
+from schemas.object_spec import ObjectSpec
+from schemas.strike_plan import StrikePlan
 from tests.analyze.geometry.shapes import spec_of
 from tests.analyze.planning.random_bodies import FAR_TAG
 

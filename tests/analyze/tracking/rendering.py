@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from schemas.documents import LensModel
+from schemas.session_manifest import LensModel
 from schemas.tags import family_and_id
 
 RIM_CELLS = 1.6

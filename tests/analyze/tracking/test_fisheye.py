@@ -10,7 +10,8 @@ from analyze.tracking.edges import fit_square
 from analyze.tracking.marker import detect
 from analyze.tracking.track import track_markers
 from analyze.types import CameraModel, ImageFrame, Marker
-from schemas.documents import CameraCalibrationSpec, DocumentError, LensModel, validate
+from schemas.document import DocumentError, validate
+from schemas.session_manifest import CameraCalibrationSpec, LensModel
 from tests.analyze.tracking.rendering import corners_of, project, render
 
 SIZE = 0.03

@@ -1,0 +1,200 @@
+"""The object as its owner knows it: shape, mass, markers. A TOML file."""
+
+from __future__ import annotations
+
+import enum
+import hashlib
+import json
+import tomllib
+from typing import TYPE_CHECKING, ClassVar
+
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from schemas.document import Document, DocumentError, Matrix4, Vector3, check_pose, read_text, validate
+from schemas.tags import USUAL_FAMILY, TagFamily, marker_name
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+THICKEST_M = 0.1
+
+
+class LengthUnit(enum.Enum):
+    """Unit of a shape file's coordinates; there is no default, because a guess would be wrong by 1000."""
+
+    METRE = "m"
+    CENTIMETRE = "cm"
+    MILLIMETRE = "mm"
+    INCH = "in"
+
+    @property
+    def metres(self) -> float:
+        """Length of one unit [m]."""
+        return {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}[self.value]
+
+
+class Box(Document):
+    """Cuboid centred on O, edges along O's axes."""
+
+    size_m: Vector3 = Field(description="its edges along x, y, z, in metres")
+
+    @field_validator("size_m")
+    @classmethod
+    def _positive(cls, value: list[float]) -> list[float]:
+        if min(value) <= 0:
+            raise ValueError("every edge must be longer than 0")
+        return value
+
+
+class Cylinder(Document):
+    """Cylinder centred on O, axis along O's z."""
+
+    radius_m: float = Field(gt=0, description="in metres")
+    height_m: float = Field(gt=0, description="in metres")
+
+
+class Shape(Document):
+    """Exterior of the object: a file with its unit, or one primitive."""
+
+    file: str | None = None
+    unit: LengthUnit | None = None
+    scale_sd: float = Field(default=0.0, ge=0, description="relative 1 sigma of the shape's scale")
+    surface_sd_m: float = Field(
+        default=0.0,
+        ge=0,
+        description="1 sigma of how far all of the surface may lie off together (a scanner's bias), which more points do not lessen",
+    )
+    box: Box | None = None
+    cylinder: Cylinder | None = None
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Shape:
+        given = [name for name in ("file", "box", "cylinder") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give exactly one of file, box, cylinder (found {', '.join(given) or 'none'})")
+        if self.file is not None and self.unit is None:
+            raise ValueError('a shape file needs its unit: unit = "mm" (or "m", "cm", "in")')
+        if self.surface_sd_m > THICKEST_M:
+            raise ValueError(f"surface_sd_m = {self.surface_sd_m:g} m is no scanner's error: it is in metres")
+        if self.file is None and self.unit is not None:
+            raise ValueError("unit belongs to a shape file; box and cylinder are in metres")
+        return self
+
+
+class MarkerSpec(Document):
+    """One square marker glued to the object. `T_object_marker` maps M to O: M's x right, y up, z out of the marker's face."""
+
+    family: TagFamily = USUAL_FAMILY
+    id: int = Field(ge=0, description="number of the tag in its family, from 0")
+    size_m: float = Field(gt=0.002, lt=0.5, description="edge of the black square, in metres")
+    mass_kg: float = Field(default=0.0, ge=0)
+    thickness_m: float = Field(default=0.0, ge=0)
+    T_object_marker: Matrix4 | None = None
+
+    @property
+    def name(self) -> int | str:
+        """What it is called wherever a marker is meant: see `marker_name`."""
+        return marker_name(self.family, self.id)
+
+    @field_validator("family", mode="before")
+    @classmethod
+    def _family(cls, value: object) -> object:
+        if isinstance(value, str) and value not in set(TagFamily):
+            raise ValueError(f"{value!r} is no tag family: choose {', '.join(TagFamily)}")
+        return value
+
+    @field_validator("id")
+    @classmethod
+    def _in_family(cls, value: int, info: ValidationInfo) -> int:
+        family = info.data.get("family")
+        if isinstance(family, TagFamily) and value >= family.size:
+            raise ValueError(f"{family} has no tag {value}: its ids are 0 to {family.size - 1}")
+        return value
+
+    @field_validator("T_object_marker")
+    @classmethod
+    def _pose(cls, value: list[list[float]] | None) -> list[list[float]] | None:
+        if value is not None:
+            check_pose(value)
+        return value
+
+
+class ObjectSpec(Document):
+    """What the user knows of the object (TOML). Inner masses have no place here: they are what is asked."""
+
+    by_hand: ClassVar[bool] = True
+
+    name: str = Field(min_length=1, description="what to call the object")
+    mass_kg: float = Field(gt=0, description="what it weighs, in kilograms")
+    mass_sd_kg: float = Field(gt=0, description="1 sigma of the scale, in kilograms")
+    mass_includes_markers: bool = True
+    shape: Shape = Field(description="file and unit, or [shape.box] with size_m, or [shape.cylinder] with radius_m and height_m")
+    edge_radius_m: float = Field(default=0.0, ge=0)
+    edge_radius_sd_m: float = Field(default=0.0, ge=0)
+    shell_thickness_m: float | None = Field(default=None, gt=0)
+    labels: str | None = None
+    marker: list[MarkerSpec] = Field(min_length=1, description="for each tag: id, size_m, T_object_marker")
+
+    @field_validator("shell_thickness_m", "edge_radius_m")
+    @classmethod
+    def _metres(cls, value: float | None) -> float | None:
+        if value is not None and value > THICKEST_M:
+            raise ValueError(f"{value:g} m is no wall or edge: it is in metres ({value:g} mm would be {value / 1000:g})")
+        return value
+
+    @field_validator("mass_kg")
+    @classmethod
+    def _grams(cls, value: float) -> float:
+        if value > 20.0:
+            raise ValueError(f"{value:g} kg is too heavy for a striker: mass_kg is in kilograms ({value:g} g would be {value / 1000:g})")
+        return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ObjectSpec:
+        names = [marker.name for marker in self.marker]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise ValueError(f"marker id {twice[0]} is listed twice: every marker on an object needs its own id")
+        alike = {marker.family.codes: marker.family for marker in self.marker}
+        for marker in self.marker:
+            if marker.family is not alike[marker.family.codes]:
+                raise ValueError(
+                    f"marker families {marker.family} and {alike[marker.family.codes]} share their codes: name all such tags by one of them"
+                )
+        if self.mass_sd_kg >= self.mass_kg:
+            raise ValueError("mass_sd_kg is not below mass_kg: it is the scale's 1 sigma, in kilograms")
+        return self
+
+
+def read_object_spec(path: Path) -> ObjectSpec:
+    """Read and validate an ObjectSpec.
+
+    Raises:
+        DocumentError: the file is missing, is not TOML, or holds an entry that cannot be used.
+    """
+    return parse_object_spec(read_text(path), str(path))
+
+
+def parse_object_spec(text: str, name: str) -> ObjectSpec:
+    """Validate an ObjectSpec given as TOML text; `name` is used in messages."""
+    try:
+        data = tomllib.loads(text)
+    except ValueError as error:  # tomllib.TOMLDecodeError, and int's refusal of thousands of digits
+        raise DocumentError(f"{name}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise DocumentError(f"{name}: not an object file: its brackets are nested too deep") from None
+    return validate(ObjectSpec, data, name)
+
+
+def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
+    """Identity of an object: its specification and its shape file's bytes. What a plan is bound to.
+
+    Entries that came after 1.0 count only where they are given, so that older recordings keep their identity.
+    """
+    known = spec.model_dump(mode="json")
+    if not spec.shape.surface_sd_m:
+        del known["shape"]["surface_sd_m"]
+    digest = hashlib.sha256(json.dumps(known, sort_keys=True, separators=(",", ":"), allow_nan=False).encode())
+    if shape_bytes is not None:
+        digest.update(hashlib.sha256(shape_bytes).digest())
+    return digest.hexdigest()

@@ -1,0 +1,178 @@
+"""What `analyze estimate --json` prints: every number with its uncertainty, and what it rests on."""
+
+from __future__ import annotations
+
+import enum
+from typing import Any, Literal
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+
+from schemas.document import SCHEMA_VERSION, Document, Vector3
+
+
+class Quantity(Document):
+    """A result. Not observed: value and sd are null, or the unobserved directions are named beside the rest."""
+
+    value: float | list[float] | list[list[float]] | None
+    unit: str
+    sd: float | list[float] | None = None
+    covariance: list[list[float]] | None = None
+    interval95: list[float] | list[list[float]] | None = None
+    frame: str | None = None
+    observed: bool = True
+    unobserved_direction: list[float] | None = None
+    source: Literal["measured", "prior", "given"] = "measured"
+
+
+class Verdict(enum.Enum):
+    """How a strike ended."""
+
+    GOOD = "good"
+    ROCKED_BACK = "rocked_back"
+    SLID = "slid"
+    ROLLED = "rolled"
+    TWISTED = "twisted"
+    AIRBORNE = "airborne"
+    STRUCK_TWICE = "struck_twice"
+    MARKER_LOST = "marker_lost"
+    NOT_MOVED = "not_moved"
+    WRONG_PLACEMENT = "wrong_placement"
+    EXCLUDED = "excluded"
+    UNREADABLE = "unreadable"
+
+
+class WarningCode(enum.Enum):
+    """What a reader of the result must know."""
+
+    RECORDING_INCOMPLETE = "recording_incomplete"
+    RECORDINGS_DISAGREE = "recordings_disagree"
+    FEW_STRIKES = "few_strikes"
+    DIRECTION_UNOBSERVED = "direction_unobserved"
+    OBJECT_OVERRIDDEN = "object_overridden"
+    STRIKES_EXCLUDED = "strikes_excluded"
+    FRAMES_LOST = "frames_lost"
+    MARKERS_INCLUDED = "markers_included"
+    ESTIMATORS_DISAGREE = "estimators_disagree"
+    CENTRE_OUTSIDE_SHAPE = "centre_outside_shape"
+    POOR_FIT = "poor_fit"
+    GRAVITY_ASSUMED = "gravity_assumed"
+    INERTIA_FROM_PRIOR = "inertia_from_prior"
+    REGIONS_UNCERTAIN = "regions_uncertain"
+    UNKNOWN_MARKER = "unknown_marker"
+    ROLLING_CONTACT = "rolling_contact"
+
+
+class ResultWarning(Document):
+    """One warning."""
+
+    code: WarningCode
+    text: str
+
+
+class AlternativeFit(Document):
+    """A second estimator's answer for the same strike, printed beside the one used."""
+
+    estimator: str
+    phi: Quantity
+    k: Quantity | None = None
+    note: str = ""
+    violated: list[str] = Field(default=[])
+    """assumptions of the estimator that the motion did not keep"""
+
+
+class StrikeResult(Document):
+    """One strike's outcome."""
+
+    id: str
+    plan_strike_id: str
+    axis_id: str
+    plane_id: str
+    verdict: Verdict
+    reason: str = ""
+    used: bool
+    weight: float = Field(ge=0)
+    estimator: str | None = None
+    estimator_note: str = ""
+    """why this one, and why this window"""
+    window_ns: list[int] | None = None
+    phi: Quantity | None = None
+    k: Quantity | None = None
+    cov_phi_k: list[list[float]] | None = None
+    i_edge: Quantity | None = None
+    energy_ratio: float | None = None
+    residual_rms_rad: float | None = None
+    equiplane_residual_m: float | None = None
+    alternatives: list[AlternativeFit] = Field(default=[])
+
+
+class AxisMoment(Document):
+    """Moments about one pivot axis: at the contact line, and about the parallel axis through c."""
+
+    axis_id: str
+    direction: Vector3
+    i_edge: Quantity
+    i_com: Quantity
+
+
+class RegionResult(Document):
+    """One region's mass with its name (surface, upper, lower, or a label)."""
+
+    name: str
+    mass: Quantity
+
+
+class Regions(Document):
+    """Masses of the shell and the two interior parts, the border plane (n.x = offset, in O) and its rivals."""
+
+    regions: list[RegionResult]
+    border_normal: Vector3 | None
+    border_offset_m: float | None
+    border_offset_interval95_m: list[float] | None = None
+    baselines: dict[str, list[float]] = Field(default={}, description="naive answers: name -> masses [kg]")
+
+
+class JoinedRecording(Document):
+    """One of several recordings that a result is of."""
+
+    number: int = Field(ge=1, description="by the time at which they began; its strikes are `<number>:<strike>`")
+    recording_id: str
+    content_id: str
+    created: str
+    plan_sha256: str
+
+
+class ResultInputs(Document):
+    """What went in. Of several recordings `content_id` is the SHA-256 of theirs, sorted, a line each, and `plan_sha256` of their plans'."""
+
+    recording_id: str
+    content_id: str
+    object_sha256: str
+    plan_sha256: str
+    configuration_sha256: str
+    software: str
+    recordings: list[JoinedRecording] | None = Field(default=None, description="not written where there is one")
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A result of one recording has the bytes that it always had."""
+        written: dict[str, Any] = write(self)
+        if self.recordings is None:
+            del written["recordings"]
+        return written
+
+
+class Result(Document):
+    """What `analyze estimate --json` prints."""
+
+    schema_version: str = SCHEMA_VERSION
+    inputs: ResultInputs
+    warnings: list[ResultWarning]
+    strikes: list[StrikeResult]
+    mass: Quantity
+    centre_of_mass: Quantity
+    centre_of_mass_paper: Quantity | None = None
+    moments: list[AxisMoment]
+    inertia: Quantity
+    inertia_measured: list[list[bool]] | None = None
+    regions: Regions | None
+    regions_paper: Regions | None = None

@@ -1,0 +1,99 @@
+"""What stands first in every recording: cameras, clocks, gravity, object, hashes; and the names of the attachments beside it."""
+
+from __future__ import annotations
+
+import enum
+from typing import Any
+
+from pydantic import Field, field_validator, model_validator
+
+from schemas.document import SCHEMA_VERSION, Document, Matrix3, Matrix4, check_pose
+from schemas.object_spec import ObjectSpec
+
+FISHEYE_COEFFICIENTS = 4
+
+
+class TimeSource(enum.Enum):
+    """Where the frames' log times come from."""
+
+    DEVICE_MAPPED = "device_mapped"
+    HOST_ARRIVAL = "host_arrival"
+    CONTAINER_PTS = "container_pts"
+
+
+class LensModel(enum.Enum):
+    """How a lens draws, in OpenCV's terms."""
+
+    PINHOLE = "pinhole"
+    FISHEYE = "fisheye"
+
+
+class CameraCalibrationSpec(Document):
+    """Pinhole with OpenCV distortion (k1, k2, p1, p2, k3), or OpenCV's fisheye (k1, k2, k3, k4), and the camera's place in W."""
+
+    model: LensModel = LensModel.PINHOLE
+    width: int = Field(gt=0, description="of the image, in pixels")
+    height: int = Field(gt=0, description="of the image, in pixels")
+    K: Matrix3 = Field(description="focal lengths and middle of the image in pixels, 3 x 3")
+    distortion: list[float] = Field(default=[0.0] * 5, min_length=4, max_length=8)
+    T_world_camera: Matrix4 = Field(description="the camera's pose, 4 x 4, in metres")
+    rms_px: float | None = None
+
+    @field_validator("T_world_camera")
+    @classmethod
+    def _pose(cls, value: list[list[float]]) -> list[list[float]]:
+        check_pose(value)
+        return value
+
+    @model_validator(mode="after")
+    def _coefficients(self) -> CameraCalibrationSpec:
+        if self.model is LensModel.FISHEYE and len(self.distortion) != FISHEYE_COEFFICIENTS and any(self.distortion):
+            raise ValueError(
+                f"a fisheye has {FISHEYE_COEFFICIENTS} coefficients k1, k2, k3, k4, not {len(self.distortion)}: calibrate with "
+                "--model fisheye, or leave `model` out"
+            )
+        return self
+
+
+class ManifestCamera(Document):
+    """One camera of the recording; its topics are /camera/<name>/..."""
+
+    name: str
+    vendor: str = ""
+    model: str = ""
+    serial: str = ""
+    frame_rate_hz: float = Field(gt=0)
+    exposure_us: float = Field(gt=0)
+    calibration: CameraCalibrationSpec
+
+
+class SessionManifest(Document):
+    """First thing in every recording (MCAP metadata `percuss.manifest`): what is needed to read the rest years later."""
+
+    schema_version: str = SCHEMA_VERSION
+    recording_id: str
+    created: str = Field(description="ISO 8601, UTC")
+    software: str = Field(description="percuss version and git commit")
+    wall_anchor_ns: int = Field(description="wall clock minus host monotonic clock, read once at the start")
+    time_source: TimeSource
+    time_source_sd_ns: int = Field(ge=0)
+    g_m_s2: float = Field(gt=9.7, lt=9.9)
+    g_sd_m_s2: float = Field(ge=0)
+    gravity_tilt_sd_rad: float = Field(ge=0, description="1 sigma of the table's normal against the vertical")
+    cameras: list[ManifestCamera] = Field(min_length=1)
+    striker: dict[str, Any] = Field(default={})
+    rig: dict[str, Any] = Field(default={})
+    object: ObjectSpec
+    object_sha256: str
+    plan_sha256: str
+    hashes: dict[str, str] = Field(default={}, description="attachment name -> sha256")
+    random_seed: int | None = None
+    part: int = Field(default=1, ge=1, description="number of this file in a continuous recording's row of files")
+
+
+MANIFEST_NAME = "percuss.manifest"
+SEAL_NAME = "percuss.seal"
+PLAN_ATTACHMENT = "plan.json"
+OBJECT_ATTACHMENT = "object.toml"
+RIG_ATTACHMENT = "rig.toml"
+SHAPE_ATTACHMENT_PREFIX = "shape/"
