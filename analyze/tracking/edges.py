@@ -274,11 +274,13 @@ def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray,
         return None
     first = np.ceil(low)
     last = np.floor(high)
-    along = first[:, None] + np.arange(int((last - first).max()) + 1)
+    steps = np.arange(int((last - first).max()) + 1)
+    # Shorter edges repeat their last pixel, unused: beyond it the image may end, as below a tag seen from the side.
+    along = np.minimum(first[:, None] + steps, last[:, None])
     slope = delta[_EDGE, 1 - major] / delta[_EDGE, major]
     across = start[_EDGE, 1 - major][:, None] + slope[:, None] * (along - from_major[:, None])
     middle = np.rint(across).astype(np.intp)
-    used = (along <= last[:, None]).repeat(len(_ACROSS), axis=1)
+    used = (steps <= (last - first)[:, None]).repeat(len(_ACROSS), axis=1)
     along_px = along.astype(np.intp)
     (left, top), (right, bottom) = corners_raw.min(axis=0), corners_raw.max(axis=0)
     reach = _HALF_BAND + 2

@@ -103,6 +103,16 @@ def test_no_square_at_the_border(camera, rng):
     assert fit_square(image, pixel_map(camera), corners, corners) is None
 
 
+def test_a_tag_seen_from_the_side_at_the_lower_border(camera, rng):
+    """Its upright edges are short and its level ones long; what is looked at along each must stay in the image."""
+    image = np.full((camera.height, camera.width), 180, dtype=np.uint8)
+    bottom = camera.height - 12
+    image[bottom - 14 : bottom, 200:300] = 30
+    raw = np.array([[199.5, bottom - 14.5], [299.5, bottom - 14.5], [299.5, bottom - 0.5], [199.5, bottom - 0.5]])
+    found = fit_square(image, pixel_map(camera), undistort(camera, raw), raw)
+    assert found is None or np.abs(distort(camera, found.corners) - raw).max() < 1.0
+
+
 def test_undistort_and_distort_are_inverse(camera, rng):
     points = rng.uniform([0, 0], [655, 491], (50, 2))
     assert np.allclose(distort(camera, undistort(camera, points)), points, atol=1e-6)
