@@ -24,7 +24,14 @@ OWNERS = {
     "mujoco": {"acquire/virtual/"},
 }
 STDLIB = {"__future__", "collections", "dataclasses", "enum", "functools", "itertools", "math", "typing"}
-DOCUMENTS = {"schemas.document", "schemas.object_spec", "schemas.strike_plan", "schemas.session_manifest", "schemas.result", "schemas.watch_lines"}
+DOCUMENTS = {
+    "schemas.document",
+    "schemas.object_spec",
+    "schemas.strike_plan",
+    "schemas.session_manifest",
+    "schemas.result",
+    "schemas.watch_lines",
+}
 FOUNDATION = STDLIB | {"numpy", "scipy", "analyze.errors", "analyze.types", "schemas.rig_limits", "schemas.tags"} | DOCUMENTS
 """what every pure package may use; DOCUMENTS for their types, `schemas.rig_limits` for its numbers, `schemas.tags` for names"""
 SHAPE_FORMATS = {"trimesh", "manifold3d", "laspy", "json", "re", "struct", "warnings", "zipfile.ZipFile"}

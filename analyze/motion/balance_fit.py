@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.motion.edge_motion import moved_by_offset
 from analyze.motion.pivot_fit import Sample, correlation_factor, fit_model, motion_fit, sample
 
 if TYPE_CHECKING:
@@ -44,7 +45,9 @@ _START_K = 70.0
 """rad/s^2, of a body of 0.2 m"""
 
 
-def moment_balance(motion: PlanarMotion, window: tuple[int, int], radius: float, phi: float | None = None) -> MotionFit:
+def moment_balance(
+    motion: PlanarMotion, window: tuple[int, int], radius: float, phi: float | None = None, offset_covariance: Array | None = None
+) -> MotionFit:
     """Fit phi, k, theta0, omega0 over motion.angle[window[0]:window[1]] with the edge's own motion as it was seen.
 
     Args:
@@ -52,6 +55,7 @@ def moment_balance(motion: PlanarMotion, window: tuple[int, int], radius: float,
         window: range of frames in which only gravity and the table act.
         radius: of the edge's rounding [m].
         phi: to start from [rad], where theta(t) is not like a hinge's at all.
+        offset_covariance: (2, 2) m^2, of where the edge was taken to be (EdgeMotion); None: known exactly.
 
     Raises:
         EstimationError: the window is too short or holds no tipping motion.
@@ -74,8 +78,9 @@ def moment_balance(motion: PlanarMotion, window: tuple[int, int], radius: float,
         return theta[:, 0], (theta[:, 1:5] - theta[:, 5:]) / (2 * _STEPS)
 
     fitted = fit_model(cut, model, cut.guess[:4], profiled=False)
+    offset = np.zeros((2, 2)) if offset_covariance is None else offset_covariance
     covariance = _covariance(
-        cut, fitted.parameters, model(fitted.parameters)[1], fitted.residual, (slip, lift, radius), motion.covariance[inside]
+        cut, fitted.parameters, model(fitted.parameters)[1], fitted.residual, (slip, lift, radius), (motion.covariance[inside], offset)
     )
     fit = motion_fit(ESTIMATOR, angle, window, cut, replace(fitted, covariance=covariance))
     first = slice(0, min(_START_FRAMES, len(cut.time)))
@@ -91,8 +96,10 @@ def _slope(time: Array, values: Array) -> float:
     return float(away @ values) / float(away @ away)
 
 
-def _covariance(cut: Sample, x: Array, jacobian: Array, residual: Array, edge: tuple[Array, Array, float], frames: Array) -> Array:
-    """(2, 2) of phi and k: errors of theta, slip and lift of every frame, carried through the motion and the fit.
+def _covariance(
+    cut: Sample, x: Array, jacobian: Array, residual: Array, edge: tuple[Array, Array, float], known: tuple[Array, Array]
+) -> Array:
+    """(2, 2) of phi and k: errors of theta, slip and lift of every frame, and of the edge's place, carried through the motion and the fit.
 
     Args:
         cut: the data.
@@ -100,10 +107,10 @@ def _covariance(cut: Sample, x: Array, jacobian: Array, residual: Array, edge: t
         jacobian: (n, 4).
         residual: (n,) rad.
         edge: slip (n,), lift (n,) [m], radius [m].
-        frames: (n, 3, 3) covariance of theta, slip, lift.
+        known: (n, 3, 3) covariance of theta, slip, lift of every frame; (2, 2) of the edge's place.
     """
     n = len(cut.time)
-    slip, lift, radius = edge
+    (slip, lift, radius), (frames, offset) = edge, known
     step = 1e-5
     moved = np.concatenate([np.zeros((n, 1)), step * np.eye(n)], axis=1)
     still = np.zeros((n, n + 1))
@@ -113,6 +120,8 @@ def _covariance(cut: Sample, x: Array, jacobian: Array, residual: Array, edge: t
     # (n, n, 3): what an error of frame j's theta, slip and lift makes of the residual of frame i
     effect = np.stack([np.eye(n), -(by_slip[:, 1:] - by_slip[:, :1]) / step, -(by_lift[:, 1:] - by_lift[:, :1]) / step], axis=-1)
     noise = np.einsum("ija,jab,kjb->ik", effect, frames, effect)
+    misplaced = moved_by_offset(cut.theta) - moved_by_offset(cut.theta[:1])
+    by_offset = np.einsum("ija,jac->ic", effect[..., 1:], misplaced)
     scale = np.array([0.1, 20.0, 0.02, 0.2])
     weighted = jacobian * scale / cut.sd[:, None]
     solve = np.linalg.pinv(weighted.T @ weighted, rcond=1e-14, hermitian=True) @ weighted.T / cut.sd
@@ -122,7 +131,9 @@ def _covariance(cut: Sample, x: Array, jacobian: Array, residual: Array, edge: t
     off = residual / cut.sd
     most = _OUTLIER * max(1.0, 1.4826 * float(np.median(np.abs(off))))
     found = float(np.sum(np.minimum(np.abs(off), most) ** 2)) * correlation_factor(off)
-    covariance = solve @ noise @ solve.T * np.outer(scale, scale) * max(_LEAST_SCALE, found / expected)
+    # The place of the edge is off by the same in every frame, which leaves next to nothing in the residuals.
+    covariance = solve @ noise @ solve.T * max(_LEAST_SCALE, found / expected) + solve @ by_offset @ offset @ by_offset.T @ solve.T
+    covariance = covariance * np.outer(scale, scale)
     return np.asarray(covariance[:2, :2], dtype=np.float64)
 
 

@@ -42,6 +42,8 @@ class EdgeMotion:
     """m, the same off the table"""
     offset: Array
     """(2,) m, along and off the table at rest, of the true edge from where it was taken to be"""
+    offset_covariance: Array
+    """(2, 2) m^2"""
 
 
 def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
@@ -54,50 +56,61 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
     angle = motion.angle
     used = slice(*window)
     theta, sd = angle.theta[used], np.maximum(motion.position_sd[used], 1e-7)
-    found = _corrected(motion, used, _lifted_by(theta, motion.lift[used], sd), sd)
+    found = _corrected(motion, used, *_lifted_by(theta, motion.lift[used], sd), sd)
     if max(found.slid, found.lifted) < _HELD:
         return found
     # Or is the point farther off than it should be, and the edge did hold?
-    offset = _misplaced(theta, angle.slip[used], motion.lift[used], sd)
-    return found if offset is None else _corrected(motion, used, offset, sd)
+    misplaced = _misplaced(theta, angle.slip[used], motion.lift[used], sd)
+    return found if misplaced is None else _corrected(motion, used, *misplaced, sd)
 
 
-def _corrected(motion: PlanarMotion, used: slice, offset: Array, sd: Array) -> EdgeMotion:
+def moved_by_offset(theta: Array) -> Array:
+    """(n, 2, 2): how far (along, off the table) turning moves a point, per metre that it lies (along, off) beside the edge."""
+    sin, turned = np.sin(theta), np.cos(theta) - 1.0
+    return np.stack([np.stack([turned, sin], axis=-1), np.stack([-sin, turned], axis=-1)], axis=-2)
+
+
+def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Array, sd: Array) -> EdgeMotion:
     angle = motion.angle
-    all_sin, all_cos = np.sin(angle.theta), np.cos(angle.theta) - 1.0
-    slip = angle.slip - all_cos * offset[0] - all_sin * offset[1]
-    lift = motion.lift + all_sin * offset[0] - all_cos * offset[1]
+    along, off = (moved_by_offset(angle.theta) @ offset).T
+    slip, lift = angle.slip - along, motion.lift - off
     corrected = replace(motion, angle=replace(angle, slip=slip), lift=lift)
-    return EdgeMotion(corrected, smooth_range(slip[used], sd), max(0.0, smooth_range(lift[used], sd)), -offset)
+    return EdgeMotion(corrected, smooth_range(slip[used], sd), max(0.0, smooth_range(lift[used], sd)), -offset, covariance)
 
 
-def _lifted_by(theta: Array, lift: Array, sd: Array) -> Array:
-    """(2,) m that the point is off an edge that slides: only what that does off the table tells it."""
-    A = np.stack([-np.sin(theta), np.cos(theta) - 1.0], axis=-1)
+def _lifted_by(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
+    """(2,) m that the point is off an edge that slides, and covariance (2, 2): only what that does off the table tells it."""
+    A = moved_by_offset(theta)[:, 1]
     scale = _SHARED * np.hypot(sd, _UNMODELLED)
     weight = np.ones_like(lift)
     offset: Array = np.zeros(2)
+    normal = np.eye(2) / _OFFSET_SD**2
     for _ in range(8):
         rows = A * (np.sqrt(weight) / scale)[:, None]
         normal = rows.T @ rows + np.eye(2) / _OFFSET_SD**2
         offset = np.asarray(np.linalg.solve(normal, rows.T @ (lift * np.sqrt(weight) / scale)), dtype=np.float64)
         left = np.abs(lift - A @ offset) / scale
         weight = np.minimum(1.0, _OUTLIER * max(1.0, 1.4826 * float(np.median(left))) / np.maximum(left, 1e-9))
-    return offset if float(np.linalg.norm(offset)) < _OFFSET_MOST else np.zeros(2)
+    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    # One that is too far to be true is a lift: then the offset is what it was before.
+    return (offset, covariance) if float(np.linalg.norm(offset)) < _OFFSET_MOST else (np.zeros(2), np.eye(2) * _OFFSET_SD**2)
 
 
-def _misplaced(theta: Array, slip: Array, lift: Array, sd: Array) -> Array | None:
-    """(2,) m that the point is off an edge that holds (a tag of unknown place, or not printed to scale); None where the edge did not hold.
+def _misplaced(theta: Array, slip: Array, lift: Array, sd: Array) -> tuple[Array, Array] | None:
+    """(2,) m that the point is off an edge that holds (a tag of unknown place, or not printed to scale), and covariance (2, 2).
 
-    A point at the offset d = (x, z) from the edge is moved by turning by (cos x + sin z, -sin x + cos z), with cos - 1 for cos.
+    None where the edge did not hold.
     """
-    sin, turned = np.sin(theta), np.cos(theta) - 1.0
-    off_table, along = np.stack([-sin, turned, np.zeros_like(sin)], axis=-1), np.stack([turned, sin, np.ones_like(sin)], axis=-1)
+    moved, still = moved_by_offset(theta), np.zeros(len(theta))
+    off_table = np.concatenate([moved[:, 1], still[:, None]], axis=1)
+    along = np.concatenate([moved[:, 0], still[:, None] + 1.0], axis=1)
     rows, seen, weight = np.concatenate([off_table, along]), np.concatenate([lift, slip]), 1.0 / np.tile(sd, 2)
-    found = np.linalg.lstsq(rows * weight[:, None], seen * weight, rcond=None)[0]
-    left_lift, left_slip = np.split(seen - rows @ found, 2)
+    rows = rows * weight[:, None]
+    found = np.linalg.lstsq(rows, seen * weight, rcond=None)[0]
+    covariance = np.asarray(np.linalg.pinv(rows.T @ rows), dtype=np.float64)[:2, :2]
+    left_lift, left_slip = np.split(seen - rows / weight[:, None] @ found, 2)
     held = len(theta) >= 2 * _NEIGHBOURS and max(smooth_range(left_lift, sd), smooth_range(left_slip, sd)) < _HELD
-    return np.asarray(found[:2], dtype=np.float64) if held else None
+    return (np.asarray(found[:2], dtype=np.float64), covariance) if held else None
 
 
 def smooth_range(values: Array, sd: Array) -> float:

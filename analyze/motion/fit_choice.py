@@ -30,6 +30,8 @@ _STILL_TOUCHED = 4
 """frames of the window that may still belong to a long first touch, whose end the clean stretch leaves out"""
 _CLEAR_SIGHT = math.radians(0.2)
 """noise of a frame's angle, up to which a creeping edge can be told from it"""
+_NOISIER = 1.5
+"""scatter over the angle's own noise, up to which it is put down to where the edge was seen"""
 _EXPLAINED = 0.25
 """share of a blow's evidence that may be left where the balance is to explain it"""
 _APART, _APART_LEAST = 3.0, math.radians(0.02)
@@ -131,7 +133,7 @@ def _balanced(
     phi = None if hinge is not None else planned.phi_predicted_rad
 
     def over(frames: tuple[int, int]) -> MotionFit:
-        return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi)
+        return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi, edge.offset_covariance)
 
     try:
         fit = over(window)
@@ -139,20 +141,26 @@ def _balanced(
         return None, ""
     angle = edge.motion.angle
     _, size, left = jump(angle, fit)
-    # The place of the edge is noisy too, which the angle's own sd does not hold.
-    left /= max(1.0, scatter(fit.residual) / float(np.median(angle.sd[slice(*fit.window)]))) ** 2
+    # The place of the edge is noisy too, which the angle's own sd does not hold; but a motion that does not fit is no noise.
+    left /= min(max(1.0, scatter(fit.residual) / float(np.median(angle.sd[slice(*fit.window)]))), _NOISIER) ** 2
     if _kicked(fit, size, left, limits):
         return None, ""
     if moved or hinge is None:
         return settled_fit(fit, over), f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
     _, size, gain = jump(angle, hinge)
-    if _kicked(hinge, size, gain, limits) and left < _EXPLAINED * gain:
+    if _kicked(hinge, size, gain, limits) and left < _EXPLAINED * gain and not _better_kicked(angle, window, fit):
         return fit, f"the edge moved at one end of the window, which a hinge takes for a blow of {size:+.2f} rad/s"
     sd, other = math.sqrt(float(hinge.covariance[0, 0])), math.sqrt(float(fit.covariance[0, 0]))
     apart = abs(fit.phi - hinge.phi)
     if other < sd and apart > max(_APART * sd, _APART_LEAST):
         return fit, f"a hinge would put phi {math.degrees(apart):.2f} deg off, {apart / sd:.1f} of its sd: the edge crept"
     return None, ""
+
+
+def _better_kicked(angle: TipAngle, window: tuple[int, int], balanced: MotionFit) -> bool:
+    """Whether a hinge that was struck again comes closer to theta(t) than the balance does."""
+    kicked = kicked_fit(angle, window)
+    return kicked is not None and scatter(kicked.fit.residual) < scatter(balanced.residual)
 
 
 def _with_kick(motion: PlanarMotion, window: tuple[int, int], limits: VerdictLimits, problem: str) -> StrikeFits:

@@ -15,7 +15,7 @@ from analyze.motion.pendulum import energy_ratio
 from analyze.motion.phases import Course, find_course, free_window, phases_of
 from analyze.motion.sign_change import sign_change
 from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
-from analyze.motion.verdict import Judgement, judge_contact, judge_fit, judge_motion, judge_vague
+from analyze.motion.verdict import Judgement, judge_contact, judge_fit, judge_hard, judge_motion, judge_vague
 from analyze.types import TipMotion
 from schemas.result import Verdict
 from schemas.watch_lines import StrikeVerdict
@@ -101,6 +101,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     if vague is not None:
         return _result(task, judgement or vague, angle, course, None, ())
     ratio = energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
+    judgement = judgement or judge_hard(fits.motion, course, ratio, settings.verdict)
     return _result(
         task,
         judgement or judge_fit(fit, course, ratio, top),

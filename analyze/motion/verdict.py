@@ -35,6 +35,8 @@ class VerdictLimits:
     second_blow: float = 0.12
     """the same, from which on it is a second blow however early it comes"""
     kick_chi2: float = 20.0
+    too_hard: float = 3.5
+    """energy ratio from which on a lift at any time before the landing counts: 1.03 to 1.3 is planned, up to 3 may happen"""
     phi_sd: float = math.radians(1.0)
     """rad; a fit that knows phi worse than this is not used"""
     found: float = 0.8
@@ -117,6 +119,18 @@ def judge_contact(motion: PlanarMotion, window: tuple[int, int], rolls: bool, li
     if slip > limits.slip:
         return Judgement(Verdict.SLID, f"the edge slid by {1e3 * slip:.1f} mm: use a rougher table or strike higher")
     return None
+
+
+def judge_hard(motion: PlanarMotion, course: Course, energy_ratio: float, limits: VerdictLimits) -> Judgement | None:
+    """Verdict on a strike so hard that the object flew, though only after its balance point; None where it did not."""
+    if energy_ratio < limits.too_hard or course.released is None:
+        return None
+    free = slice(course.released, course.ended)
+    lift = _smooth_peak(motion.lift[free], motion.position_sd[free])
+    if lift <= limits.lift:
+        return None
+    text = f"the edge left the table by {1e3 * lift:.1f} mm after the balance point, energy ratio {energy_ratio:.1f}: strike less hard"
+    return Judgement(Verdict.AIRBORNE, text)
 
 
 def judge_vague(fit: MotionFit, course: Course, theta_max: float, limits: VerdictLimits) -> Judgement | None:

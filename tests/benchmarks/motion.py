@@ -79,7 +79,7 @@ def estimators(strike: Strike, chosen: MotionFit) -> dict[str, MotionFit]:
     found = {"as chosen": chosen}
     for name, fit in (
         ("pivot_fit", lambda: pivot_fit(motion.angle, window)),
-        ("moment_balance", lambda: moment_balance(edge_motion(motion, window).motion, window, strike.body.rho)),
+        ("moment_balance", lambda: _balance(strike, window)),
         ("sign_change (paper)", lambda: sign_change(motion.angle, (max(window[0] - 2, 0), window[1]))),
     ):
         try:
@@ -87,6 +87,11 @@ def estimators(strike: Strike, chosen: MotionFit) -> dict[str, MotionFit]:
         except EstimationError:
             continue
     return found
+
+
+def _balance(strike: Strike, window: tuple[int, int]) -> MotionFit:
+    edge = edge_motion(strike.motion, window)
+    return moment_balance(edge.motion, window, strike.body.rho, offset_covariance=edge.offset_covariance)
 
 
 def accuracy(count: int, seed: int, slides: bool, console: Console) -> None:
