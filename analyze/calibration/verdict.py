@@ -62,6 +62,10 @@ def tilt(pose: Pose, middle: Array) -> float:
 def undetermined(lens: Lens, sd: Array, pixels: PixelMap, tilts: Sequence[float], covered: Coverage) -> list[str]:
     """What the views leave open, each with the number and with the views to add; empty where the lens is determined."""
     found: list[str] = []
+    if len(tilts) < LEAST_VIEWS:
+        found.append(
+            f"only {len(tilts)} views fit one lens, at least {LEAST_VIEWS} are needed, 15 are good: add views with the board held still"
+        )
     names = dict(zip(lens.names, zip(lens.numbers, sd, strict=True), strict=True))
     focal, focal_sd = max((names["fx"], names["fy"]), key=lambda each: each[1] / each[0])
     if focal_sd > FOCAL_REFUSED * focal:

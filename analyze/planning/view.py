@@ -11,6 +11,7 @@ from analyze.geometry import polyhedron
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply, inverse_transform, matrix_from_vector
 from analyze.planning.pivots import PivotAxis
+from analyze.tracking.camera_model import project
 from analyze.types import Array, CameraModel
 from schemas.object_spec import MarkerSpec, ObjectSpec
 from schemas.rig_limits import SMALLEST_TAG_PX
@@ -88,10 +89,7 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
 
 
 def visible_markers(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: float, camera: CameraModel) -> Sight:
-    """Markers that look along the axis at the camera, in the image, large enough, hidden by nothing, from rest to `PAST_BALANCE` past phi.
-
-    Lens distortion is left out: it is a few px at the border, within `BORDER_PX`.
-    """
+    """Markers that look along the axis at the camera, in the image, large enough and not hidden, from rest to `PAST_BALANCE` past phi."""
     seen: list[tuple[float, int | str, float]] = []
     least = np.pi
     faults: list[Fault] = []
@@ -128,8 +126,7 @@ def _path(axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: floa
         turned = (world - pivot) @ matrix_from_vector(np.array([0.0, theta, 0.0])).T + pivot
         in_camera = apply(T_camera_world, turned)
         if in_camera[:, 2].min() > HAIR:
-            pixel = in_camera @ camera.K.T
-            path[step] = pixel[:, :2] / pixel[:, 2:]
+            path[step] = project(camera, in_camera)
     return path
 
 

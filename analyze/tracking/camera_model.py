@@ -101,6 +101,19 @@ def project_ideal(camera: CameraModel, points_camera: Array) -> Array:
     return image[..., :2] / image[..., 2:]
 
 
+def project(camera: CameraModel, points_camera: Array) -> Array:
+    """Raw image points (..., 2) of points in C (..., 3) [m] before the camera.
+
+    Far outside the image, where a lens's polynomial may turn back into it, they are where a pinhole would draw them.
+    """
+    ideal = project_ideal(camera, points_camera)
+    reach = math.hypot(camera.width, camera.height)
+    if camera.model is LensModel.FISHEYE:
+        reach = math.tan(WIDEST) * min(camera.K[0, 0], camera.K[1, 1])
+    near = np.linalg.norm(ideal - camera.K[:2, 2], axis=-1) < reach
+    return np.where(near[..., None], distort(camera, np.where(near[..., None], ideal, camera.K[:2, 2])), ideal)
+
+
 def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
     """Derivative (..., 2, 3) [px/m] of the ideal pixel by the point in C (..., 3) [m]."""
     K = camera.K

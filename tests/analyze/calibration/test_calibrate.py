@@ -108,6 +108,12 @@ def test_views_of_the_middle_only_do_not_determine_the_corners():
     assert found.covered.share < 0.5
 
 
+def test_few_views_that_are_left_are_not_enough_however_well_they_fit():
+    rng = np.random.default_rng(12)
+    found = calibrated(LENS, all_over(rng, many=5), rng)
+    assert any("only 5 views fit one lens, at least 6 are needed" in reason for reason in found.undetermined)
+
+
 def test_bare_sides_of_the_image_are_named():
     rng = np.random.default_rng(9)
     views = [([-0.13 + 0.02 * rng.uniform(), y, 0.9], t, a, s) for ([_, y, _], t, a, s) in all_over(rng, 0.9)]

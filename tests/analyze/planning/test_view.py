@@ -14,7 +14,9 @@ from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import Request, finish, prepare
 from analyze.planning.precision import SeenSwing, strike_covariances
 from analyze.planning.view import default_camera, refuse_off_surface
+from analyze.types import CameraModel
 from schemas.rig_limits import SMALLEST_TAG_PX
+from schemas.session_manifest import LensModel
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
 from tests.analyze.planning.test_plan import SIZE, side_markers
 
@@ -62,6 +64,16 @@ def test_tags_out_of_the_image():
     assert all(entry.number > 0 and "too far out" in entry.text for entry in out)
     with pytest.raises(PlanError, match=r"12 with the tag out of the image \(by \d+ to \d+ px\): move or turn the camera"):
         finish(prepared, "", Request(9))
+
+
+def test_where_a_tag_is_in_the_image_is_told_by_the_lens():
+    """A fisheye draws what is far out nearer: from 0.1 m before the box it sees tags that a pinhole of its focal length does not."""
+    T = default_camera().T_world_camera.copy()
+    T[1, 3] = -0.1 - SIZE[1] / 2
+    pinhole = CameraModel(656, 492, np.array([[300.0, 0, 327.5], [0, 300, 245.5], [0, 0, 1]]), np.zeros(5), T)
+    fisheye = replace(pinhole, model=LensModel.FISHEYE, distortion=np.array([-0.1, 0.0, 0.0, 0.0]))
+    out = [sum(entry.code == "out_of_image" for entry in box_with(sized(0.01), lens).rejected) for lens in (pinhole, fisheye)]
+    assert out[0] > out[1]
 
 
 def test_a_tag_in_a_recess_is_hidden():
