@@ -101,6 +101,9 @@ bench-plan: setup  ## our strikes beside the paper's on 200 random bodies: singu
 bench-plan-feasibility: setup  ## lift and slip as predicted beside the virtual rig's physics, four objects (ten minutes)
 	@PYTHONPATH=. $(BIN)/python tests/benchmarks/plan_feasibility.py
 
+bench-gravity: setup  ## the table's tilt and the centre of mass with and without a second heading; plumb lines in images (three minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.gravity
+
 bench-energy: setup  ## the energy loop in the virtual rig's physics, 4 objects x 20 seeds: strikes to the first tip, E afterwards (ten minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.energy
 

@@ -101,6 +101,7 @@ def session_manifest(config: RigConfig, camera: CameraAtHand, files: SessionFile
         g_m_s2=config.g_m_s2,
         g_sd_m_s2=config.g_sd_m_s2,
         gravity_tilt_sd_rad=config.gravity_tilt_sd_rad,
+        level=config.level,
         cameras=[
             ManifestCamera(
                 name=config.camera.name,

@@ -15,7 +15,7 @@ from analyze.errors import EstimationError, JoinError
 from analyze.evidence import Evidence, RecordingHead
 from analyze.geometry.edge_line import SAME_LINE, EdgeLine
 from analyze.types import TipMotion
-from schemas.session_manifest import SessionManifest
+from schemas.session_manifest import LevelReading, SessionManifest
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
 
@@ -126,11 +126,11 @@ def join(evidence: Sequence[Evidence]) -> Evidence:
 
 
 def levels_of(recordings: Sequence[RecordingHead]) -> list[int]:
-    """Which levelling of a table each recording stands on: one rig with one stated error of its level counts as one, levelled once.
+    """Which levelling of a table each recording stands on: one rig with one reading of its level, or one sd, counts as one, levelled once.
 
     Two rigs without a name count as one too. That errs to the safe side: what is shared is not averaged away.
     """
-    found: list[tuple[str, float]] = []
+    found: list[tuple[str, float, LevelReading | None]] = []
     for recording in recordings:
         level = _level(recording.manifest)
         if level not in found:
@@ -138,8 +138,8 @@ def levels_of(recordings: Sequence[RecordingHead]) -> list[int]:
     return [found.index(_level(recording.manifest)) for recording in recordings]
 
 
-def _level(manifest: SessionManifest) -> tuple[str, float]:
-    return str(manifest.rig.get("name", "")), manifest.gravity_tilt_sd_rad
+def _level(manifest: SessionManifest) -> tuple[str, float, LevelReading | None]:
+    return str(manifest.rig.get("name", "")), manifest.gravity_tilt_sd_rad, manifest.level
 
 
 def _began(head: RecordingHead) -> tuple[str, str]:

@@ -11,7 +11,7 @@ import numpy as np
 from analyze.errors import EstimationError
 from analyze.estimation.agreement import agreement
 from analyze.estimation.cells import Cells, cells_from_voxels, wall_thickness
-from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
+from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, TiltPrior, centre_of_mass
 from analyze.estimation.equiplane import equiplane, equiplane_from_fit
 from analyze.estimation.inertia import Scale, inertia_prior, inertial_parameters
 from analyze.estimation.paper import PaperCentre, PaperRegions, paper_centre_of_mass, paper_regions
@@ -21,11 +21,13 @@ from analyze.geometry.voxels import voxelise
 from analyze.joined import in_order, join, levels_of, paths_text, refuse_apart, strikes_to_leave_out
 from analyze.results.document import build_result, result_json
 from analyze.results.summary import render_summary
+from analyze.results.tilt import table_tilts
 from analyze.results.warnings import result_warnings
 from analyze.too_few import too_few
 from analyze.types import CentreOfMass, EquiPlane, InertialParameters, MassDistribution, TipMotion
 from schemas.document import sha256_text
 from schemas.result import JoinedRecording, Result, ResultInputs, Verdict
+from schemas.session_manifest import SessionManifest
 from schemas.strike_plan import PlannedStrike
 
 __all__ = ["Estimate", "EstimateOptions", "estimate_evidence", "estimate_recording", "estimate_recordings", "render_summary"]
@@ -155,6 +157,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         com_paper=com_paper,
         distribution_paper=regions_paper,
         warnings=result_warnings(evidence, options, planes, inertial, distribution, com_paper, agreed),
+        table_tilt=table_tilts(inertial.com, evidence),
     )
     return Estimate(result, evidence, planes, com, com_paper, inertial, cells, distribution, regions_paper, scale)
 
@@ -179,13 +182,22 @@ def equiplanes(evidence: Evidence, motions: Sequence[TipMotion], estimator: str 
 
 def systematic_errors(evidence: Evidence) -> SystematicErrors:
     """What the strikes share: of several recordings the object's errors, and gravity's tilt where they stand on one levelling."""
-    tilts = dict(zip(levels_of(evidence.recordings), (each.manifest.gravity_tilt_sd_rad for each in evidence.recordings), strict=True))
+    tilts = {level: each.manifest for level, each in zip(levels_of(evidence.recordings), evidence.recordings, strict=True)}
     return SystematicErrors(
-        gravity_tilt_sd=tilts[0],
+        gravity_tilt_sd=tilts[0].gravity_tilt_sd_rad,
         scale_sd=evidence.spec.shape.scale_sd,
         edge_radius_sd=evidence.spec.edge_radius_sd_m,
-        other_tilt_sds=tuple(tilts[level] for level in range(1, len(tilts))),
+        other_tilt_sds=tuple(tilts[level].gravity_tilt_sd_rad for level in range(1, len(tilts))),
+        readings=tuple(_level_read(tilts[level]) for level in range(len(tilts))),
     )
+
+
+def _level_read(manifest: SessionManifest) -> TiltPrior | None:
+    read = manifest.level
+    if read is None:
+        return None
+    sideways = manifest.gravity_tilt_sd_rad if read.towards_y_sd_rad is None else read.towards_y_sd_rad
+    return TiltPrior((read.towards_x_rad, read.towards_y_rad), (read.towards_x_sd_rad, sideways))
 
 
 def _plane(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:

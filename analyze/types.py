@@ -173,6 +173,23 @@ class EquiPlane:
 
 
 @dataclass(frozen=True)
+class TableTilt:
+    """How far the vertical leans from the table's normal, on one levelling."""
+
+    lean: Array
+    """(2,) rad, towards W's x (where objects tip) and y: the table rises that way by as much"""
+    covariance: Array
+    """(2, 2) rad^2"""
+    prior_sd: Array
+    """(2,) rad, 1 sigma before any strike"""
+
+    @property
+    def sd(self) -> Array:
+        """(2,) rad."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True)
 class CentreOfMass:
     """c in O."""
 
@@ -199,6 +216,8 @@ class CentreOfMass:
     """m^2, of the edges' rounding, by the strikes and what was stated"""
     edge_radius_distance_covariance: Array = field(default_factory=lambda: np.zeros(0))
     """(strikes,) m^2, between it and R: a larger radius brings the centre line nearer to c"""
+    tilts: tuple[TableTilt, ...] = ()
+    """of each levelling of the table"""
 
 
 @dataclass(frozen=True)

@@ -131,6 +131,17 @@ class Regions(Document):
     baselines: dict[str, list[float]] = Field(default={}, description="naive answers: name -> masses [kg]")
 
 
+class TableTilt(Document):
+    """How far the vertical leans from the table's normal, towards W's x (where objects tip) and y: the table rises that way by as much.
+
+    Of each component `source` says whether the strikes measured it, the rig file's level reading gave it, or the prior stands.
+    """
+
+    recordings: list[int] = Field(description="numbers of those that were made on this levelling, the first is 1")
+    towards_x: Quantity
+    towards_y: Quantity
+
+
 class JoinedRecording(Document):
     """One of several recordings that a result is of."""
 
@@ -176,3 +187,12 @@ class Result(Document):
     inertia_measured: list[list[bool]] | None = None
     regions: Regions | None
     regions_paper: Regions | None = None
+    table_tilt: list[TableTilt] | None = Field(default=None, description="one per levelling; older results have none, and none is written")
+
+    @model_serializer(mode="wrap")
+    def _as_read(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A result that was printed before there was a tilt keeps its bytes."""
+        written: dict[str, Any] = write(self)
+        if self.table_tilt is None:
+            del written["table_tilt"]
+        return written

@@ -10,7 +10,7 @@ from pydantic import Field, field_validator
 
 from schemas.document import Document
 from schemas.rig_limits import ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S, TipSpeeds, tip_speeds
-from schemas.session_manifest import CameraCalibrationSpec
+from schemas.session_manifest import CameraCalibrationSpec, LevelReading
 
 
 class CameraConfig(Document):
@@ -113,6 +113,9 @@ class RigConfig(Document):
     g_m_s2: float = Field(default=9.81, gt=9.7, lt=9.9)
     g_sd_m_s2: float = Field(default=0.005, ge=0, le=1)
     gravity_tilt_sd_rad: float = Field(default=0.0035, ge=0, le=1, description="1 sigma of the table against the vertical (0.2 deg)")
+    level: LevelReading | None = Field(
+        default=None, description="what a level or a plumb line showed, in place of 0 +- gravity_tilt_sd_rad"
+    )
     table_friction: float = Field(
         default=0.4, gt=0, le=10, description="least friction coefficient between table and object; plans count on it"
     )

@@ -55,6 +55,19 @@ class CameraCalibrationSpec(Document):
         return self
 
 
+class LevelReading(Document):
+    """How the table slopes: its rise towards W's +x (where objects tip) and +y, as a level or a plumb line showed it.
+
+    The vertical then leans towards W's x and y by as much, and a tip towards +x needs that much more. 1 mm/m is 0.001 rad.
+    """
+
+    towards_x_rad: float = Field(ge=-0.2, le=0.2, description="rise of the table towards W's +x, where objects tip")
+    towards_x_sd_rad: float = Field(ge=0, le=1, description="1 sigma of the reading")
+    towards_y_rad: float = Field(default=0.0, ge=-0.2, le=0.2, description="the same towards +y, away from the camera")
+    towards_y_sd_rad: float | None = Field(default=None, ge=0, le=1, description="left out: gravity_tilt_sd_rad")
+    read_by: str = Field(default="level", description="what showed it")
+
+
 class ManifestCamera(Document):
     """One camera of the recording; its topics are /camera/<name>/..."""
 
@@ -79,7 +92,8 @@ class SessionManifest(Document):
     time_source_sd_ns: int = Field(ge=0)
     g_m_s2: float = Field(gt=9.7, lt=9.9)
     g_sd_m_s2: float = Field(ge=0)
-    gravity_tilt_sd_rad: float = Field(ge=0, description="1 sigma of the table's normal against the vertical")
+    gravity_tilt_sd_rad: float = Field(ge=0, description="1 sigma of the table's normal against the vertical, where no level was read")
+    level: LevelReading | None = None
     cameras: list[ManifestCamera] = Field(min_length=1)
     striker: dict[str, Any] = Field(default={})
     rig: dict[str, Any] = Field(default={})

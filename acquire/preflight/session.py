@@ -140,10 +140,13 @@ def _check_wires(computer: Computer, rig: RigConfig, daemon: RunningDaemon | Non
 def check_level(rig: RigConfig) -> Check:
     """Gravity against the table: as measured, or the prior."""
     degrees = math.degrees(rig.gravity_tilt_sd_rad)
+    if rig.level is not None:
+        rise, sd = math.degrees(rig.level.towards_x_rad), math.degrees(rig.level.towards_x_sd_rad)
+        return passed("level", f"read by {rig.level.read_by}: the table rises by {rise:.3g} +- {sd:.2g} deg towards +x (1 sigma)")
     if "gravity_tilt_sd_rad" in rig.model_fields_set:
         return passed("level", f"the rig file says 0 +- {degrees:.2g} deg (1 sigma)")
     return passed(
-        "level", f"no reading in the rig file: the prior is 0 +- {degrees:.2g} deg (1 sigma); level the table and set gravity_tilt_sd_rad"
+        "level", f"no reading in the rig file: the prior is 0 +- {degrees:.2g} deg (1 sigma); level the table and write [level] into it"
     )
 
 

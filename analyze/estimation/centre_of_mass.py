@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.types import Array, CentreOfMass, EquiPlane
+from analyze.types import Array, CentreOfMass, EquiPlane, TableTilt
 
 ITERATIONS = 60
 CONVERGED = 1e-11
@@ -25,11 +25,19 @@ RADIUS_TERM = 6
 
 
 @dataclass(frozen=True)
+class TiltPrior:
+    """How far the vertical leans from the table's normal, towards W's x and y, before any strike [rad]; 1 sigma each."""
+
+    lean: tuple[float, float]
+    sd: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class SystematicErrors:
     """Errors that several strikes share, 1 sigma each. What repeats cannot average out."""
 
     gravity_tilt_sd: float
-    """rad, of the vertical against the table's normal, about W's y and x; all strikes on one levelling"""
+    """rad, of the vertical's lean from the table's normal towards W's x and y; all strikes on one levelling"""
     scale_sd: float = 0.0
     """relative, of the shape; all strikes"""
     edge_radius_sd: float = 0.0
@@ -40,6 +48,14 @@ class SystematicErrors:
     """rad, scatter of phi from strike to strike beyond what the fit of one motion can know (slip of the edge)"""
     other_tilt_sds: tuple[float, ...] = ()
     """rad, the same as `gravity_tilt_sd` of levellings 1, 2, ... (EquiPlane.level): each table has a tilt of its own"""
+    readings: tuple[TiltPrior | None, ...] = ()
+    """of levellings 0, 1, ...: what a level showed; None, or none: 0 within the sd above"""
+
+    def tilts(self) -> list[TiltPrior]:
+        """Of every levelling."""
+        plain = [TiltPrior((0.0, 0.0), (sd, sd)) for sd in (self.gravity_tilt_sd, *self.other_tilt_sds)]
+        read = [*self.readings, *[None] * (len(plain) - len(self.readings))]
+        return [prior if reading is None else reading for prior, reading in zip(plain, read, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -60,11 +76,13 @@ class ComPrior:
 def centre_of_mass(planes: Sequence[EquiPlane], systematic: SystematicErrors, prior: ComPrior) -> CentreOfMass:
     """The point nearest all equi-planes, n_j.(c - p_j) = 0, and how well it is known.
 
-    Beside c the shared errors are unknowns with priors: gravity's tilt about W's y and x, the shape's scale, the edges' radius, and per
-    axis the edge's place (two directions across itself) and an angle; every levelling of the table has its own tilt. So repeats of one
-    axis average their own scatter only. Residuals are angles, n_j.(c - p_j) / R_j at the measured phi_j, so that weights follow R_j and
-    no c is favoured for being near an edge. A strike far off all others loses weight (Huber 1964, with redescending weights). If the
-    strikes scatter more than they should, all random parts are widened (Birge 1932).
+    Beside c the shared errors are unknowns with priors: the lean of the vertical towards W's x and y, the shape's scale, the edges'
+    radius, and per axis the edge's place (two directions across itself) and, per heading, an angle; every levelling of the table has its
+    own lean. So repeats of one axis average their own scatter only. A tip at heading h feels lean . (cos h, sin h): strikes of one edge
+    at two headings, best 180 deg apart, tell the lean from everything else (half the difference of their phi). Residuals are angles,
+    n_j.(c - p_j) / R_j at the measured phi_j, so that weights follow R_j and no c is favoured for being near an edge. A strike far off
+    all others loses weight (Huber 1964, with redescending weights). If the strikes scatter more than they should, all random parts are
+    widened (Birge 1932).
 
     Args:
         planes: one per strike, in O.
@@ -125,21 +143,32 @@ def _effective(precision: Array, design: Array, weight: Array) -> float:
 class Terms:
     """The unknowns: c (3) [m], then the shared errors, each in units of its sd.
 
-    They are tilt about W's y and x, scale, radius, three per axis, and two of tilt for each further levelling.
+    They are the vertical's lean towards W's x and y, scale, radius, three per axis, two of lean for each further levelling, and an angle
+    for each further heading of an axis (the camera sees another side).
     """
 
     def __init__(self, planes: Sequence[EquiPlane], systematic: SystematicErrors) -> None:
         axes = sorted({plane.axis_id for plane in planes})
         self.planes = planes
         levels = 3 + GLOBAL_TERMS + AXIS_TERMS * len(axes)
-        tilts = (systematic.gravity_tilt_sd, *systematic.other_tilt_sds)
-        self.count = levels + LEVEL_TERMS * (len(tilts) - 1)
+        self._further_levels = levels
+        self.tilts = systematic.tilts()
+        further = levels + LEVEL_TERMS * (len(self.tilts) - 1)
+        angles: dict[tuple[str, float], int] = {}
+        for plane in planes:
+            key = (plane.axis_id, plane.heading)
+            if key not in angles:
+                first_seen = all(axis != plane.axis_id for axis, _ in angles)
+                angles[key] = 3 + GLOBAL_TERMS + AXIS_TERMS * axes.index(plane.axis_id) + 2 if first_seen else further
+                further += not first_seen
+        self.count = further
         self._point = np.array([plane.point for plane in planes])
         self._up = np.array([plane.up for plane in planes])
         self._forward = np.array([np.cross(plane.direction, plane.up) for plane in planes])
         self._phi = np.array([plane.phi for plane in planes])
         self._shift = np.zeros((len(planes), 3, self.count))
         self._turn = np.zeros((len(planes), self.count))
+        self._lean = np.zeros(len(planes))
         for i, plane in enumerate(planes):
             forward = self._forward[i]
             first = 3 + GLOBAL_TERMS + AXIS_TERMS * axes.index(plane.axis_id)
@@ -148,15 +177,20 @@ class Terms:
             self._shift[i, :, RADIUS_TERM] = (plane.up - forward) * systematic.edge_radius_sd
             self._shift[i, :, first] = forward * plane.edge_sd
             self._shift[i, :, first + 1] = plane.up * plane.edge_sd
-            tilt = 3 if plane.level == 0 else levels + LEVEL_TERMS * (plane.level - 1)
-            self._turn[i, tilt] = np.cos(plane.heading) * tilts[plane.level]
-            self._turn[i, tilt + 1] = np.sin(plane.heading) * tilts[plane.level]
-            self._turn[i, first + 2] = systematic.axis_angle_sd
+            tilt, towards = self.tilts[plane.level], np.array([np.cos(plane.heading), np.sin(plane.heading)])
+            self._lean[i] = towards @ tilt.lean
+            self._turn[i, self.tilt_terms(plane.level)] = towards * tilt.sd
+            self._turn[i, angles[plane.axis_id, plane.heading]] = systematic.axis_angle_sd
+
+    def tilt_terms(self, level: int) -> slice:
+        """Where a levelling's two terms of lean stand."""
+        start = 3 if level == 0 else self._further_levels + LEVEL_TERMS * (level - 1)
+        return slice(start, start + LEVEL_TERMS)
 
     def residual(self, x: Array) -> Array:
-        """(strikes,) rad: the angle at which c would stand above the line, plus tilt, minus the measured phi."""
+        """(strikes,) rad: the angle at which c would stand above the line, plus the vertical's lean, minus the measured phi."""
         forward, height = self._across(x)
-        angles = np.arctan2(-forward, height) - self._phi + self._turn @ x
+        angles = np.arctan2(-forward, height) + self._lean - self._phi + self._turn @ x
         return np.remainder(angles + np.pi, 2 * np.pi) - np.pi
 
     def distances(self, x: Array) -> Array:
@@ -212,14 +246,22 @@ def _result(terms: Terms, solution: Array, covariance: Array, weight: Array, sd:
         robust=weight,
         edge_radius_variance=float(covariance[RADIUS_TERM, RADIUS_TERM]) * radius_sd**2,
         edge_radius_distance_covariance=arms @ covariance[:, RADIUS_TERM] * radius_sd,
+        tilts=tuple(_tilt(terms, solution, covariance, level) for level in range(len(terms.tilts))),
     )
 
 
+def _tilt(terms: Terms, solution: Array, covariance: Array, level: int) -> TableTilt:
+    where, prior = terms.tilt_terms(level), terms.tilts[level]
+    sd = np.array(prior.sd)
+    return TableTilt(np.array(prior.lean) + sd * solution[where], covariance[where, where] * np.outer(sd, sd), sd)
+
+
 def _weights_among_repeats(planes: Sequence[EquiPlane], sd: Array) -> Array:
-    """First weights (strikes,): distance from the median phi of the same axis and levelling, where there are at least three."""
+    """First weights (strikes,): distance from the median phi of the same axis, heading and levelling, where there are at least three."""
     weight = np.ones(len(planes))
     for i, plane in enumerate(planes):
-        same = [other.phi for other in planes if (other.axis_id, other.level) == (plane.axis_id, plane.level)]
+        alike = (plane.axis_id, plane.heading, plane.level)
+        same = [other.phi for other in planes if (other.axis_id, other.heading, other.level) == alike]
         if len(same) >= 3:
             middle = float(np.median(same))
             spread = max(float(sd[i]), 1.4826 * float(np.median(np.abs(np.array(same) - middle))))

@@ -23,6 +23,7 @@ from schemas.result import (
     ResultInputs,
     ResultWarning,
     StrikeResult,
+    TableTilt,
     Verdict,
 )
 from schemas.strike_plan import PlannedStrike
@@ -114,6 +115,7 @@ def build_result(
     com_paper: PaperCentre,
     distribution_paper: PaperRegions | None,
     warnings: Sequence[ResultWarning],
+    table_tilt: list[TableTilt] | None = None,
 ) -> Result:
     """The Result document. `planned` goes with `motions`; `planes` are of the strikes used, in the same order."""
     place = {plane.strike_id: index for index, plane in enumerate(planes)}
@@ -146,6 +148,7 @@ def build_result(
             inertia_measured=inertial.measured.tolist(),
             regions=regions_document(distribution),
             regions_paper=None if distribution_paper is None else _paper_regions(distribution, distribution_paper),
+            table_tilt=table_tilt,
         )
     )
 

@@ -9,6 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from analyze.results.tilt import tilt_lines
 from schemas.result import Quantity, Result
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ def render_summary(estimate: Estimate, console: Console | None = None) -> None:
         elif len(recording.files) > 1:
             console.print(f"in {len(recording.files)} files: {', '.join(recording.files)}")
     console.print(f"centre of mass (x, y, z) = {com_text(result.centre_of_mass)}")
+    for line in tilt_lines(result):
+        console.print(line)
     console.print()
     console.print(_strikes(result))
     console.print(_moments(result))

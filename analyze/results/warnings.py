@@ -9,6 +9,7 @@ import numpy as np
 
 from analyze.file_row import missing_text
 from analyze.planned_strikes import planned_strikes
+from analyze.results.tilt import TILT_REMEDY, assumed_tilt
 from analyze.types import EquiPlane, InertialParameters, MassDistribution
 from schemas.result import ResultWarning, Verdict, WarningCode
 from schemas.session_manifest import TimeSource
@@ -75,10 +76,11 @@ def result_warnings(
     apart = float(np.linalg.norm(com_paper.position - com.position))
     if apart > DISAGREEMENT:
         warn(WarningCode.ESTIMATORS_DISAGREE, f"the paper's centre of mass lies {apart * 1e3:.0f} mm from ours")
-    worst_tilt = max(recording.manifest.gravity_tilt_sd_rad for recording in evidence.recordings)
-    if worst_tilt > 0:
-        tilt = np.degrees(worst_tilt)
-        warn(WarningCode.GRAVITY_ASSUMED, f"the table is taken for level to {tilt:.2f}°; this is in the intervals")
+    assumed = assumed_tilt(com, evidence)
+    if assumed > 0:
+        tilt = np.degrees(assumed)
+        text = f"the table is taken for level to {tilt:.2f}°, and the strikes tell no better; this is in the intervals"
+        warn(WarningCode.GRAVITY_ASSUMED, f"{text}: {TILT_REMEDY}")
     if not inertial.measured.all():
         entries = [f"I{'xyz'[i]}{'xyz'[j]}" for i in range(3) for j in range(i, 3) if not inertial.measured[i, j]]
         warn(WarningCode.INERTIA_FROM_PRIOR, f"from the shape, not from strikes: {', '.join(entries)}")

@@ -298,6 +298,9 @@ def test_the_level_is_read_or_the_prior_is_said(bench: Bench) -> None:
     assert "prior is 0 +- 0.2 deg" in bench.lines()["level"].found
     bench.rig_path.write_text("gravity_tilt_sd_rad = 0.0005\n" + bench.rig_path.read_text(encoding="utf-8"), encoding="utf-8")
     assert "rig file says 0 +- 0.029 deg" in bench.lines()["level"].found
+    read = "\n[level]\ntowards_x_rad = 0.003\ntowards_x_sd_rad = 0.0002\n"
+    bench.rig_path.write_text(bench.rig_path.read_text(encoding="utf-8") + read, encoding="utf-8")
+    assert "rises by 0.172 +- 0.011 deg towards +x" in bench.lines()["level"].found
 
 
 STATUS = {"rig": "bench", "pid": 7, "recording": None, "striker": "disarmed", "fps": 119.9, "lost": 0}

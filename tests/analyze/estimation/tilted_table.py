@@ -1,0 +1,151 @@
+"""Tips of a box on a table that slopes, by Lagrange's equation in space; written apart from the estimators.
+
+Models: gravity as a vector, the object as it lies on the table at its heading, an edge's rounding that rolls without slip, frames with
+noise.
+Does not model: slip, air, the striker (a tip starts with a speed).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.types import Array, TipAngle
+from schemas.strike_plan import PlannedStrike
+from tests.analyze.estimation.bodies import GRAVITY, Body
+
+FRAME_S = 1 / 120
+SUBSTEPS = 3
+REST = 30
+FRAMES = 170
+PAST = np.radians(25.0)
+"""past the balance, where a fit ends"""
+ENERGY = 1.1
+REVERSED = np.pi
+
+
+@dataclass(frozen=True)
+class Laid:
+    """One strike as it really is."""
+
+    body: Body
+    strike: PlannedStrike
+    slope: Array
+    """(2,) rise of the table towards W's x and y"""
+    moved: Array
+    """(3,) m in O, real centre line less the planned one"""
+    radius: float
+    turned: float
+    """rad about the edge, of the object at rest against what it should be"""
+
+
+def reversed_strike(strike: PlannedStrike, repeat: int = 0) -> PlannedStrike:
+    """The same edge with the object turned by 180 degrees on the table."""
+    return strike.model_copy(update={"id": f"{strike.axis_id}#r{repeat}", "heading_rad": REVERSED})
+
+
+def seen_tips(laid: list[Laid], noise: float, rng: np.random.Generator) -> list[tuple[TipAngle, tuple[int, int]]]:
+    """What the camera sees of each, with `noise` [rad] a frame, and the frames in which only gravity acts."""
+    line, tip, start = _placed(laid)
+    n = len(laid)
+    radius = np.array([each.radius for each in laid])
+    slope = np.array([each.slope for each in laid])
+    down = -np.column_stack([slope, np.ones(n)])
+    mass = np.array([each.body.mass for each in laid])
+    pull = mass[:, None] * GRAVITY * down / np.linalg.norm(down, axis=1, keepdims=True)
+    in_body = np.array([each.strike.pivot.direction for each in laid])
+    about_c = np.einsum("ni,nij,nj->n", in_body, np.array([each.body.inertia for each in laid]), in_body)
+
+    def course(theta: Array) -> tuple[Array, Array]:
+        """c less its start (n, 3), and its derivative by theta."""
+        arm = _turned(start, line, theta)
+        return radius[:, None] * theta[:, None] * tip + arm - start, radius[:, None] * tip + np.cross(line, arm)
+
+    def acceleration(theta: Array, rate: Array) -> Array:
+        _, by_theta = course(theta)
+        bend = -_across(_turned(start, line, theta), line)
+        moment = about_c + mass * np.sum(by_theta**2, axis=1)
+        by_moment = 2 * mass * np.sum(by_theta * bend, axis=1)
+        return (np.sum(pull * by_theta, axis=1) - 0.5 * by_moment * rate**2) / moment
+
+    grid = np.linspace(0, 1.4, 701)
+    work = np.array([np.sum(pull * course(np.full(n, each))[0], axis=1) for each in grid])
+    balance = grid[np.argmin(work, axis=0)]
+    moment = about_c + mass * np.sum(course(np.zeros(n))[1] ** 2, axis=1)
+    theta, rate = np.zeros(n), np.sqrt(2 * ENERGY * -work.min(axis=0) / moment)
+    h, path = FRAME_S / SUBSTEPS, [theta]
+    for _ in range(FRAMES):
+        for _ in range(SUBSTEPS):
+            a1 = acceleration(theta, rate)
+            a2 = acceleration(theta + h / 2 * rate, rate + h / 2 * a1)
+            a3 = acceleration(theta + h / 2 * rate + h * h / 4 * a1, rate + h / 2 * a2)
+            a4 = acceleration(theta + h * rate + h * h / 2 * a2, rate + h * a3)
+            theta, rate = theta + h * rate + h * h / 6 * (a1 + a2 + a3), rate + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        path.append(theta)
+    courses = np.array(path)
+    seen: list[tuple[TipAngle, tuple[int, int]]] = []
+    for i in range(n):
+        free = int(np.argmax(courses[:, i] > balance[i] + PAST)) or len(courses)
+        true = np.concatenate([np.zeros(REST), courses[: free + 1, i]])
+        many = len(true)
+        time_ns = (1_000_000_000 + np.arange(many) * FRAME_S * 1e9).astype(np.int64)
+        measured = true + rng.normal(0, noise, many)
+        measured -= measured[:REST].mean()
+        angle = TipAngle(time_ns, measured, np.full(many, noise), np.zeros(many), np.zeros(many), noise / np.sqrt(REST))
+        seen.append((angle, (REST + 1, REST + free)))
+    return seen
+
+
+def _placed(laid: list[Laid]) -> tuple[Array, Array, Array]:
+    """In W: pivot line and tip direction (n, 3), and c from the real centre line at rest (n, 3) m."""
+    lines, tips, arms = [], [], []
+    for each in laid:
+        heading = each.strike.heading_rad
+        on_table = np.array([[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1.0]])
+        R = on_table @ np.array(each.strike.R_world_object)
+        line = R @ np.array(each.strike.pivot.direction)
+        arm = R @ (each.body.com - np.array(each.strike.pivot.point) - each.moved)
+        lines.append(line)
+        tips.append(on_table @ np.array([1.0, 0.0, 0.0]))
+        arms.append(_turned(arm[None], line[None], np.array([each.turned]))[0])
+    return np.array(lines), np.array(tips), np.array(arms)
+
+
+def _across(arm: Array, line: Array) -> Array:
+    return arm - line * np.sum(arm * line, axis=-1, keepdims=True)
+
+
+def _turned(arm: Array, line: Array, theta: Array) -> Array:
+    """Rodrigues' formula; (n, 3), (n, 3), (n,)."""
+    along = line * np.sum(arm * line, axis=-1, keepdims=True)
+    cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
+    return along + cos * (arm - along) + sin * np.cross(line, arm)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """1 sigma of what is drawn once per session, per axis and heading, and per strike."""
+
+    tilt: float
+    edge: float = 2e-4
+    radius: float = 1e-4
+    axis_angle: float = 2e-4
+    strike_angle: float = 5e-4
+
+
+def laid_session(body: Body, strikes: list[PlannedStrike], drawn: Drawn, rng: np.random.Generator) -> list[Laid]:
+    """A session's strikes with its errors drawn."""
+    slope, more_radius = rng.normal(0, drawn.tilt, 2), rng.normal(0, drawn.radius)
+    moved: dict[str, Array] = {}
+    angle: dict[tuple[str, float], float] = {}
+    found: list[Laid] = []
+    for strike in strikes:
+        tip, _, up = np.array(strike.R_world_object)
+        if strike.axis_id not in moved:
+            moved[strike.axis_id] = rng.normal(0, drawn.edge) * tip + rng.normal(0, drawn.edge) * up + more_radius * (up - tip)
+        key = (strike.axis_id, strike.heading_rad)
+        angle.setdefault(key, rng.normal(0, drawn.axis_angle))
+        turned = angle[key] + rng.normal(0, drawn.strike_angle)
+        found.append(Laid(body, strike, slope, moved[strike.axis_id], body.edge_radius + more_radius, -turned))
+    return found

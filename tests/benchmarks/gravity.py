@@ -1,0 +1,125 @@
+"""The table's tilt and the centre of mass with and without a second heading of one edge: `make bench-gravity` (two minutes).
+
+Tips in space on a table that slopes (tests/analyze/estimation/tilted_table.py), which share nothing with the estimators; theta(t) at
+120 fps with 0.05 deg a frame, edges off by 0.2 mm, edge radius by 0.1 mm, angles by 0.03 deg from strike to strike. "c told" is what the
+estimate says of itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
+from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.motion.pivot_fit import pivot_fit
+from analyze.types import EquiPlane
+from tests.analyze.estimation.bodies import Body, box_body, planned_strike
+from tests.analyze.estimation.tilted_table import Drawn, Laid, laid_session, reversed_strike, seen_tips
+
+SIZE = (0.08, 0.06, 0.15)
+NOISE = math.radians(0.05)
+DESIGNS = {
+    "3 of one face": ((2, -1, 1, 1), (2, -1, 1, -1), (2, -1, 0, 1)),
+    "3, upside down too": ((2, -1, 1, 1), (2, 1, 1, 1), (0, -1, 2, 1)),
+    "6 of 4 faces": ((2, -1, 1, 1), (2, -1, 0, 1), (2, -1, 1, -1), (0, -1, 1, 1), (1, -1, 2, 1), (1, 1, 0, 1)),
+}
+TURNED = 2
+"""most strikes with the object turned by 180 degrees"""
+
+
+@dataclass(frozen=True)
+class Sessions:
+    """What many sessions showed: per session the object and its equi-planes: as planned, one more as before, then the turned ones."""
+
+    bodies: list[Body]
+    planes: list[list[EquiPlane]]
+    rise: list[float]
+    """rad, of the table towards +x"""
+    many: int
+
+    def parts(self) -> dict[str, Callable[[list[EquiPlane]], list[EquiPlane]]]:
+        """Ways to end a session."""
+        many = self.many
+        return {
+            f"{many}": lambda planes: planes[:many],
+            f"{many} + 1 as before": lambda planes: planes[: many + 1],
+            f"{many} + 1 turned": lambda planes: planes[:many] + planes[many + 1 : many + 2],
+            f"{many} + {TURNED} turned": lambda planes: planes[:many] + planes[many + 1 :],
+        }
+
+
+def simulated(axes: Sequence[tuple[int, int, int, int]], drawn: float, count: int, seed: int) -> Sessions:
+    """Sessions on tables whose slopes are drawn with 1 sigma of `drawn` [rad]."""
+    many = 9 if len(axes) == 3 else 12
+    laid: list[list[Laid]] = []
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        regions = (0.026, *(rng.dirichlet([2.0, 2.0]) * 0.018).tolist())
+        body = box_body(SIZE, regions, rng.uniform(-0.01, 0.01), tuple(rng.normal(0, 1, 3).tolist()), pitch=0.01)
+        planned = [planned_strike(body, *axes[i % len(axes)], i // len(axes)) for i in range(many + 1)]
+        planned += [reversed_strike(planned[0], i) for i in range(TURNED)]
+        laid.append(laid_session(body, planned, Drawn(drawn), rng))
+    flat = [each for session in laid for each in session]
+    seen = seen_tips(flat, NOISE, np.random.default_rng([seed, count]))
+    planes = [
+        equiplane_from_fit(each.strike.id, each.strike, pivot_fit(angle, window)) for each, (angle, window) in zip(flat, seen, strict=True)
+    ]
+    size = len(laid[0])
+    return Sessions(
+        [session[0].body for session in laid],
+        [planes[i : i + size] for i in range(0, len(planes), size)],
+        [float(session[0].slope[0]) for session in laid],
+        many,
+    )
+
+
+def heading_table(count: int, seed: int) -> Table:
+    table = Table(title=f"{count} sessions each; errors are rms", title_justify="left")
+    headings = ("edges", "strikes", "tilt drawn, stated", "tilt off", "told", "held", "c off (mm)", "told", "held")
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in ("edges", "strikes") else "right")
+    half = np.array(SIZE) / 2
+    prior = ComPrior.from_bounds(-half, half)
+    for name, axes in DESIGNS.items():
+        for drawn, stateds in ((0.2, (0.2,)), (0.5, (0.5, 0.2))):
+            sessions = simulated(axes, math.radians(drawn), count, seed)
+            for stated in stateds:
+                systematic = SystematicErrors(math.radians(stated), edge_radius_sd=1e-4)
+                for what, chosen in sessions.parts().items():
+                    found = [centre_of_mass(chosen(planes), systematic, prior) for planes in sessions.planes]
+                    c = np.array([each.position - body.com for each, body in zip(found, sessions.bodies, strict=True)])
+                    c_sd = np.array([np.sqrt(np.diag(each.covariance)) for each in found])
+                    tilt = np.array([each.tilts[0].lean[0] for each in found]) - sessions.rise
+                    tilt_sd = np.array([each.tilts[0].sd[0] for each in found])
+                    table.add_row(
+                        name,
+                        what,
+                        f"{drawn}°, {stated}°",
+                        f"{np.degrees(np.sqrt(np.mean(tilt**2))):.3f}°",
+                        f"{np.degrees(np.sqrt(np.mean(tilt_sd**2))):.3f}°",
+                        f"{100 * np.mean(np.abs(tilt) < 1.96 * tilt_sd):.0f} %",
+                        f"{1e3 * np.sqrt(np.mean(np.sum(c**2, axis=1))):.2f}",
+                        f"{1e3 * np.sqrt(np.mean(np.sum(c_sd**2, axis=1))):.2f}",
+                        f"{100 * np.mean(np.abs(c) < 1.96 * c_sd):.0f} %",
+                    )
+            table.add_section()
+    return table
+
+
+@click.command()
+@click.option("--sessions", "count", default=100, show_default=True)
+@click.option("--seed", default=20, show_default=True)
+def main(count: int, seed: int) -> None:
+    """Print the tables."""
+    Console(width=160).print(heading_table(count, seed))
+
+
+if __name__ == "__main__":
+    main()
