@@ -118,13 +118,32 @@ def read_head(path: Path) -> RecordingHead:
         )
 
 
-def read_evidence(head: RecordingHead, object_path: Path | None = None, progress: Progress | None = None) -> Evidence:
+def placed_markers(spec: ObjectSpec) -> list[Marker]:
+    """The object's markers, where its file says they are."""
+    return [
+        Marker(marker.name, marker.size_m, None if marker.T_object_marker is None else np.array(marker.T_object_marker))
+        for marker in spec.marker
+    ]
+
+
+def unplaced_markers(spec: ObjectSpec) -> list[Marker]:
+    """The object's markers, wherever they may be."""
+    return [Marker(marker.name, marker.size_m, None) for marker in spec.marker]
+
+
+def read_evidence(
+    head: RecordingHead,
+    object_path: Path | None = None,
+    progress: Progress | None = None,
+    markers_of: Callable[[ObjectSpec], list[Marker]] = placed_markers,
+) -> Evidence:
     """Track the markers and fit the motion of every strike.
 
     Args:
         head: of the recording.
         object_path: use this object file instead of the recording's.
         progress: called with (text, done, total) before each strike.
+        markers_of: the markers that are followed, of the object's file.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -151,7 +170,7 @@ def read_evidence(head: RecordingHead, object_path: Path | None = None, progress
             if progress is not None:
                 progress(f"strike {record.strike_id}", done, len(head.strike_ids))
             try:
-                motion, report = _strike(recording, spec, record)
+                motion, report = _strike(recording, markers_of(spec), record)
                 tracking[record.strike_id] = report
             except TrackingError as error:
                 problems.append(error)
@@ -214,17 +233,13 @@ def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Record
         )
 
 
-def _strike(recording: Recording, spec: ObjectSpec, record: pb.StrikeRecord) -> tuple[TipMotion, TrackingReport]:
+def _strike(recording: Recording, markers: list[Marker], record: pb.StrikeRecord) -> tuple[TipMotion, TrackingReport]:
     planned = next((strike for strike in recording.plan.strikes if strike.id == record.plan_strike_id), None)
     if planned is None:
         raise PlanError(
             f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r}, which its plan does not hold"
         )
     camera = camera_from_spec(recording.manifest.cameras[0].calibration)
-    markers = [
-        Marker(marker.name, marker.size_m, None if marker.T_object_marker is None else np.array(marker.T_object_marker))
-        for marker in spec.marker
-    ]
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers, planned.visible_markers)
     task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns)

@@ -59,6 +59,7 @@ class WarningCode(enum.Enum):
     INERTIA_FROM_PRIOR = "inertia_from_prior"
     REGIONS_UNCERTAIN = "regions_uncertain"
     UNKNOWN_MARKER = "unknown_marker"
+    MARKERS_UNPLACED = "markers_unplaced"
     ROLLING_CONTACT = "rolling_contact"
 
 

@@ -1,4 +1,4 @@
-"""One table of a TOML file written anew; every other line stays as people wrote it."""
+"""One table of a TOML file, or one entry of one of its [[tables]], written anew; every other line stays as people wrote it."""
 
 from __future__ import annotations
 
@@ -34,6 +34,57 @@ def with_table(text: str, table: str, entries: Mapping[str, str]) -> str | None:
         new = [*lines[: start + 1], *body, *lines[after:]]
     changed = "\n".join(new) + "\n"
     return changed if _only_changes(text, changed, table, "\n".join(body)) else None
+
+
+def with_entry_in_each(text: str, table: str, key: str, values: Mapping[int, str]) -> str | None:
+    """`text` with `key` = value (as TOML) in some of the [[table]]s; None where that cannot be done by lines.
+
+    Args:
+        text: a TOML file's content.
+        table: name of an array of tables.
+        key: of the entry; where it is there it is replaced.
+        values: by the number of the [[table]], from 0.
+    """
+    lines = text.splitlines()
+    headers = [i for i, line in enumerate(lines) if _HEADER.match(line)]
+    named = re.compile(r"\s*\[\[\s*" + re.escape(table) + r"\s*\]\]\s*(#.*)?$")
+    starts = [i for i in headers if named.match(lines[i])]
+    if any(number >= len(starts) for number in values):
+        return None
+    for number in sorted(values, reverse=True):
+        first = starts[number] + 1
+        last = next((i for i in headers if i >= first), len(lines))
+        body = _without_entry(lines[first:last], key)
+        if body is None:
+            return None
+        # Blank lines and remarks just before the next table are its own.
+        after = len(body)
+        while after > 0 and (not body[after - 1].strip() or body[after - 1].lstrip().startswith("#")):
+            after -= 1
+        lines[first:last] = [*body[:after], f"{key} = {values[number]}", *body[after:]]
+    changed = "\n".join(lines) + "\n"
+    try:
+        old, new = tomllib.loads(text), tomllib.loads(changed)
+        for number, value in values.items():
+            old[table][number][key] = tomllib.loads(f"{key} = {value}")[key]
+    except (tomllib.TOMLDecodeError, KeyError, IndexError, TypeError):
+        return None
+    return changed if old == new else None
+
+
+def _without_entry(body: list[str], key: str) -> list[str] | None:
+    """A table's lines without an entry, over however many lines it goes; None where its end cannot be told."""
+    entry = re.compile(rf"\s*{re.escape(key)}\s*=")
+    first = next((i for i, line in enumerate(body) if entry.match(line)), None)
+    if first is None:
+        return body
+    for last in range(first + 1, len(body) + 1):
+        try:
+            tomllib.loads("\n".join(body[first:last]))
+        except tomllib.TOMLDecodeError:
+            continue
+        return [*body[:first], *body[last:]]
+    return None
 
 
 def _only_changes(before: str, after: str, table: str, body: str) -> bool:

@@ -42,6 +42,7 @@ PURE = {
     "analyze/tracking": FOUNDATION | {"analyze.tracking", "cv2"},
     "analyze/calibration": FOUNDATION | {"analyze.calibration", "analyze.tracking", "analyze.tags", "cv2"},
     "analyze/motion": FOUNDATION | {"analyze.motion", "analyze.tracking"},
+    "analyze/registration": FOUNDATION | {"analyze.registration", "analyze.motion", "analyze.tracking", "analyze.geometry"},
     "analyze/estimation": FOUNDATION | {"analyze.estimation", "analyze.geometry"},
 }
 """package -> all that it may import; what is not listed has a clock, a file, a device or a later stage behind it"""

@@ -113,7 +113,11 @@ def check_placement(scene: Scene, markers: Mapping[int | str, Marker], camera: C
             seen.append(marker)
     found = placement_error(orientations, seen, camera, R_world_object)
     if found is None:
-        return PlacementCheck(None, "the places of these markers on the object are not known: the placement cannot be checked")
+        return PlacementCheck(
+            None,
+            "the places of these markers on the object are not known: the placement cannot be checked"
+            " (`analyze register` finds them afterwards)",
+        )
     error, correction = found
     return PlacementCheck(error, _advice(error, correction, wanted, any(i in known for i in planned.visible_markers)))
 

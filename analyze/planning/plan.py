@@ -338,6 +338,7 @@ def _warnings(prepared: Prepared, used: Sequence[Usable]) -> list[str]:
         warnings.append("some strikes meet a marker's card: a card of 1 mm or less is felt little, move it if it comes off")
     if any(marker.T_object_marker is None for marker in prepared.spec.marker):
         warnings.append(
-            "markers without T_object_marker are not planned with: give their places, or check by eye that one faces the camera"
+            "markers without T_object_marker are not planned with: give their places, or check by eye that one faces the camera "
+            "(`analyze register` finds them in a recording of strikes)"
         )
     return warnings

@@ -97,6 +97,14 @@ def result_warnings(
         if report.unknown_ids:
             marker = report.unknown_ids[0]
             warn(WarningCode.UNKNOWN_MARKER, f"strike {strike_id}: marker {marker} was seen, but the object does not carry it")
+    placed = {marker.name for marker in evidence.spec.marker if marker.T_object_marker is not None}
+    unplaced = {str(track.marker_id) for report in evidence.tracking.values() for track in report.tracks if track.marker_id not in placed}
+    if unplaced:
+        warn(
+            WarningCode.MARKERS_UNPLACED,
+            f"nothing says where markers {_names(sorted(unplaced))} are glued: φ and k need it not, slip and the placement check do: "
+            "`analyze register` finds it in this recording",
+        )
     for strike_id, lost in evidence.frames_lost.items():
         if lost:
             warn(WarningCode.FRAMES_LOST, f"strike {strike_id}: {lost} frames were lost in its window")

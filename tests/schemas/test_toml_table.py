@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from schemas.toml_table import with_table
+from schemas.toml_table import with_entry_in_each, with_table
 
 TEXT = """# bench
 name = "b"
@@ -39,3 +39,31 @@ def test_a_table_that_is_not_there_is_added_at_the_end():
 def test_what_a_line_editor_cannot_do_it_leaves(text):
     new = with_table(text, "camera.calibration", {"a": "2"})
     assert new is None or tomllib.loads(new)["camera"]["calibration"] == {"a": 2}
+
+
+OBJECT = """name = "box"  # mine
+[[marker]] # +x side
+id = 3
+pose = [
+    [1, 0],  # in the file
+    [0, 1],
+]
+
+# the other
+[[marker]]
+id = 4
+"""
+
+
+def test_an_entry_is_written_into_some_of_the_tables_of_an_array():
+    text = with_entry_in_each(OBJECT, "marker", "pose", {0: "[2]", 1: "[5]"})
+    assert text is not None
+    assert [(m["id"], m["pose"]) for m in tomllib.loads(text)["marker"]] == [(3, [2]), (4, [5])]
+    assert "# mine" in text
+    assert "# the other\n[[marker]]" in text
+    assert "in the file" not in text
+
+
+def test_an_array_that_is_not_written_as_tables_is_left_alone():
+    assert with_entry_in_each("marker = [{ id = 1 }]\n", "marker", "pose", {0: "[2]"}) is None
+    assert with_entry_in_each(OBJECT, "marker", "pose", {2: "[2]"}) is None

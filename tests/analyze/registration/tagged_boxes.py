@@ -1,0 +1,238 @@
+"""Boxes with tags stuck on anywhere, placed by hand, struck and seen: for tests and `make bench-registration`.
+
+Motions come from the planar simulation with dry friction of tests/analyze/motion/sliding.py. Nothing of the solver is used. What a case
+draws: where tags are and how they lie on their faces, the hand's placements, how the table lies against the recorded T_world_camera, where
+edges really are. Corners are either drawn with noise and a bias that follows the pixels, or found in rendered images.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+
+from analyze.evidence import unplaced_markers
+from analyze.geometry.object_model import load_object_model
+from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.registration.views import strike_view
+from analyze.tracking.track import track_markers
+from analyze.types import ImageFrame, Marker, MarkerTrack
+from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape
+from tests.analyze.estimation.bodies import planned_strike
+from tests.analyze.motion import sliding
+from tests.analyze.motion.tipping import camera as rig_camera
+from tests.analyze.tracking.rendering import corners_of, project, render
+
+T0 = 10**18
+SIZE = 0.03
+EDGE_SD, EDGE_RADIUS = 5e-5, 1e-3
+"""m"""
+CORNER_PX, LOCK_PX = 0.012, 0.015
+"""white noise of a corner, and the amplitude of a bias that goes with where in a pixel it falls"""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """1 sigma of what is drawn: rad, m."""
+
+    card: float = 1e-4
+    card_tilt: float = math.radians(0.2)
+    yaw: float = math.radians(1.0)
+    place: float = 1.5e-3
+    table_tilt: float = math.radians(0.1)
+    table_height: float = 5e-4
+
+
+@dataclass(frozen=True)
+class TaggedBox:
+    """A box, its tags and its table, as they are."""
+
+    size: np.ndarray
+    spec: ObjectSpec
+    T: dict
+    """marker -> T_object_marker"""
+    table: np.ndarray
+    """(3,) how the table lies against the recorded W: tilts about x and y, height"""
+    edges: tuple
+    """(face, sign, along, side) that are struck"""
+    camera: object
+
+    @property
+    def model(self):
+        return load_object_model(self.spec, None, "box")
+
+    @property
+    def sizes(self):
+        return {marker.name: marker.size_m for marker in self.spec.marker}
+
+    @property
+    def thickness(self):
+        return {marker.name: marker.thickness_m for marker in self.spec.marker}
+
+
+def about(axis, angle):
+    """Rodrigues, written here so that the case does not lean on the code under test."""
+    axis = np.asarray(axis, float) / np.linalg.norm(axis)
+    K = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
+
+
+def draw_box(rng, draw=None, edges=5) -> TaggedBox:
+    """A box of 60 to 200 mm with a tag on each side that is large enough; `edges` of those that a camera can watch."""
+    draw = draw or Draw()
+    size = np.array([rng.uniform(0.06, 0.09), rng.uniform(0.055, 0.08), rng.uniform(0.11, 0.19)])
+    T, markers = {}, []
+    for number in range(6):
+        axis, sign = number // 2, 1 if number % 2 == 0 else -1
+        normal = np.eye(3)[axis] * sign
+        u, v = (np.eye(3)[i] for i in range(3) if i != axis)
+        v = v if np.cross(u, v) @ normal > 0 else -v
+        spin = rng.uniform(0, 2 * math.pi)
+        R = np.stack([math.cos(spin) * u + math.sin(spin) * v, -math.sin(spin) * u + math.cos(spin) * v, normal], axis=-1)
+        tilt = rng.normal(0, draw.card_tilt, 2)
+        room = [max(size[i] / 2 - 0.022, 0.0) for i in range(3) if i != axis]
+        thickness = 1e-4
+        centre = normal * (size[axis] / 2 + thickness + rng.normal(0, draw.card))
+        centre = centre + u * rng.uniform(-1, 1) * room[0] + v * rng.uniform(-1, 1) * min(room[1], 0.03)
+        pose = np.eye(4)
+        pose[:3, :3] = about(u, tilt[0]) @ about(v, tilt[1]) @ R
+        pose[:3, 3] = centre
+        T[number] = pose
+        markers.append(MarkerSpec(id=number, size_m=SIZE, thickness_m=thickness))
+    spec = ObjectSpec(
+        name="box", mass_kg=0.1, mass_sd_kg=1e-4, shape=Shape(box=Box(size_m=size.tolist())), edge_radius_m=EDGE_RADIUS, marker=markers
+    )
+    table = np.array([*rng.normal(0, draw.table_tilt, 2), rng.normal(0, draw.table_height)])
+    every = [(f, s, a, d) for f in range(3) for s in (-1, 1) for a in range(3) if a != f for d in (-1, 1)]
+    box = TaggedBox(size, spec, T, table, (), rig_camera())
+    able = [edge for edge in every if math.degrees(_balance(size, edge)) < 48 and _in_view(box, edge)]
+    chosen = rng.permutation(len(able))[:edges]
+    return replace(box, edges=tuple(able[i] for i in chosen))
+
+
+def _balance(size, edge):
+    face, _, along, _ = edge
+    return math.atan2(size[3 - face - along] / 2, size[face] / 2)
+
+
+def plan_of(size, edge, number=0):
+    """The strike's plan; which marker is seen follows from what faces the camera."""
+    strike = planned_strike(SimpleNamespace(size=size, edge_radius=EDGE_RADIUS), *edge, number)
+    pivot = strike.pivot.model_copy(update={"sd_m": EDGE_SD})
+    return strike.model_copy(update={"id": f"s{number}", "pivot": pivot, "phi_predicted_rad": _balance(size, edge)})
+
+
+def facing(plan):
+    """The tag of the side that looks at the camera."""
+    direction = -np.array(plan.pivot.direction)
+    axis = int(np.argmax(np.abs(direction)))
+    return 2 * axis + (0 if direction[axis] > 0 else 1)
+
+
+def poses(box, plan, course, yaw=0.0, place=(0.0, 0.0), off_edge=(0.0, 0.0, 0.0), lay=None):
+    """R_camera_marker (n, 3, 3) and p_camera_marker (n, 3) of the tag that faces the camera, as things really are.
+
+    `lay`: how the object was turned against the plan before it was put down (a wrong placement).
+    """
+    number = facing(plan)
+    T = box.T[number]
+    E = about([1, 0, 0], box.table[0]) @ about([0, 1, 0], box.table[1])
+    R_cw = box.camera.T_world_camera[:3, :3].T
+    lay = np.eye(3) if lay is None else lay
+    R_nominal = np.array(plan.R_world_object) @ lay
+    pivot = lay.T @ np.array(plan.pivot.point) + np.array(off_edge)
+    Rs, ps = [], []
+    for theta, slip, lift in zip(course.theta, course.slip, course.lift, strict=True):
+        R = about([0, 0, 1], yaw) @ about([0, 1, 0], theta) @ R_nominal
+        edge = about([0, 0, 1], yaw) @ np.array([slip + EDGE_RADIUS * theta, 0.0, 0.0])
+        edge = edge + np.array([*place, EDGE_RADIUS + lift])
+        p = R @ (T[:3, 3] - pivot) + edge
+        Rs.append(R_cw @ E @ R @ T[:3, :3])
+        ps.append(R_cw @ (E @ p + np.array([0, 0, box.table[2]]) - box.camera.T_world_camera[:3, 3]))
+    return np.array(Rs), np.array(ps)
+
+
+def _in_view(box, edge):
+    plan = plan_of(box.size, edge)
+    turn = np.linspace(0, _balance(box.size, edge) + math.radians(28), 12)
+    R, p = poses(box, plan, SimpleNamespace(theta=turn, slip=0 * turn, lift=0 * turn))
+    seen = np.array([project(box.camera, corners_of(SIZE) @ a.T + b) for a, b in zip(R, p, strict=True)])
+    return bool(np.all(seen > 12) and np.all(seen[..., 0] < box.camera.width - 12) and np.all(seen[..., 1] < box.camera.height - 12))
+
+
+def strike_course(box, edge, rng):
+    """A push over the top, mostly."""
+    face, _, along, _ = edge
+    a, b = box.size[3 - face - along] / 2 - EDGE_RADIUS, box.size[face] / 2 - EDGE_RADIUS
+    R, phi = math.hypot(a, b), math.atan2(a, b)
+    height = box.size[face]
+    inertia = (box.size[face] ** 2 + box.size[3 - face - along] ** 2) / 12
+    body = sliding.Body(R=R, phi=phi, inertia=inertia, rho=EDGE_RADIUS, friction=rng.uniform(0.4, 0.8), height=height)
+    holding = min(0.95 * height, (inertia + R * R) / (R * math.cos(phi)))
+    return sliding.simulate(body, [sliding.push_for(body, rng.uniform(1.05, 1.4), holding)], seconds=0.7, phase=rng.uniform(0, 1))
+
+
+def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None):
+    """What the strikes show, by the code that a session goes through.
+
+    Args:
+        box: the case.
+        strikes: how many, over the box's edges in turn.
+        draw: how well hands place.
+        rendered: corners from images, else drawn.
+        wrong: number of a strike -> how the object was turned against its card (3, 3).
+    """
+    draw, markers, views = draw or Draw(), unplaced_markers(box.spec), []
+    off = {edge: rng.normal(0, EDGE_SD, 3) for edge in box.edges}
+    for number in range(strikes):
+        edge = box.edges[number % len(box.edges)]
+        plan = plan_of(box.size, edge, number + 1)
+        across = off[edge] - np.array(plan.pivot.direction) * (off[edge] @ np.array(plan.pivot.direction))
+        course = strike_course(box, edge, rng)
+        if rendered:
+            course = _shortened(course)
+        lay = (wrong or {}).get(number, np.eye(3))
+        R, p = poses(box, plan, course, rng.normal(0, draw.yaw), rng.normal(0, draw.place, 2), across, lay)
+        plan = plan.model_copy(update={"visible_markers": [facing(plan)]})
+        tracks = _rendered(box, plan, course, R, p, rng) if rendered else [_drawn(box, plan, course, R, p, rng)]
+        time_ns = T0 + int(course.time[-1] * 1e9)
+        motion = analyse_strike(tracks, markers, box.camera, StrikeTask(plan.id, plan, T0, time_ns))
+        view = strike_view(tracks, markers, box.camera, plan, motion)
+        if view is not None:
+            views.append(view)
+    return views
+
+
+def _shortened(course):
+    """Fewer frames to render: some at rest, and none long after."""
+    first = int(np.searchsorted(course.time, 0)) - 8
+    last = min(len(course.time), int(np.argmax(course.theta > 1.5)) + 2 if np.any(course.theta > 1.5) else len(course.time))
+    kept = slice(first, last)
+    return replace(course, time=course.time[kept], theta=course.theta[kept], slip=course.slip[kept], lift=course.lift[kept])
+
+
+def _drawn(box, plan, course, R, p, rng):
+    ideal = np.array([project(box.camera, corners_of(SIZE) @ a.T + b) for a, b in zip(R, p, strict=True)])
+    # A bias that repeats with the pixels, in its own way for every corner.
+    lock = LOCK_PX * np.sin(2 * math.pi * (ideal + rng.uniform(0, 1, (4, 2))))
+    seen = ideal + lock + rng.normal(0, CORNER_PX, ideal.shape)
+    inside = np.all((seen > 2) & (seen < [box.camera.width - 3, box.camera.height - 3]), axis=(1, 2))
+    stop = int(np.argmin(inside)) if not np.all(inside) else len(seen)
+    time_ns = np.rint(course.time * 1e9).astype(np.int64) + T0
+    return MarkerTrack(facing(plan), time_ns[:stop], seen[:stop], np.full(stop, CORNER_PX), R[:stop], p[:stop], len(seen))
+
+
+def _rendered(box, plan, course, R, p, rng):
+    time_ns = np.rint(course.time * 1e9).astype(np.int64) + T0
+    frames = (ImageFrame(int(time_ns[i]), i, render(box.camera, [(facing(plan), SIZE, R[i], p[i])], rng)) for i in range(len(time_ns)))
+    return track_markers(frames, box.camera, [Marker(m.name, m.size_m, None) for m in box.spec.marker], [facing(plan)]).tracks
+
+
+def errors(box, place):
+    """Turn in O (3,) [rad] and distance in O (3,) [m] of a MarkerPlace from the truth."""
+    truth = box.T[place.marker_id]
+    D = place.T_object_marker[:3, :3] @ truth[:3, :3].T
+    turn = 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
+    return turn, place.T_object_marker[:3, 3] - truth[:3, 3]
