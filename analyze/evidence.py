@@ -14,6 +14,7 @@ from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.motion.strike import StrikeTask, analyse_strike
 from analyze.object_files import object_files
 from analyze.recording import Recording, open_recording
+from analyze.sections import section_of
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import Marker, TipMotion
@@ -170,7 +171,7 @@ def read_evidence(
             if progress is not None:
                 progress(f"strike {record.strike_id}", done, len(head.strike_ids))
             try:
-                motion, report = _strike(recording, markers_of(spec), record)
+                motion, report = _strike(recording, markers_of(spec), model, record)
                 tracking[record.strike_id] = report
             except TrackingError as error:
                 problems.append(error)
@@ -233,7 +234,7 @@ def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Record
         )
 
 
-def _strike(recording: Recording, markers: list[Marker], record: pb.StrikeRecord) -> tuple[TipMotion, TrackingReport]:
+def _strike(recording: Recording, markers: list[Marker], model: ObjectModel, record: pb.StrikeRecord) -> tuple[TipMotion, TrackingReport]:
     planned = next((strike for strike in recording.plan.strikes if strike.id == record.plan_strike_id), None)
     if planned is None:
         raise PlanError(
@@ -242,5 +243,5 @@ def _strike(recording: Recording, markers: list[Marker], record: pb.StrikeRecord
     camera = camera_from_spec(recording.manifest.cameras[0].calibration)
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers, planned.visible_markers)
-    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns)
+    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section_of(model, planned))
     return analyse_strike(report.tracks, markers, camera, task), report

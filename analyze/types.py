@@ -103,6 +103,22 @@ class Phases:
 
 
 @dataclass(frozen=True)
+class RollingContact:
+    """Where a contact that rolls on a curved flank touches at phi: there it rolls like the circle of curvature about its centre."""
+
+    along: float
+    """m in the rest pose, of that centre from the plan's pivot point, the way the object tips"""
+    over: float
+    """m, the same upwards"""
+    radius: float
+    """m, of curvature"""
+    sd: float
+    """m, 1 sigma of the centre across itself, beside the pivot's own"""
+    energy_ratio: float
+    """energy over what standing up takes, on this flank"""
+
+
+@dataclass(frozen=True)
 class MotionFit:
     """phi and k of one strike by one estimator."""
 
@@ -125,6 +141,8 @@ class MotionFit:
     """why this estimator, this window"""
     violated: tuple[str, ...] = ()
     """assumptions of the estimator that the motion did not keep, each with its number"""
+    rolling: RollingContact | None = None
+    """where the contact rolls on a flank: what takes the place of the plan's pivot point and radius"""
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,15 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
     if np.linalg.norm(R_world_object @ direction - np.array([0.0, 1.0, 0.0])) > AXIS_TOLERANCE:
         raise EstimationError(f"plan strike {planned.id}: pivot.direction is not W's +y at rest: make the plan anew")
     up = R_world_object[2]
+    point, radius, sd = np.array(planned.pivot.point), planned.pivot.radius_m, planned.pivot.sd_m
+    if fit.rolling is not None:
+        # A flank's centre of curvature where it touches at phi is what the centre line is to a rounded edge.
+        point = point + R_world_object[0] * fit.rolling.along + up * fit.rolling.over
+        radius, sd = fit.rolling.radius, float(np.hypot(sd, fit.rolling.sd))
     return EquiPlane(
         strike_id=strike_id,
         axis_id=planned.axis_id,
-        point=np.array(planned.pivot.point),
+        point=point,
         direction=direction,
         up=up,
         normal=equiplane_normal(direction, up, fit.phi),
@@ -48,8 +53,8 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
         k=fit.k,
         sd_k=None if fit.k is None else float(np.sqrt(fit.covariance[1, 1])),
         cov_phi_k=float(fit.covariance[0, 1]),
-        edge_radius=planned.pivot.radius_m,
-        edge_sd=planned.pivot.sd_m,
+        edge_radius=radius,
+        edge_sd=sd,
         heading=planned.heading_rad,
     )
 

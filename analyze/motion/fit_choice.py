@@ -1,4 +1,4 @@
-"""Which estimator suits what a strike shows, and why: the hinge, over all or a clean stretch, or the moment balance."""
+"""Which estimator suits what a strike shows, and why: hinge or rolling contact, over all or a clean stretch, or the moment balance."""
 
 from __future__ import annotations
 
@@ -12,15 +12,18 @@ from analyze.errors import EstimationError
 from analyze.motion.balance_fit import moment_balance
 from analyze.motion.contact import ContactErrors
 from analyze.motion.edge_motion import edge_motion
-from analyze.motion.free_motion import LATEST_START, jump, longest_clean_fit, scatter, settled_fit
+from analyze.motion.free_motion import LATEST_START, Estimator, jump, longest_clean_fit, scatter, settled_fit
 from analyze.motion.kicked_fit import kicked_fit
 from analyze.motion.phases import Course, WindowLimits, free_window
 from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
+from analyze.motion.rolling_choice import rolls_on
+from analyze.motion.rolling_fit import rolling_fit
 from analyze.motion.verdict import Judgement, VerdictLimits
 from schemas.result import Verdict
 
 if TYPE_CHECKING:
     from analyze.motion.edge_motion import EdgeMotion
+    from analyze.motion.flank import Flank
     from analyze.motion.tip_angle import PlanarMotion
     from analyze.types import MotionFit, TipAngle
     from schemas.strike_plan import PlannedStrike
@@ -64,7 +67,9 @@ class StrikeFits:
     """why nothing fits"""
 
 
-def fit_strike(motion: PlanarMotion, course: Course, planned: PlannedStrike, settings: MotionSettings) -> StrikeFits:
+def fit_strike(
+    motion: PlanarMotion, course: Course, planned: PlannedStrike, settings: MotionSettings, section: Flank | None = None
+) -> StrikeFits:
     """Fit the free motion over the window that phi itself bounds.
 
     Args:
@@ -72,11 +77,25 @@ def fit_strike(motion: PlanarMotion, course: Course, planned: PlannedStrike, set
         course: what it did, with the release.
         planned: the strike; its phi says where to look first.
         settings: limits.
+        section: of the object across the pivot axis, where its shape is known.
     """
+    flank, rolls = rolls_on(section, planned)
+    if flank is None:
+        return _fits(motion, course, planned, settings, pivot_fit, planned.pivot.radius_m)
+    # On a circle about the pivot the moment balance is right as well; on any other flank it is not.
+    bent = None if flank is section else planned.pivot.radius_m
+    fits = _fits(motion, course, planned, settings, lambda angle, frames: rolling_fit(angle, frames, flank), bent)
+    return _rolling(fits, motion.angle, rolls, settings.verdict) if fits.chosen is not None else fits
+
+
+def _fits(
+    motion: PlanarMotion, course: Course, planned: PlannedStrike, settings: MotionSettings, over: Estimator, radius: float | None
+) -> StrikeFits:
+    """The fit by `over`, or by the moment balance about a rounding of that radius (None: not by that)."""
     angle, limits = motion.angle, settings.verdict
-    hinge, window, problem = _hinge(angle, course, planned.phi_predicted_rad, settings.window)
+    hinge, window, problem = _hinge(angle, course, planned.phi_predicted_rad, settings.window, over)
     edge = edge_motion(motion, window)
-    balanced, why = _balanced(edge, window, hinge, planned, limits)
+    balanced, why = _balanced(edge, window, hinge, planned, limits) if radius is not None else (None, "")
     if balanced is not None:
         others = () if hinge is None else (replace(hinge, violated=(why,)),)
         note = "; ".join(part for part in (f"chosen because {why}", balanced.note) if part)
@@ -85,8 +104,8 @@ def fit_strike(motion: PlanarMotion, course: Course, planned: PlannedStrike, set
         return _with_kick(edge.motion, window, limits, problem)
     index, size, gain = jump(angle, hinge)
     if not _kicked(hinge, size, gain, limits):
-        return StrikeFits(settled_fit(hinge, lambda frames: pivot_fit(angle, frames)), (), edge.motion)
-    clean = longest_clean_fit(angle, window)
+        return StrikeFits(settled_fit(hinge, lambda frames: over(angle, frames)), (), edge.motion)
+    clean = longest_clean_fit(angle, window, over)
     # What slows it down is the table, and a light touch right after the first leaves all that follows as good; else it is a second blow.
     early = index - window[0]
     light = early < _STILL_TOUCHED or (early <= LATEST_START and abs(size) < limits.second_blow * abs(hinge.omega0))
@@ -97,22 +116,44 @@ def fit_strike(motion: PlanarMotion, course: Course, planned: PlannedStrike, set
     fit = clean or hinge
     if clean is None and rest[1] - rest[0] >= 2 * MIN_FRAMES:
         try:
-            fit = pivot_fit(angle, rest)
+            fit = over(angle, rest)
         except EstimationError:
             reason += " (no fit after it)"
     return StrikeFits(fit, (), edge.motion, Judgement(Verdict.STRUCK_TWICE, reason))
 
 
-def _hinge(angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits) -> tuple[MotionFit | None, tuple[int, int], str]:
-    """pivot_fit over the window that its own phi bounds, that window, and why it is None."""
+def _rolling(fits: StrikeFits, angle: TipAngle, rolls: str, limits: VerdictLimits) -> StrikeFits:
+    """Says of a rolling fit why it was taken and what it assumed, and puts the hinge's beside it."""
+    fit = fits.chosen
+    if fit is None or fit.rolling is None:
+        return fits
+    used = edge_motion(fits.motion, fit.window)
+    slid = f"the contact slid by {1e3 * used.slid:.1f} mm and rose by {1e3 * used.lifted:.1f} mm against rolling"
+    violated = (slid,) if max(used.slid, used.lifted) >= limits.edge_moved else ()
+    others = (*fits.others, *_as_hinge(angle, fit.window, rolls))
+    note = "; ".join(part for part in (f"chosen because {rolls}", fit.note) if part)
+    return replace(fits, chosen=replace(fit, note=note, violated=violated), others=others)
+
+
+def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[MotionFit, ...]:
+    try:
+        return (replace(pivot_fit(angle, window), violated=(violated,)),)
+    except EstimationError:
+        return ()
+
+
+def _hinge(
+    angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits, over: Estimator = pivot_fit
+) -> tuple[MotionFit | None, tuple[int, int], str]:
+    """pivot_fit, or another, over the window that its own phi bounds, that window, and why it is None."""
     window = free_window(angle, course, phi_predicted, limits)
     try:
-        fit = pivot_fit(angle, window)
+        fit = over(angle, window)
         for _ in range(3):
             again = free_window(angle, course, fit.phi, limits)
             if again == window or again[1] - again[0] < MIN_FRAMES:
                 break
-            fit = pivot_fit(angle, again)
+            fit = over(angle, again)
             window = again
     except EstimationError as error:
         return None, window, str(error)

@@ -18,6 +18,8 @@ from analyze.motion.phases import second_kick
 from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
 from analyze.types import Array, MotionFit, TipAngle
 
+Estimator = Callable[[TipAngle, tuple[int, int]], MotionFit]
+"""of a strike's angle, over a window of its frames"""
 START_STEP, END_STEP = 2, 3
 """frames between the starts and ends that are tried"""
 LATEST_START = 8
@@ -46,8 +48,8 @@ def jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
     return fit.window[0] + index, size, gain
 
 
-def longest_clean_fit(angle: TipAngle, window: tuple[int, int]) -> MotionFit | None:
-    """The fit over the longest stretch within `window` (indices, half open) that shows no jump; None where there is none."""
+def longest_clean_fit(angle: TipAngle, window: tuple[int, int], over: Estimator = pivot_fit) -> MotionFit | None:
+    """The fit by `over` over the longest stretch within `window` (indices, half open) that shows no jump; None where there is none."""
     first, last = window
     shortest = 2 * MIN_FRAMES
     stretches = [
@@ -57,7 +59,7 @@ def longest_clean_fit(angle: TipAngle, window: tuple[int, int]) -> MotionFit | N
     ]
     for start, end in sorted(stretches, key=lambda s: (s[0] - s[1], s[0])):
         try:
-            fit = pivot_fit(angle, (start, end))
+            fit = over(angle, (start, end))
         except EstimationError:
             continue
         scatter = float(np.mean(np.square(fit.residual / angle.sd[start:end])))

@@ -36,7 +36,9 @@ _SCALE = np.array([0.1, 20.0, 0.02, 0.2, 0.1])
 
 
 @dataclass(frozen=True)
-class _Solution:
+class Solution:
+    """Where a minimum was found."""
+
     parameters: Array
     """(p,) phi, k, theta0, omega0[, drag]"""
     residual: Array
@@ -134,11 +136,11 @@ def fit_model(cut: Sample, model: Model, start: Array, profiled: bool = True) ->
     Raises:
         EstimationError: what fits is no tip.
     """
-    solution = _minimise(cut, model, start)
+    solution = minimise(cut, model, start, _SCALE[: len(start)])
     phi, k = float(solution.parameters[0]), float(solution.parameters[1])
     if not (0.0 < phi < 2.5 and 0.5 < k < 5000.0):
         raise EstimationError(f"the motion is no tip over an edge (phi {math.degrees(phi):.1f} deg, k {k:.1f} rad/s^2): look at the images")
-    return Fitted(solution.parameters, solution.residual, _covariance(solution, cut, profiled)[:2, :2])
+    return Fitted(solution.parameters, solution.residual, covariance_of(solution, cut, _SCALE[: len(start)], profiled)[:2, :2])
 
 
 def motion_fit(estimator: str, angle: TipAngle, window: tuple[int, int], cut: Sample, fitted: Fitted, damping: float = 0.0) -> MotionFit:
@@ -160,9 +162,17 @@ def motion_fit(estimator: str, angle: TipAngle, window: tuple[int, int], cut: Sa
     )
 
 
-def _minimise(cut: Sample, model: Model, start: Array) -> _Solution:
+def minimise(cut: Sample, model: Model, start: Array, scale: Array, positive: int = 1) -> Solution:
+    """Levenberg-Marquardt with Huber's loss.
+
+    Args:
+        cut: the data.
+        model: gives what is expected of them, and its derivatives.
+        start: (p,) parameters to start from.
+        scale: (p,) sizes of their changes, for conditioning.
+        positive: number of the one that must stay above 0.1.
+    """
     theta, sd = cut.theta, cut.sd
-    scale = _SCALE[: len(start)]
     x = start.copy()
     weight = np.ones_like(theta)
     damping = 1e-3
@@ -180,7 +190,7 @@ def _minimise(cut: Sample, model: Model, start: Array) -> _Solution:
         normal, gradient = J.T @ J, J.T @ r
         step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), gradient) * scale
         trial = x + step
-        if trial[1] <= 0.1:
+        if trial[positive] <= 0.1:
             damping *= 10
             continue
         new_residual, new_jacobian = evaluate(trial)
@@ -199,7 +209,7 @@ def _minimise(cut: Sample, model: Model, start: Array) -> _Solution:
         cost = float(np.sum(weight * (residual / sd) ** 2))
         if done and settled:
             break
-    return _Solution(x, residual, jacobian, weight)
+    return Solution(x, residual, jacobian, weight)
 
 
 def _huber(standardised: Array) -> Array:
@@ -208,7 +218,8 @@ def _huber(standardised: Array) -> Array:
     return np.minimum(1.0, _HUBER * scale / np.maximum(np.abs(standardised), 1e-9))
 
 
-def _covariance(solution: _Solution, cut: Sample, profiled: bool) -> Array:
+def covariance_of(solution: Solution, cut: Sample, scale: Array, profiled: bool) -> Array:
+    """(p, p); `scale` as in `minimise`; `profiled` as in `fit_model`."""
     n, p = solution.jacobian.shape
     sd = cut.sd
     weight = np.sqrt(solution.weight) / sd
@@ -219,7 +230,6 @@ def _covariance(solution: _Solution, cut: Sample, profiled: bool) -> Array:
     share = max(0.5, float(np.mean(solution.weight > 0.999)))
     # n - p - 2 instead of n - p: the variance that Student's t has, because intervals are drawn as if it were normal.
     variance = float(np.sum(psi**2)) / max(n - p - 2, 1) / share**2 * correlation_factor(psi)
-    scale = _SCALE[:p]
     normal = (J * scale).T @ (J * scale)
     inverse = np.asarray(np.linalg.pinv(normal, rcond=1e-14, hermitian=True) * np.outer(scale, scale), dtype=np.float64)
     linear_sd = math.sqrt(float(inverse[0, 0]) * variance)

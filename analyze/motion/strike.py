@@ -13,6 +13,7 @@ from analyze.motion.contact import with_contact_errors
 from analyze.motion.fit_choice import MotionSettings, fit_strike
 from analyze.motion.pendulum import energy_ratio
 from analyze.motion.phases import Course, find_course, free_window, phases_of
+from analyze.motion.rolling_choice import against_rolling, is_curved
 from analyze.motion.sign_change import sign_change
 from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
 from analyze.motion.verdict import Judgement, judge_contact, judge_fit, judge_hard, judge_motion, judge_vague
@@ -23,6 +24,7 @@ from schemas.watch_lines import StrikeVerdict
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from analyze.motion.flank import Flank
     from analyze.types import CameraModel, Marker, MarkerTrack, MotionFit, TipAngle
     from schemas.strike_plan import PlannedStrike
 
@@ -43,6 +45,8 @@ class StrikeTask:
     """log_time as the striker felt it, 0 = not known"""
     images_end_ns: int | None = None
     """log_time of the last image, 0 where there is none; None = not known"""
+    section: Flank | None = None
+    """of the object across the pivot axis, as its shape has it; None = the plan's rounding is all that is known"""
 
 
 def placement_of(planned: PlannedStrike) -> Placement:
@@ -82,6 +86,8 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     """The part of `analyse_strike` after the images: phases, fits, verdict."""
     if (unseen := _unseen(task)) is not None:
         return _without_motion(task, unseen)
+    if task.section is not None and is_curved(task.section, task.planned):
+        motion = against_rolling(motion, task.section, task.planned)
     angle = motion.angle
     frame_ns = float(np.median(np.diff(angle.time_ns))) if len(angle.time_ns) > 1 else 1.0
     course = find_course(angle, task.contact_time_ns, settings.window)
@@ -89,7 +95,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     tipped = float(np.max(angle.theta[course.moved : course.ended], initial=0.0)) >= settings.verdict.not_moved
     if course.released is None or not tipped:
         return _result(task, judgement or Judgement(Verdict.NOT_MOVED, "no tip"), angle, course, None, ())
-    fits = fit_strike(motion, course, task.planned, settings)
+    fits = fit_strike(motion, course, task.planned, settings, task.section)
     if fits.chosen is None:
         window = free_window(angle, course, task.planned.phi_predicted_rad, settings.window)
         contact = judge_contact(fits.motion, window, task.planned.rolls, settings.verdict)
@@ -100,7 +106,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     judgement = judgement or kick or judge_contact(fits.motion, _until(angle, course.released, fit), task.planned.rolls, settings.verdict)
     if vague is not None:
         return _result(task, judgement or vague, angle, course, None, ())
-    ratio = energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
+    ratio = _energy_ratio(fit)
     judgement = judgement or judge_hard(fits.motion, course, ratio, settings.verdict)
     return _result(
         task,
@@ -188,8 +194,12 @@ def _result(
         phases=phases_of(angle, course, fit.phi if fit else None),
         fit=fit,
         alternatives=alternatives,
-        energy_ratio=energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0) if fit else None,
+        energy_ratio=_energy_ratio(fit) if fit else None,
     )
+
+
+def _energy_ratio(fit: MotionFit) -> float:
+    return fit.rolling.energy_ratio if fit.rolling else energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
 
 
 def _without_motion(task: StrikeTask, judgement: Judgement) -> TipMotion:
