@@ -113,22 +113,33 @@ def register(
     """
     if not views:
         raise EstimationError("no strike shows a marker at rest: check light and focus, and that the object file names its tags")
-    single = {view.strike_id: _alone(view, sizes, model) for view in views}
     left_out: list[LeftOut] = []
+    single: dict[str, Solution] = {}
+    for view in views:
+        try:
+            single[view.strike_id] = _alone(view, sizes, model, table)
+        except EstimationError as error:
+            left_out.append(LeftOut(view.strike_id, f"{error}: is its marker read aright?"))
     start: dict[int | str, Array] = {}
-    good = {view.strike_id for view in views}
+    good = set(single)
     for name in dict.fromkeys(i for view in views for i in view.marker_ids):
-        some = [view for view in views if name in view.marker_ids]
+        some = [view for view in views if name in view.marker_ids and view.strike_id in good]
+        if not some:
+            continue
         agreeing = _agreeing(some, single, name)
         start[name] = single[agreeing[0].strike_id].T_object_marker[name]
         for view in some:
-            if view not in agreeing and view.strike_id in good:
+            if view not in agreeing:
                 good.discard(view.strike_id)
                 left_out.append(LeftOut(view.strike_id, _otherwise(view, single[view.strike_id].T_object_marker[name], start[name])))
     used = [view for view in views if view.strike_id in good]
+    if not used:
+        raise EstimationError(f"no strike can be used: {'; '.join(f'{left.strike_id}: {left.reason}' for left in left_out)}")
     twisted: set[str] = set()
     while True:
         solution = Problem(used, sizes, table, surface_under(model, start, sizes, thickness), twisted).solve(start)
+        if not solution.converged:
+            raise EstimationError("the strikes do not determine the markers' places: strike over other edges, and on another resting face")
         more = _misfits(solution, TWISTED) - twisted
         if more:
             twisted |= more
@@ -149,8 +160,8 @@ def register(
     )
 
 
-def _alone(view: StrikeView, sizes: Mapping[int | str, float], model: ObjectModel) -> Solution:
-    """One strike by itself, the table as recorded."""
+def _alone(view: StrikeView, sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior) -> Solution:
+    """One strike by itself."""
     camera = view.camera
     R_world_camera, p_world_camera = camera.T_world_camera[:3, :3], camera.T_world_camera[:3, 3]
     start: dict[int | str, Array] = {}
@@ -159,7 +170,7 @@ def _alone(view: StrikeView, sizes: Mapping[int | str, float], model: ObjectMode
         T[:3, :3] = view.R_world_object.T @ R_world_camera @ R
         T[:3, 3] = view.R_world_object.T @ (R_world_camera @ p + p_world_camera - np.array([0, 0, view.radius])) + view.p_object_pivot
         start[name] = _laid_flat(T, model)
-    return Problem([view], sizes, LAID_BOARD, surface_under(model, start, sizes, {})).solve(start)
+    return Problem([view], sizes, table, surface_under(model, start, sizes, {})).solve(start)
 
 
 def _laid_flat(T: Array, model: ObjectModel) -> Array:
@@ -249,7 +260,9 @@ def _place(name: int | str, solution: Solution, used: Sequence[StrikeView], on_s
     if words:
         tipped = [view for view in mine if len(view.theta) > 1]
         remedy = (
-            "strike the object so that this marker is seen while it tips"
+            "the body is round there: it shows nothing of how it is turned about its axis: measure T_object_marker by hand"
+            if any(view.rolls for view in mine)
+            else "strike the object so that this marker is seen while it tips"
             if not tipped
             else "strike it on another resting face, over an edge that is not parallel to " + ", ".join(sorted({v.axis_id for v in tipped}))
         )

@@ -21,7 +21,7 @@ import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.geometry.rotations import hat, matrix_from_vector, plane_basis
-from analyze.registration.table import tilted
+from analyze.registration.table import tilt_axes, tilted
 from analyze.tracking.camera_model import project_ideal, project_jacobian, world_to_camera
 from analyze.tracking.pose import marker_corners
 
@@ -39,8 +39,7 @@ BLOW_SD, TWISTED_SD, DRIFT_SD = math.radians(0.05), math.radians(3.0), math.radi
 """rad, rad, rad per rad: turn about the vertical by the blow, by one that clearly missed the body's middle, and while it tips"""
 FRAME_SD = np.array([np.inf, math.radians(0.05), 0.02, 2e-4, 3e-5])
 """of theta, heading, slip along x and along y, lift in one frame of a tip: rad, m"""
-RIM_HEADING_SD, RIM_LIFT_SD = math.radians(3.0), 3e-4
-"""instead, where the contact wanders along a rim"""
+_FRAME_WEIGHT = 1.0 / FRAME_SD
 MARKER_SD = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0])
 """rad, m: nothing is known of a marker's place; keeps what nothing determines finite"""
 _STEPS = 40
@@ -71,6 +70,8 @@ class Solution:
     """per marker, of its corners"""
     scale: float
     """factor on all sd, by the residuals"""
+    converged: bool
+    """False: it still moved along a direction that hardly anything determines"""
 
 
 @dataclass
@@ -116,7 +117,7 @@ class Problem:
     ) -> None:
         self._blow_sd = [TWISTED_SD if view.strike_id in twisted else BLOW_SD for view in views]
         self._views = list(views)
-        self._surface = surface
+        self._surface, self._converges = surface, True
         self.setups = sorted({view.setup for view in views})
         self.markers: list[int | str] = list(dict.fromkeys(i for view in views for i in view.marker_ids))
         self._edges = list(dict.fromkeys(view.axis_id for view in views))
@@ -134,7 +135,7 @@ class Problem:
         """Best fit from `start`: T_object_marker (4, 4) per marker, near the truth.
 
         Raises:
-            EstimationError: it does not converge.
+            EstimationError: it runs away.
         """
         unknowns = self._first(start)
         unknowns, normal = self._converged(unknowns)
@@ -177,7 +178,7 @@ class Problem:
             if gained < _CONVERGED * (1 + cost):
                 break
         else:
-            raise EstimationError("the markers' places do not converge")
+            self._converges = False
         if not math.isfinite(cost):
             raise EstimationError("the markers' places do not converge")
         return unknowns, self._normal(unknowns)[0]
@@ -209,12 +210,6 @@ class Problem:
     def _residual(self, s: int, in_camera: Array) -> Array:
         off = self._views[s].ideal - project_ideal(self._views[s].camera, in_camera)
         return np.clip(off * self._weight(s)[:, :, None, None], -1e6, 1e6)
-
-    def _frame_weight(self, s: int) -> Array:
-        sd = FRAME_SD.copy()
-        if self._views[s].rolls:
-            sd[1], sd[4] = RIM_HEADING_SD, RIM_LIFT_SD
-        return 1.0 / sd
 
     def _prior(self, u: _Unknowns) -> tuple[Array, Array]:
         """Deviation and weight (n,) of what is shared."""
@@ -249,7 +244,7 @@ class Problem:
         total = 0.0
         for s in range(len(self._views)):
             total += float(np.sum(self._residual(s, self._model(s, u)[0]) ** 2))
-            total += float(np.sum((u.frames[s] * self._frame_weight(s)) ** 2))
+            total += float(np.sum((u.frames[s] * _FRAME_WEIGHT) ** 2))
         value, weight = self._prior(u)
         return total + float(np.sum((value * weight) ** 2)) + sum(float(off @ off) for _, off, _ in self._off_surface(u))
 
@@ -273,12 +268,11 @@ class Problem:
                     (columns, np.zeros((0, _PER_FRAME, _PER_FRAME)), np.zeros((0, _PER_FRAME, len(columns))), np.zeros((0, _PER_FRAME)))
                 )
                 continue
-            frame_weight = self._frame_weight(s)
             tip, own, residual = J[1:], own[1:], residual[1:]
-            held = own.transpose(0, 2, 1) @ own + np.diag(frame_weight**2 + 1e-12)
+            held = own.transpose(0, 2, 1) @ own + np.diag(_FRAME_WEIGHT**2 + 1e-12)
             of_frames: Array = np.asarray(np.linalg.inv(held), dtype=np.float64)
             across = own.transpose(0, 2, 1) @ tip
-            right = (own.transpose(0, 2, 1) @ residual[..., None])[..., 0] - u.frames[s] * frame_weight**2
+            right = (own.transpose(0, 2, 1) @ residual[..., None])[..., 0] - u.frames[s] * _FRAME_WEIGHT**2
             reduced = of_frames @ across
             normal[at] += np.einsum("fki,fkj->ij", tip, tip) - np.einsum("fki,fkj->ij", across, reduced)
             gradient[columns] += np.einsum("fki,fk->i", tip, residual) - np.einsum("fki,fk->i", reduced, right)
@@ -329,7 +323,7 @@ class Problem:
         columns.append(self._edge_at + 2 * e + np.arange(2))
         parts.append(pixels(np.broadcast_to((-carry @ self._basis[e])[:, None, None], (F, M, 4, 3, 2))))
         columns.append(self._table_at + _TABLE * setup + np.arange(_TABLE))
-        tilt = [np.cross(axis, world) @ R_camera_world.T for axis in np.eye(3)[:2]]
+        tilt = [np.cross(axis, world) @ R_camera_world.T for axis in tilt_axes(u.table[setup])]
         lifted = np.broadcast_to(R_camera_world[:, 2], world.shape)
         parts.append(pixels(np.stack([*tilt, lifted], axis=-1)))
         about_edge = np.cross(np.array([0.0, 1.0, 0.0]), B) @ heading.transpose(0, 2, 1)[:, None] @ out.T
@@ -358,7 +352,7 @@ class Problem:
         off_px: dict[int | str, list[float]] = {name: [] for name in self.markers}
         for s, view in enumerate(self._views):
             residual = self._residual(s, self._model(s, u)[0])
-            tip = u.frames[s] * self._frame_weight(s)
+            tip = u.frames[s] * _FRAME_WEIGHT
             own = float(np.sum(residual**2) + np.sum(tip**2))
             # Of a frame's five unknowns all but theta and the slip are held by what is known of them.
             free = 8 * int(np.count_nonzero(self._seen[s])) - 2 * len(u.frames[s]) - 6
@@ -386,6 +380,7 @@ class Problem:
             misfit=misfit,
             rms_px={name: math.sqrt(float(np.mean(off))) if off else 0.0 for name, off in off_px.items()},
             scale=scale,
+            converged=self._converges,
         )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.geometry.rotations import matrix_from_vector
+from analyze.geometry.rotations import hat, matrix_from_vector
 
 if TYPE_CHECKING:
     from analyze.types import Array, CameraModel
@@ -46,3 +46,9 @@ def corrected_camera(camera: CameraModel, table: Array) -> CameraModel:
 def tilted(table: Array) -> Array:
     """Rotation (3, 3) of E by its two tilts."""
     return matrix_from_vector(np.array([table[0], table[1], 0.0]))
+
+
+def tilt_axes(table: Array) -> Array:
+    """Axes (2, 3) in W about which E turns as its two tilts change: the exponential's derivative, to third order of tilts below 20 deg."""
+    K = hat(np.array([table[0], table[1], 0.0]))
+    return (np.eye(3) + K / 2 + K @ K / 6)[:, :2].T

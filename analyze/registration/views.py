@@ -49,7 +49,7 @@ class StrikeView:
     pivot_sd: float
     """m, of that line across itself"""
     rolls: bool
-    """it is a rim: the contact wanders along it"""
+    """it is a rim: nobody knows which point of it the body tipped over"""
     ideal: Array
     """(f, m, 4, 2) px"""
     sd: Array
@@ -91,7 +91,7 @@ def strike_view(
     seen = [t for t in tracks if t.marker_id in known and np.count_nonzero(t.time_ns < end_ns) >= LEAST_RESTING]
     if not seen:
         return None
-    time_ns, theta = _tip(motion)
+    time_ns, theta = _tip(motion, planned)
     frames = 1 + len(time_ns)
     ideal, sd = np.zeros((frames, len(seen), 4, 2)), np.full((frames, len(seen)), np.inf)
     R, p = np.zeros((len(seen), 3, 3)), np.zeros((len(seen), 3))
@@ -128,10 +128,10 @@ def strike_view(
     )
 
 
-def _tip(motion: TipMotion) -> tuple[IntArray, Array]:
-    """Times [ns] and angles [rad] of the chosen frames of the tip; none where it did not turn about its edge."""
+def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
+    """Times [ns] and angles [rad] of the chosen frames of the tip; none where it did not turn about its edge, or that is a rim."""
     angle, phases = motion.angle, motion.phases
-    if angle is None or phases is None or phases.stage_one is None or motion.verdict not in TURNED_ABOUT_ITS_EDGE:
+    if angle is None or phases is None or phases.stage_one is None or planned.rolls or motion.verdict not in TURNED_ABOUT_ITS_EDGE:
         return np.zeros(0, dtype=np.int64), np.zeros(0)
     start, stop = (phases.stage_one[0], phases.stage_one[1]) if motion.fit is None else motion.fit.window
     theta = angle.theta[start:stop]
