@@ -14,7 +14,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration protos lock clean
+.PHONY: help setup demo test test-slow lint format bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -98,6 +98,9 @@ bench-motion: setup  ## phi and k of each estimator beside the Cramer-Rao bound,
 RECORDINGS ?=
 bench-registration: setup  ## where tags are found beside where they are, drawn and rendered (RECORDINGS="a.mcap": of the virtual rig too) (ten minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.registration $(RECORDINGS)
+
+bench-rolling: setup  ## phi and k on curved flanks, by rolling_fit and the hinge, beside the Cramer-Rao bound; 600 strikes (five minutes)
+	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.rolling
 
 bench-plan: setup  ## our strikes beside the paper's on 200 random bodies: singular sets, error of the centre of mass (five minutes)
 	@PYTHONPATH=. $(BIN)/python tests/benchmarks/plan_design.py

@@ -46,6 +46,11 @@ class FollowedSeries:
         """None until it was written."""
         return self._present.plan
 
+    @property
+    def shape_bytes(self) -> bytes | None:
+        """The object's shape file, None for a primitive and before it was written."""
+        return self._present.shape_bytes
+
     def poll(self) -> list[RecordedMessage]:
         """Messages written since the last call, in the order of the files; see FollowedRecording.poll."""
         found = self._present.poll()

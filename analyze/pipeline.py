@@ -47,7 +47,7 @@ class EstimateOptions:
     exclude: frozenset[str] = frozenset()
     """ids of strikes to leave out"""
     estimator: str | None = None
-    """whose phi and k are used: pivot_fit, moment_balance or sign_change; None: of each strike the one that suits its motion"""
+    """whose phi and k are used: pivot_fit, rolling_fit, moment_balance, sign_change; None: of each strike the one that suits its motion"""
     seed: int = 0
 
 

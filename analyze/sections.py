@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.errors import EstimationError
+from analyze.errors import EstimationError, ShapeError
+from analyze.geometry import mesh_files
+from analyze.geometry.object_model import load_object_model
 from analyze.motion.flank import from_outline
 from analyze.motion.rolling_choice import is_curved
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from analyze.geometry.object_model import ObjectModel
     from analyze.motion.flank import Flank
+    from schemas.object_spec import ObjectSpec
     from schemas.strike_plan import PlannedStrike
 
 
@@ -32,3 +38,34 @@ def section_of(model: ObjectModel, planned: PlannedStrike) -> Flank | None:
     except EstimationError:
         return None
     return section if is_curved(section, planned) else None
+
+
+class MeshSections:
+    """Sections of an object whose shape file may still be on its way, for who must judge a strike at once.
+
+    Loads the shape with the first question. Of a primitive there is none; of a point cloud none is made here, because its surface takes
+    seconds: the estimate afterwards has it.
+    """
+
+    def __init__(self, spec: ObjectSpec, shape_bytes: Callable[[], bytes | None]) -> None:
+        self._spec = spec
+        self._shape_bytes = shape_bytes
+        self._model: ObjectModel | None = None
+        self._asked = False
+
+    def of(self, planned: PlannedStrike) -> Flank | None:
+        """As `section_of`; None too where the shape cannot be had."""
+        if not self._asked:
+            self._asked = True
+            self._model = self._load()
+        return None if self._model is None else section_of(self._model, planned)
+
+    def _load(self) -> ObjectModel | None:
+        name, data = self._spec.shape.file or "", self._shape_bytes()
+        suffix = PurePath(name).suffix.lower().removeprefix(".")
+        if data is None or suffix not in mesh_files.FORMATS or (suffix == "ply" and not mesh_files.ply_has_faces(data)):
+            return None
+        try:
+            return load_object_model(self._spec, data, name)
+        except ShapeError:
+            return None

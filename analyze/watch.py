@@ -21,6 +21,7 @@ from analyze.followed_series import FollowedSeries
 from analyze.motion.contact_time import contact_time
 from analyze.motion.scene import at_rest, check_placement, read_scene
 from analyze.motion.strike import StrikeTask, analyse_strike, verdict_of
+from analyze.sections import MeshSections
 from analyze.tracking.camera_model import camera_from_spec, pixel_map
 from analyze.tracking.marker import families_of
 from analyze.tracking.track import track_markers
@@ -95,9 +96,17 @@ def markers_of(spec: ObjectSpec) -> list[Marker]:
 class Observer:
     """What `analyze watch` knows and says. Feed images in the order of time; `decode` is called for those that are looked at."""
 
-    def __init__(self, camera: CameraModel, markers: list[Marker], plan: StrikePlan, decode: Callable[[Any], ImageFrame]) -> None:
+    def __init__(
+        self,
+        camera: CameraModel,
+        markers: list[Marker],
+        plan: StrikePlan,
+        decode: Callable[[Any], ImageFrame],
+        sections: MeshSections | None = None,
+    ) -> None:
         self._camera = camera
         self._decode = decode
+        self._sections = sections
         self._markers = markers
         self._by_id = {marker.id: marker for marker in markers}
         self._families = families_of(self._by_id)
@@ -166,7 +175,8 @@ class Observer:
             )
         try:
             report = track_markers(self._window(request), self._camera, self._markers, planned.visible_markers)
-            task = StrikeTask(request.strike_id, planned, request.contact_time_ns, report.images_end_ns)
+            section = None if self._sections is None else self._sections.of(planned)
+            task = StrikeTask(request.strike_id, planned, request.contact_time_ns, report.images_end_ns, section)
             motion = analyse_strike(report.tracks, self._markers, self._camera, task)
         except AnalyzeError as error:
             return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=str(error))
@@ -271,7 +281,9 @@ def _follow(recording: FollowedSeries, lines: queue.SimpleQueue[str | None], std
         if observer is None and recording.manifest is not None and (plan := recording.plan) is not None:
             camera = recording.manifest.cameras[0]
             topic = topics.raw_image(camera.name).name
-            observer = Observer(camera_from_spec(camera.calibration), markers_of(recording.manifest.object), plan, recording.image)
+            spec = recording.manifest.object
+            sections = MeshSections(spec, lambda: recording.shape_bytes)
+            observer = Observer(camera_from_spec(camera.calibration), markers_of(spec), plan, recording.image, sections)
             observer.expect(expected)
         images = [message for message in messages if message.topic == topic]
         fresh_ns = images[-1].log_time_ns - _FRESH_NS if images else 0

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
 
 ROUNDED = 2.5e-3
-"""m of rounding from which on a hinge's k is more than 0.3 % off"""
+"""m of rounding from which on a hinge's k is some tenths of a per cent off (contact.py has it at 1 mm)"""
 _BENT = 5e-4
 """m of radius beyond the plan's rounding, from which on the section is a curved flank"""
 _FLAT = 5e-4

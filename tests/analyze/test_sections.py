@@ -1,0 +1,59 @@
+"""The section that an object rolls on, from its shape."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from analyze.geometry.object_model import load_object_model
+from analyze.sections import MeshSections, section_of
+from schemas.object_spec import Box, LengthUnit, MarkerSpec, ObjectSpec, Shape
+from tests.analyze.motion.rolling import RollingBody
+from tests.analyze.motion.tipping import planned
+
+BODY = RollingBody(0.04, 0.02, (-0.02, 0.06), 0.003)
+
+
+def an_object(shape):
+    return ObjectSpec(name="bowl", mass_kg=0.6, mass_sd_kg=1e-4, shape=shape, marker=[MarkerSpec(id=1, size_m=0.03)])
+
+
+def moulded(body=BODY, width=0.08):
+    """An extruded body with a flank, and the strike over it: pivot at the ellipse's centre."""
+    outline = body.outline(24)
+    points = np.concatenate([np.column_stack([outline[:, 0], np.full(len(outline), y), outline[:, 1]]) for y in (-width / 2, width / 2)])
+    data = trimesh.PointCloud(points).convex_hull.export(file_type="stl")
+    spec = an_object(Shape(file="bowl.stl", unit=LengthUnit.METRE))
+    strike = planned(0.0, 0.4)
+    strike = strike.model_copy(update={"pivot": strike.pivot.model_copy(update={"point": [0.0, 0.0, 0.0]})})
+    return spec, data, strike
+
+
+def test_a_mesh_gives_its_flank():
+    spec, data, strike = moulded()
+    for section in (section_of(load_object_model(spec, data, "bowl.stl"), strike), MeshSections(spec, lambda: data).of(strike)):
+        assert section is not None
+        theta = np.radians(np.linspace(2, 60, 30))
+        height, _, _ = section.at(theta)
+        assert np.abs(height - np.hypot(BODY.a * np.sin(theta), BODY.b * np.cos(theta))).max() < 2e-6
+
+
+def test_a_box_has_none():
+    spec = an_object(Shape(box=Box(size_m=[0.06, 0.05, 0.2])))
+    assert section_of(load_object_model(spec, None, "box"), planned(0.002)) is None
+    assert MeshSections(spec, lambda: None).of(planned(0.002)) is None
+
+
+def test_a_shape_that_cannot_be_read_is_no_obstacle():
+    spec, _, strike = moulded()
+    assert MeshSections(spec, lambda: b"no mesh at all").of(strike) is None
+
+
+def test_what_lies_on_a_bevel_hops_and_does_not_roll():
+    bevel = RollingBody(0.01, 0.01, (-0.02, 0.06), 0.003)
+    outline = bevel.outline(1)
+    assert len(outline) == 5
+    points = np.concatenate([np.column_stack([outline[:, 0], np.full(5, y), outline[:, 1]]) for y in (-0.04, 0.04)])
+    data = trimesh.PointCloud(points).convex_hull.export(file_type="stl")
+    spec, _, strike = moulded()
+    assert section_of(load_object_model(spec, data, "bowl.stl"), strike) is None
