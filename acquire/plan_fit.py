@@ -72,13 +72,20 @@ def beyond_striker(plan: StrikePlan, limits: RigLimits) -> str:
 
 def camera_elsewhere(plan: StrikePlan, limits: RigLimits) -> str:
     """How far the camera stands from where the plan has it, in words; empty where that is the same place."""
-    planned, here = plan.strikes[0].camera_pose, limits.T_world_camera
+    planned, here = _in_station(plan.strikes[0]), limits.T_world_camera
     moved = math.dist([row[3] for row in planned[:3]], [row[3] for row in here[:3]])
     trace = sum(planned[i][j] * here[i][j] for i in range(3) for j in range(3))
     turned = math.acos(min(max((trace - 1) / 2, -1.0), 1.0))
     if moved <= CAMERA_MOVED_M and turned <= CAMERA_TURNED_RAD:
         return ""
     return f"the camera stands {1000 * moved:.0f} mm and {math.degrees(turned):.0f} deg off the plan's: tags may leave its image"
+
+
+def _in_station(strike: PlannedStrike) -> list[list[float]]:
+    """T_world_camera of a strike, turned back by its heading."""
+    pose, cos, sin = strike.camera_pose, math.cos(strike.heading_rad), math.sin(strike.heading_rad)
+    x, y = pose[0], pose[1]
+    return [[cos * a - sin * b for a, b in zip(x, y, strict=True)], [sin * a + cos * b for a, b in zip(x, y, strict=True)], *pose[2:]]
 
 
 def _named(strikes: Sequence[PlannedStrike]) -> str:

@@ -228,6 +228,7 @@ class SessionRunner:
             R_world_object=rotation,
             p_world_object=p,
             impact_point_world=impact,
+            heading_rad=strike.heading_rad,
         )
         return s.Placed() if answer["ok"] else s.StopRequested(answer["text"] or "stopped by the operator")
 

@@ -72,6 +72,11 @@ def _with_estimate_options(function: Callable[..., Any]) -> Callable[..., Any]:
     help="paper: the paper's own steps, first three points by force, for comparison.",
 )
 @click.option(
+    "--gravity",
+    is_flag=True,
+    help="One strike more, of the edge that tells most, with object and striker turned by 180 degrees: it tells the table's tilt.",
+)
+@click.option(
     "--cards/--no-cards",
     default=True,
     show_default=True,
@@ -90,6 +95,7 @@ def plan(
     target_com_mm: float | None,
     given: tuple[Path, ...],
     method: str,
+    gravity: bool,
     as_json: bool,
 ) -> None:
     """Plan the strikes for OBJECT (TOML): how to place it, where to strike, how hard, and how well the answer will be known."""
@@ -99,13 +105,13 @@ def plan(
     from analyze.progress import StrikeProgress
     from schemas.strike_plan import PlanMethod
 
-    if method == "paper" and (target_com_mm is not None or given):
-        raise click.UsageError("the paper's method knows neither --target-com-mm nor --given: leave them out, or plan with ours")
+    if method == "paper" and (target_com_mm is not None or given or gravity):
+        raise click.UsageError("the paper's method knows no --target-com-mm, --given or --gravity: leave them out, or plan with ours")
     for path in (output, scenes):
         if path is not None:
             refuse_unwritable(path, object_file, *(each for each in (rig, *given) if each is not None))
     with StrikeProgress() as progress:
-        planned = plan_object(object_file, PlanOptions(rig, strikes, target_com_mm, given, PlanMethod(method)), progress)
+        planned = plan_object(object_file, PlanOptions(rig, strikes, target_com_mm, given, PlanMethod(method), gravity), progress)
         page: Path | None = None
         if output is not None:
             write_plan(planned.plan, output)

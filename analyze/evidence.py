@@ -15,7 +15,7 @@ from analyze.motion.strike import StrikeTask, analyse_strike
 from analyze.object_files import object_files
 from analyze.recording import Recording, open_recording
 from analyze.sections import section_of
-from analyze.tracking.camera_model import camera_from_spec
+from analyze.tracking.camera_model import camera_from_spec, turned_camera
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import Marker, TipMotion
 from schemas.object_spec import ObjectSpec, object_sha256
@@ -240,7 +240,7 @@ def _strike(recording: Recording, markers: list[Marker], model: ObjectModel, rec
         raise PlanError(
             f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r}, which its plan does not hold"
         )
-    camera = camera_from_spec(recording.manifest.cameras[0].calibration)
+    camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers, planned.visible_markers)
     task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section_of(model, planned))

@@ -54,6 +54,8 @@ class PlanOptions:
     given: tuple[Path, ...] = ()
     """recordings and results so far"""
     method: PlanMethod = PlanMethod.OURS
+    gravity: bool = False
+    """one strike more, turned by 180 degrees: it tells the table's tilt"""
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ def _plan_of(
     cells = _pieces(model, wall_thickness(files.spec, model))
     progress("choosing the strikes", 5, STEPS)
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
-    return finish(prepared, files.sha256, Request(options.strikes, target), cells)
+    return finish(prepared, files.sha256, Request(options.strikes, target, options.gravity), cells)
 
 
 def _rig_of(options: PlanOptions) -> tuple[PlannedRig, list[str]]:
@@ -207,7 +209,8 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
         )
     seen = rig.camera.calibration
     lens = CameraModel(seen.width, seen.height, np.array(seen.K), np.array(seen.distortion), np.array(seen.T_world_camera), seen.model)
-    errors = Errors(tilt=max(rig.gravity_tilt_sd_rad, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
+    tilt = rig.gravity_tilt_sd_rad if rig.level is None else rig.level.towards_x_sd_rad
+    errors = Errors(tilt=max(tilt, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
     return PlannedRig(Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors, rig)
 
 

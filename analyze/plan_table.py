@@ -39,13 +39,13 @@ def _strike_table(plan: StrikePlan) -> Table:
     table.add_column("axis", no_wrap=True)
     for heading in ("tips at", "height", "speed", "E", "needs µ", "tag", "φ told to", "I_edge to"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for _, group in groupby(plan.strikes, key=lambda strike: strike.axis_id):
+    for _, group in groupby(plan.strikes, key=lambda strike: (strike.axis_id, strike.heading_rad)):
         same = list(group)
         first = same[0]
         names = first.id if len(same) == 1 else f"{first.id}–{same[-1].id}"
         table.add_row(
             names,
-            first.axis_id,
+            first.axis_id + (f" at {np.degrees(first.heading_rad):.0f}°" if first.heading_rad else ""),
             f"{np.degrees(first.phi_predicted_rad):.0f}±{np.degrees(first.phi_predicted_sd_rad):.0f}°",
             f"{1000 * first.impact_height_m:.0f} mm",
             f"{first.tip_speed_m_s.target:.2f} m/s",

@@ -22,7 +22,7 @@ from analyze.motion.contact_time import contact_time
 from analyze.motion.scene import at_rest, check_placement, read_scene
 from analyze.motion.strike import StrikeTask, analyse_strike, verdict_of
 from analyze.sections import MeshSections
-from analyze.tracking.camera_model import camera_from_spec, pixel_map
+from analyze.tracking.camera_model import camera_from_spec, pixel_map, turned_camera
 from analyze.tracking.marker import families_of
 from analyze.tracking.track import track_markers
 from analyze.types import Marker
@@ -152,7 +152,7 @@ class Observer:
         still = at_rest(self._scenes)
         error, text = None, ""
         if self._expected is not None:
-            check = check_placement(scene, self._by_id, self._camera, self._expected)
+            check = check_placement(scene, self._by_id, turned_camera(self._camera, self._expected.heading_rad), self._expected)
             error, text = check.error, check.text
         return WatchEvent(
             time_ns=image.log_time_ns,
@@ -174,10 +174,11 @@ class Observer:
                 reason=f"the plan has no strike {request.plan_strike_id!r}: it has {known}",
             )
         try:
-            report = track_markers(self._window(request), self._camera, self._markers, planned.visible_markers)
+            camera = turned_camera(self._camera, planned.heading_rad)
+            report = track_markers(self._window(request), camera, self._markers, planned.visible_markers)
             section = None if self._sections is None else self._sections.of(planned)
             task = StrikeTask(request.strike_id, planned, request.contact_time_ns, report.images_end_ns, section)
-            motion = analyse_strike(report.tracks, self._markers, self._camera, task)
+            motion = analyse_strike(report.tracks, self._markers, camera, task)
         except AnalyzeError as error:
             return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=str(error))
         contact = contact_time(motion.fit) if motion.fit else None

@@ -44,6 +44,9 @@ class PlannedStrike(Document):
 
     Placed by `x_world = R_world_object x_object + p_world_object`: the pivot's centre line then lies along W's y through
     (0, 0, radius), the object tips towards +x and is struck in +x at y = 0.
+
+    A strike with a heading is made with object and striker turned by it on the table, about W's z through the mark; the camera stays. It is
+    written down in the station turned with them: everything here, `camera_pose` too, is in W turned by `heading_rad`.
     """
 
     id: str
@@ -51,7 +54,7 @@ class PlannedStrike(Document):
     axis_id: str
     R_world_object: Matrix3
     p_world_object: Vector3
-    heading_rad: float = 0.0
+    heading_rad: float = Field(default=0.0, description="+ anticlockwise seen from above; pi: the object tips towards the station's -x")
     pivot: Pivot
     impact: Impact
     impact_height_m: float = Field(gt=0)

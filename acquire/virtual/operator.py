@@ -1,7 +1,7 @@
 """The virtual operator: hears the daemon's questions over its API, like a person would, and places the object in the virtual world.
 
 Places with a hand's accuracy: the object's yaw and position and the striker's stand are off by a little each time. What it does not model:
-a wrong face, an object that slips from the hand, an operator who forgets.
+a wrong face, a turned strike (it says so), an object that slips from the hand, an operator who forgets.
 """
 
 from __future__ import annotations
@@ -42,6 +42,10 @@ class VirtualOperator:
         with contextlib.suppress(AcquireError), DaemonClient(self._daemon_socket) as answers:
             for event in self._listener.events():
                 if event["event"] == "prompt" and event["kind"] == "place":
+                    if event.get("heading_rad"):
+                        text = "the virtual striker stands on one side of the line only: leave turned strikes (plan --gravity) out"
+                        answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=False, text=text)
+                        continue
                     self._place(event)
                     answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=True)
 

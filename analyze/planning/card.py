@@ -10,15 +10,32 @@ from analyze.planning.pivots import PivotAxis
 from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 
+TURNED_CARD = (
+    "This one is turned by 180 degrees, for the table's tilt: set the striker's stand down on the other side of the line, at the mark, so "
+    "that it swings back over it; the object then stands on that side and tips the other way, the camera stays. "
+)
 AXIS_NAMES = ("x", "y", "z")
 
 
 def placement_card(
-    model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, impact_height: float, markers: list[int | str], stands: bool = True
+    model: ObjectModel,
+    spec: ObjectSpec,
+    axis: PivotAxis,
+    impact_height: float,
+    markers: list[int | str],
+    stands: bool = True,
+    turned: bool = False,
 ) -> str:
-    """Which side goes down and which faces where, then where the striker hits; and what to do if it does not stand there, as it may not."""
+    """Which side goes down and which faces where, then where the striker hits; and what to do if it does not stand there, as it may not.
+
+    Of a turned strike the camera sees the other end of the edge.
+    """
     down, right = _side(-axis.plane.up, spec), _side(axis.tip, spec)
-    facing = f"marker {markers[0]} towards the camera" if markers else f"its {_side(-axis.direction, spec)} side towards the camera"
+    facing = (
+        f"marker {markers[0]} towards the camera"
+        if markers
+        else f"its {_side(axis.direction if turned else -axis.direction, spec)} side towards the camera"
+    )
     height = float(np.ptp(model.hull_vertices @ axis.plane.up))
     edge = "rim" if axis.rolls else "edge"
     return (

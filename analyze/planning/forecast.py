@@ -21,7 +21,7 @@ MOMENT_DETERMINED = 0.5
 SHAPE_SAYS = 0.25
 """relative 1 sigma of a moment that is only guessed from the shape"""
 REMEDIES = {
-    "tilt of gravity": "level the table and give gravity_tilt_sd_rad in the rig file",
+    "tilt of gravity": "strike an edge turned as well (`analyze plan --gravity`), or write what a level shows into the rig file's [level]",
     "radius of the edges": "measure edge_radius_m",
     "place of the edges": "a better scan",
     "scale of the shape": "measure a length of the object and correct the shape's scale",

@@ -10,7 +10,7 @@ import numpy as np
 from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning import design, forecast, impact, view
-from analyze.planning.card import placement_card
+from analyze.planning.card import TURNED_CARD, placement_card
 from analyze.planning.examine import Bench, Usable, examine
 from analyze.planning.fillings import Pieces, region_forecast
 from analyze.planning.footing import SHARES, STRIP, footing, unsure_note
@@ -21,7 +21,9 @@ from analyze.planning.information import Belief, Errors, Information
 from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.refusal import why_not
 from analyze.planning.stable_planes import RestingPlane, resting_planes
+from analyze.planning.turned import TURNED, Turnable, best_known, turnable, with_tilt_told
 from analyze.planning.unscanned import on_scanned_edges, on_scanned_planes
+from analyze.tracking.camera_model import turned_camera
 from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import (
@@ -54,6 +56,8 @@ class Request:
     """how many (more); with a target: the most that may be made for it, if more than `forecast.MOST_STRIKES`"""
     target_com: float | None = None
     """m, root mean square distance of c from the truth: the fewest strikes that reach it"""
+    gravity: bool = False
+    """one strike more, of an edge with the object turned by 180 degrees, which tells the table's tilt"""
 
 
 @dataclass(frozen=True)
@@ -92,6 +96,7 @@ def make_plan(
     errors: Errors | None = None,
     given: Given | None = None,
     cells: Pieces | None = None,
+    gravity: bool = False,
 ) -> StrikePlan:
     """Plan the strikes for one object.
 
@@ -107,13 +112,14 @@ def make_plan(
         errors: of the rig; the object's are taken from `spec`.
         given: a result so far.
         cells: the body as pieces; without them nothing is predicted of the region masses.
+        gravity: see `Request`.
 
     Raises:
         PlanError: fewer than 3 strikes are asked for, or no usable set of axes determines c; says what would help.
     """
     bench = Bench(striker, camera or view.default_camera(), friction)
     prepared = prepare(model, spec, bench, errors, given)
-    return finish(prepared, object_sha256, Request(strikes, target_com), cells)
+    return finish(prepared, object_sha256, Request(strikes, target_com, gravity), cells)
 
 
 def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors | None = None, given: Given | None = None) -> Prepared:
@@ -171,7 +177,12 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
     Raises:
         PlanError: as `make_plan`.
     """
-    spec, information = prepared.spec, prepared.information
+    spec = prepared.spec
+    turnables: list[Turnable] = []
+    if request.gravity:
+        turnables = turnable(prepared.usable, prepared.model, spec, prepared.bench.camera, prepared.information.errors)
+        prepared = replace(prepared, information=with_tilt_told(prepared.information, turnables[0]))
+    information = prepared.information
     if request.strikes < design.LEAST and not prepared.made:
         raise PlanError(f"{spec.name}: {request.strikes} strikes cannot determine a centre of mass: ask for {design.LEAST} or more")
     chosen, missed = _chosen(prepared, request)
@@ -184,6 +195,8 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
         first = prepared.made + len(planned) + 1
         axis = predicted[each.candidate.axis.id]
         planned += [_strike(f"s{first + i}", each, prepared, axis) for i in range(repeats)]
+    if turnables:
+        planned += _turned_strikes(turnables, prepared, chosen, len(planned))
     told = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None)
     reached = ""
     if prepared.made and request.target_com is not None and forecast.error_so_far(information) <= request.target_com:
@@ -285,7 +298,7 @@ def _unstable(planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], be
     return rejected
 
 
-def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.AxisForecast) -> PlannedStrike:
+def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.AxisForecast, heading: float = 0.0) -> PlannedStrike:
     axis, expected, striker = each.candidate.axis, each.candidate.expected, prepared.bench.striker
     stands = axis.plane.id not in prepared.unsure
     # c may lie elsewhere in Q: from the least energy at the smallest phi to the most at the largest.
@@ -303,6 +316,7 @@ def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.Axi
         axis_id=axis.id,
         R_world_object=axis.R_world_object.tolist(),
         p_world_object=axis.p_world_object.tolist(),
+        heading_rad=heading,
         pivot=Pivot(point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd),
         impact=Impact(point=each.impact.point.tolist(), direction=axis.tip.tolist()),
         impact_height_m=each.impact.height,
@@ -315,12 +329,27 @@ def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.Axi
         i_edge_predicted_kg_m2=expected.i_edge,
         i_edge_measured_sd_kg_m2=predicted.i_edge,
         visible_markers=each.markers,
-        camera_pose=prepared.bench.camera.T_world_camera.tolist(),
+        camera_pose=turned_camera(prepared.bench.camera, heading).T_world_camera.tolist(),
         friction_needed=each.friction,
         rolls=axis.rolls,
         stands_surely=stands,
-        card=placement_card(prepared.model, prepared.spec, axis, each.impact.height, each.markers, stands),
+        card=(TURNED_CARD if heading else "")
+        + placement_card(prepared.model, prepared.spec, axis, each.impact.height, each.markers, stands, turned=heading != 0.0),
     )
+
+
+def _turned_strikes(turnables: Sequence[Turnable], prepared: Prepared, chosen: design.Design, planned: int) -> list[PlannedStrike]:
+    """The turned strike, last: the striker's stand is moved for it; before it the same edge as usual where it is not struck anyway."""
+    struck = {each.axis.id for each in prepared.information.belief.struck}
+    done = {*chosen.chosen, *(i for i, each in enumerate(prepared.usable) if each.candidate.axis.id in struck)}
+    best = best_known(turnables, done)
+    (predicted,) = forecast.axis_forecasts(prepared.information, design.Design((best.index,), (1,), chosen.covariance))
+    first = prepared.made + planned + 1
+    strikes: list[PlannedStrike] = []
+    if best.index not in done:
+        strikes.append(_strike(f"s{first}", prepared.usable[best.index], prepared, predicted))
+    strikes.append(_strike(f"s{first + len(strikes)}", best.usable, prepared, predicted, TURNED))
+    return strikes
 
 
 def _placing_order(axis: PivotAxis, prepared: Prepared) -> tuple[float, str, int, str]:

@@ -90,6 +90,8 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
 
 def visible_markers(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: float, camera: CameraModel) -> Sight:
     """Markers that look along the axis at the camera, in the image, large enough and not hidden, from rest to `PAST_BALANCE` past phi."""
+    # Of a strike with the object turned by 180 degrees the camera sees the other end of the axis.
+    looks = axis.direction * np.copysign(1.0, camera.T_world_camera[1, 2])
     seen: list[tuple[float, int | str, float]] = []
     least = np.pi
     faults: list[Fault] = []
@@ -97,7 +99,7 @@ def visible_markers(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: 
         if marker.T_object_marker is None:
             continue
         T_object_marker = np.array(marker.T_object_marker)
-        angle = float(np.arccos(np.clip(-T_object_marker[:3, 2] @ axis.direction, -1, 1)))
+        angle = float(np.arccos(np.clip(-T_object_marker[:3, 2] @ looks, -1, 1)))
         least = min(least, angle)
         if angle > FACING:
             continue

@@ -89,3 +89,9 @@ def test_a_session_is_refused_before_its_recording_is_opened(tmp_path: Path) -> 
     assert line.startswith(f"{path}: is not for this rig's striker: s1, s2, s3, s4 may ask for 0.1 to 1 m/s, it swings at 0.025 to 0.4 m/s")
     assert line.endswith(f": plan for this rig: `analyze plan {thing} --rig RIG.toml -o {path}`")
     assert daemon.calls == ["rig"]
+
+
+def test_a_strike_turned_on_the_table_leaves_the_camera_where_it_is() -> None:
+    turned = [[-1.0, 0.0, 0.0, -0.03], [0.0, 0.0, -1.0, 0.55], [0.0, -1.0, 0.0, 0.08], [0.0, 0.0, 0.0, 1.0]]
+    assert camera_elsewhere(plan(strike("s1", camera_pose=turned, heading_rad=math.pi)), limits()) == ""
+    assert "180 deg off" in camera_elsewhere(plan(strike("s1", camera_pose=turned)), limits())

@@ -1,0 +1,84 @@
+"""`--gravity`: one strike more with object and striker turned by 180 degrees, which tells the table's tilt."""
+
+import numpy as np
+import pytest
+
+from analyze.errors import PlanError
+from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
+from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.geometry.object_model import load_object_model
+from analyze.planning.examine import Bench
+from analyze.planning.impact import StrikerModel
+from analyze.planning.information import Errors
+from analyze.planning.plan import make_plan
+from analyze.planning.view import default_camera
+from tests.analyze.estimation.bodies import fit_of
+from tests.analyze.geometry.shapes import spec_of
+
+BENCH = Bench(StrikerModel(), default_camera(), 0.6)
+SIZE = (0.08, 0.06, 0.15)
+TILT = float(np.radians(0.5))
+
+
+def tag(number, axis, sign):
+    z, x = np.zeros(3), np.zeros(3)
+    z[axis], x[(axis + 1) % 3] = sign, 1.0
+    T = np.eye(4)
+    T[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    T[:3, 3] = z * np.array(SIZE) / 2
+    return {"id": number, "size_m": 0.036, "T_object_marker": T.tolist()}
+
+
+ALL_ROUND = [tag(2 * axis + (sign < 0), axis, sign) for axis in range(3) for sign in (1, -1)]
+
+
+def planned(markers, strikes=6, **more):
+    spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=markers, edge_radius_m=0.001, edge_radius_sd_m=0.0001)
+    model = load_object_model(spec, None, "")
+    return make_plan(model, spec, "", BENCH.striker, strikes=strikes, friction=BENCH.friction, errors=Errors(tilt=TILT), **more)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return planned(ALL_ROUND, gravity=True)
+
+
+def test_one_strike_more_of_an_edge_that_is_struck_anyway(plan):
+    *usual, turned = plan.strikes
+    assert len(usual) == 6
+    assert {strike.heading_rad for strike in usual} == {0.0}
+    assert turned.heading_rad == pytest.approx(np.pi)
+    before = next(strike for strike in usual if strike.axis_id == turned.axis_id)
+    assert (turned.R_world_object, turned.pivot, turned.tip_speed_m_s) == (before.R_world_object, before.pivot, before.tip_speed_m_s)
+    assert turned.visible_markers != before.visible_markers
+    pose = np.array(turned.camera_pose)
+    assert pose[:3, 2] == pytest.approx([0, -1, 0]), "from the other end of the edge"
+    assert pose[:3, 3] == pytest.approx([-0.03, 0.55, 0.08])
+
+
+def test_the_card_says_so(plan):
+    turned = plan.strikes[-1]
+    assert "turned by 180 degrees" in turned.card
+    assert "on the other side of the line" in turned.card
+    assert f"marker {turned.visible_markers[0]} towards the camera" in turned.card
+
+
+def test_what_is_predicted_is_what_the_estimate_then_says(plan):
+    planes = []
+    for strike in plan.strikes:
+        fit = fit_of(strike.phi_predicted_rad, 60.0, max(np.sqrt(strike.phi_measured_sd_rad**2 - 5e-4**2), 1e-5), 0.3)
+        planes.append(equiplane_from_fit(strike.id, strike, fit))
+    half = np.array(SIZE) / 2
+    com = centre_of_mass(planes, SystematicErrors(TILT, edge_radius_sd=1e-4), ComPrior.from_bounds(-half, half))
+    assert np.sqrt(np.trace(com.covariance)) == pytest.approx(plan.prediction.com_rms_m, rel=0.15)
+    assert com.tilts[0].sd[0] < 0.1 * TILT
+
+
+def test_an_object_seen_from_one_end_only_is_refused_with_the_remedy():
+    with pytest.raises(PlanError, match=r"sees its other side.*marker on the opposite side too.*analyze gravity"):
+        planned([tag(1, 0, -1), tag(3, 1, -1), tag(5, 2, -1)], strikes=3, gravity=True)
+
+
+def test_markers_without_a_place_leave_it_to_the_eye():
+    found = planned([{"id": 0, "size_m": 0.03}], gravity=True)
+    assert found.strikes[-1].heading_rad == pytest.approx(np.pi)
