@@ -11,11 +11,12 @@ import numpy as np
 
 from analyze.errors import PlanError, TrackingError
 from analyze.geometry.object_model import ObjectModel, load_object_model
+from analyze.geometry.station import turned_camera
 from analyze.motion.strike import StrikeTask, analyse_strike
 from analyze.object_files import object_files
 from analyze.recording import Recording, open_recording
 from analyze.sections import section_of
-from analyze.tracking.camera_model import camera_from_spec, turned_camera
+from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import Marker, TipMotion
 from schemas.object_spec import ObjectSpec, object_sha256

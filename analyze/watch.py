@@ -18,11 +18,12 @@ import numpy as np
 
 from analyze.errors import AnalyzeError
 from analyze.followed_series import FollowedSeries
+from analyze.geometry.station import turned_camera
 from analyze.motion.contact_time import contact_time
 from analyze.motion.scene import at_rest, check_placement, read_scene
 from analyze.motion.strike import StrikeTask, analyse_strike, verdict_of
 from analyze.sections import MeshSections
-from analyze.tracking.camera_model import camera_from_spec, pixel_map, turned_camera
+from analyze.tracking.camera_model import camera_from_spec, pixel_map
 from analyze.tracking.marker import families_of
 from analyze.tracking.track import track_markers
 from analyze.types import Marker

@@ -9,6 +9,7 @@ import numpy as np
 
 from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel
+from analyze.geometry.station import turned_camera
 from analyze.planning import design, forecast, impact, view
 from analyze.planning.card import TURNED_CARD, placement_card
 from analyze.planning.examine import Bench, Usable, examine
@@ -23,7 +24,6 @@ from analyze.planning.refusal import why_not
 from analyze.planning.stable_planes import RestingPlane, resting_planes
 from analyze.planning.turned import TURNED, Turnable, best_known, turnable, with_tilt_told
 from analyze.planning.unscanned import on_scanned_edges, on_scanned_planes
-from analyze.tracking.camera_model import turned_camera
 from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import (

@@ -9,10 +9,10 @@ import numpy as np
 
 from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel
+from analyze.geometry.station import turned_camera
 from analyze.planning import view
 from analyze.planning.examine import Usable
 from analyze.planning.information import Errors, Information
-from analyze.tracking.camera_model import turned_camera
 from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
 

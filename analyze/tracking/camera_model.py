@@ -10,7 +10,6 @@ k3 theta^6 + k4 theta^8) focal lengths from the middle. Its ideal pixels grow wi
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -40,15 +39,6 @@ def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
         T_world_camera=np.array(spec.T_world_camera, dtype=float),
         model=spec.model,
     )
-
-
-def turned_camera(camera: CameraModel, heading: float) -> CameraModel:
-    """The camera as it stands in W turned by `heading` [rad] about z, in which a strike with a heading is written down."""
-    if heading == 0.0:
-        return camera
-    turn = np.eye(4)
-    turn[:2, :2] = [[math.cos(heading), math.sin(heading)], [-math.sin(heading), math.cos(heading)]]
-    return replace(camera, T_world_camera=turn @ camera.T_world_camera)
 
 
 def undistort(camera: CameraModel, points_px: Array) -> Array:

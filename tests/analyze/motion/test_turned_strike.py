@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from analyze.geometry.station import turned_camera
 from analyze.motion.rest_pose import placement_error
 from analyze.motion.strike import StrikeTask, analyse_strike
-from analyze.tracking.camera_model import turned_camera
 from analyze.types import Marker
 from schemas.result import Verdict
 from tests.analyze.motion.tipping import SIZE, D, camera, planned, simulate, track_of
