@@ -2,7 +2,7 @@
 
 Tips in space on a table that slopes (tests/analyze/estimation/tilted_table.py), which share nothing with the estimators; theta(t) at
 120 fps with 0.05 deg a frame, edges off by 0.2 mm, edge radius by 0.1 mm, angles by 0.03 deg from strike to strike. "c told" is what the
-estimate says of itself.
+estimate says of itself. Plumb lines are drawn into images of the rig's camera, with its turn against the table drawn too.
 """
 
 from __future__ import annotations
@@ -16,10 +16,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from analyze.calibration.plumb import find_plumb_lines, plumbed_table, upright
 from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.motion.pivot_fit import pivot_fit
-from analyze.types import EquiPlane
+from analyze.types import CameraModel, EquiPlane
+from tests.analyze.calibration.plumb_scenes import LENS, WORLD_CAMERA, Scene, photograph, turned
 from tests.analyze.estimation.bodies import Body, box_body, planned_strike
 from tests.analyze.estimation.tilted_table import Drawn, Laid, laid_session, reversed_strike, seen_tips
 
@@ -30,6 +32,10 @@ DESIGNS = {
     "3, upside down too": ((2, -1, 1, 1), (2, 1, 1, 1), (0, -1, 2, 1)),
     "6 of 4 faces": ((2, -1, 1, 1), (2, -1, 0, 1), (2, -1, 1, -1), (0, -1, 1, 1), (1, -1, 2, 1), (1, 1, 0, 1)),
 }
+PRIOR_SD = math.radians(0.2)
+CAMERA = CameraModel(
+    LENS.width, LENS.height, np.array([[LENS.fx, 0, LENS.cx], [0, LENS.fy, LENS.cy], [0, 0, 1]]), np.array(LENS.k), WORLD_CAMERA
+)
 TURNED = 2
 """most strikes with the object turned by 180 degrees"""
 
@@ -113,12 +119,52 @@ def heading_table(count: int, seed: int) -> Table:
     return table
 
 
+def plumb_table(count: int, seed: int) -> Table:
+    table = Table(
+        title=f"plumb lines: {count} rendered images each; rise towards x, y; rms, told (1 sigma), held by 95 %", title_justify="left"
+    )
+    for heading in ("strings", "camera's turn (°)", "x off (°)", "x told", "x held", "y off (°)", "y told", "y held"):
+        table.add_column(heading, justify="left" if heading == "strings" else "right")
+    cases = (
+        ("1, in the middle", ((0.03, 0.0),), Scene()),
+        ("2, far apart", ((-0.05, -0.1), (0.12, 0.05)), Scene()),
+        ("2, thin and pale", ((-0.05, -0.1), (0.12, 0.05)), Scene(width_px=1.0, string=110)),
+        ("2, bright, and a box", ((-0.05, -0.1), (0.12, 0.05)), Scene(string=240, ground=110, box=True)),
+    )
+    for camera_sd in (0.0, 0.05):
+        for name, strings, scene in cases:
+            off, told = [], []
+            for number in range(count):
+                rng = np.random.default_rng([seed, number])
+                slope = rng.normal(0, PRIOR_SD, 2)
+                real = turned(WORLD_CAMERA, rng.normal(0, math.radians(camera_sd), 3))
+                hung = [(x + rng.normal(0, 0.004), y) for x, y in strings]
+                lines = find_plumb_lines(photograph(hung, slope, rng, scene, real), CAMERA)
+                found = plumbed_table(upright(lines, CAMERA), CAMERA, PRIOR_SD, max(math.radians(camera_sd), 1e-7))
+                off.append(found.lean - slope)
+                told.append(found.sd)
+            errors, sds = np.array(off), np.array(told)
+            cells = [
+                text
+                for i in range(2)
+                for text in (
+                    f"{np.degrees(np.sqrt(np.mean(errors[:, i] ** 2))):.4f}",
+                    f"{np.degrees(np.sqrt(np.mean(sds[:, i] ** 2))):.4f}",
+                    f"{100 * np.mean(np.abs(errors[:, i]) < 1.96 * sds[:, i]):.0f} %",
+                )
+            ]
+            table.add_row(name, f"{camera_sd}", *cells)
+    return table
+
+
 @click.command()
 @click.option("--sessions", "count", default=100, show_default=True)
 @click.option("--seed", default=20, show_default=True)
 def main(count: int, seed: int) -> None:
     """Print the tables."""
-    Console(width=160).print(heading_table(count, seed))
+    console = Console(width=160)
+    console.print(heading_table(count, seed))
+    console.print(plumb_table(count // 2, seed))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,136 @@
+"""Gravity from strings in view, on rendered images: right within what is said, and what one view cannot tell is said."""
+
+import json
+import tomllib
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from acquire.config import read_rig
+from analyze.calibration.plumb import find_plumb_lines, plumbed_table, together, upright
+from analyze.cli import main
+from analyze.types import CameraModel
+from tests.analyze.calibration.plumb_scenes import LENS, WORLD_CAMERA, Scene, photograph, turned
+
+MATRIX = np.array([[LENS.fx, 0, LENS.cx], [0, LENS.fy, LENS.cy], [0, 0, 1]])
+CAMERA = CameraModel(LENS.width, LENS.height, MATRIX, np.array(LENS.k), WORLD_CAMERA)
+PRIOR = np.radians(0.2)
+EXACT = 1e-6
+SLOPE = np.array([0.004, -0.003])
+TWO, ONE = [(-0.05, -0.1), (0.12, 0.05)], [(0.03, 0.02)]
+
+
+def table(strings, scene=None, seed=1, camera_sd=EXACT):
+    image = photograph(strings, SLOPE, np.random.default_rng(seed), scene)
+    return plumbed_table(upright(find_plumb_lines(image, CAMERA), CAMERA), CAMERA, PRIOR, camera_sd)
+
+
+@pytest.mark.parametrize("scene", [Scene(), Scene(string=240, ground=90), Scene(width_px=5.0), Scene(box=True)])
+def test_two_strings_tell_both_rises_within_what_is_said(scene):
+    found = table(TWO, scene)
+    assert found.determined == (True, True)
+    assert np.all(np.abs(found.lean - SLOPE) < 3 * found.sd)
+    assert found.sd[0] < np.radians(0.006)
+    assert found.sd[1] < np.radians(0.04)
+
+
+def test_one_string_tells_the_rise_across_the_view_only():
+    found = table(ONE)
+    assert found.determined == (True, False)
+    assert found.lean[0] == pytest.approx(SLOPE[0], abs=3 * found.sd[0])
+    assert found.sd[1] > 0.9 * PRIOR
+
+
+def test_how_well_the_camera_stands_is_in_the_answer():
+    found = table(TWO, camera_sd=np.radians(0.1))
+    assert np.degrees(found.sd[0]) == pytest.approx(0.1 * 0.2 / np.hypot(0.1, 0.2), rel=0.05), "the camera's and the prior's together"
+
+
+def test_images_of_one_string_are_averaged_and_a_swinging_one_is_known_worse():
+    still, swinging = [], []
+    for number in range(4):
+        rng = np.random.default_rng(number)
+        still += find_plumb_lines(photograph(ONE, SLOPE, rng), CAMERA)
+        lean = SLOPE + np.array([0.005 * np.sin(number), 0])
+        swinging += find_plumb_lines(photograph(ONE, lean, rng), CAMERA)
+    assert len(still) == len(swinging) == 4
+    assert together(still).end_sd < 0.025
+    assert together(swinging).end_sd > 0.2
+
+
+def test_nothing_is_found_where_there_is_no_string():
+    rng = np.random.default_rng(3)
+    assert find_plumb_lines(photograph([], SLOPE, rng, Scene(box=True)), CAMERA) == []
+
+
+RIG = f"""gravity_tilt_sd_rad = 0.0035  # as bought
+
+[camera]
+address = "10.0.0.2"
+
+[camera.calibration]
+width = 656
+height = 492
+K = {MATRIX.tolist()}
+distortion = {list(LENS.k)}
+T_world_camera = {WORLD_CAMERA.tolist()}
+"""
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, ["gravity", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def photographs():
+    return {name: photograph(strings, SLOPE, np.random.default_rng(5)) for name, strings in (("two", TWO), ("none", []))}
+
+
+@pytest.fixture
+def folder(tmp_path, photographs):
+    (tmp_path / "rig.toml").write_text(RIG, encoding="utf-8")
+    for name, image in photographs.items():
+        cv2.imwrite(str(tmp_path / f"{name}.png"), image)
+    return tmp_path
+
+
+def test_the_reading_is_written_where_the_estimate_finds_it(folder):
+    rig = folder / "rig.toml"
+    answer = run(folder / "two.png", "--rig", rig, "--camera-sd-deg", "0.03", "--write", "--picture", folder / "seen.png")
+    assert answer.exit_code == 0, answer.output
+    assert "the table rises towards +x" in answer.output
+    assert rig.read_text(encoding="utf-8").startswith(RIG)
+    level = read_rig(rig).level
+    assert (level.towards_x_rad, level.towards_y_rad) == pytest.approx(tuple(SLOPE), abs=1.5e-3)
+    assert level.towards_x_sd_rad == pytest.approx(np.radians(0.03), rel=0.1)
+    assert level.read_by == "plumb line"
+    assert cv2.imread(str(folder / "seen.png")).shape == (492, 656, 3)
+    again = run(folder / "two.png", "--rig", rig, "--camera-sd-deg", "0.03", "--json")
+    told = json.loads(again.stdout)
+    assert told["determined"] == [True, True]
+    assert len(told["strings"]) == 2
+    assert tomllib.loads("\n".join(f"{key} = {value}" for key, value in told["level"].items()))["read_by"] == "plumb line"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("two.png",), "give --rig RIG.toml"),
+        (("none.png", "--rig", "rig.toml"), "no plumb line is seen in 1 image: hang a thin string"),
+        (("two.png", "--rig", "rig.toml", "--camera-sd-deg", "1"), "do not tell how the table rises towards +x: ±0.2"),
+    ],
+)
+def test_what_cannot_be_told_is_refused_in_one_line(folder, arguments, said):
+    found = run(*(folder / each if "." in each and each[0].isalpha() else each for each in arguments))
+    assert found.exit_code == 1
+    assert said in found.stderr
+    assert len(found.stderr.strip().splitlines()) == 1
+
+
+def test_a_camera_that_leans_is_told_from_a_table_that_does():
+    image = photograph(TWO, SLOPE, np.random.default_rng(7), pose=turned(WORLD_CAMERA, (0.03, 0.05, -0.02)))
+    leaning = CameraModel(LENS.width, LENS.height, MATRIX, np.array(LENS.k), turned(WORLD_CAMERA, (0.03, 0.05, -0.02)))
+    found = plumbed_table(upright(find_plumb_lines(image, leaning), leaning), leaning, PRIOR, EXACT)
+    assert np.all(np.abs(found.lean - SLOPE) < 3 * found.sd)
