@@ -137,7 +137,7 @@ def plane_normal(line: PlumbLine, camera: CameraModel) -> Array:
     """Unit normal (3,) in W of the plane through the camera's centre and the string."""
     rays = np.column_stack([np.array([line.bottom, line.top]), np.ones(2)]) @ np.linalg.inv(camera.K).T
     normal = camera.T_world_camera[:3, :3] @ np.cross(rays[0], rays[1])
-    return normal / np.linalg.norm(normal)
+    return np.asarray(normal / np.linalg.norm(normal), dtype=np.float64)
 
 
 def plumbed_table(lines: Sequence[PlumbLine], camera: CameraModel, prior_sd: float, camera_turn_sd: float) -> PlumbedTable:
@@ -157,7 +157,7 @@ def plumbed_table(lines: Sequence[PlumbLine], camera: CameraModel, prior_sd: flo
 
     def solved(sd: Array) -> tuple[Array, Array]:
         weighted = rows / sd[:, None]
-        covariance = np.linalg.inv(weighted.T @ weighted + np.eye(2) / seen_prior**2)
+        covariance: Array = np.asarray(np.linalg.inv(weighted.T @ weighted + np.eye(2) / seen_prior**2), dtype=np.float64)
         return covariance @ (weighted.T @ (-normals[:, 2] / sd)), covariance
 
     seen, covariance = solved(sd)
@@ -190,7 +190,7 @@ def _ridge_points(image: NDArray[np.uint8], ideal: Array, scale: float, dark: bo
     beside = np.where(shift >= 0, 1, -1)
     here, there = ideal[row, column], ideal[row, column + beside]
     points = np.column_stack([here + np.abs(shift)[:, None] * (there - here), row])
-    return points[np.isfinite(points).all(axis=1)]
+    return np.asarray(points[np.isfinite(points).all(axis=1)], dtype=np.float64)
 
 
 def _longest(points: Array, height: int, dark: bool) -> PlumbLine | None:
