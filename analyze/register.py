@@ -148,6 +148,9 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
         if motion.strike_id in exclude:
             unused.append(LeftOut(motion.strike_id, "left out on request"))
             continue
+        if evidence.planned(motion).heading_rad:
+            unused.append(LeftOut(motion.strike_id, "turned on the table: the table's tilt is felt the other way"))
+            continue
         report = evidence.tracking.get(motion.strike_id)
         setup = evidence.recorded_in.get(motion.strike_id, 0)
         planned = evidence.planned(motion)

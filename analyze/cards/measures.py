@@ -94,7 +94,7 @@ def plan_picture(place: Setting) -> str:
         *ink.arrow(np.array([tail, hit]), ink.STRIKER, 8),
         ink.disc(mark, 5, "#fff", ink.PIVOT, 3),
         ink.text((tail[0], tail[1] - 16), "striker", SMALL, ink.STRIKER, "start", bold=True),
-        *_eye(view, place, front),
+        *([] if place.turned else _eye(view, place, front)),
         ink.text((far[0] - 2, far[1] - 8), "mark", SMALL, ink.MUTED, "end", bold=True),
     ]
     return ink.picture(WIDTH, HEIGHT, parts, "from above")

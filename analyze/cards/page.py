@@ -43,9 +43,19 @@ class Card:
     above: Markup
 
     @property
+    def turned(self) -> bool:
+        """Object and striker stand on the line's other side."""
+        return self.place.turned
+
+    def _along(self, near: bool) -> str:
+        """A direction along the line; nearness is to the eye of the pictures, which of a turned strike is opposite the camera."""
+        return "towards the camera" if near != self.turned else "away from the camera"
+
+    @property
     def put_down(self) -> str:
         """Which side is under, which faces the camera, and on which side of the line the object stands."""
-        facing = f"{_upper(self.sides.camera)} faces the camera, {self.sides.under} is underneath"
+        camera = self.sides.behind if self.turned else self.sides.camera
+        facing = f"{_upper(camera)} faces the camera, {self.sides.under} is underneath"
         if self.sides.top.startswith("tag"):
             facing += f", {self.sides.top} on top"
         return f"{facing}."
@@ -58,13 +68,13 @@ class Card:
             words += f" on the side of {self.sides.striker}"
         beside = float(self.place.hit[1])
         if abs(beside) > BESIDE:
-            words += f", {1000 * abs(beside):.0f} mm from the mark {'away from' if beside > 0 else 'towards'} the camera"
+            words += f", {1000 * abs(beside):.0f} mm from the mark {self._along(near=beside < 0)}"
         return f"{words}."
 
     @property
     def on_line(self) -> str:
         """Where the edge lies on the line."""
-        front = f"{1000 * self.place.front_to_mark:.0f} mm from the mark towards the camera"
+        front = f"{1000 * self.place.front_to_mark:.0f} mm from the mark {self._along(near=True)}"
         if self.place.edge is None:
             what = "rim" if self.place.rolls else "edge"
             return f"Its {what} touches the line at the mark, from the striker's side; its front is {front}."
@@ -93,7 +103,9 @@ def cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:
     drawn: dict[str, tuple[Setting, Markup, Markup, Markup]] = {}
     found: list[Card] = []
     for number, strike in enumerate(plan.strikes, start=1):
-        key = strike.model_dump_json(include={"R_world_object", "p_world_object", "impact", "impact_height_m", "visible_markers", "rolls"})
+        key = strike.model_dump_json(
+            include={"R_world_object", "p_world_object", "impact", "impact_height_m", "visible_markers", "rolls", "heading_rad"}
+        )
         if key not in drawn:
             place = setting(Placed(shape, spec, np.array(strike.R_world_object), np.array(strike.p_world_object)), strike)
             # Our own SVG; words in it are escaped.
@@ -101,6 +113,9 @@ def cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:
         place, scene, side, above = drawn[key]
         before = found[-1] if found else None
         change = "" if before is None else placing.change_in_words(before.place.body.R, place.body.R)
+        if place.turned and not (before is not None and before.turned):
+            sides_changed = placing.CHANGE_SIDES
+            change = f"{change}; then {sides_changed}" if change else _upper(sides_changed)
         repeated = before is not None and not change
         found.append(Card(number, strike, place, placing.sides(spec, place.body.R), change, repeated, scene, side, above))
     return found

@@ -13,6 +13,7 @@ from analyze.geometry.rotations import matrix_from_vector
 from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 
+CHANGE_SIDES = "set striker and object on the other side of the line, both turned half round (180°)"
 SAME = np.radians(1.0)
 """rotations smaller than this are no instruction"""
 ON_SIDE = np.radians(15.0)
@@ -118,6 +119,7 @@ class Sides:
     camera: str
     striker: str
     away: str
+    behind: str
 
 
 def sides(spec: ObjectSpec, R_world_object: Array) -> Sides:
@@ -126,7 +128,7 @@ def sides(spec: ObjectSpec, R_world_object: Array) -> Sides:
     def side(direction: list[float]) -> str:
         return side_name(spec, R_world_object.T @ np.array(direction))
 
-    return Sides(side([0, 0, -1]), side([0, 0, 1]), side([0, -1, 0]), side([-1, 0, 0]), side([1, 0, 0]))
+    return Sides(side([0, 0, -1]), side([0, 0, 1]), side([0, -1, 0]), side([-1, 0, 0]), side([1, 0, 0]), side([0, 1, 0]))
 
 
 def side_name(spec: ObjectSpec, direction: Array) -> str:

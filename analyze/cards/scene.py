@@ -47,7 +47,7 @@ def scene_picture(place: Setting) -> str:
     parts += _pivot(view, place)
     parts += ink.arrow(view.project(arc), ink.PIVOT, 6)
     parts += _striker_near(view, place, tail)
-    parts += _camera(view, place, camera)
+    parts += [] if place.turned else _camera(view, place, camera)
     parts += _words(view, place, tail, camera, line_ends, arc)
     return ink.picture(WIDTH, HEIGHT, parts, "the object on the table, seen from the camera's side")
 
@@ -140,8 +140,11 @@ def _words(view: View, place: Setting, tail: Array, camera: Array, line_ends: Ar
     flat = view.project(camera)
     low = float(flat[:, 1].max())
     left = float(flat[:, 0].min())
-    parts.append(ink.text((left, low + 30), "camera", 26, ink.CAMERA, "start", bold=True))
-    parts.append(ink.text((left, low + 58), f"{-1000 * place.camera[1]:.0f} mm from the mark", 22, ink.CAMERA, "start", bold=True))
+    if place.turned:
+        parts.append(ink.text((left, low + 30), "seen from opposite the camera", 26, ink.CAMERA, "start", bold=True))
+    else:
+        parts.append(ink.text((left, low + 30), "camera", 26, ink.CAMERA, "start", bold=True))
+        parts.append(ink.text((left, low + 58), f"{-1000 * place.camera[1]:.0f} mm from the mark", 22, ink.CAMERA, "start", bold=True))
     end = view.project(line_ends)[0]
     what = "rim on the line" if place.rolls else "this edge on the line"
     parts.append(ink.text((end[0] + 26, end[1] + 6), what, 26, ink.PIVOT, "start", bold=True))

@@ -37,6 +37,8 @@ class Setting:
     tip_angle: float
     """rad, at which it stands on the edge"""
     rolls: bool
+    turned: bool = False
+    """with the striker on the line's other side: drawn as seen by somebody opposite the camera, which is not drawn"""
 
     @property
     def size(self) -> float:
@@ -73,9 +75,10 @@ def setting(body: Placed, strike: PlannedStrike) -> Setting:
         np.array(strike.impact.point) @ body.R.T + body.p,
         strike.impact_height_m,
         np.array(strike.camera_pose)[:3, 3],
-        strike.visible_markers[0] if strike.visible_markers else None,
+        strike.visible_markers[0] if strike.visible_markers and not strike.heading_rad else None,
         strike.phi_predicted_rad,
         strike.rolls,
+        strike.heading_rad != 0.0,
     )
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from analyze.cards.page import cards
 from analyze.errors import PlanError
 from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
@@ -61,6 +62,20 @@ def test_the_card_says_so(plan):
     assert "turned by 180 degrees" in turned.card
     assert "on the other side of the line" in turned.card
     assert f"marker {turned.visible_markers[0]} towards the camera" in turned.card
+
+
+def test_the_printed_card_is_of_the_other_side():
+    spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=ALL_ROUND, edge_radius_m=0.001, edge_radius_sd_m=0.0001)
+    model = load_object_model(spec, None, "")
+    plan = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=BENCH.friction, gravity=True)
+    *_, before, turned = cards(plan, model, spec)
+    assert "striker and object on the other side of the line" in turned.change
+    assert not turned.repeated
+    assert turned.put_down.startswith(f"Tag {turned.strike.visible_markers[0]} faces the camera")
+    assert before.put_down.startswith(f"Tag {before.strike.visible_markers[0]} faces the camera")
+    assert "seen from opposite the camera" in turned.scene
+    assert ">camera<" in before.scene
+    assert ">camera<" not in turned.scene + turned.above
 
 
 def test_what_is_predicted_is_what_the_estimate_then_says(plan):
