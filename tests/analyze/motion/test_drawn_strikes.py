@@ -27,6 +27,14 @@ def test_a_strike_is_called_what_it_was(kind):
     assert all(found.reason for found in called)
 
 
+@pytest.mark.parametrize(("kind", "seed", "index"), [("struck twice", 5, 1), ("airborne", 3, 6)])
+def test_strikes_that_once_passed_for_good_ones(kind, seed, index):
+    """A second blow that the balance took for a creeping edge, 9 degrees off; a flight that began after the balance point, at E = 8."""
+    rng = np.random.default_rng([seed, 100 + KINDS.index(kind)])
+    found = [draw(kind, rng) for _ in range(index + 1)][index].analysed()
+    assert found.verdict in EXPECTED[kind], found.reason
+
+
 def struck(friction, energy, height, rho=0.001):
     body = Body(friction=friction, rho=rho)
     return body, simulate(body, [push_for(body, energy, height * body.height)])
