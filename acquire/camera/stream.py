@@ -20,9 +20,9 @@ LATCH_S: Final = 0.5
 FIRST_LATCH_S: Final = 0.1
 """between latches while the readings span less than `SPAN_S`: the drift is known only as well as they lie apart"""
 SPAN_S: Final = 2.0
-FIRST_LATCHES: Final = 10
-"""before the first frame"""
-LATCH_TRIES: Final = 4
+FIRST_LATCHES: Final = 25
+"""before and after the camera is started, which may take long: the first frames have nothing else, so one of them must be quick"""
+LATCH_TRIES: Final = 8
 """one after the other, until one is about as quick as the quickest (Cristian 1989)"""
 QUICK: Final = 1.3
 TELL_LOSSES_NS: Final = 1_000_000_000
@@ -204,10 +204,9 @@ class CameraStream:
         try:
             info = camera.open()
             mapper = DeviceClockMapper()
-            for _ in range(FIRST_LATCHES):
-                if (reading := camera.latch_clock()) is not None:
-                    mapper.add(reading)
+            _latch_first(camera, mapper)
             camera.start()
+            _latch_first(camera, mapper)
         except CameraError:
             camera.close()
             raise
@@ -294,3 +293,10 @@ class CameraStream:
                 self._on_clock(reading)
                 if reading.host_after_ns - reading.host_before_ns <= QUICK * mapper.shortest_round_trip_ns:
                     break
+
+
+def _latch_first(camera: Camera, mapper: DeviceClockMapper) -> None:
+    for _ in range(FIRST_LATCHES):
+        if (reading := camera.latch_clock()) is None:
+            return
+        mapper.add(reading)
