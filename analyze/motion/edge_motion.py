@@ -28,6 +28,8 @@ _SHARED = 3.0
 """neighbouring frames share most of that: ten of them count as one"""
 _NEIGHBOURS = 5
 _OUTLIER = 3.0
+_LEFT = 3e-4
+"""m, that the edge must have risen at the end of a window to have left the table for good"""
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,24 @@ def moved_by_offset(theta: Array) -> Array:
     """(n, 2, 2): how far (along, off the table) turning moves a point, per metre that it lies (along, off) beside the edge."""
     sin, turned = np.sin(theta), np.cos(theta) - 1.0
     return np.stack([np.stack([turned, sin], axis=-1), np.stack([-sin, turned], axis=-1)], axis=-2)
+
+
+def left_table(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
+    """First frame of a window from which the edge only rises: the body has gone over to a next edge, or flies. None: it does neither.
+
+    A body with a bevel or facets comes down on the next edge before the next face does, and turns about that one from then on.
+    """
+    first, last = window
+    lift = motion.lift[first:last]
+    noise = 4.0 * np.maximum(motion.position_sd[first:last], _UNMODELLED)
+    if len(lift) < 2 * _NEIGHBOURS or float(np.median(lift[-3:])) < _LEFT:
+        return None
+    down = np.flatnonzero(lift <= noise)
+    if not len(down):
+        return None
+    start = int(down[-1]) + 1
+    rises = bool(np.all(np.diff(lift[start:]) > -noise[start + 1 :]))
+    return first + start if rises else None
 
 
 def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Array, sd: Array) -> EdgeMotion:

@@ -11,8 +11,8 @@ import numpy as np
 from analyze.errors import EstimationError
 from analyze.motion.balance_fit import moment_balance
 from analyze.motion.contact import ContactErrors
-from analyze.motion.edge_motion import edge_motion
-from analyze.motion.free_motion import LATEST_START, Estimator, jump, longest_clean_fit, scatter, settled_fit
+from analyze.motion.edge_motion import edge_motion, left_table
+from analyze.motion.free_motion import LATEST_START, Estimator, holds_balance, jump, longest_clean_fit, scatter, settled_fit
 from analyze.motion.kicked_fit import kicked_fit
 from analyze.motion.phases import Course, WindowLimits, free_window
 from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
@@ -67,6 +67,16 @@ class StrikeFits:
     """why nothing fits"""
 
 
+@dataclass(frozen=True)
+class _Hinge:
+    """A fit that takes the edge for one that holds."""
+
+    fit: MotionFit | None
+    window: tuple[int, int]
+    problem: str = ""
+    """why there is no fit"""
+
+
 def fit_strike(
     motion: PlanarMotion, course: Course, planned: PlannedStrike, settings: MotionSettings, section: Flank | None = None
 ) -> StrikeFits:
@@ -92,8 +102,34 @@ def _fits(
     motion: PlanarMotion, course: Course, planned: PlannedStrike, settings: MotionSettings, over: Estimator, radius: float | None
 ) -> StrikeFits:
     """The fit by `over`, or by the moment balance about a rounding of that radius (None: not by that)."""
+    whole = _hinge(motion.angle, course, planned.phi_predicted_rad, settings.window, over)
+    left = left_table(edge_motion(motion, whole.window).motion, whole.window)
+    until = None if left is None else _until(motion.angle, (whole.window[0], left), over)
+    if left is None or until is None:
+        return _fits_over(motion, whole, planned, settings, over, radius)
+    fits = _fits_over(motion, until, planned, settings, over, radius)
+    if fits.chosen is None:
+        return fits
+    turned = f"ends at {math.degrees(float(motion.angle.theta[left])):.0f} deg, where it goes over to its next edge"
+    return replace(fits, chosen=replace(fits.chosen, note="; ".join(part for part in (fits.chosen.note, turned) if part)))
+
+
+def _until(angle: TipAngle, window: tuple[int, int], over: Estimator) -> _Hinge | None:
+    """Over a window that ends where the edge leaves the table; None where too little is left of it to hold the balance point."""
+    if window[1] - window[0] < 2 * MIN_FRAMES:
+        return None
+    try:
+        fit = over(angle, window)
+    except EstimationError:
+        return None
+    return _Hinge(fit, window) if holds_balance(angle, fit) else None
+
+
+def _fits_over(
+    motion: PlanarMotion, found: _Hinge, planned: PlannedStrike, settings: MotionSettings, over: Estimator, radius: float | None
+) -> StrikeFits:
+    hinge, window, problem = found.fit, found.window, found.problem
     angle, limits = motion.angle, settings.verdict
-    hinge, window, problem = _hinge(angle, course, planned.phi_predicted_rad, settings.window, over)
     edge = edge_motion(motion, window)
     balanced, why = _balanced(edge, window, hinge, planned, limits) if radius is not None else (None, "")
     if balanced is not None:
@@ -142,10 +178,8 @@ def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[
         return ()
 
 
-def _hinge(
-    angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits, over: Estimator = pivot_fit
-) -> tuple[MotionFit | None, tuple[int, int], str]:
-    """pivot_fit, or another, over the window that its own phi bounds, that window, and why it is None."""
+def _hinge(angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits, over: Estimator = pivot_fit) -> _Hinge:
+    """pivot_fit, or another, over the window that its own phi bounds."""
     window = free_window(angle, course, phi_predicted, limits)
     try:
         fit = over(angle, window)
@@ -156,8 +190,8 @@ def _hinge(
             fit = over(angle, again)
             window = again
     except EstimationError as error:
-        return None, window, str(error)
-    return fit, window, ""
+        return _Hinge(None, window, str(error))
+    return _Hinge(fit, window)
 
 
 def _kicked(fit: MotionFit, size: float, gain: float, limits: VerdictLimits) -> bool:

@@ -63,7 +63,7 @@ def longest_clean_fit(angle: TipAngle, window: tuple[int, int], over: Estimator 
         except EstimationError:
             continue
         scatter = float(np.mean(np.square(fit.residual / angle.sd[start:end])))
-        if scatter < CLEAN_SCATTER and jump(angle, fit)[2] < CLEAN_CHI2 and _holds_balance(angle, fit):
+        if scatter < CLEAN_SCATTER and jump(angle, fit)[2] < CLEAN_CHI2 and holds_balance(angle, fit):
             return fit
     return None
 
@@ -105,7 +105,7 @@ def scatter(residual: Array) -> float:
     return 1.4826 * float(np.median(np.abs(np.diff(residual, 2)))) / math.sqrt(6.0)
 
 
-def _holds_balance(angle: TipAngle, fit: MotionFit) -> bool:
+def holds_balance(angle: TipAngle, fit: MotionFit) -> bool:
     """Whether the stretch passes the balance point or turns back below it, so that phi is not told from afar."""
     start, end = fit.window
     inside = angle.theta[start] < fit.phi < angle.theta[end - 1]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from analyze.motion.balance_fit import moment_balance
 from analyze.motion.edge_motion import edge_motion
@@ -14,7 +15,7 @@ from analyze.motion.pivot_fit import pivot_fit
 from analyze.motion.strike import MotionSettings, analyse_motion
 from schemas.result import Verdict
 from tests.analyze.motion.drawn_strikes import EXPECTED, KINDS, draw, seen
-from tests.analyze.motion.sliding import Body, push_for, simulate
+from tests.analyze.motion.sliding import Body, Course, push_for, simulate
 
 NOISE = math.radians(0.02)
 
@@ -66,6 +67,46 @@ def test_where_it_holds_both_are_right():
     phi_hinge, phi_balance, _, _ = errors(0.6, 1.1, 0.75)
     assert phi_hinge < math.radians(0.02)
     assert phi_balance < math.radians(0.02)
+
+
+def over_a_bevel(course: Course, body: Body, at: float, bevel: float) -> Course:
+    """The same strike of a body whose bevel [m] comes to lie on the table at an angle [rad], about whose far edge it turns from then on."""
+    ahead, above = body.R * math.sin(at - body.phi) - bevel, body.R * math.cos(at - body.phi)
+    far = math.hypot(ahead, above)
+    met = int(np.argmax(course.theta > at))
+    share = (at - course.theta[met - 1]) / (course.theta[met] - course.theta[met - 1])
+    start = course.time[met - 1] + share * (course.time[met] - course.time[met - 1])
+    before = (course.theta[met] - course.theta[met - 1]) / (course.time[met] - course.time[met - 1])
+    # Angular momentum about the far edge stays (c moved at R omega about the near one).
+    near = above * above + (ahead + bevel) * ahead
+    speed = before * (body.inertia + near) / (body.inertia + far * far)
+    theta, slip, lift = course.theta.copy(), course.slip.copy(), course.lift.copy()
+
+    def pendulum(_: float, state: np.ndarray) -> list[float]:
+        lean = math.atan2(ahead, above) + state[0] - at
+        return [state[1], 9.81 * far * math.sin(lean) / (body.inertia + far * far)]
+
+    later = np.flatnonzero((course.time > start) & (np.arange(len(theta)) >= met))
+    found = solve_ivp(pendulum, (start, course.time[-1]), [at, speed], t_eval=course.time[later], rtol=1e-8).y[0]
+    theta[later] = np.minimum(found, 0.5 * math.pi)
+    slip[later] += bevel * (1.0 - np.cos(theta[later] - at))
+    lift[later] += bevel * np.sin(theta[later] - at)
+    return replace(course, theta=theta, slip=slip, lift=lift)
+
+
+@pytest.mark.parametrize(
+    ("body", "past"), [(Body(phi=0.6, friction=0.7), 12.0), (Body(0.053, 0.61, 0.0009, friction=0.7, height=0.12), 8.0)]
+)
+def test_a_body_that_goes_over_to_its_next_edge_is_fitted_until_there(body, past):
+    """It speeds up there, which was taken for a second blow: phi was 6 degrees off, and the strike was left out."""
+    course = over_a_bevel(simulate(body, [push_for(body, 1.15)]), body, body.phi + math.radians(past), 0.012)
+    motion, task = seen(course, body, np.random.default_rng(8), NOISE)
+    found = analyse_motion(motion, task, MotionSettings())
+    assert found.verdict is Verdict.GOOD, found.reason
+    assert found.fit is not None
+    assert "next edge" in found.fit.note
+    assert abs(found.fit.phi - body.phi) < 3.0 * math.sqrt(found.fit.covariance[0, 0])
+    assert abs(found.fit.phi - body.phi) < math.radians(0.2)
 
 
 def test_the_choice_says_why_and_what_the_other_assumed():
