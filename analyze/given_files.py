@@ -106,6 +106,7 @@ def given_from_result(result: Result, name: str, mass: float) -> Given:
             strike.axis_id,
             _single(strike.phi.sd, 1e-3),
             None if strike.k is None or strike.k.sd is None else _single(strike.k.sd, 0.0) / max(_single(strike.k.value, 1.0), 1e-9),
+            strike.heading_rad,
         )
         for strike in result.strikes
         if strike.used and strike.phi is not None

@@ -88,6 +88,7 @@ class StrikeResult(Document):
     plan_strike_id: str
     axis_id: str
     plane_id: str
+    heading_rad: float = Field(default=0.0, description="as in the plan: of object and striker on the table; 0 is not written")
     verdict: Verdict
     reason: str = ""
     used: bool
@@ -104,6 +105,14 @@ class StrikeResult(Document):
     residual_rms_rad: float | None = None
     equiplane_residual_m: float | None = None
     alternatives: list[AlternativeFit] = Field(default=[])
+
+    @model_serializer(mode="wrap")
+    def _as_read(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A result of strikes as usual keeps its bytes."""
+        written: dict[str, Any] = write(self)
+        if not self.heading_rad:
+            del written["heading_rad"]
+        return written
 
 
 class AxisMoment(Document):

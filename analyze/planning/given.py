@@ -30,6 +30,8 @@ class StrikeMade:
     """rad"""
     k_sd: float | None
     """relative"""
+    heading: float = 0.0
+    """rad, of object and striker on the table"""
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def with_strikes(belief: Belief, given: Given, axes: Sequence[PivotAxis], believ
         PlanError: a strike's axis is not one of the object's.
     """
     known = {axis.id: axis for axis in axes}
-    made: dict[str, Array] = {}
+    made: dict[str, dict[float, Array]] = {}
     for strike in given.strikes:
         axis = _meant(strike.axis_id, given, known)
         if axis is None:
@@ -102,7 +104,8 @@ def with_strikes(belief: Belief, given: Given, axes: Sequence[PivotAxis], believ
                 f"{given.name}: strike on axis {strike.axis_id!r}, which this object does not have: plan from the first strike anew"
             )
         weight = np.diag([strike.phi_sd**-2, 0.0 if strike.k_sd is None else strike.k_sd**-2])
-        made[axis.id] = made.get(axis.id, np.zeros((2, 2))) + weight
+        so_far = made.setdefault(axis.id, {})
+        so_far[strike.heading] = so_far.get(strike.heading, np.zeros((2, 2))) + weight
     struck = tuple(
         Candidate(known[name], swing(known[name], believed.region.centre, mass, believed.unit_inertia, gravity), np.eye(2)) for name in made
     )

@@ -20,6 +20,10 @@ INERTIA = slice(3, 9)
 MASS, GRAVITY, TILT, SCALE, RADIUS = range(9, 14)
 SHARED = 14
 PRIVATE = 4
+"""of an axis: its line's place towards the tip and upwards, an angle, a part of k; an angle more for each further heading of it"""
+ANGLE = 2
+USUAL = 0.0
+"""rad, heading of the strikes that are planned"""
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 SOURCES = {
     "mass": (MASS,),
@@ -77,8 +81,8 @@ class Belief:
     """(3, 3) kg m^2, about c"""
     inertia_sd: float
     """kg m^2, of the moment about any direction"""
-    made: Mapping[str, Array] = field(default_factory=dict[str, Array])
-    """per axis that was struck already: (2, 2) inverse covariance of phi and ln k from all its strikes"""
+    made: Mapping[str, Mapping[float, Array]] = field(default_factory=dict[str, Mapping[float, Array]])
+    """per axis that was struck already, per heading [rad] of those strikes: (2, 2) inverse covariance of phi and ln k from all of them"""
     struck: tuple[Candidate, ...] = ()
     """those axes"""
 
@@ -126,16 +130,37 @@ class Information:
         return shared * self.units, own
 
     def weight(self, each: Candidate, strikes: int) -> Array:
-        """Inverse covariance (2, 2) of phi and ln k from `strikes` more on this axis and those made before."""
+        """Inverse covariance (2, 2) of phi and ln k from `strikes` more on this axis and those made before, all at the usual heading."""
         noise = each.noise + np.diag([self.errors.strike_angle**2, 0.0])
-        return strikes * np.linalg.inv(noise) + self.belief.made.get(each.axis.id, np.zeros((2, 2)))
+        return strikes * np.linalg.inv(noise) + self.belief.made.get(each.axis.id, {}).get(USUAL, np.zeros((2, 2)))
+
+    def seen(self, each: Candidate, strikes: int) -> tuple[Array, Array, Array]:
+        """All that is known of an axis, `strikes` more among it, each of its h headings by itself.
+
+        At heading a a tip feels cos a of the rise towards +x, and the camera sees another tag: the angle error is another one.
+
+        Returns:
+            Derivatives (2h, 14) and (2h, 3 + h) of phi and ln k as in `rows`, and their inverse covariance (2h, 2h).
+        """
+        shared, own = self.rows(each)
+        turned = [(heading, made) for heading, made in self.belief.made.get(each.axis.id, {}).items() if heading != USUAL]
+        many = 1 + len(turned)
+        all_shared, all_own = np.tile(shared, (many, 1)), np.zeros((2 * many, PRIVATE + many - 1))
+        all_own[:, :PRIVATE] = np.tile(own, (many, 1))
+        weight = np.zeros((2 * many, 2 * many))
+        weight[:2, :2] = self.weight(each, strikes)
+        for i, (heading, made) in enumerate(turned, start=1):
+            phi = 2 * i
+            all_shared[phi, TILT] *= np.cos(heading)
+            all_own[phi, PRIVATE + i - 1], all_own[phi, ANGLE] = all_own[phi, ANGLE], 0.0
+            weight[phi : phi + 2, phi : phi + 2] = made
+        return all_shared, all_own, weight
 
     def of_axis(self, each: Candidate, strikes: int) -> Array:
         """Information (14, 14) about the shared unknowns; the axis's own are integrated out."""
-        shared, own = self.rows(each)
-        weight = self.weight(each, strikes)
+        shared, own, weight = self.seen(each, strikes)
         # (W^-1 + B B^T)^-1 by Woodbury, for W that may be singular (no k).
-        inner = np.linalg.inv(np.eye(PRIVATE) + own.T @ weight @ own)
+        inner = np.linalg.inv(np.eye(own.shape[1]) + own.T @ weight @ own)
         marginal = weight - weight @ own @ inner @ own.T @ weight
         return np.asarray(shared.T @ marginal @ shared, dtype=np.float64)
 
@@ -157,21 +182,26 @@ class Information:
         here = {each.axis.id for each in chosen}
         axes = [*chosen, *(each for each in self.belief.struck if each.axis.id not in here)]
         many = [*repeats, *[0] * (len(axes) - len(chosen))]
-        count = SHARED + PRIVATE * len(axes)
-        information = np.eye(count)
-        for i, (each, strikes) in enumerate(zip(axes, many, strict=True)):
-            rows = np.zeros((2, count))
-            rows[:, :SHARED], rows[:, SHARED + PRIVATE * i : SHARED + PRIVATE * (i + 1)] = self.rows(each)
-            information += rows.T @ self.weight(each, strikes) @ rows
+        known = [self.seen(each, strikes) for each, strikes in zip(axes, many, strict=True)]
+        count = SHARED + sum(own.shape[1] for _, own, _ in known)
+        information, first = np.eye(count), SHARED
+        place, angle = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        for shared, own, weight in known:
+            last = first + own.shape[1]
+            rows = np.zeros((len(shared), count))
+            rows[:, :SHARED], rows[:, first:last] = shared, own
+            information += rows.T @ weight @ rows
+            place[first : first + ANGLE] = angle[first + ANGLE] = True
+            angle[first + PRIVATE : last] = True
+            first = last
         P = np.linalg.inv(information)
         gain = P[COM] * self.belief.com_sd
         # Each prior enters with weight 1: it causes P[c, i]^2; what is left is the strikes' own noise.
         caused = np.sum(gain**2, axis=0)
         total = float(np.trace(P[COM, COM])) * self.belief.com_sd**2
-        own = caused[SHARED:].reshape(-1, PRIVATE).sum(axis=0)
         parts = {name: float(sum(caused[i] for i in which)) for name, which in SOURCES.items()}
-        parts["place of the edges"] = float(own[0] + own[1])
-        parts["angle error of an axis"] = float(own[2])
+        parts["place of the edges"] = float(caused[place].sum())
+        parts["angle error of an axis"] = float(caused[angle].sum())
         parts["noise of the angles"] = max(total - sum(parts.values()), 0.0)
         return {name: float(np.sqrt(value)) for name, value in parts.items()}
 

@@ -198,6 +198,7 @@ def strike_result(
         plan_strike_id=motion.plan_strike_id,
         axis_id=planned.axis_id,
         plane_id=planned.plane_id,
+        heading_rad=planned.heading_rad,
         verdict=motion.verdict,
         reason=motion.reason,
         used=index is not None,

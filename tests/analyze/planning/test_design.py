@@ -14,7 +14,7 @@ from analyze.planning import design, view
 from analyze.planning.examine import Bench
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel
-from analyze.planning.information import COM, INERTIA, Belief, Candidate, Errors, Information, spread, unknown_direction
+from analyze.planning.information import COM, INERTIA, TILT, Belief, Candidate, Errors, Information, spread, unknown_direction
 from analyze.planning.pivots import pivot_axes, swing
 from analyze.planning.plan import prepare
 from analyze.planning.stable_planes import resting_planes, stable_planes
@@ -111,17 +111,34 @@ def test_strikes_made_count_as_if_they_were_planned():
     chosen = [c for c in candidates() if abs(c.axis.plane.up[2]) > 0.9][:3]
     fresh = information(chosen)
     weight = np.linalg.inv(NOISE + np.diag([fresh.errors.strike_angle**2, 0]))
-    made = {each.axis.id: 2 * weight for each in chosen}
+    made = {each.axis.id: {0.0: 2 * weight} for each in chosen}
     after = information(chosen, made=made, struck=tuple(chosen))
     assert np.allclose(after.covariance([], []), fresh.covariance(chosen, [2] * 3))
     assert np.allclose(after.covariance(chosen[:1], [3]), fresh.covariance(chosen, [5, 2, 2]))
+
+
+def test_a_strike_made_turned_feels_the_tilt_the_other_way_and_has_an_angle_error_of_its_own():
+    """Two unknowns by hand: half the difference of both phi tells the tilt, half their sum what c and edge do to them."""
+    each = next(c for c in candidates() if c.axis.plane.up[2] > 0.9)
+    errors = Errors(tilt=0.01)
+    weight = np.linalg.inv(NOISE + np.diag([errors.strike_angle**2, 0]))
+    both = information([each], errors, made={each.axis.id: {0.0: weight, np.pi: weight}}, struck=(each,))
+    told = (NOISE[0, 0] + errors.strike_angle**2 + errors.axis_angle**2) / 2
+    assert both.covariance([], [])[TILT, TILT] == pytest.approx(1 / (1 / told + 1 / errors.tilt**2), rel=1e-3)
+    usual = information([each], errors, made={each.axis.id: {0.0: 2 * weight}}, struck=(each,))
+    assert usual.covariance([], [])[TILT, TILT] > 0.9 * errors.tilt**2
+    for known in (both, usual):
+        sources = known.sources([each], [2])
+        assert np.sqrt(sum(value**2 for value in sources.values())) == pytest.approx(
+            float(np.sqrt(np.trace(known.covariance([each], [2])[COM, COM]))), rel=1e-6
+        )
 
 
 def test_a_single_further_strike_is_where_it_tells_most():
     upright = [c for c in candidates() if c.axis.plane.up[2] > 0.9]
     weight = np.linalg.inv(NOISE)
     parallel = [c for c in upright if abs(c.axis.direction[1]) > 0.9]
-    after = information(upright, made={c.axis.id: 5 * weight for c in parallel}, struck=tuple(parallel))
+    after = information(upright, made={c.axis.id: {0.0: 5 * weight} for c in parallel}, struck=tuple(parallel))
     found = design.choose(after, 1)
     assert found is not None
     assert abs(upright[found.chosen[0]].axis.direction[0]) > 0.9
