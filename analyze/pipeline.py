@@ -58,7 +58,7 @@ class Estimate:
     result: Result
     evidence: Evidence
     planes: tuple[EquiPlane, ...]
-    """of the strikes used, in the order of the recordings"""
+    """of the strikes used, in the order of the recordings; upright in gravity as the table was found to slope"""
     com: CentreOfMass
     com_paper: PaperCentre
     inertial: InertialParameters
@@ -159,7 +159,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         warnings=result_warnings(evidence, options, planes, inertial, distribution, com_paper, agreed),
         table_tilt=table_tilts(inertial.com, evidence),
     )
-    return Estimate(result, evidence, planes, com, com_paper, inertial, cells, distribution, regions_paper, scale)
+    return Estimate(result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale)
 
 
 def _usable(motion: TipMotion, options: EstimateOptions) -> bool:

@@ -219,7 +219,7 @@ class CentreOfMass:
     unobserved_direction: Array | None
     """(3,) unit, worst known, where not observed"""
     residuals: Array
-    """(strikes,) m, signed distance of c from each plane"""
+    """(strikes,) m, signed distance of c from each of `planes`"""
     weights: Array
     """(strikes,) relative, sum 1"""
     distances: Array
@@ -236,6 +236,8 @@ class CentreOfMass:
     """(strikes,) m^2, between it and R: a larger radius brings the centre line nearer to c"""
     tilts: tuple[TableTilt, ...] = ()
     """of each levelling of the table"""
+    planes: tuple[EquiPlane, ...] = ()
+    """of the strikes, upright in gravity as it was found to lean"""
 
 
 @dataclass(frozen=True)

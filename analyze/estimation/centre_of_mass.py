@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.errors import EstimationError
+from analyze.estimation.equiplane import plumb
 from analyze.types import Array, CentreOfMass, EquiPlane, TableTilt
 
 ITERATIONS = 60
@@ -193,6 +194,11 @@ class Terms:
         angles = np.arctan2(-forward, height) + self._lean - self._phi + self._turn @ x
         return np.remainder(angles + np.pi, 2 * np.pi) - np.pi
 
+    def lean(self, x: Array) -> Array:
+        """(strikes,) rad: the vertical's lean the way each of them tipped."""
+        found = [self._turn[i, where] @ x[where] for i, where in enumerate(self.tilt_terms(plane.level) for plane in self.planes)]
+        return self._lean + np.array(found)
+
     def distances(self, x: Array) -> Array:
         """(strikes,) R [m]."""
         return np.maximum(np.hypot(*self._across(x)), SMALLEST_DISTANCE)
@@ -233,12 +239,13 @@ def _result(terms: Terms, solution: Array, covariance: Array, weight: Array, sd:
     distances = terms.distances(solution)
     arms = terms.distance_design(solution)
     relative = weight / (distances * sd) ** 2
+    upright = [plumb(plane, lean) for plane, lean in zip(terms.planes, terms.lean(solution).tolist(), strict=True)]
     return CentreOfMass(
         position=position,
         covariance=covariance[:3, :3],
         observed=observed,
         unobserved_direction=None if observed else worst,
-        residuals=np.array([plane.normal @ (position - plane.point) for plane in terms.planes]),
+        residuals=np.array([plane.normal @ (position - plane.point) for plane in upright]),
         weights=relative / relative.sum(),
         distances=distances,
         distance_covariance=arms @ covariance @ arms.T,
@@ -247,6 +254,7 @@ def _result(terms: Terms, solution: Array, covariance: Array, weight: Array, sd:
         edge_radius_variance=float(covariance[RADIUS_TERM, RADIUS_TERM]) * radius_sd**2,
         edge_radius_distance_covariance=arms @ covariance[:, RADIUS_TERM] * radius_sd,
         tilts=tuple(_tilt(terms, solution, covariance, level) for level in range(len(terms.tilts))),
+        planes=tuple(upright),
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from analyze.errors import EstimationError
@@ -68,6 +70,14 @@ def equiplane_normal(direction: Array, up: Array, phi: float) -> Array:
         phi: rad.
     """
     return np.cross(raised(direction, up, phi), direction)
+
+
+def plumb(plane: EquiPlane, lean: float) -> EquiPlane:
+    """The plane that stands upright in gravity where the vertical leans by `lean` [rad] from the table's normal, the way it tipped.
+
+    Without it the plane is upright against the table, and misses c by R times the lean.
+    """
+    return replace(plane, normal=equiplane_normal(plane.direction, plane.up, plane.phi - lean))
 
 
 def raised(direction: Array, up: Array, phi: float) -> Array:

@@ -53,6 +53,16 @@ def test_a_turned_strike_tells_the_tilt_and_corrects_c():
     assert without.tilts[0].sd[0] > 0.95 * TILT
 
 
+def test_residuals_are_of_planes_that_stand_upright_in_gravity():
+    """Of strikes that fit, c lies on every one of them, however the table slopes; against the table they miss it by R times the slope."""
+    strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
+    planes = exact([*strikes, reversed_strike(strikes[0])], (0.006, 0.0))
+    com = centre_of_mass(planes, STATED, PRIOR)
+    assert np.max(np.abs(com.residuals)) < 0.03e-3
+    assert np.min(np.abs([plane.normal @ (com.position - plane.point) for plane in planes])) > 0.4e-3
+    assert [plane.phi for plane in com.planes] == [plane.phi for plane in planes], "what was measured stays"
+
+
 def test_any_two_headings_tell_what_they_differ_in():
     strike = planned_strike(BODY, *ONE_FACE[0])
     quarter = strike.model_copy(update={"id": "q", "heading_rad": np.pi / 2})
