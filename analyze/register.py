@@ -16,6 +16,7 @@ from analyze.recording import open_recording
 from analyze.registration.register import LeftOut, Registration, TablePlace, register
 from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from analyze.registration.views import StrikeView, strike_view
+from analyze.sections import section_of
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import Array
 from schemas.object_spec import parse_object_spec, read_object_spec
@@ -148,13 +149,14 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
         if motion.strike_id in exclude:
             unused.append(LeftOut(motion.strike_id, "left out on request"))
             continue
-        if evidence.planned(motion).heading_rad:
+        planned = evidence.planned(motion)
+        if planned.heading_rad:
             unused.append(LeftOut(motion.strike_id, "turned on the table: the table's tilt is felt the other way"))
             continue
         report = evidence.tracking.get(motion.strike_id)
         setup = evidence.recorded_in.get(motion.strike_id, 0)
-        planned = evidence.planned(motion)
-        view = None if report is None else strike_view(report.tracks, markers, cameras[setup], planned, motion, setup)
+        section = section_of(evidence.model, planned)
+        view = None if report is None else strike_view(report.tracks, markers, cameras[setup], planned, motion, setup, section)
         if view is None:
             unused.append(LeftOut(motion.strike_id, f"shows no marker surely at rest: {motion.verdict.value}: {motion.reason}"))
         else:

@@ -256,16 +256,6 @@ def _place(name: int | str, solution: Solution, used: Sequence[StrikeView], on_s
         *(f"turn about {_axis(v)}" for v in _unknown(covariance[:3, :3], UNKNOWN_TURN)),
         *(f"place along {_axis(v)}" for v in _unknown(covariance[3:, 3:], UNKNOWN_PLACE)),
     ]
-    remedy = ""
-    if words:
-        tipped = [view for view in mine if len(view.theta) > 1]
-        remedy = (
-            "the body is round there: it shows nothing of how it is turned about its axis: measure T_object_marker by hand"
-            if any(view.rolls for view in mine)
-            else "strike the object so that this marker is seen while it tips"
-            if not tipped
-            else "strike it on another resting face, over an edge that is not parallel to " + ", ".join(sorted({v.axis_id for v in tipped}))
-        )
     return MarkerPlace(
         name,
         solution.T_object_marker[name],
@@ -274,8 +264,20 @@ def _place(name: int | str, solution: Solution, used: Sequence[StrikeView], on_s
         solution.rms_px[name],
         on_surface,
         tuple(words),
-        remedy,
+        _remedy(mine) if words else "",
     )
+
+
+def _remedy(mine: Sequence[StrikeView]) -> str:
+    """What would determine a marker's place that these strikes do not."""
+    tipped = [view for view in mine if len(view.theta) > 1]
+    if any(view.rolls for view in mine):
+        return "the body is round there: it shows nothing of how it is turned about its axis: measure T_object_marker by hand"
+    if not tipped and any(view.flank for view in mine):
+        return "the body rolls on a curved flank there and turns about no line: strike it over a sharp edge, or measure T_object_marker by hand"
+    if not tipped:
+        return "strike the object so that this marker is seen while it tips"
+    return "strike it on another resting face, over an edge that is not parallel to " + ", ".join(sorted({v.axis_id for v in tipped}))
 
 
 def _unknown(covariance: Array, limit: float) -> list[Array]:

@@ -355,7 +355,8 @@ class Problem:
             tip = u.frames[s] * _FRAME_WEIGHT
             own = float(np.sum(residual**2) + np.sum(tip**2))
             # Of a frame's five unknowns all but theta and the slip are held by what is known of them.
-            free = 8 * int(np.count_nonzero(self._seen[s])) - 2 * len(u.frames[s]) - 6
+            shown = int(np.count_nonzero(np.any(self._seen[s][1:], axis=1)))
+            free = 8 * int(np.count_nonzero(self._seen[s])) - 2 * shown - 6
             misfit[view.strike_id] = own / max(free, 1)
             chi2 += own
             freedom += max(free, 1)

@@ -14,6 +14,7 @@ from schemas.result import Verdict
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from analyze.motion.flank import Flank
     from analyze.types import Array, CameraModel, IntArray, Marker, MarkerTrack, TipMotion
     from schemas.strike_plan import PlannedStrike
 
@@ -21,6 +22,7 @@ TIP_FRAMES = 60
 """of a tip at most, evenly over its angle"""
 IMAGE_PX = 0.02
 """px, what a lens model and the camera's pixels may add to each corner's noise; it comes out anew as the tag moves on, not at rest"""
+_NOTHING: tuple[IntArray, Array] = np.zeros(0, dtype=np.int64), np.zeros(0)
 LEAST_RESTING = 3
 LEAST_TURN = 0.1
 """rad; of a smaller turn the axis cannot be told"""
@@ -64,6 +66,8 @@ class StrikeView:
     """with its place in W as recorded"""
     setup: int = 0
     """number of the recording: strikes of one share a camera and a table"""
+    flank: bool = False
+    """the shape is a curve there: the body rolls, and no line of it keeps its height"""
 
     @property
     def turn(self) -> float:
@@ -72,7 +76,13 @@ class StrikeView:
 
 
 def strike_view(
-    tracks: Sequence[MarkerTrack], markers: Sequence[Marker], camera: CameraModel, planned: PlannedStrike, motion: TipMotion, setup: int = 0
+    tracks: Sequence[MarkerTrack],
+    markers: Sequence[Marker],
+    camera: CameraModel,
+    planned: PlannedStrike,
+    motion: TipMotion,
+    setup: int = 0,
+    section: Flank | None = None,
 ) -> StrikeView | None:
     """Choose the frames that tell of the markers' places; None where no marker was surely seen at rest.
 
@@ -83,6 +93,7 @@ def strike_view(
         planned: how the object was to lie, and the edge.
         motion: what the strike was taken for.
         setup: number of the recording.
+        section: the curved flank that it rolls on, by its shape; None: its edge is one, rounded as planned. A flank's tip is left out.
     """
     if motion.verdict not in SEEN_AT_REST:
         return None
@@ -91,7 +102,7 @@ def strike_view(
     seen = [t for t in tracks if t.marker_id in known and np.count_nonzero(t.time_ns < end_ns) >= LEAST_RESTING]
     if not seen:
         return None
-    time_ns, theta = _tip(motion, planned)
+    time_ns, theta = _tip(motion, planned) if section is None else _NOTHING
     frames = 1 + len(time_ns)
     ideal, sd = np.zeros((frames, len(seen), 4, 2)), np.full((frames, len(seen)), np.inf)
     R, p = np.zeros((len(seen), 3, 3)), np.zeros((len(seen), 3))
@@ -125,6 +136,7 @@ def strike_view(
         p_camera_marker=p,
         camera=camera,
         setup=setup,
+        flank=section is not None,
     )
 
 
@@ -132,11 +144,11 @@ def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
     """Times [ns] and angles [rad] of the chosen frames of the tip; none where it did not turn about its edge, or that is a rim."""
     angle, phases = motion.angle, motion.phases
     if angle is None or phases is None or phases.stage_one is None or planned.rolls or motion.verdict not in TURNED_ABOUT_ITS_EDGE:
-        return np.zeros(0, dtype=np.int64), np.zeros(0)
+        return _NOTHING
     start, stop = (phases.stage_one[0], phases.stage_one[1]) if motion.fit is None else motion.fit.window
     theta = angle.theta[start:stop]
     if len(theta) == 0 or float(np.max(theta)) < LEAST_TURN:
-        return np.zeros(0, dtype=np.int64), np.zeros(0)
+        return _NOTHING
     wanted = np.linspace(float(np.min(theta)), float(np.max(theta)), TIP_FRAMES)
     chosen = start + np.unique(np.argmin(np.abs(theta[None, :] - wanted[:, None]), axis=1))
     return angle.time_ns[chosen], angle.theta[chosen]

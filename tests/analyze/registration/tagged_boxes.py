@@ -174,7 +174,7 @@ def strike_course(box, edge, rng):
     return sliding.simulate(body, [sliding.push_for(body, rng.uniform(1.05, 1.4), holding)], seconds=0.7, phase=rng.uniform(0, 1))
 
 
-def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None):
+def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, section=None):
     """What the strikes show, by the code that a session goes through.
 
     Args:
@@ -183,6 +183,7 @@ def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None):
         draw: how well hands place.
         rendered: corners from images, else drawn.
         wrong: number of a strike -> how the object was turned against its card (3, 3).
+        section: of a curved flank, by the shape.
     """
     draw, markers, views = draw or Draw(), unplaced_markers(box.spec), []
     off = {edge: rng.normal(0, EDGE_SD, 3) for edge in box.edges}
@@ -199,7 +200,7 @@ def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None):
         tracks = _rendered(box, plan, course, R, p, rng) if rendered else [_drawn(box, plan, course, R, p, rng)]
         time_ns = T0 + int(course.time[-1] * 1e9)
         motion = analyse_strike(tracks, markers, box.camera, StrikeTask(plan.id, plan, T0, time_ns))
-        view = strike_view(tracks, markers, box.camera, plan, motion)
+        view = strike_view(tracks, markers, box.camera, plan, motion, section=section)
         if view is not None:
             views.append(view)
     return views
