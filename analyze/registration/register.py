@@ -274,7 +274,7 @@ def _remedy(mine: Sequence[StrikeView]) -> str:
     if any(view.rolls for view in mine):
         return "the body is round there: it shows nothing of how it is turned about its axis: measure T_object_marker by hand"
     if not tipped and any(view.flank for view in mine):
-        return "the body rolls on a curved flank there and turns about no line: strike it over a sharp edge, or measure T_object_marker by hand"
+        return "the body rolls on a curved flank there, about no line: strike it over a sharp edge, or measure T_object_marker by hand"
     if not tipped:
         return "strike the object so that this marker is seen while it tips"
     return "strike it on another resting face, over an edge that is not parallel to " + ", ".join(sorted({v.axis_id for v in tipped}))

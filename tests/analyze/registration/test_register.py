@@ -85,7 +85,7 @@ def test_a_tip_over_a_curved_flank_is_left_out():
         views = [replace(view, p_object_pivot=view.p_object_pivot - 8e-3 * view.R_world_object[2]) for view in views]
         (believed[section is None],) = found(box, views).markers
     (hinge, flank) = believed[True], believed[False]
-    turn, away = errors(box, hinge)
+    _, away = errors(box, hinge)
     assert np.linalg.norm(away) > 5 * hinge.place_sd, "as a hinge it would be wrong, and sure of itself"
     assert flank.undetermined
     assert "curved flank" in flank.remedy
