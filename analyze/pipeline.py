@@ -11,11 +11,11 @@ import numpy as np
 from analyze.errors import EstimationError
 from analyze.estimation.agreement import agreement
 from analyze.estimation.cells import Cells, cells_from_voxels, wall_thickness
-from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, TiltPrior, centre_of_mass
 from analyze.estimation.equiplane import equiplane, equiplane_from_fit
-from analyze.estimation.inertia import Scale, inertia_prior, inertial_parameters
+from analyze.estimation.inertia import inertial_parameters, shape_prior
 from analyze.estimation.paper import PaperCentre, PaperRegions, paper_centre_of_mass, paper_regions
 from analyze.estimation.regions import mass_distribution
+from analyze.estimation.stated import ComPrior, Scale, SystematicErrors, TiltPrior
 from analyze.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head
 from analyze.geometry.voxels import voxelise
 from analyze.joined import in_order, join, levels_of, paths_text, refuse_apart, strikes_to_leave_out
@@ -130,13 +130,13 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         raise EstimationError(too_few(LEAST_STRIKES, evidence.motions, usable, options.exclude, evidence.plan))
     planes = equiplanes(evidence, used, options.estimator)
     systematic, prior = systematic_errors(evidence), ComPrior.from_bounds(model.bounds[0], model.bounds[1])
-    com = centre_of_mass(planes, systematic, prior)
-    agreed = agreement(planes, [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes], com, systematic, prior)
     # Of several places the worst known g: to share it is safe, to average it would not be.
     gravity_sd = max(recording.manifest.g_sd_m_s2 for recording in evidence.recordings)
     scale = Scale(spec.mass_kg, spec.mass_sd_kg, evidence.manifest.g_m_s2, gravity_sd)
     cells = cells_from_voxels(voxelise(model, (model.volume / CELLS) ** (1 / 3), wall_thickness(spec, model)))
-    inertial = inertial_parameters(planes, com, scale, inertia_prior(spec.mass_kg, com.position, cells))
+    inertial = inertial_parameters(planes, systematic, prior, scale, shape_prior(cells))
+    com = inertial.com
+    agreed = agreement(planes, [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes], com, systematic, prior)
     distribution = mass_distribution(inertial, cells, np.random.default_rng(options.seed))
     # The sign change needs a passage over the balance; strikes that rocked back serve only where there are no others.
     over = [motion for motion in used if motion.verdict is Verdict.GOOD]

@@ -186,6 +186,8 @@ class EquiPlane:
     """m, position of the line across itself, shared by strikes on the axis"""
     heading: float = 0.0
     """rad, how the strike was turned on the table: which part of gravity's tilt it feels"""
+    rounded: bool = True
+    """`edge_radius` is the edges' rounding, whose error all edges share; False: a flank's curvature"""
     level: int = 0
     """number of the levelling of the table that it was made on: whose tilt of gravity it feels"""
 
@@ -230,10 +232,6 @@ class CentreOfMass:
     """(3, strikes) m^2, between c and R"""
     robust: Array
     """(strikes,) 1 = as good as its sd says, towards 0 = an outlier that was given little weight"""
-    edge_radius_variance: float = 0.0
-    """m^2, of the edges' rounding, by the strikes and what was stated"""
-    edge_radius_distance_covariance: Array = field(default_factory=lambda: np.zeros(0))
-    """(strikes,) m^2, between it and R: a larger radius brings the centre line nearer to c"""
     tilts: tuple[TableTilt, ...] = ()
     """of each levelling of the table"""
     planes: tuple[EquiPlane, ...] = ()
@@ -268,6 +266,8 @@ class InertialParameters:
     axes: tuple[AxisInertia, ...] = field(default=())
     joint_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """(4 + axes, 4 + axes) of (mass, c, i_com per axis)"""
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """(10, 10) of (mass, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz)"""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, Terms
+from analyze.estimation.joint_model import COM, SECOND, JointModel
+from analyze.estimation.stated import ComPrior, SystematicErrors
 from analyze.types import CentreOfMass, EquiPlane
 
 CHANCE = 1e-3
@@ -51,12 +52,12 @@ def agreement(
         systematic: as it was estimated with.
         prior: as it was estimated with.
     """
-    terms = Terms(planes, systematic)
-    at = np.concatenate([com.position, np.zeros(terms.count - 3)])
-    residual, design = terms.residual(at), terms.design(at)
-    by_com = design[:, :3] * prior.sd
+    model = JointModel(planes, systematic)
+    at = np.concatenate([com.position, np.zeros(model.count - COM.stop)])
+    residual, design = model.residual(at), model.design(at)
+    by_com, shared = design[:, COM] * prior.sd, design[:, SECOND.stop :]
     variance = np.hypot([plane.sd_phi for plane in planes], systematic.strike_angle_sd) ** 2 / np.maximum(com.robust, LEAST_WEIGHT)
-    covariance = np.diag(variance) + design[:, 3:] @ design[:, 3:].T + by_com @ by_com.T
+    covariance = np.diag(variance) + shared @ shared.T + by_com @ by_com.T
     others = sorted(set(recorded_in))[1:]
     mine = np.array([[number == other for other in others] for number in recorded_in], dtype=np.float64)
     shifts = np.einsum("so,sc->soc", mine, by_com).reshape(len(planes), -1)

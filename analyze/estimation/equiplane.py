@@ -12,6 +12,8 @@ from schemas.strike_plan import PlannedStrike
 
 AXIS_TOLERANCE = 1e-3
 """rad: how far a plan's pivot.direction may be from W's +y at rest"""
+SAME_RADIUS = 1e-6
+"""m: what rolls on the plan's rounding rolls about the plan's point"""
 
 
 def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
@@ -39,7 +41,9 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
         raise EstimationError(f"plan strike {planned.id}: pivot.direction is not W's +y at rest: make the plan anew")
     up = R_world_object[2]
     point, radius, sd = np.array(planned.pivot.point), planned.pivot.radius_m, planned.pivot.sd_m
+    rounded = True
     if fit.rolling is not None:
+        rounded = abs(fit.rolling.radius - radius) < SAME_RADIUS and float(np.hypot(fit.rolling.along, fit.rolling.over)) < SAME_RADIUS
         # A flank's centre of curvature where it touches at phi is what the centre line is to a rounded edge.
         point = point + R_world_object[0] * fit.rolling.along + up * fit.rolling.over
         radius, sd = fit.rolling.radius, float(np.hypot(sd, fit.rolling.sd))
@@ -58,6 +62,7 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
         edge_radius=radius,
         edge_sd=sd,
         heading=planned.heading_rad,
+        rounded=rounded,
     )
 
 

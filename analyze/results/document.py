@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from analyze.estimation.inertia import Scale, edge_inertia
+from analyze.estimation.inertia import edge_inertia
 from analyze.estimation.paper import PaperCentre, PaperRegions
+from analyze.estimation.stated import Scale
 from analyze.types import Array, CentreOfMass, EquiPlane, InertialParameters, MassDistribution, MotionFit, TipMotion
 from schemas.document import canonical_json
 from schemas.result import (

@@ -12,7 +12,8 @@ import pytest
 
 from analyze.errors import EstimationError, JoinError
 from analyze.estimation.agreement import Agreement, agreement
-from analyze.estimation.centre_of_mass import ComPrior, centre_of_mass
+from analyze.estimation.centre_of_mass import centre_of_mass
+from analyze.estimation.stated import ComPrior
 from analyze.evidence import Evidence
 from analyze.joined import in_order, join, levels_of, strikes_to_leave_out
 from analyze.pipeline import Estimate, EstimateOptions, equiplanes, estimate_evidence, systematic_errors
@@ -117,8 +118,8 @@ def test_the_order_of_the_files_changes_no_byte(halves, joint):
 def test_the_joint_is_better_than_either(halves, joint):
     for half in halves:
         alone = com_of(half).covariance
-        assert np.linalg.eigvalsh(alone - joint.com.covariance).min() > -1e-12
-        assert np.trace(joint.com.covariance) < 0.9 * np.trace(alone)
+        assert np.linalg.eigvalsh(alone - com_of(joint.evidence).covariance).min() > -1e-12
+        assert np.trace(com_of(joint.evidence).covariance) < 0.9 * np.trace(alone)
 
 
 def test_a_joint_result_names_its_recordings(halves, joint):
@@ -213,7 +214,7 @@ def renamed(evidence: Evidence, names: dict[str, str], along: float = 0.0) -> Ev
 def test_an_edge_is_recognised_under_another_name(halves, joint):
     names = {axis: f"other {i}" for i, axis in enumerate(sorted({strike.axis_id for strike in halves[1].plan.strikes}))}
     found = join((halves[0], renamed(halves[1], names, along=0.01)))
-    assert np.allclose(com_of(found).covariance, joint.com.covariance, rtol=1e-6)
+    assert np.allclose(com_of(found).covariance, com_of(joint.evidence).covariance, rtol=1e-6)
     assert [strike.axis_id for strike in found.plan.strikes] == [strike.axis_id for strike in joint.evidence.plan.strikes]
 
 

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from analyze.errors import EstimationError
-from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
+from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.paper import paper_centre_of_mass
+from analyze.estimation.stated import ComPrior, SystematicErrors
 from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
 
 SIZE = (0.08, 0.06, 0.15)

@@ -1,10 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.estimation.inertia import Scale, edge_inertia, inertia_prior, inertial_parameters, possible
+from analyze.estimation.inertia import edge_inertia, inertial_parameters, shape_prior
+from analyze.estimation.joint_model import EDGE_TO_EDGE
 from analyze.estimation.paper import paper_edge_inertia
+from analyze.estimation.second_moments import numbers_of, possible, unit_inertia
+from analyze.estimation.stated import ComPrior, Scale, SystematicErrors
 from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, box_body, fit_of, planned_strike, tip
 from tests.analyze.simulated_session import motion
 
@@ -15,6 +19,10 @@ ERRORS = SystematicErrors(gravity_tilt_sd=1e-3, edge_radius_sd=2e-4)
 SCALE = Scale(BODY.mass, 1e-4, GRAVITY, 1e-3, 2e-3)
 
 
+EXACT = SystematicErrors(gravity_tilt_sd=0.0, axis_angle_sd=0.0, strike_angle_sd=0.0)
+SHAPE = shape_prior(BODY.cells)
+
+
 def estimate(rng, noise=1.0, scale=SCALE):
     """Every error drawn that the estimators allow for: of the table, of all edges, of each edge, and of each strike."""
     tilt, radius, gravity = noise * rng.normal(0, 1, 3) * (ERRORS.gravity_tilt_sd, ERRORS.edge_radius_sd, SCALE.gravity_sd / GRAVITY)
@@ -22,20 +30,23 @@ def estimate(rng, noise=1.0, scale=SCALE):
     for axis in SIX_AXES:
         strike = planned_strike(BODY, *axis)
         forward, up = np.array(strike.R_world_object)[0], np.array(strike.R_world_object)[2]
-        moved = noise * 2e-4 * (rng.normal() * forward + rng.normal() * up) + radius * (up - forward)
-        phi, k = tip(BODY, strike, moved, BODY.edge_radius + radius)
+        own = radius + noise * rng.normal(0, EDGE_TO_EDGE * ERRORS.edge_radius_sd)
+        moved = noise * 2e-4 * (rng.normal() * forward + rng.normal() * up) + own * (up - forward)
+        phi, k = tip(BODY, strike, moved, BODY.edge_radius + own)
         k *= 1 + gravity + noise * rng.normal(0, SCALE.k_relative_sd)
         phi += tilt + noise * rng.normal(0, ERRORS.axis_angle_sd)
         for repeat in range(2):
             scatter = np.hypot(5e-4, ERRORS.strike_angle_sd)
             fit = fit_of(phi + noise * rng.normal(0, scatter), k * (1 + noise * rng.normal(0, 3e-3)), 5e-4, 3e-3 * k)
             planes.append(equiplane_from_fit(f"{strike.id}.{repeat}", strike, fit))
-    com = centre_of_mass(planes, ERRORS, PRIOR)
-    return planes, inertial_parameters(planes, com, scale, inertia_prior(scale.mass, com.position, BODY.cells))
+    return planes, inertial_parameters(planes, ERRORS, PRIOR, scale, SHAPE)
 
 
 def test_exact_motions_give_the_exact_moments():
-    planes, found = estimate(np.random.default_rng(0), noise=0.0)
+    strikes = [planned_strike(BODY, *axis) for axis in SIX_AXES]
+    planes = [equiplane_from_fit(s.id, s, fit_of(*tip(BODY, s), 1e-7, 1e-5)) for s in strikes]
+    planes = [replace(plane, edge_sd=0.0) for plane in planes]
+    found = inertial_parameters(planes, EXACT, PRIOR, Scale(BODY.mass, 1e-9, GRAVITY, 0.0, 0.0), SHAPE)
     for axis in found.axes:
         assert axis.i_com == pytest.approx(axis.direction @ BODY.inertia @ axis.direction, rel=1e-5)
     R = found.com.distances[0]
@@ -90,3 +101,17 @@ def test_the_papers_equation_5_from_theta_itself():
     found = paper_edge_inertia(tipped.angle, tipped.fit, tipped.phases.stage_two, moment)
     assert found.i_edge == pytest.approx(5e-4, rel=0.4), "differentiating twice costs this much"
     assert 0 < found.left_out < 0.9
+
+
+def test_any_six_numbers_are_a_bodys_and_a_bodys_are_found_again():
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        numbers = np.concatenate([rng.uniform(-6, -2, 3), rng.normal(0, 0.05, 3)])
+        inertia, by = unit_inertia(numbers)
+        moments = np.linalg.eigvalsh(inertia)
+        assert moments[0] > 0
+        assert moments[0] + moments[1] > moments[2]
+        for i, slope in enumerate(by):
+            step = 1e-6 * np.eye(6)[i]
+            assert slope == pytest.approx((unit_inertia(numbers + step)[0] - unit_inertia(numbers - step)[0]) / 2e-6, abs=1e-7)
+    assert unit_inertia(numbers_of(BODY.inertia / BODY.mass))[0] == pytest.approx(BODY.inertia / BODY.mass, rel=1e-9)

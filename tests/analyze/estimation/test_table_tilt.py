@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, TiltPrior, centre_of_mass
+from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.estimation.stated import ComPrior, SystematicErrors, TiltPrior
 from analyze.motion.pivot_fit import pivot_fit
 from tests.analyze.estimation.bodies import box_body, fit_of, planned_strike
 from tests.analyze.estimation.tilted_table import Drawn, Laid, laid_session, reversed_strike, seen_tips

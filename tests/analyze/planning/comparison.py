@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analyze.errors import PlanError
-from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
+from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_normal
+from analyze.estimation.stated import ComPrior, SystematicErrors
 from analyze.planning import design, view
 from analyze.planning.examine import Bench
 from analyze.planning.footing import SHARES, footing

@@ -7,8 +7,9 @@ import pytest
 
 from analyze.cards.page import cards
 from analyze.errors import PlanError
-from analyze.estimation.centre_of_mass import ComPrior, SystematicErrors, centre_of_mass
+from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.estimation.stated import ComPrior, SystematicErrors
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.examine import Bench
 from analyze.planning.forecast import error_so_far

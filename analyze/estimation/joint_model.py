@@ -1,0 +1,153 @@
+"""What phi and k of every strike should be, given c, the second moments and the errors that strikes share; with all derivatives.
+
+    phi = atan2(-forward, height) + lean of the vertical + angle errors
+    ln k = ln g + ln R - ln(l.J.l + (R + rho)^2) + error of the axis
+
+with (forward, height) the arm from the edge's centre line to c, R its length, J the inertia about c per kilogram, rho the edge's radius.
+A larger radius moves the centre line inwards, up and away from the tip: phi feels that as (cos phi - sin phi), nothing at 45 degrees, so
+that upright and 45-degree tips together tell the radius. The mass is in none of this: motions tell J, not I.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from analyze.estimation.second_moments import numbers_of, unit_inertia
+from analyze.estimation.stated import Scale, SystematicErrors
+from analyze.types import Array, EquiPlane
+
+COM = slice(0, 3)
+SECOND = slice(3, 9)
+TILT, SCALE_TERM, RADIUS, GRAVITY = slice(9, 11), 11, 12, 13
+FIXED = 14
+"""unknowns before those of each axis"""
+FORWARD, UP, ANGLE, OWN_RADIUS, OWN_K = range(5)
+AXIS_TERMS = 5
+LEVEL_TERMS = 2
+EDGE_TO_EDGE = 0.3
+"""of the stated sd of the edges' radius: how much one edge's differs from the others'"""
+SMALLEST_DISTANCE = 1e-3
+
+
+class JointModel:
+    """The unknowns: c (3) [m], the second moments' six numbers, then the shared errors, each in units of its sd.
+
+    The errors are the vertical's lean towards W's x and y, the shape's scale, the edges' radius, gravity, five per axis (the edge's place
+    forward and up, an angle, its own radius, a part of k), two of lean for each further levelling, and an angle for each further heading
+    of an axis (the camera sees another side).
+    """
+
+    def __init__(self, planes: Sequence[EquiPlane], systematic: SystematicErrors, scale: Scale | None = None) -> None:
+        axes = sorted({plane.axis_id for plane in planes})
+        self.planes = planes
+        self._further_levels = FIXED + AXIS_TERMS * len(axes)
+        self.tilts = systematic.tilts()
+        further = self._further_levels + LEVEL_TERMS * (len(self.tilts) - 1)
+        self._first = {name: FIXED + AXIS_TERMS * number for number, name in enumerate(axes)}
+        angles: dict[tuple[str, float], int] = {}
+        for plane in planes:
+            key = (plane.axis_id, plane.heading)
+            if key not in angles:
+                first_seen = all(axis != plane.axis_id for axis, _ in angles)
+                angles[key] = self._first[plane.axis_id] + ANGLE if first_seen else further
+                further += not first_seen
+        self.count = further
+        n = len(planes)
+        self._point = np.array([plane.point for plane in planes])
+        self._along = np.array([plane.direction for plane in planes])
+        self._up = np.array([plane.up for plane in planes])
+        self._forward = np.cross(self._along, self._up)
+        self._phi = np.array([plane.phi for plane in planes])
+        self._radius = np.array([plane.edge_radius for plane in planes])
+        self._log_g = 0.0 if scale is None else float(np.log(scale.gravity))
+        self._shift = np.zeros((n, 3, self.count))
+        self._turn = np.zeros((n, self.count))
+        self._radius_error = np.zeros((n, self.count))
+        self._k_error = np.zeros((n, self.count))
+        self._lean = np.zeros(n)
+        for i, plane in enumerate(planes):
+            forward, first = self._forward[i], self._first[plane.axis_id]
+            self._shift[i, :, SCALE_TERM] = plane.point * systematic.scale_sd
+            if plane.rounded:
+                self._radius_error[i, RADIUS] = systematic.edge_radius_sd
+                self._radius_error[i, first + OWN_RADIUS] = EDGE_TO_EDGE * systematic.edge_radius_sd
+            self._shift[i] += np.outer(plane.up - forward, self._radius_error[i])
+            self._shift[i, :, first + FORWARD] = forward * plane.edge_sd
+            self._shift[i, :, first + UP] = plane.up * plane.edge_sd
+            tilt, towards = self.tilts[plane.level], np.array([np.cos(plane.heading), np.sin(plane.heading)])
+            self._lean[i] = towards @ tilt.lean
+            self._turn[i, self.tilt_terms(plane.level)] = towards * tilt.sd
+            self._turn[i, angles[plane.axis_id, plane.heading]] = systematic.axis_angle_sd
+            if scale is not None:
+                self._k_error[i, GRAVITY] = scale.gravity_sd / scale.gravity
+                self._k_error[i, first + OWN_K] = scale.k_relative_sd
+
+    def tilt_terms(self, level: int) -> slice:
+        """Where a levelling's two terms of lean stand."""
+        start = TILT.start if level == 0 else self._further_levels + LEVEL_TERMS * (level - 1)
+        return slice(start, start + LEVEL_TERMS)
+
+    def start(self, com: Array, inertia: Array) -> Array:
+        """Unknowns (count,) with c (3,) and J (3, 3), no errors."""
+        return np.concatenate([com, numbers_of(inertia), np.zeros(self.count - SECOND.stop)])
+
+    def residual(self, x: Array) -> Array:
+        """(strikes,) rad: the angle at which c would stand above the line, plus the vertical's lean, minus the measured phi."""
+        forward, height = self._across(x)
+        angles = np.arctan2(-forward, height) + self._lean - self._phi + self._turn @ x
+        return np.remainder(angles + np.pi, 2 * np.pi) - np.pi
+
+    def design(self, x: Array) -> Array:
+        """Derivative (strikes, count) of `residual`: n/R across c and the shifts."""
+        forward, height = self._across(x)
+        R = self.distances(x)
+        # Eq. (4) at the phi of the present c.
+        normals = (-self._forward * (height / R)[:, None] + self._up * (forward / R)[:, None]) / R[:, None]
+        return self._rows(normals) + self._turn
+
+    def lean(self, x: Array) -> Array:
+        """(strikes,) rad: the vertical's lean the way each of them tipped."""
+        found = [self._turn[i, where] @ x[where] for i, where in enumerate(self.tilt_terms(plane.level) for plane in self.planes)]
+        return self._lean + np.array(found)
+
+    def distances(self, x: Array) -> Array:
+        """(strikes,) R [m]."""
+        return np.maximum(np.hypot(*self._across(x)), SMALLEST_DISTANCE)
+
+    def distance_design(self, x: Array) -> Array:
+        """Derivative (strikes, count) of R."""
+        forward, height = self._across(x)
+        R = self.distances(x)
+        return self._rows((self._forward * forward[:, None] + self._up * height[:, None]) / R[:, None])
+
+    def about_com(self, x: Array) -> tuple[Array, Array]:
+        """l.J.l of each strike's axis (strikes,) [m^2], and its derivative (strikes, count)."""
+        J, by = unit_inertia(x[SECOND])
+        rows = np.zeros((len(self.planes), self.count))
+        rows[:, SECOND] = np.einsum("si,nij,sj->sn", self._along, by, self._along)
+        return np.einsum("si,ij,sj->s", self._along, J, self._along), rows
+
+    def about_edge(self, x: Array) -> tuple[Array, Array]:
+        """l.J.l + (R + rho)^2 (strikes,) [m^2], and its derivative (strikes, count)."""
+        about_com, by_second = self.about_com(x)
+        lever = self.distances(x) + self._radius + self._radius_error @ x
+        return about_com + lever**2, by_second + 2 * lever[:, None] * (self.distance_design(x) + self._radius_error)
+
+    def log_k(self, x: Array) -> tuple[Array, Array]:
+        """Ln k (strikes,) as it should be, and its derivative (strikes, count)."""
+        R = self.distances(x)
+        about_edge, by = self.about_edge(x)
+        rows = self.distance_design(x) / R[:, None] - by / about_edge[:, None] + self._k_error
+        return self._log_g + np.log(R / about_edge) + self._k_error @ x, rows
+
+    def _across(self, x: Array) -> tuple[Array, Array]:
+        """Components (strikes,) of the arm from the shifted centre line to c: forward and up [m]."""
+        arm = x[COM] - self._point - self._shift @ x
+        return np.sum(arm * self._forward, axis=1), np.sum(arm * self._up, axis=1)
+
+    def _rows(self, across: Array) -> Array:
+        rows = -np.einsum("si,sic->sc", across, self._shift)
+        rows[:, COM] = across
+        return rows
