@@ -13,6 +13,7 @@ import rerun as rr
 
 from analyze import replay_views as views
 from analyze.geometry.rotations import wxyz_from_matrix
+from analyze.sections import section_of
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 
@@ -153,7 +154,7 @@ class Scene:
         self._stream.log(world, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         table = rr.Boxes3D(centers=[[0.02, 0.0, -0.003]], half_sizes=[[0.2, 0.1, 0.0029]], colors=[(96, 82, 66)], fill_mode="solid")
         self._stream.log(f"{world}/table", table, static=True)
-        R, p = views.object_poses(planned, angle)
+        R, p = views.object_poses(planned, angle, section_of(self._content.model, planned))
         quaternion = wxyz_from_matrix(R)[:, [1, 2, 3, 0]]
         self._stream.send_columns(
             body, indexes=self._columns(angle.time_ns, contact_ns), columns=rr.Transform3D.columns(translation=p, quaternion=quaternion)

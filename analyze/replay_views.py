@@ -11,13 +11,13 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from analyze.geometry.rotations import matrix_from_vector
-from analyze.motion.pendulum import trajectory
 from analyze.types import Array, CentreOfMass, EquiPlane, IntArray, MarkerTrack, MotionFit, Phases, TipAngle, TipMotion
 from schemas.result import Result, Verdict
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
 if TYPE_CHECKING:
     from analyze.geometry.object_model import ObjectModel
+    from analyze.motion.flank import Flank
     from analyze.pipeline import Estimate
 
 _MOST_POINTS = 700
@@ -107,23 +107,30 @@ def curves(angle: TipAngle) -> Curves:
 
 
 def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
-    """The fit's own motion at the frames of its window; None where it knows no k."""
+    """The fit's own motion at the frames of its window, whatever its equation; None where it knows no k."""
     first, last = fit.window
     time_ns = angle.time_ns[first:last]
-    after = (time_ns - fit.time0_ns).astype(np.float64) * 1e-9
-    if fit.k is None or len(time_ns) == 0:
+    if fit.k is None or len(time_ns) < 2:
         return None
-    keep = after >= 0
-    theta, omega, _ = trajectory(after[keep], fit.phi, fit.k, fit.theta0, fit.omega0, fit.damping)
-    return FittedCurves(time_ns[keep], theta, omega, angle.theta[first:last][keep] - theta)
+    theta = angle.theta[first:last] - fit.residual
+    return FittedCurves(time_ns, theta, np.gradient(theta, (time_ns - time_ns[0]) * 1e-9), fit.residual)
 
 
-def object_poses(planned: PlannedStrike, angle: TipAngle) -> tuple[Array, Array]:
-    """R_world_object (n, 3, 3) and p_world_object (n, 3) m: the planned pose turned by theta about the pivot line, moved by slip."""
+def object_poses(planned: PlannedStrike, angle: TipAngle, flank: Flank | None = None) -> tuple[Array, Array]:
+    """R_world_object (n, 3, 3) and p_world_object (n, 3) m: the planned pose turned by theta about the pivot line, moved by slip.
+
+    Args:
+        planned: how it lay.
+        angle: how it turned; its slip is against rolling where it rolls.
+        flank: that it rolls on, by which the line itself moves.
+    """
     R_rest, p_rest = np.array(planned.R_world_object), np.array(planned.p_world_object)
     pivot = R_rest @ np.array(planned.pivot.point) + p_rest
     turn = matrix_from_vector(np.outer(angle.theta, [0.0, 1.0, 0.0]))
     moved = np.outer(angle.slip, [1.0, 0.0, 0.0])
+    if flank is not None:
+        along, over = flank.rolled(angle.theta)
+        moved = moved + np.stack([along, np.zeros_like(along), over], axis=-1)
     return turn @ R_rest, turn @ (p_rest - pivot) + pivot + moved
 
 
