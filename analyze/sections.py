@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
@@ -9,7 +11,7 @@ import numpy as np
 
 from analyze.errors import EstimationError, ShapeError
 from analyze.geometry import mesh_files
-from analyze.geometry.object_model import load_object_model
+from analyze.geometry.object_model import LINE_SD, load_object_model
 from analyze.motion.flank import from_outline
 from analyze.motion.rolling_choice import is_curved
 
@@ -37,7 +39,11 @@ def section_of(model: ObjectModel, planned: PlannedStrike) -> Flank | None:
         section = from_outline(across, np.zeros(2), planned.pivot.radius_m)
     except EstimationError:
         return None
-    return section if is_curved(section, planned) else None
+    if not is_curved(section, planned):
+        return None
+    # A mesh's flank is where the mesh is, a cloud's as well known as the edge that was fitted to it.
+    place = math.hypot(LINE_SD, model.surface_sd) if model.cloud is None else planned.pivot.sd_m
+    return replace(section, sd=math.hypot(section.sd, place))
 
 
 class MeshSections:

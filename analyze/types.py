@@ -113,9 +113,13 @@ class RollingContact:
     radius: float
     """m, of curvature"""
     sd: float
-    """m, 1 sigma of the centre across itself, beside the pivot's own"""
+    """m, 1 sigma of the centre across itself; of a curve of the shape's own all of it, else beside the pivot's"""
     energy_ratio: float
     """energy over what standing up takes, on this flank"""
+    of_shape: bool = False
+    """whether the radius is the shape's own, and not the rounding that the object file gives its edges"""
+    radius_sd: float = 0.0
+    """m, 1 sigma of the radius: the centre lies nearer to c by as much as it is larger"""
 
 
 @dataclass(frozen=True)
@@ -190,6 +194,8 @@ class EquiPlane:
     """`edge_radius` is the edges' rounding, whose error all edges share; False: a flank's curvature"""
     level: int = 0
     """number of the levelling of the table that it was made on: whose tilt of gravity it feels"""
+    radius_sd: float = 0.0
+    """m, of a flank's radius of curvature: the line lies nearer to c by as much as it is larger"""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,6 @@ from schemas.strike_plan import PlannedStrike
 
 AXIS_TOLERANCE = 1e-3
 """rad: how far a plan's pivot.direction may be from W's +y at rest"""
-SAME_RADIUS = 1e-6
-"""m: what rolls on the plan's rounding rolls about the plan's point"""
 
 
 def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
@@ -40,13 +38,13 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
     if np.linalg.norm(R_world_object @ direction - np.array([0.0, 1.0, 0.0])) > AXIS_TOLERANCE:
         raise EstimationError(f"plan strike {planned.id}: pivot.direction is not W's +y at rest: make the plan anew")
     up = R_world_object[2]
-    point, radius, sd = np.array(planned.pivot.point), planned.pivot.radius_m, planned.pivot.sd_m
-    rounded = True
+    point, radius, sd, rounded, radius_sd = np.array(planned.pivot.point), planned.pivot.radius_m, planned.pivot.sd_m, True, 0.0
     if fit.rolling is not None:
-        rounded = abs(fit.rolling.radius - radius) < SAME_RADIUS and float(np.hypot(fit.rolling.along, fit.rolling.over)) < SAME_RADIUS
         # A flank's centre of curvature where it touches at phi is what the centre line is to a rounded edge.
         point = point + R_world_object[0] * fit.rolling.along + up * fit.rolling.over
-        radius, sd = fit.rolling.radius, float(np.hypot(sd, fit.rolling.sd))
+        radius, rounded, radius_sd = fit.rolling.radius, not fit.rolling.of_shape, fit.rolling.radius_sd
+        # Where the plan's pivot point lies does not matter to a curve of the shape's own.
+        sd = float(np.hypot(sd, fit.rolling.sd)) if rounded else fit.rolling.sd
     return EquiPlane(
         strike_id=strike_id,
         axis_id=planned.axis_id,
@@ -63,6 +61,7 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
         edge_sd=sd,
         heading=planned.heading_rad,
         rounded=rounded,
+        radius_sd=radius_sd,
     )
 
 

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from analyze.estimation.equiplane import raised
 from analyze.estimation.second_moments import numbers_of, unit_inertia
 from analyze.estimation.stated import Scale, SystematicErrors
 from analyze.types import Array, EquiPlane
@@ -73,7 +74,11 @@ class JointModel:
             if plane.rounded:
                 self._radius_error[i, RADIUS] = systematic.edge_radius_sd
                 self._radius_error[i, first + OWN_RADIUS] = EDGE_TO_EDGE * systematic.edge_radius_sd
-            self._shift[i] += np.outer(plane.up - forward, self._radius_error[i])
+                self._shift[i] += np.outer(plane.up - forward, self._radius_error[i])
+            else:
+                # A flank's centre of curvature lies nearer to c by as much as its radius is larger.
+                self._radius_error[i, first + OWN_RADIUS] = plane.radius_sd
+                self._shift[i, :, first + OWN_RADIUS] = raised(plane.direction, plane.up, plane.phi) * plane.radius_sd
             self._shift[i, :, first + FORWARD] = forward * plane.edge_sd
             self._shift[i, :, first + UP] = plane.up * plane.edge_sd
             tilt, towards = self.tilts[plane.level], np.array([np.cos(plane.heading), np.sin(plane.heading)])

@@ -4,7 +4,10 @@ In the plane across the axis, x the way it tips and z up at rest, the body turne
 (sin theta, -cos theta). h(theta) is the height of the pivot point p over the table, h'(theta) how far ahead of p the contact lies, and
 h + h'' = rho(theta) >= 0 the radius of curvature there. A mesh knows the flank by chords: h' jumps at each facet, and rho is a comb of
 spikes. Here each run of short facets becomes a curve through its corners, without kinks, whose radius varies evenly along each facet and
-is never negative. A facet that is long beside its neighbours stays flat, a turn of more than 20 deg a corner.
+is never negative. A facet at whose ends the outline bends far less than beside it stays flat, a turn of more than 20 deg is a corner.
+
+A scan's facets are as rough as its noise: of 20 um over facets of 0.4 mm the radius would be ten times too large here and nothing there.
+Where the bends at neighbouring corners say so, only corners some degrees apart are taken, as few as it needs.
 """
 
 # scipy is only partly typed; its unknowns are no mistakes of ours.
@@ -24,6 +27,7 @@ from scipy.spatial import ConvexHull, QhullError
 from analyze.errors import EstimationError
 
 if TYPE_CHECKING:
+    from analyze.geometry.polyhedron import BoolArray
     from analyze.types import Array, IntArray
 
 CORNER = math.radians(20.0)
@@ -31,7 +35,15 @@ CORNER = math.radians(20.0)
 LEAST_FACETS = 3
 """of a run that is a curve; fewer are a bevel"""
 FLAT = 4.0
-"""radius of curvature over both neighbours' from which a facet is a flat face"""
+"""radius of curvature over that beside it, on both sides, from which a facet is a flat face"""
+SPACINGS = tuple(math.radians(apart) for apart in (3.5, 7.0, 14.0))
+"""of the corners of a rough curve; the first at which it is no longer so"""
+ROUGH = 0.2
+"""1 sigma of the natural logarithm of the curvature at a corner, from corner to corner"""
+_ASIDE = 0.6
+"""of a facet L: how far aside it touches, per roughness. Corners off by e make the one e sqrt(2) / turn, the other e sqrt(6) / (L turn)"""
+_FACE = 0.04
+"""of the perimeter, from which on a facet is kept as it is"""
 _MIDDLE = 0.2
 """of the root of the section's area, 1 sigma: where c lies from the middle"""
 _SLIVER_M, _SLIVER = 1e-6, 1e-5
@@ -63,6 +75,10 @@ class Flank:
     """m; infinite where nothing is known of it"""
     sd: float = 0.0
     """m, 1 sigma of the section's place along and off the table, as the facets know it"""
+    bent: BoolArray | None = None
+    """(n,) bool, where it is a curve of the shape's own, and no corner or rounding; None: nowhere"""
+    rough: float = 0.0
+    """1 sigma of the radius of such a curve over itself, by how unevenly the shape bends"""
 
     def at(self, theta: Array) -> tuple[Array, Array, Array]:
         """height, ahead and radius [m] at theta [rad], each of theta's shape; beyond its ends the flank goes on as it ends."""
@@ -92,6 +108,17 @@ class Flank:
         begun = np.minimum(theta, _LIFTED)
         return travelled - ahead + ahead0 + height0 * begun, height - height0 + ahead0 * begun
 
+    def of_shape(self, theta: float) -> bool:
+        """Whether what touches at theta is a curve of the shape's own: its radius is the shape's, not the rounding that was given."""
+        place = round((theta - self.start) / self.step)
+        return self.bent is not None and 0 <= place < len(self.bent) and bool(self.bent[place])
+
+    def curved_over(self, low: float, high: float, least: float) -> float:
+        """Over how much [rad] of what lies between two angles it touches with a curve of the shape's own, of more than that radius [m]."""
+        angles = self.start + self.step * np.arange(len(self.radius))
+        inside = (angles >= low) & (angles <= high) & (self.radius > least)
+        return 0.0 if self.bent is None else self.step * float(np.count_nonzero(inside & self.bent))
+
     def range_of_radius(self, low: float, high: float) -> tuple[float, float]:
         """Least and greatest radius of curvature [m] between two angles."""
         _, _, radius = self.at(np.linspace(low, high, 50))
@@ -101,8 +128,10 @@ class Flank:
         """Longest flat face [m] that comes to lie on the table between two angles: over it the contact jumps."""
         angles = self.start + self.step * np.arange(len(self.radius))
         inside = (angles >= low) & (angles <= high)
-        bent = (self.radius - self.height)[inside]
-        jumps = np.diff(self.ahead[inside]) - 0.5 * (bent[1:] + bent[:-1]) * self.step
+        # A face that is taken for a part of the curve has a huge radius, over a small part of a step.
+        radius = np.lib.stride_tricks.sliding_window_view(np.pad(self.radius, 2, mode="edge"), 5).min(axis=1)
+        grows = (radius - self.height)[inside]
+        jumps = np.diff(self.ahead[inside]) - 0.5 * (grows[1:] + grows[:-1]) * self.step
         return float(np.max(jumps, initial=0.0))
 
     @cached_property
@@ -135,25 +164,32 @@ def from_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Flank:
         hull = ConvexHull(points)
     except (QhullError, ValueError):
         raise EstimationError("the section across the pivot axis has no area: look at the shape") from None
-    outline = _outline(np.asarray(points[hull.vertices] - pivot, dtype=np.float64))
-    curves = _curves(outline)
+    whole = _outline(np.asarray(points[hull.vertices] - pivot, dtype=np.float64))
+    outline, curves, rough = _smooth(whole)
     theta = np.asarray(_LOW + _STEP * np.arange(round((_HIGH - _LOW) / _STEP) + 1), dtype=np.float64)
     touching, offset = _at_corners(outline, curves, theta, rounding)
-    radius, sagitta = offset.copy(), np.zeros_like(theta)
+    radius, bent = offset.copy(), np.zeros(len(theta), dtype=bool)
     for curve in curves:
-        inside, points, radii, depths = curve.over(outline, theta)
-        touching[inside], offset[inside], radius[inside], sagitta[inside] = points, 0.0, radii, depths
+        inside, points, radii = curve.over(outline, theta)
+        touching[inside], offset[inside], radius[inside], bent[inside] = points, 0.0, radii, True
     cos, sin = np.cos(theta), np.sin(theta)
-    middle, area = _middle(outline.corners)
+    height = touching[:, 0] * sin - touching[:, 1] * cos + offset
+    # Chords lie inside the curve, by up to twice this on the average; what else they differ by is their noise.
+    chords = np.max(np.outer(sin, whole.corners[:, 0]) - np.outer(cos, whole.corners[:, 1]), axis=1)
+    beyond = np.asarray((height - chords)[bent & (theta > 0.0)], dtype=np.float64)
+    lengths = [float(np.mean(outline.length[curve.facets])) for curve in curves]
+    middle, area = _middle(whole.corners)
     return Flank(
         _LOW,
         _STEP,
-        touching[:, 0] * sin - touching[:, 1] * cos + offset,
+        height,
         touching[:, 0] * cos + touching[:, 1] * sin,
         radius,
         (float(middle[0]), float(middle[1])),
         _MIDDLE * math.sqrt(area),
-        0.5 * float(np.max(sagitta)),
+        math.hypot(math.sqrt(float(np.mean(beyond**2))) if len(beyond) else 0.0, _ASIDE * rough * max(lengths, default=0.0)),
+        bent,
+        rough,
     )
 
 
@@ -175,6 +211,12 @@ class _Outline:
         """rad, from facet i - 1 to facet i."""
         return float((self.angle[i % len(self)] - self.angle[(i - 1) % len(self)]) % (2 * math.pi))
 
+    @cached_property
+    def bend(self) -> Array:
+        """(n,) 1/m, curvature at corner i; of a circle's chords it is right however long they are."""
+        turns = np.remainder(self.angle - np.roll(self.angle, 1), 2 * math.pi)
+        return 2.0 * turns / (self.length + np.roll(self.length, 1))
+
 
 def _outline(corners: Array) -> _Outline:
     """Without corners that are none: facets that turn by next to nothing, or are next to nothing long, are one with their neighbour."""
@@ -189,10 +231,52 @@ def _outline(corners: Array) -> _Outline:
         if float(turn.min()) > _SLIVER:
             break
         corners = np.delete(corners, int(np.argmin(turn)), axis=0)
+    return _polygon(corners)
+
+
+def _polygon(corners: Array) -> _Outline:
     sides = np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(sides[:, 1], sides[:, 0])
     first = int(np.argmin(angle))
     return _Outline(*(np.roll(values, -first, axis=0) for values in (corners, np.hypot(sides[:, 0], sides[:, 1]), angle)))
+
+
+def _smooth(whole: _Outline) -> tuple[_Outline, list[_Curve], float]:
+    """The outline with as many of its corners as leave its curves smooth, the curves, and how rough they are."""
+    outline, curves = whole, _curves(whole)
+    rough = _roughness(outline, curves) or 0.0
+    for spacing in SPACINGS:
+        if rough < ROUGH:
+            break
+        outline = _thinned(whole, spacing)
+        curves = _curves(outline)
+        # Of so few corners that they tell nothing it is no less rough.
+        rough = _roughness(outline, curves) or rough
+    return outline, curves, rough
+
+
+def _roughness(outline: _Outline, curves: list[_Curve]) -> float | None:
+    """How much the curvature scatters from corner to corner of what may touch, beyond what varies evenly: 1 sigma of its logarithm.
+
+    None where there are too few corners to say.
+    """
+    parts: list[Array] = [np.zeros(0)]
+    for curve in curves:
+        inner = np.array([i for i in curve.facets[1:] if _LOW < outline.angle[i] < _HIGH], dtype=np.intp)
+        parts.append(np.diff(np.log(outline.bend[inner]), 2))
+    uneven = np.concatenate(parts)
+    return 1.4826 * float(np.median(np.abs(uneven))) / math.sqrt(6.0) if len(uneven) else None
+
+
+def _thinned(whole: _Outline, spacing: float) -> _Outline:
+    """Of the corners those that touch when it is turned by whole multiples of `spacing` [rad], and the ends of faces."""
+    turned = np.arange(-math.pi + 0.5 * spacing, math.pi, spacing)
+    touches = np.argmin(np.outer(np.cos(turned), whole.corners[:, 1]) - np.outer(np.sin(turned), whole.corners[:, 0]), axis=1)
+    apart = np.abs(np.remainder(whole.angle[:, None] - whole.angle + math.pi, 2 * math.pi) - math.pi)
+    around = (apart < spacing) @ whole.length - whole.length
+    faces = np.flatnonzero((whole.length > _FACE * float(np.sum(whole.length))) | (whole.length > around))
+    kept = np.unique(np.concatenate([touches, faces, (faces + 1) % len(whole)]))
+    return _polygon(whole.corners[kept])
 
 
 @dataclass(frozen=True)
@@ -201,8 +285,8 @@ class _Curve:
 
     facets: list[int]
 
-    def over(self, outline: _Outline, theta: Array) -> tuple[IntArray, Array, Array, Array]:
-        """Which of theta (n,) are its own, where it touches there (k, 2), its radius (k,) and how far its chords lie below it (k,)."""
+    def over(self, outline: _Outline, theta: Array) -> tuple[IntArray, Array, Array]:
+        """Which of theta (n,) are its own, where it touches there (k, 2), and its radius (k,)."""
         length, nodes = outline.length[self.facets], self._tangents(outline)
         whole = nodes[0] + np.remainder(theta - nodes[0], 2 * math.pi)
         inside = np.flatnonzero(whole <= nodes[-1])
@@ -218,7 +302,7 @@ class _Curve:
         along = mean * (np.sin(at) + sin) + slope * (np.cos(at) + at * np.sin(at) - cos - half * sin)
         across = mean * (cos - np.cos(at)) + slope * (np.sin(at) - at * np.cos(at) + sin - half * cos)
         turned = np.stack([along * np.cos(middle) - across * np.sin(middle), along * np.sin(middle) + across * np.cos(middle)], axis=-1)
-        return inside, outline.corners[facet] + turned, np.maximum(mean + slope * at, 0.0), 0.25 * length[cell] * half
+        return inside, outline.corners[facet] + turned, np.maximum(mean + slope * at, 0.0)
 
     def _tangents(self, outline: _Outline) -> Array:
         """(facets + 1,) rad, ascending, of the curve at its corners: those of a cubic spline through them, between the facets'."""
@@ -244,11 +328,7 @@ class _Curve:
 def _curves(outline: _Outline) -> list[_Curve]:
     n = len(outline)
     joined = [outline.turn(i) < CORNER for i in range(n)]
-    beside = [
-        max([outline.length[j % n] for j, joins in ((i - 1, joined[i]), (i + 1, joined[(i + 1) % n])) if joins], default=0.0)
-        for i in range(n)
-    ]
-    bent = [outline.length[i] < FLAT * beside[i] for i in range(n)]
+    bent = [_is_bent(outline, joined, i) for i in range(n)]
     breaks = [i for i in range(n) if not (bent[i] and bent[i - 1] and joined[i])]
     start = breaks[0] if breaks else 0
     runs: list[list[int]] = []
@@ -260,6 +340,13 @@ def _curves(outline: _Outline) -> list[_Curve]:
         else:
             runs.append([i])
     return [_Curve(run) for run in runs if len(run) >= LEAST_FACETS]
+
+
+def _is_bent(outline: _Outline, joined: list[bool], i: int) -> bool:
+    """Whether a facet is part of a curve: on one side at least it bends at its end as it does beyond."""
+    n = len(outline)
+    ends = ((i, i - 1), ((i + 1) % n, (i + 2) % n))
+    return any(joined[end] and joined[beyond] and FLAT * outline.bend[end] > outline.bend[beyond] for end, beyond in ends)
 
 
 def _at_corners(outline: _Outline, curves: list[_Curve], theta: Array, rounding: float) -> tuple[Array, Array]:

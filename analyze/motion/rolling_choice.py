@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 ROUNDED = 2.5e-3
 """m of rounding from which on a hinge's k is some tenths of a per cent off (contact.py has it at 1 mm)"""
 _BENT = 5e-4
-"""m of radius beyond the plan's rounding, from which on the section is a curved flank"""
+"""m of radius of a curve of the shape's own, from which on the section is a flank; the plan's rounding is of its corners"""
+_OVER = math.radians(15.0)
+"""over which it must be one: where a scan's faces meet, its noise makes a curve of a few degrees"""
 _FLAT = 5e-4
 """m, of a face that comes to lie on the table in between: a bevel, over which the body hops"""
 _FROM, _PAST = math.radians(1.0), math.radians(25.0)
@@ -44,8 +46,7 @@ def rolls_on(section: Flank | None, planned: PlannedStrike) -> tuple[Flank | Non
 def is_curved(section: Flank, planned: PlannedStrike) -> bool:
     """Whether the section is a curve where it touches, and not a corner or a bevel."""
     last = planned.phi_predicted_rad + _PAST
-    bent = section.range_of_radius(_FROM, last)[1] > planned.pivot.radius_m + _BENT
-    return bent and section.longest_flat(_FROM, last) < _FLAT
+    return section.curved_over(_FROM, last, _BENT) > _OVER and section.longest_flat(_FROM, last) < _FLAT
 
 
 def against_rolling(motion: PlanarMotion, flank: Flank, planned: PlannedStrike) -> PlanarMotion:

@@ -73,7 +73,9 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], flank: Flank) -> Motio
     fitted = Fitted(np.array([phi[0], k[0], *x[3:]]), solution.residual[: len(cut.time)], covariance)
     fit = motion_fit(ESTIMATOR, angle, window, cut, replace(fitted, covariance=covariance * _stretched(cut, fitted) ** 2))
     ratio = energy_ratio(flank, x[:3], fit.phi, fit.theta0, fit.omega0)
-    return replace(fit, rolling=RollingContact(*flank.centre(fit.phi), flank.sd, ratio))
+    along, over, radius = flank.centre(fit.phi)
+    own = flank.of_shape(fit.phi)
+    return replace(fit, rolling=RollingContact(along, over, radius, flank.sd, ratio, own, flank.rough * radius if own else 0.0))
 
 
 def _expected(cut: Sample, flank: Flank) -> Expected:

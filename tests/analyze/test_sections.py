@@ -78,3 +78,16 @@ def test_a_replay_draws_it_rolling_as_it_was_fitted():
     tipping = (found.angle.theta > math.radians(1)) & (found.angle.theta < math.radians(75))
     assert np.abs(lowest[tipping]).max() < 5e-5, "it stays on the table"
     assert np.ptp(p[tipping, 0]) > 0.01, "and goes along it"
+
+
+def test_a_moulded_rounding_that_is_declared_too_is_the_meshs():
+    """The plan's pivot point is inset from where the bottom ends; on a mesh with the rounding in it, the centre is right above."""
+    body = RollingBody(0.006, 0.006, (-0.02, 0.06), 0.003, 0.15)
+    spec, data, strike = moulded(body)
+    pivot = strike.pivot.model_copy(update={"point": [-body.a, 0.0, 0.0], "radius_m": body.a})
+    section = section_of(load_object_model(spec, data, "bowl.stl"), strike.model_copy(update={"pivot": pivot}))
+    assert section is not None
+    along, over, radius = section.centre(0.4)
+    np.testing.assert_allclose((along, over, radius), (body.a, 0.0, body.a), atol=5e-5)
+    assert section.of_shape(0.4)
+    assert section.sd < 1e-4, "the mesh knows it, whatever the plan's edge is known to"

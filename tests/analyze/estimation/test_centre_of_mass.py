@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -121,3 +123,15 @@ def test_the_target_for_the_papers_own_noise_is_met():
         np.linalg.norm(centre_of_mass(planes(rng, axes=axes, repeats=2, errors=noise), noise, PRIOR).position - BODY.com) for _ in range(40)
     ]
     assert np.mean(error) < 5e-3
+
+
+def test_the_stated_rounding_is_not_that_of_a_flank_whose_radius_the_shape_gives():
+    found = planes(np.random.default_rng(5))
+    unknown = SystematicErrors(gravity_tilt_sd=1e-4, edge_radius_sd=3e-3)
+    known = SystematicErrors(gravity_tilt_sd=1e-4)
+    sharp, on_edges = (centre_of_mass(found, errors, PRIOR) for errors in (known, unknown))
+    assert np.trace(on_edges.covariance) > 1.3 * np.trace(sharp.covariance)
+    flanks = [replace(plane, rounded=False) for plane in found]
+    on_flanks = centre_of_mass(flanks, unknown, PRIOR)
+    np.testing.assert_allclose(on_flanks.covariance, sharp.covariance, rtol=1e-6)
+    np.testing.assert_allclose(on_flanks.position, sharp.position, atol=1e-9)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.estimation.equiplane import equiplane_from_fit, raised
 from analyze.estimation.inertia import edge_inertia, inertial_parameters, shape_prior
 from analyze.estimation.joint_model import EDGE_TO_EDGE
 from analyze.estimation.paper import paper_edge_inertia
@@ -115,3 +115,32 @@ def test_any_six_numbers_are_a_bodys_and_a_bodys_are_found_again():
             step = 1e-6 * np.eye(6)[i]
             assert slope == pytest.approx((unit_inertia(numbers + step)[0] - unit_inertia(numbers - step)[0]) / 2e-6, abs=1e-7)
     assert unit_inertia(numbers_of(BODY.inertia / BODY.mass))[0] == pytest.approx(BODY.inertia / BODY.mass, rel=1e-9)
+
+
+def test_a_flanks_vague_radius_is_in_the_moments():
+    """With the centre of curvature nearer to c by 2 mm and the radius larger by as much, R alone is off."""
+    planes, _ = estimate(np.random.default_rng(4), noise=0.3)
+    first = planes[0].axis_id
+    off = [
+        replace(
+            plane,
+            rounded=False,
+            edge_radius=plane.edge_radius + 2e-3,
+            point=plane.point + 2e-3 * raised(plane.direction, plane.up, plane.phi),
+        )
+        if plane.axis_id == first
+        else plane
+        for plane in planes
+    ]
+    true, sure, vague = (
+        inertial_parameters(each, ERRORS, PRIOR, SCALE, SHAPE)
+        for each in (planes, off, [replace(plane, radius_sd=0.0 if plane.rounded else 2e-3) for plane in off])
+    )
+    at = [axis.axis_id for axis in true.axes].index(first)
+
+    def z(found):
+        return abs(found.axes[at].i_com - true.axes[at].i_com) / found.axes[at].i_com_sd
+
+    assert z(sure) > 1.5
+    assert z(vague) < 1.0
+    assert vague.axes[at].i_edge_sd > sure.axes[at].i_edge_sd
