@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from analyze.errors import EstimationError, OutputError
+from analyze.calibrate import read_rig
+from analyze.errors import CalibrationError, EstimationError, OutputError
 from analyze.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head, unplaced_markers
+from analyze.gravity import READ_BY as PLUMB_LINE
 from analyze.joined import in_order, join, paths_text, refuse_apart, strikes_to_leave_out
 from analyze.output_file import write_text
 from analyze.recording import open_recording
@@ -21,9 +23,12 @@ from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import Array
 from schemas.object_spec import parse_object_spec, read_object_spec
 from schemas.session_manifest import OBJECT_ATTACHMENT
-from schemas.toml_table import with_entry_in_each
+from schemas.toml_table import with_entry, with_entry_in_each
 
 _ROTATION_DIGITS, _PLACE_DIGITS = 9, 6
+CALIBRATION, CAMERA_POSE = "camera.calibration", "T_world_camera"
+_SAME_POSE = 1e-6
+"""of its entries: rad, m"""
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,8 @@ class RegisterOptions:
     """ids of strikes to leave out"""
     find_table: bool = False
     """the recorded T_world_camera says nothing of the table's tilt and height: find them too"""
+    rig: Path | None = None
+    """rig file that the T_world_camera found shall be written into"""
 
 
 @dataclass(frozen=True)
@@ -69,8 +76,11 @@ def register_recordings(paths: Sequence[Path], options: RegisterOptions, progres
         JoinError: the recordings are not of one object, or one is named twice.
         ShapeError: the object's shape cannot be used.
         EstimationError: strikes contradict each other, or determine no marker's place.
+        CalibrationError: what will be found cannot be written into the rig file.
     """
     heads = in_order([read_head(path) for path in paths])
+    if options.rig is not None:
+        _refuse_other_place(heads, options.rig)
     if len(heads) > 1:
         refuse_apart(heads, options.object_path is not None)
     exclude = strikes_to_leave_out(heads, options.exclude)
@@ -122,6 +132,44 @@ def write_object(answer: RegisterAnswer, output: Path) -> tuple[int | str, ...]:
     parse_object_spec(text, str(output))
     write_text(output, text)
     return tuple(place.marker_id for place in known)
+
+
+def write_table(answer: RegisterAnswer, rig: Path) -> None:
+    """Put T_world_camera, in the W whose z = 0 is the table as found, into the rig file; every other line stays as it is.
+
+    Raises:
+        EstimationError: the strikes do not determine the table.
+        CalibrationError: the file has no plain table to write in.
+        OutputError: the file cannot be written.
+    """
+    refuse_undetermined(answer)
+    (found,) = answer.registration.tables
+    pose = pose_toml(found.T_world_camera)
+    text = with_entry(rig.read_text(encoding="utf-8"), CALIBRATION, CAMERA_POSE, pose)
+    if text is None:
+        raise CalibrationError(f"{rig}: has no plain table [{CALIBRATION}] to write in: put there by hand {CAMERA_POSE} = {pose}")
+    write_text(rig, text)
+
+
+def level_note(rig: Path) -> str:
+    """What of the rig file no longer holds when its T_world_camera is another; empty: all does."""
+    level = read_rig(rig)[0].level
+    if level is None or level.read_by != PLUMB_LINE:
+        return ""
+    return "; [level] in it was read by the camera as it was taken to stand: analyze gravity reads it anew"
+
+
+def _refuse_other_place(heads: Sequence[RecordingHead], rig: Path) -> None:
+    """What is found is how the table lies against the T_world_camera of the recording: the rig file must have the same."""
+    _, place = read_rig(rig)
+    if len(heads) > 1:
+        raise CalibrationError(f"{rig}: {paths_text(heads)} have a table each: write that of one recording by itself")
+    recorded = heads[0].manifest.cameras[0].calibration.T_world_camera
+    if place is None or not np.allclose(place, recorded, rtol=0.0, atol=_SAME_POSE):
+        raise CalibrationError(
+            f"{rig}: its T_world_camera is not the one that {heads[0].path} was recorded with, and the camera may have been moved since: "
+            "write by hand what is printed without --write, or record with this file"
+        )
 
 
 def pose_toml(T: Array) -> str:

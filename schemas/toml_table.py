@@ -1,4 +1,4 @@
-"""One table of a TOML file, or one entry of one of its [[tables]], written anew; every other line stays as people wrote it."""
+"""One table of a TOML file, one entry of it, or of one of its [[tables]], written anew; every other line stays as people wrote it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ def with_table(text: str, table: str, entries: Mapping[str, str]) -> str | None:
     """
     lines = text.splitlines()
     headers = [i for i, line in enumerate(lines) if _HEADER.match(line)]
-    named = re.compile(r"\s*\[\s*" + r"\s*\.\s*".join(map(re.escape, table.split("."))) + r"\s*\]\s*(#.*)?$")
-    start = next((i for i in headers if named.match(lines[i])), None)
+    start = _start(lines, headers, table)
     body = [f"{key} = {value}" for key, value in entries.items()]
     if start is None:
         new = [*lines, *([""] if lines and lines[-1].strip() else []), f"[{table}]", *body]
@@ -52,16 +51,8 @@ def with_entry_in_each(text: str, table: str, key: str, values: Mapping[int, str
     if any(number >= len(starts) for number in values):
         return None
     for number in sorted(values, reverse=True):
-        first = starts[number] + 1
-        last = next((i for i in headers if i >= first), len(lines))
-        body = _without_entry(lines[first:last], key)
-        if body is None:
+        if not _write_entry(lines, headers, starts[number], key, values[number]):
             return None
-        # Blank lines and remarks just before the next table are its own.
-        after = len(body)
-        while after > 0 and (not body[after - 1].strip() or body[after - 1].lstrip().startswith("#")):
-            after -= 1
-        lines[first:last] = [*body[:after], f"{key} = {values[number]}", *body[after:]]
     changed = "\n".join(lines) + "\n"
     try:
         old, new = tomllib.loads(text), tomllib.loads(changed)
@@ -70,6 +61,53 @@ def with_entry_in_each(text: str, table: str, key: str, values: Mapping[int, str
     except (tomllib.TOMLDecodeError, KeyError, IndexError, TypeError):
         return None
     return changed if old == new else None
+
+
+def with_entry(text: str, table: str, key: str, value: str) -> str | None:
+    """`text` with `key` = value (as TOML) in [table]; None where that cannot be done by lines, or there is no such table.
+
+    Args:
+        text: a TOML file's content.
+        table: its dotted name.
+        key: of the entry; where it is there it is replaced.
+        value: as TOML.
+    """
+    lines = text.splitlines()
+    headers = [i for i, line in enumerate(lines) if _HEADER.match(line)]
+    start = _start(lines, headers, table)
+    if start is None or not _write_entry(lines, headers, start, key, value):
+        return None
+    changed = "\n".join(lines) + "\n"
+    try:
+        old, new = tomllib.loads(text), tomllib.loads(changed)
+        at = old
+        for name in table.split("."):
+            at = at[name]
+        at[key] = tomllib.loads(f"{key} = {value}")[key]
+    except (tomllib.TOMLDecodeError, KeyError, TypeError):
+        return None
+    return changed if old == new else None
+
+
+def _start(lines: list[str], headers: list[int], table: str) -> int | None:
+    """Line of the header [table]."""
+    named = re.compile(r"\s*\[\s*" + r"\s*\.\s*".join(map(re.escape, table.split("."))) + r"\s*\]\s*(#.*)?$")
+    return next((i for i in headers if named.match(lines[i])), None)
+
+
+def _write_entry(lines: list[str], headers: list[int], start: int, key: str, value: str) -> bool:
+    """Put the entry into the table whose header is line `start`, in place; False where the end of the old one cannot be told."""
+    first = start + 1
+    last = next((i for i in headers if i >= first), len(lines))
+    body = _without_entry(lines[first:last], key)
+    if body is None:
+        return False
+    # Blank lines and remarks just before the next table are its own.
+    after = len(body)
+    while after > 0 and (not body[after - 1].strip() or body[after - 1].lstrip().startswith("#")):
+        after -= 1
+    lines[first:last] = [*body[:after], f"{key} = {value}", *body[after:]]
+    return True
 
 
 def _without_entry(body: list[str], key: str) -> list[str] | None:

@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from schemas.toml_table import with_entry_in_each, with_table
+from schemas.toml_table import with_entry, with_entry_in_each, with_table
 
 TEXT = """# bench
 name = "b"
@@ -67,3 +67,12 @@ def test_an_entry_is_written_into_some_of_the_tables_of_an_array():
 def test_an_array_that_is_not_written_as_tables_is_left_alone():
     assert with_entry_in_each("marker = [{ id = 1 }]\n", "marker", "pose", {0: "[2]"}) is None
     assert with_entry_in_each(OBJECT, "marker", "pose", {2: "[2]"}) is None
+
+
+def test_one_entry_of_a_table_is_written_and_its_others_stay():
+    assert with_entry(TEXT, "camera.calibration", "K", "[[5]]") == TEXT.replace(
+        "K = [\n  [1, 2],\n  [3, 4],\n]\nold = 1\n", "old = 1\nK = [[5]]\n"
+    )
+    assert with_entry(TEXT, "camera", "name", '"c"') == TEXT.replace('"x"  # ours\n', '"x"  # ours\nname = "c"\n')
+    assert with_entry(TEXT, "level", "a", "1") is None
+    assert with_entry("[camera]\ncalibration = { a = 1 }\n", "camera.calibration", "a", "2") is None

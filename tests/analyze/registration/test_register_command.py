@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from analyze.cli import main as analyze
+from analyze.evidence import read_head
+from analyze.register import RegisterAnswer, RegisterOptions, level_note, write_table
+from analyze.registration.register import register
+from analyze.registration.table import UNKNOWN_TABLE
 from schemas.object_spec import read_object_spec
+from tests.analyze.registration.tagged_boxes import about, draw_box, seen_strikes
 
 SAMPLE = Path(__file__).resolve().parents[3] / "recordings" / "sample-1.0.mcap"
 
@@ -74,3 +82,69 @@ def test_undetermined_places_are_refused_in_one_line():
     assert result.exit_code == 1
     assert len(result.stderr.strip().splitlines()) == 1
     assert "no strike shows a marker at rest" in result.stderr
+
+
+def rig_file(folder, T_world_camera, level=""):
+    seen = read_head(SAMPLE).manifest.cameras[0].calibration
+    path = folder / "rig.toml"
+    lens = f"width = {seen.width}\nheight = {seen.height}\nK = {seen.K}\ndistortion = {list(seen.distortion)}"
+    place = "[\n" + "".join(f"  {row},  # as set up\n" for row in T_world_camera) + "]"
+    path.write_text(
+        f'name = "bench"\n\n[camera]\naddress = "10.0.0.2"\n\n[camera.calibration]\nT_world_camera = {place}\n{lens}\n{level}',
+        encoding="utf-8",
+    )
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(analyze, ["register", *map(str, arguments)])
+
+
+def test_the_table_found_is_written_into_the_rig_file(tmp_path):
+    rng = np.random.default_rng(3)
+    box = replace(draw_box(rng), table=np.array([math.radians(2.0), math.radians(-1.5), 0.004]))
+    found = register(seen_strikes(box, rng), box.sizes, box.thickness, box.model, UNKNOWN_TABLE)
+    recorded = box.camera.T_world_camera
+    rig = rig_file(tmp_path, recorded.tolist(), '\n[level]\ntowards_x_rad = 0.001\ntowards_x_sd_rad = 0.0002\nread_by = "plumb line"\n')
+    before = tomllib.loads(rig.read_text(encoding="utf-8"))
+    evidence = SimpleNamespace(recordings=())
+    write_table(RegisterAnswer(found, evidence, "", (), RegisterOptions(find_table=True, rig=rig)), rig)
+    after = tomllib.loads(rig.read_text(encoding="utf-8"))
+    written = np.array(after["camera"]["calibration"].pop("T_world_camera"))
+    del before["camera"]["calibration"]["T_world_camera"]
+    assert after == before, "all else as it was"
+    # The table's own normal and height over it, as the camera really stands.
+    E = about([1, 0, 0], box.table[0]) @ about([0, 1, 0], box.table[1])
+    up = recorded[:3, :3].T @ E[:, 2]
+    assert np.degrees(np.arccos(min(1.0, written[2, :3] @ up))) < 0.6
+    over = E[:, 2] @ (recorded[:3, 3] - [0, 0, box.table[2]])
+    assert abs(written[2, 3] - over) < 6e-3 * math.hypot(*recorded[:2, 3]) + 5e-4
+    assert "analyze gravity reads it anew" in level_note(rig)
+
+
+def test_a_table_that_is_not_determined_is_not_written(tmp_path):
+    rig = rig_file(tmp_path, read_head(SAMPLE).manifest.cameras[0].calibration.T_world_camera)
+    text = rig.read_text(encoding="utf-8")
+    done = run(SAMPLE, "--table", "--rig", rig, "--write")
+    assert done.exit_code == 1
+    assert "do not determine" in done.stderr
+    assert rig.read_text(encoding="utf-8") == text
+
+
+def test_a_rig_file_with_another_camera_place_is_left_alone(tmp_path):
+    moved = np.array(read_head(SAMPLE).manifest.cameras[0].calibration.T_world_camera)
+    moved[0, 3] += 0.001
+    rig = rig_file(tmp_path, moved.tolist())
+    text = rig.read_text(encoding="utf-8")
+    done = run(SAMPLE, "--table", "--rig", rig, "--write")
+    assert done.exit_code == 1
+    assert "is not the one that" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert rig.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize("options", [["--rig", "rig.toml"], ["--table", "--write"], ["--rig", "rig.toml", "--write"]])
+def test_writing_the_table_takes_all_three_options(options):
+    done = run(SAMPLE, *options)
+    assert done.exit_code == 2
+    assert "--table --rig RIG.toml --write belong together" in done.stderr
