@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.file_row import missing_text
+from analyze.motion.contact import ContactErrors
 from analyze.planned_strikes import planned_strikes
 from analyze.results.tilt import TILT_REMEDY, assumed_tilt
-from analyze.types import EquiPlane, InertialParameters, MassDistribution
+from analyze.types import EquiPlane, InertialParameters, MassDistribution, TipMotion
 from schemas.result import ResultWarning, Verdict, WarningCode
 from schemas.session_manifest import TimeSource
 
@@ -25,6 +26,8 @@ POOR_RESIDUAL = np.radians(0.3)
 OUTLIER = 0.5
 DISAGREEMENT = 0.01
 """m, between the paper's centre of mass and ours"""
+ROUGH_FLANK = 0.1
+"""1 sigma of a flank's radius of curvature over itself"""
 UNCERTAIN_SHARE = 0.1
 """of the mass, 1 sigma of a region"""
 
@@ -90,9 +93,8 @@ def result_warnings(
     if share.max() > UNCERTAIN_SHARE:
         name = distribution.names[int(np.argmax(share))]
         warn(WarningCode.REGIONS_UNCERTAIN, f"the mass of region {name} is known to {share.max():.0%} of the total only")
-    rolling = sorted({strike.axis_id for strike in evidence.plan.strikes if strike.rolls})
-    if rolling:
-        warn(WarningCode.ROLLING_CONTACT, f"the object can roll about {_names(rolling)}: those angles are less certain than they look")
+    for text in _rolling(evidence, planes, options.estimator):
+        warn(WarningCode.ROLLING_CONTACT, text)
     for strike_id, report in evidence.tracking.items():
         if report.unknown_ids:
             marker = report.unknown_ids[0]
@@ -119,6 +121,38 @@ def result_warnings(
         if source is not TimeSource.DEVICE_MAPPED:
             warn(WarningCode.POOR_FIT, f"frame times come from {source.value}: k is less certain than it looks")
     return found
+
+
+def _rolling(evidence: Evidence, planes: Sequence[EquiPlane], estimator: str | None) -> Iterator[str]:
+    """What rolling leaves open about the axes that were used."""
+    on_rim = {strike.axis_id for strike in evidence.plan.strikes if strike.rolls}
+    rims = sorted({plane.axis_id for plane in planes if plane.axis_id in on_rim})
+    if rims:
+        wander = np.degrees(ContactErrors().rim_phi_sd)
+        yield f"about {_names(rims)} the object stands on a round rim and may turn aside: ±{wander:.2f}° of that is in the intervals"
+    rough = [plane for plane in planes if plane.radius_sd > ROUGH_FLANK * plane.edge_radius]
+    if rough:
+        share = max(plane.radius_sd / plane.edge_radius for plane in rough)
+        names = _names(sorted({plane.axis_id for plane in rough}))
+        yield (
+            f"about {names} it rolls on a flank that the shape has uneven: its radius of curvature is known to ±{share:.0%}, which is in "
+            "the moments' intervals; a finer scan, or the designer's mesh, would know better"
+        )
+    motions = {motion.strike_id: motion for motion in evidence.motions}
+    hinged = {plane.axis_id for plane in planes if _rolled_but_taken_for(estimator, motions[plane.strike_id])}
+    if hinged:
+        names = _names(sorted(hinged))
+        yield f"about {names} the contact rolls, which {estimator} leaves out: k, and on a flank φ, are off by more than they say"
+
+
+def _rolled_but_taken_for(estimator: str | None, motion: TipMotion) -> bool:
+    fit = motion.fit
+    return (
+        fit is not None
+        and fit.rolling is not None
+        and fit.estimator != estimator
+        and any(f.estimator == estimator for f in motion.alternatives)
+    )
 
 
 def _poor_fits(evidence: Evidence, planes: Sequence[EquiPlane]) -> Iterator[tuple[str, str]]:

@@ -8,7 +8,7 @@ from rich.console import Console
 from analyze.errors import EstimationError
 from analyze.pipeline import EstimateOptions, estimate_evidence, render_summary
 from analyze.score import score_estimate, tip_truth
-from analyze.types import TipMotion
+from analyze.types import RollingContact, TipMotion
 from schemas.proto import percuss_pb2 as pb
 from schemas.result import Result, Verdict, WarningCode
 from tests.analyze.estimation.bodies import tip
@@ -155,3 +155,33 @@ def test_the_summary_names_the_answer(estimate):
     assert "centre of mass (x, y, z)" in text
     assert "95 % interval" in text
     assert "surface" in text
+
+
+def _rolling_texts(evidence, options=None):
+    found = estimate_evidence(evidence, options)
+    return [warning.text for warning in found.result.warnings if warning.code is WarningCode.ROLLING_CONTACT]
+
+
+def test_what_rolling_leaves_open_is_said_and_no_more(evidence):
+    assert not _rolling_texts(evidence)
+    axis = evidence.plan.strikes[0].axis_id
+    strikes = [strike.model_copy(update={"rolls": strike.axis_id == axis}) for strike in evidence.plan.strikes]
+    (text,) = _rolling_texts(replace(evidence, plan=evidence.plan.model_copy(update={"strikes": strikes})))
+    assert axis in text
+    assert "in the intervals" in text
+
+    def on_a_flank(motion, radius_sd):
+        hinge = replace(motion.fit, violated=("it rolls",))
+        rolling = RollingContact(0.0, 0.0, 0.02, 5e-5, 1.05, of_shape=True, radius_sd=radius_sd)
+        return replace(
+            motion, fit=replace(motion.fit, estimator="rolling_fit", rolling=rolling), alternatives=(*motion.alternatives, hinge)
+        )
+
+    def with_flank(radius_sd):
+        return replace(evidence, motions=(on_a_flank(evidence.motions[0], radius_sd), *evidence.motions[1:]))
+
+    assert not _rolling_texts(with_flank(2e-4)), "rolling_fit deals with it"
+    (text,) = _rolling_texts(with_flank(4e-3))
+    assert "±20%" in text
+    (text,) = _rolling_texts(with_flank(2e-4), EstimateOptions(estimator="pivot_fit"))
+    assert "pivot_fit leaves out" in text
