@@ -37,6 +37,8 @@ _NOISIER = 1.5
 """scatter over the angle's own noise, up to which it is put down to where the edge was seen"""
 _EXPLAINED = 0.25
 """share of a blow's evidence that may be left where the balance is to explain it"""
+_SAME = 4.0
+"""sd within which two values of phi are one"""
 _APART, _APART_LEAST = 3.0, math.radians(0.02)
 """sd of the hinge's phi, and rad, that hinge and balance must differ by for that; less is within what the edge's place is known to"""
 
@@ -142,10 +144,12 @@ def _fits_over(
     if not _kicked(hinge, size, gain, limits):
         return StrikeFits(settled_fit(hinge, lambda frames: over(angle, frames)), (), edge.motion)
     clean = longest_clean_fit(angle, window, over)
-    # What slows it down is the table, and a light touch right after the first leaves all that follows as good; else it is a second blow.
+    # A light touch right after the first leaves all that follows as good, and so does the table where it slows the object down, which it
+    # cannot do without moving the edge. Else it is a second blow.
     early = index - window[0]
     light = early < _STILL_TOUCHED or (early <= LATEST_START and abs(size) < limits.second_blow * abs(hinge.omega0))
-    if clean is not None and (size < 0 or light):
+    slowed = size < 0 and max(edge.slid, edge.lifted) >= limits.edge_moved
+    if clean is not None and (slowed or light):
         return StrikeFits(clean, (), edge.motion)
     reason = _kick_reason(angle, index, size, window)
     rest = (index + settings.window.guard_frames, window[1])
@@ -223,8 +227,10 @@ def _balanced(
     if moved or hinge is None:
         return settled_fit(fit, over), f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
     _, size, gain = jump(angle, hinge)
-    if _kicked(hinge, size, gain, limits) and left < _EXPLAINED * gain and not _better_kicked(angle, window, fit):
-        return fit, f"the edge moved at one end of the window, which a hinge takes for a blow of {size:+.2f} rad/s"
+    if _kicked(hinge, size, gain, limits):
+        if left < _EXPLAINED * gain and _confirmed(angle, window, fit):
+            return fit, f"the edge moved at one end of the window, which a hinge takes for a blow of {size:+.2f} rad/s"
+        return None, ""
     sd, other = math.sqrt(float(hinge.covariance[0, 0])), math.sqrt(float(fit.covariance[0, 0]))
     apart = abs(fit.phi - hinge.phi)
     if other < sd and apart > max(_APART * sd, _APART_LEAST):
@@ -232,10 +238,15 @@ def _balanced(
     return None, ""
 
 
-def _better_kicked(angle: TipAngle, window: tuple[int, int], balanced: MotionFit) -> bool:
-    """Whether a hinge that was struck again comes closer to theta(t) than the balance does."""
+def _confirmed(angle: TipAngle, window: tuple[int, int], balanced: MotionFit) -> bool:
+    """Whether theta(t) bears out a balance that explains a blow: no hinge struck again comes closer, and phi is that of the clean part."""
     kicked = kicked_fit(angle, window)
-    return kicked is not None and scatter(kicked.fit.residual) < scatter(balanced.residual)
+    if kicked is not None and scatter(kicked.fit.residual) < scatter(balanced.residual):
+        return False
+    clean = longest_clean_fit(angle, window)
+    if clean is None:
+        return False
+    return abs(clean.phi - balanced.phi) < _SAME * math.sqrt(float(clean.covariance[0, 0] + balanced.covariance[0, 0]))
 
 
 def _with_kick(motion: PlanarMotion, window: tuple[int, int], limits: VerdictLimits, problem: str) -> StrikeFits:

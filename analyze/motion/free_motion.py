@@ -24,8 +24,8 @@ START_STEP, END_STEP = 2, 3
 """frames between the starts and ends that are tried"""
 LATEST_START = 8
 """frames after release by which a sliding edge has come to rest (0.07 s at 120 fps): later jumps are a second strike"""
-CLEAN_CHI2 = 25.0
-"""what a jump in speed may improve the fit at most in a clean stretch: 4 sigma in the 20 to 40 places it may have"""
+CLEAN_CHI2 = 14.0
+"""what a jump in speed may improve the fit at most in a clean stretch, as VerdictLimits.kick_chi2 has it"""
 CLEAN_SCATTER = 2.5
 """mean squared residual over the frames' own variance, at most"""
 

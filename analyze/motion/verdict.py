@@ -34,7 +34,8 @@ class VerdictLimits:
     """sudden change of speed over the speed at release"""
     second_blow: float = 0.12
     """the same, from which on it is a second blow however early it comes"""
-    kick_chi2: float = 20.0
+    kick_chi2: float = 14.0
+    """what a sudden change of speed must better the fit by: noise alone does that to one strike in some two hundred"""
     too_hard: float = 3.5
     """energy ratio from which on a lift at any time before the landing counts: 1.03 to 1.3 is planned, up to 3 may happen"""
     phi_sd: float = math.radians(1.0)
