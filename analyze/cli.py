@@ -15,6 +15,7 @@ from analyze.commands.plan import plan
 from analyze.commands.published import reproduce
 from analyze.commands.recording import inspect, watch
 from analyze.commands.result import estimate, replay, report, score
+from analyze.commands.shape import parts
 from analyze.commands.table import gravity
 from analyze.commands.tags import print_tags
 from schemas.command_line import Commands
@@ -29,5 +30,5 @@ def main() -> None:
         os.environ.setdefault(name, "1")
 
 
-for _verb in (plan, estimate, score, report, replay, inspect, watch, print_tags, reproduce, calibrate, register, gravity):
+for _verb in (plan, estimate, score, report, replay, inspect, watch, print_tags, reproduce, calibrate, register, gravity, parts):
     main.add_command(_verb)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from analyze.errors import PlanError, TrackingError
+from analyze.geometry.bodies import Body, bodies_of
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.station import turned_camera
 from analyze.motion.strike import StrikeTask, analyse_strike
@@ -85,6 +86,8 @@ class Evidence:
     """the program that read the recordings"""
     recorded_in: Mapping[str, int] = field(default_factory=dict[str, int])
     """place in `recordings` by strike id, where there are several"""
+    bodies: tuple[Body, ...] = ()
+    """of the shape's mesh, largest first, where the object's labels name them"""
 
     @property
     def manifest(self) -> SessionManifest:
@@ -164,6 +167,7 @@ def read_evidence(
         if object_path is not None:
             _refuse_other_shape(object_path, model, recording)
         own_hash = object_sha256(spec, shape_bytes)
+        bodies = tuple(bodies_of(spec, shape_bytes, shape_name)) if any(label.bodies for label in spec.labels or []) else ()
         spec = as_struck(spec)
         motions: list[TipMotion] = []
         tracking: dict[str, TrackingReport] = {}
@@ -196,6 +200,7 @@ def read_evidence(
                 if record.tip_speed_m_s > 0 and record.impact_height_m > 0
             },
             software_version(),
+            bodies=bodies,
         )
 
 

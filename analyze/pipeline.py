@@ -14,9 +14,11 @@ from analyze.estimation.cells import Cells, cells_from_voxels, wall_thickness
 from analyze.estimation.equiplane import equiplane, equiplane_from_fit
 from analyze.estimation.inertia import inertial_parameters, shape_prior
 from analyze.estimation.paper import PaperCentre, PaperRegions, paper_centre_of_mass, paper_regions
+from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.regions import mass_distribution
 from analyze.estimation.stated import ComPrior, Scale, SystematicErrors, TiltPrior
 from analyze.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head
+from analyze.geometry.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.geometry.voxels import voxelise
 from analyze.joined import in_order, join, levels_of, paths_text, refuse_apart, strikes_to_leave_out
 from analyze.results.document import build_result, result_json
@@ -145,6 +147,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     one_per_axis = {plane.axis_id: plane for plane in planes}
     moments = {axis.axis_id: axis.i_edge for axis in inertial.axes}
     regions_paper = paper_regions(list(one_per_axis.values()), com, moments, spec.mass_kg, cells)
+    parts = _parts(evidence, cells, inertial, options)
     result = build_result(
         inputs=_inputs(evidence, options),
         motions=evidence.motions,
@@ -156,10 +159,24 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         distribution=distribution,
         com_paper=com_paper,
         distribution_paper=regions_paper,
-        warnings=result_warnings(evidence, options, planes, inertial, distribution, com_paper, agreed),
+        warnings=result_warnings(evidence, options, planes, inertial, distribution, com_paper, agreed, parts),
         table_tilt=table_tilts(inertial.com, evidence),
+        parts=parts,
     )
     return Estimate(result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale)
+
+
+def _parts(evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions) -> PartMasses | None:
+    """Masses of the parts that the object file labels; None where it labels none."""
+    spec, labels = evidence.spec, evidence.spec.labels
+    if not labels:
+        return None
+    if evidence.bodies:
+        parts = parts_of_bodies(labels, evidence.bodies, spec.shape.file or spec.name)
+    else:
+        parts = parts_of_cells(labels, cells, spec.name)
+    names, solids = [name for name, _ in parts], [solid for _, solid in parts]
+    return part_masses(measured_moments(inertial), names, solids, np.random.default_rng(options.seed))
 
 
 def _usable(motion: TipMotion, options: EstimateOptions) -> bool:

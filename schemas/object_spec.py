@@ -119,6 +119,31 @@ class MarkerSpec(Document):
         return value
 
 
+class PartLabel(Document):
+    """A part of the object whose mass is asked, taken as uniform: bodies of its mesh, its wall, or a layer of what is inside the wall."""
+
+    name: str = Field(min_length=1, description="what to call the part")
+    bodies: list[int] = Field(default=[], description="numbers of the mesh's closed bodies, as `analyze parts` lists them, from 1")
+    wall: bool = Field(default=False, description="true: all within shell_thickness_m of the surface")
+    between_m: list[float] | None = Field(
+        default=None, min_length=2, max_length=2, description="lower and upper end of a layer inside the wall, along `along`, in metres"
+    )
+    along: Vector3 = Field(default=[0.0, 0.0, 1.0], description="direction in which `between_m` is measured from O, in O's axes")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> PartLabel:
+        given = [name for name in ("bodies", "wall", "between_m") if getattr(self, name)]
+        if len(given) != 1:
+            raise ValueError(f"part {self.name!r}: give exactly one of bodies, wall, between_m (found {', '.join(given) or 'none'})")
+        if min(self.bodies, default=1) < 1 or len(set(self.bodies)) < len(self.bodies):
+            raise ValueError(f"part {self.name!r}: bodies are numbers from 1, each once")
+        if self.between_m is not None and self.between_m[0] >= self.between_m[1]:
+            raise ValueError(f"part {self.name!r}: between_m is the lower end, then the upper one")
+        if not any(self.along):
+            raise ValueError(f"part {self.name!r}: along needs a direction that is not 0")
+        return self
+
+
 class ObjectSpec(Document):
     """What the user knows of the object (TOML). Inner masses have no place here: they are what is asked."""
 
@@ -132,7 +157,9 @@ class ObjectSpec(Document):
     edge_radius_m: float = Field(default=0.0, ge=0)
     edge_radius_sd_m: float = Field(default=0.0, ge=0)
     shell_thickness_m: float | None = Field(default=None, gt=0)
-    labels: str | None = None
+    labels: list[PartLabel] | None = Field(
+        default=None, min_length=2, description="the parts whose masses are asked, if it is made of some"
+    )
     marker: list[MarkerSpec] = Field(min_length=1, description="for each tag: id, size_m, T_object_marker")
 
     @field_validator("shell_thickness_m", "edge_radius_m")
@@ -161,9 +188,24 @@ class ObjectSpec(Document):
                 raise ValueError(
                     f"marker families {marker.family} and {alike[marker.family.codes]} share their codes: name all such tags by one of them"
                 )
+        _check_labels(self.labels or [])
         if self.mass_sd_kg >= self.mass_kg:
             raise ValueError("mass_sd_kg is not below mass_kg: it is the scale's 1 sigma, in kilograms")
         return self
+
+
+def _check_labels(labels: list[PartLabel]) -> None:
+    """Names and bodies once each, and not two ways of cutting the object at the same time."""
+    names = [label.name for label in labels]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"two parts are called {twice[0]!r}: every part needs a name of its own")
+    numbers = [number for label in labels for number in label.bodies]
+    if shared := [number for number in numbers if numbers.count(number) > 1]:
+        raise ValueError(f"body {shared[0]} is in two parts: a body belongs to one")
+    if any(label.bodies for label in labels) and not all(label.bodies for label in labels):
+        raise ValueError("parts are either bodies of the mesh, or wall and layers: not both")
+    if sum(label.wall for label in labels) > 1:
+        raise ValueError("two parts are the wall: there is one")
 
 
 def read_object_spec(path: Path) -> ObjectSpec:

@@ -141,6 +141,25 @@ class Regions(Document):
     baselines: dict[str, list[float]] = Field(default={}, description="naive answers: name -> masses [kg]")
 
 
+class PartResult(Document):
+    """One labelled part, taken as uniform. Not observed: the moments leave its mass open within the interval."""
+
+    name: str
+    mass: Quantity
+    volume_m3: float
+    density: Quantity
+
+
+class Parts(Document):
+    """Masses of the parts that the object file labels."""
+
+    parts: list[PartResult]
+    uniform: list[float] = Field(description="the naive answer: one density for all [kg]")
+    misfit: float = Field(
+        description="rms of what the parts leave of the moments, over its sd; far above 1: they are not all, or not uniform"
+    )
+
+
 class TableTilt(Document):
     """How far the vertical leans from the table's normal, towards W's x (where objects tip) and y: the table rises that way by as much.
 
@@ -197,6 +216,7 @@ class Result(Document):
     inertia_measured: list[list[bool]] | None = None
     regions: Regions | None
     regions_paper: Regions | None = None
+    parts: Parts | None = Field(default=None, description="where the object file labels them; else not written")
     table_tilt: list[TableTilt] | None = Field(default=None, description="one per levelling; older results have none, and none is written")
 
     @model_serializer(mode="wrap")
@@ -205,4 +225,6 @@ class Result(Document):
         written: dict[str, Any] = write(self)
         if self.table_tilt is None:
             del written["table_tilt"]
+        if self.parts is None:
+            del written["parts"]
         return written

@@ -44,7 +44,7 @@ class RawMesh:
     """(f, 3), none with a vertex twice"""
 
 
-def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit) -> RawMesh:
+def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float = SAME_VERTEX) -> RawMesh:
     """Triangles of a mesh file; a scene's parts are put in their places.
 
     Args:
@@ -52,6 +52,7 @@ def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit) -> RawMesh:
         name: for messages.
         suffix: one of `FORMATS`.
         unit: as the object file declares it; compared with what the file says of itself.
+        same: part of the size within which two vertices are one; 0: only where their numbers are the same.
 
     Raises:
         ShapeError: not readable, without faces, or its own unit is another.
@@ -76,7 +77,7 @@ def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit) -> RawMesh:
         raise ShapeError(f"{name}: holds no faces of a closed body: export the solid's exterior as {suffix.upper()} again")
     if suffix == "3mf":
         _refuse_other_unit(data, name, unit)
-    return _merged(vertices, faces, name)
+    return _merged(vertices, faces, name, same)
 
 
 def ply_has_faces(data: bytes) -> bool:
@@ -153,7 +154,7 @@ def _refuse_other_unit(data: bytes, name: str, unit: LengthUnit) -> None:
         )
 
 
-def _merged(vertices: Array, faces: IntArray, name: str) -> RawMesh:
+def _merged(vertices: Array, faces: IntArray, name: str, same: float) -> RawMesh:
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     if not np.isfinite(vertices).all():
@@ -162,7 +163,9 @@ def _merged(vertices: Array, faces: IntArray, name: str) -> RawMesh:
     step = float(np.ptp(vertices, axis=0).max()) * SAME_VERTEX
     if step == 0 or largest > 1e15 or largest / step > 1e15:
         raise ShapeError(f"{name}: all vertices coincide, or lie absurdly far out: export it anew")
-    _, first, inverse = np.unique(np.round(vertices / step), axis=0, return_index=True, return_inverse=True)
+    _, first, inverse = np.unique(
+        np.round(vertices / (same / SAME_VERTEX * step)) if same else vertices, axis=0, return_index=True, return_inverse=True
+    )
     faces = inverse.ravel()[faces].astype(np.int64)
     whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     return RawMesh(vertices[first], faces[whole])

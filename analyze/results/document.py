@@ -11,12 +11,15 @@ import numpy as np
 
 from analyze.estimation.inertia import edge_inertia
 from analyze.estimation.paper import PaperCentre, PaperRegions
+from analyze.estimation.part_masses import PartMasses
 from analyze.estimation.stated import Scale
 from analyze.types import Array, CentreOfMass, EquiPlane, InertialParameters, MassDistribution, MotionFit, TipMotion
 from schemas.document import canonical_json
 from schemas.result import (
     AlternativeFit,
     AxisMoment,
+    PartResult,
+    Parts,
     Quantity,
     RegionResult,
     Regions,
@@ -104,6 +107,26 @@ def regions_document(distribution: MassDistribution) -> Regions:
     )
 
 
+def parts_document(found: PartMasses) -> Parts:
+    """Masses and densities of the labelled parts."""
+    sd = np.sqrt(np.diag(found.covariance))
+
+    def quantities(i: int, unit: str, per: float) -> Quantity:
+        return Quantity(
+            value=float(found.masses[i] / per),
+            sd=float(sd[i] / per),
+            unit=unit,
+            interval95=[float(end / per) for end in found.intervals[i]],
+            observed=found.observed[i],
+        )
+
+    rows = [
+        PartResult(name=name, mass=quantities(i, "kg", 1.0), volume_m3=float(volume), density=quantities(i, "kg/m^3", float(volume)))
+        for i, (name, volume) in enumerate(zip(found.names, found.volumes, strict=True))
+    ]
+    return Parts(parts=rows, uniform=found.uniform.tolist(), misfit=found.misfit)
+
+
 def build_result(
     inputs: ResultInputs,
     motions: Sequence[TipMotion],
@@ -117,6 +140,7 @@ def build_result(
     distribution_paper: PaperRegions | None,
     warnings: Sequence[ResultWarning],
     table_tilt: list[TableTilt] | None = None,
+    parts: PartMasses | None = None,
 ) -> Result:
     """The Result document. `planned` goes with `motions`; `planes` are of the strikes used, in the same order."""
     place = {plane.strike_id: index for index, plane in enumerate(planes)}
@@ -150,6 +174,7 @@ def build_result(
             regions=regions_document(distribution),
             regions_paper=None if distribution_paper is None else _paper_regions(distribution, distribution_paper),
             table_tilt=table_tilt,
+            parts=None if parts is None else parts_document(parts),
         )
     )
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.results.tilt import tilt_lines
-from schemas.result import Quantity, Result
+from schemas.result import Parts, Quantity, Result
 
 if TYPE_CHECKING:
     from analyze.pipeline import Estimate
@@ -38,6 +38,8 @@ def render_summary(estimate: Estimate, console: Console | None = None) -> None:
     console.print(_strikes(result))
     console.print(_moments(result))
     console.print(_regions(result))
+    if result.parts is not None:
+        console.print(_parts(result.parts))
     for warning in result.warnings:
         console.print(f"[yellow]{warning.code.value}[/]: {warning.text}")
 
@@ -99,3 +101,19 @@ def _regions(result: Result) -> Table:
             region.name, with_interval(region.mass, 1e3, 1, "g"), *(f"{1e3 * result.regions.baselines[item][i]:.1f} g" for item in naive)
         )
     return table
+
+
+def _parts(parts: Parts) -> Table:
+    table = Table(title="Labelled parts, 95 %", title_justify="left", box=SIMPLE_HEAD)
+    for name in ("part", "mass (g)", "density (g/cm³)", "of one density (g)"):
+        table.add_column(name, justify="left" if name == "part" else "right")
+    for part, uniform in zip(parts.parts, parts.uniform, strict=True):
+        table.add_row(part.name, _open_interval(part.mass, 1e3, 1), _open_interval(part.density, 1e-3, 2), f"{1e3 * uniform:.1f}")
+    return table
+
+
+def _open_interval(quantity: Quantity, factor: float, digits: int) -> str:
+    """Value and ends of an interval that need not be even; without the value where that was not observed."""
+    low, high = (factor * end for end in quantity.interval95 or [])  # type: ignore[union-attr, operator] - a scalar's here
+    between = f"{low:.{digits}f} to {high:.{digits}f}"
+    return f"{factor * quantity.value:.{digits}f} ({between})" if quantity.observed else f"not observed ({between})"  # type: ignore[operator]

@@ -18,6 +18,7 @@ from schemas.session_manifest import TimeSource
 if TYPE_CHECKING:
     from analyze.estimation.agreement import Agreement
     from analyze.estimation.paper import PaperCentre
+    from analyze.estimation.part_masses import PartMasses
     from analyze.evidence import Evidence
     from analyze.pipeline import EstimateOptions
 
@@ -28,6 +29,8 @@ DISAGREEMENT = 0.01
 """m, between the paper's centre of mass and ours"""
 ROUGH_FLANK = 0.1
 """1 sigma of a flank's radius of curvature over itself"""
+UNEXPLAINED = 2.5
+"""rms of the parts' residuals over their sd"""
 UNCERTAIN_SHARE = 0.1
 """of the mass, 1 sigma of a region"""
 
@@ -40,6 +43,7 @@ def result_warnings(
     distribution: MassDistribution,
     com_paper: PaperCentre,
     agreed: Agreement,
+    parts: PartMasses | None,
 ) -> list[ResultWarning]:
     """All warnings, in a fixed order."""
     found: list[ResultWarning] = []
@@ -115,8 +119,13 @@ def result_warnings(
         warn(
             WarningCode.MARKERS_INCLUDED, f"the results are of the object with its markers ({1000 * cards:.2g} g): they are not subtracted"
         )
-    if evidence.spec.labels is not None:
-        warn(WarningCode.REGIONS_UNCERTAIN, "labels are not used by this version: the regions are the wall and two halves of the interior")
+    if parts is not None:
+        if open_ones := [name for name, observed in zip(parts.names, parts.observed, strict=True) if not observed]:
+            text = f"the moments leave the mass of {_names(open_ones)} open: label fewer parts, or strike about more axes"
+            warn(WarningCode.REGIONS_UNCERTAIN, text)
+        if parts.misfit > UNEXPLAINED:
+            text = f"the labelled parts do not explain the moments ({parts.misfit:.1f} times their sd): a part is missing, or not uniform"
+            warn(WarningCode.REGIONS_UNCERTAIN, text)
     for source in dict.fromkeys(recording.manifest.time_source for recording in evidence.recordings):
         if source is not TimeSource.DEVICE_MAPPED:
             warn(WarningCode.POOR_FIT, f"frame times come from {source.value}: k is less certain than it looks")
