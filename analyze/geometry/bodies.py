@@ -72,7 +72,7 @@ def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> l
             merged.append(faces_of[:, ::-1])
         else:
             merged[owner] = np.concatenate([merged[owner], faces_of])
-    bodies = []
+    bodies: list[Body] = []
     for each in merged:
         outwards = _outwards(each, sign)
         bodies.append(Body(polyhedron.mass_properties(vertices, outwards), vertices, outwards, polyhedron.open_edges(outwards)))
