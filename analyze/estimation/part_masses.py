@@ -1,8 +1,8 @@
 """Masses of the labelled parts of an object, each uniform, from its moments (METHOD section 6, n parts).
 
-What was measured is linear in the parts' masses x: sum x = m, sum x (c_p - c) = 0, sum x l.I_p(c).l = I_c,l. With x >= 0 the posterior is a
-normal distribution cut off at zero; where the moments leave a mixture open, it fills what the mass allows, and the part is said to be not
-observed.
+What was measured is linear in the parts' masses x: sum x = m, sum x (c_p - c) = 0, sum x l.I_p(c).l = I_c,l. Nothing is lighter than
+nothing nor denser than lead: the posterior is a normal distribution cut off there. Where the moments leave a mixture open, it fills what
+these bounds allow, and the part is said to be not observed.
 """
 
 # scipy is only partly typed; its unknowns are no mistakes of ours.
@@ -10,22 +10,30 @@ observed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import lsq_linear
 from scipy.special import ndtr, ndtri
 
 from analyze.errors import EstimationError
 from analyze.estimation.regions import LEVER_ERROR, MODEL_ERROR
+from analyze.geometry.object_model import DENSITIES
 from analyze.geometry.polyhedron import MassProperties
 from analyze.types import Array, InertialParameters
 
-_CHAINS, _STEPS, _SETTLED = 200, 120, 40
+_DENSEST = DENSITIES[1]
+_CHAINS, _STEPS, _SETTLED = 100, 120, 40
 _ANYWHERE = 2.0
 """sd of a part's mass before anything is measured, over the object's: what the data leave open is bounded by zero and the mass"""
+_ABOUT = 2
+"""times that the parts' own c is found anew"""
+_SIGMAS = 5.0
+"""of the object's mass, that no part is heavier than"""
 _OPEN = 0.5
-"""width of a part's interval over what the mass alone leaves it (0 to m), from which on it was not observed"""
+"""width of a part's interval over what its bounds leave it, from which on it was not observed"""
 
 
 @dataclass(frozen=True)
@@ -54,7 +62,7 @@ class PartMasses:
     covariance: Array
     """(n, n) kg^2"""
     intervals: Array
-    """(n, 2) kg, 95 %"""
+    """(n, 2) kg, the shortest that hold 95 %"""
     observed: tuple[bool, ...]
     volumes: Array
     """(n,) m^3"""
@@ -91,31 +99,43 @@ def part_masses(moments: Moments, names: Sequence[str], parts: Sequence[MassProp
     if len(parts) < 2 or volumes.min() <= 0:
         raise EstimationError("masses of parts need at least two parts, each with a volume")
     uniform = moments.mass * volumes / volumes.sum()
-    rows, target = _whitened(moments, parts)
-    precision = rows.T @ rows + np.eye(len(parts)) / (_ANYWHERE * moments.mass) ** 2
-    mean = np.linalg.solve(precision, rows.T @ target + uniform / (_ANYWHERE * moments.mass) ** 2)
-    draws = _drawn(mean, precision, uniform, rng)
-    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    most = np.minimum(_DENSEST * volumes, moments.mass + _SIGMAS * math.sqrt(float(moments.covariance[0, 0])))
+    prior = np.eye(len(parts)) / (_ANYWHERE * moments.mass) ** 2
+    about = moments.com
+    for _ in range(_ABOUT + 1):
+        rows, target = _whitened(moments, parts, about)
+        precision = rows.T @ rows + prior
+        mean = np.linalg.solve(precision, rows.T @ target + prior @ uniform)
+        likeliest = _likeliest(mean, precision, most)
+        about = likeliest @ np.array([part.centroid for part in parts]) / likeliest.sum()
+    draws = _drawn(mean, precision, likeliest, most, rng)
+    low, high = _shortest(draws)
     best = draws[np.argmin(np.sum((draws @ rows.T - target) ** 2, axis=1))]
     return PartMasses(
         names=tuple(names),
         masses=draws.mean(axis=0),
         covariance=np.cov(draws.T),
         intervals=np.stack([low, high], axis=1),
-        observed=tuple(bool(width < _OPEN * moments.mass) for width in high - low),
+        observed=tuple(bool(part) for part in high - low < _OPEN * most),
         volumes=volumes,
         uniform=uniform,
         misfit=float(np.sqrt(np.mean((rows @ best - target) ** 2))),
     )
 
 
-def _whitened(moments: Moments, parts: Sequence[MassProperties]) -> tuple[Array, Array]:
-    """Design (4 + a, n) per kilogram and target (4 + a,), both in units of the target's sd."""
+def _whitened(moments: Moments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
+    """Design (4 + a, n) per kilogram and target (4 + a,), both in units of the target's sd; moments of inertia about `about` (3,).
+
+    They were measured about the true c, of which the parts' own is a better guess than the measured one: of a slender body m |error of c|^2
+    about its length is more than the moment's own error.
+    """
     columns = []
     for part in parts:
-        arm = part.centroid - moments.com
+        arm = part.centroid - about
         inertia = part.unit_inertia + (arm @ arm) * np.eye(3) - np.outer(arm, arm)
-        columns.append(np.concatenate([[1.0], arm, np.einsum("ai,ij,aj->a", moments.directions, inertia, moments.directions)]))
+        columns.append(
+            np.concatenate([[1.0], part.centroid - moments.com, np.einsum("ai,ij,aj->a", moments.directions, inertia, moments.directions)])
+        )
     target = np.concatenate([[moments.mass], np.zeros(3), moments.moments])
     covariance = moments.covariance.copy()
     # First moments, not c: both their rows and columns are per kilogram of the whole.
@@ -127,11 +147,28 @@ def _whitened(moments: Moments, parts: Sequence[MassProperties]) -> tuple[Array,
     return whiten @ np.array(columns).T, whiten @ target
 
 
-def _drawn(mean: Array, precision: Array, start: Array, rng: np.random.Generator) -> Array:
-    """(draws, n) of the normal distribution (mean, precision) where no part is negative."""
+def _likeliest(mean: Array, precision: Array, most: Array) -> Array:
+    """(n,) between 0 and `most` where the normal distribution (mean, precision) is greatest, a little off the bounds."""
+    values, vectors = np.linalg.eigh(precision)
+    root = (vectors * np.sqrt(values)).T * most
+    share = lsq_linear(root, root @ (mean / most), bounds=(0.0, 1.0)).x
+    return most * np.clip(share, 1e-6, 1.0 - 1e-6)
+
+
+def _shortest(draws: Array) -> tuple[Array, Array]:
+    """Ends (n,), (n,) of the shortest intervals that hold 95 %: at a bound they begin there, where even tails would leave it out."""
+    ordered = np.sort(draws, axis=0)
+    inside = math.ceil(0.95 * len(ordered))
+    first = np.argmin(ordered[inside - 1 :] - ordered[: len(ordered) - inside + 1], axis=0)
+    columns = np.arange(draws.shape[1])
+    return ordered[first, columns], ordered[first + inside - 1, columns]
+
+
+def _drawn(mean: Array, precision: Array, start: Array, most: Array, rng: np.random.Generator) -> Array:
+    """(draws, n) of the normal distribution (mean, precision) between 0 and `most` (n,)."""
     values, vectors = np.linalg.eigh(precision)
     spread = vectors / np.sqrt(values)
-    x = np.tile(np.maximum(start, 1e-3 * start.sum()), (_CHAINS, 1))
+    x = np.tile(start, (_CHAINS, 1))
     kept = []
     for step in range(_STEPS):
         for _ in range(len(mean)):
@@ -141,10 +178,10 @@ def _drawn(mean: Array, precision: Array, start: Array, rng: np.random.Generator
             a = np.sum(by_precision * direction, axis=1)
             b = np.sum(by_precision * (x - mean), axis=1)
             with np.errstate(divide="ignore", invalid="ignore"):
-                bound = -x / direction
-            low = np.max(np.where(direction > 0, bound, -np.inf), axis=1)
-            high = np.min(np.where(direction < 0, bound, np.inf), axis=1)
-            x = np.maximum(x + _cut_normal(-b / a, 1.0 / np.sqrt(a), low, high, rng)[:, None] * direction, 0.0)
+                to_zero, to_most = -x / direction, (most - x) / direction
+            low = np.max(np.where(direction > 0, to_zero, to_most), axis=1)
+            high = np.min(np.where(direction > 0, to_most, to_zero), axis=1)
+            x = np.clip(x + _cut_normal(-b / a, 1.0 / np.sqrt(a), low, high, rng)[:, None] * direction, 0.0, most)
         if step >= _SETTLED:
             kept.append(x)
     return np.concatenate(kept)
