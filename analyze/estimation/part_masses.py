@@ -25,7 +25,9 @@ from analyze.geometry.polyhedron import MassProperties
 from analyze.types import Array, InertialParameters
 
 _DENSEST = DENSITIES[1]
-_CHAINS, _STEPS, _SETTLED = 100, 120, 40
+_CHAINS, _STEPS, _SETTLED = 100, 160, 60
+_ALONG_OTHERS = 0.6
+"""share of steps along the difference of two other chains, which the bounds have shaped already"""
 _ANYWHERE = 2.0
 """sd of a part's mass before anything is measured, over the object's: what the data leave open is bounded by zero and the mass"""
 _ABOUT = 2
@@ -83,8 +85,8 @@ def measured_moments(parameters: InertialParameters) -> Moments:
 def part_masses(moments: Moments, names: Sequence[str], parts: Sequence[MassProperties], rng: np.random.Generator) -> PartMasses:
     """Masses of `parts` that explain `moments`.
 
-    Hit-and-run chains (Smith 1984, Operations Research 32) in directions drawn from the unbounded posterior, so that what is tightly bound
-    (the sum) slows nothing down.
+    Hit-and-run chains (Smith 1984, Operations Research 32) in directions drawn from the unbounded posterior or from other chains (ter Braak
+    2006, Statistics and Computing 16), so that what is tightly bound (the sum, a small part) slows nothing down.
 
     Args:
         moments: of the whole.
@@ -169,22 +171,33 @@ def _drawn(mean: Array, precision: Array, start: Array, most: Array, rng: np.ran
     values, vectors = np.linalg.eigh(precision)
     spread = vectors / np.sqrt(values)
     x = np.tile(start, (_CHAINS, 1))
+    halves = np.arange(_CHAINS // 2), np.arange(_CHAINS // 2, _CHAINS)
     kept = []
     for step in range(_STEPS):
         for _ in range(len(mean)):
-            direction = rng.standard_normal(x.shape) @ spread.T
-            # Along x + t d the logarithm is -(b t + a t^2 / 2).
-            by_precision = direction @ precision
-            a = np.sum(by_precision * direction, axis=1)
-            b = np.sum(by_precision * (x - mean), axis=1)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                to_zero, to_most = -x / direction, (most - x) / direction
-            low = np.max(np.where(direction > 0, to_zero, to_most), axis=1)
-            high = np.min(np.where(direction > 0, to_most, to_zero), axis=1)
-            x = np.clip(x + _cut_normal(-b / a, 1.0 / np.sqrt(a), low, high, rng)[:, None] * direction, 0.0, most)
+            for moved, others in (halves, halves[::-1]):
+                direction = rng.standard_normal((len(moved), len(mean))) @ spread.T
+                if rng.uniform() < _ALONG_OTHERS:
+                    pair = rng.choice(others, (2, len(moved)))
+                    # Where both are the same, or do not differ yet, the other kind of direction stands.
+                    apart = x[pair[0]] - x[pair[1]]
+                    direction = np.where(np.any(apart != 0.0, axis=1, keepdims=True), apart, direction)
+                x[moved] = _stepped(x[moved], direction, mean, precision, most, rng)
         if step >= _SETTLED:
-            kept.append(x)
+            kept.append(x.copy())
     return np.concatenate(kept)
+
+
+def _stepped(x: Array, direction: Array, mean: Array, precision: Array, most: Array, rng: np.random.Generator) -> Array:
+    """One draw (m, n) on each line x + t direction between the bounds: there the logarithm is -(b t + a t^2 / 2)."""
+    by_precision = direction @ precision
+    a = np.sum(by_precision * direction, axis=1)
+    b = np.sum(by_precision * (x - mean), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_zero, to_most = -x / direction, (most - x) / direction
+    low = np.max(np.where(direction > 0, to_zero, np.where(direction < 0, to_most, -np.inf)), axis=1)
+    high = np.min(np.where(direction > 0, to_most, np.where(direction < 0, to_zero, np.inf)), axis=1)
+    return np.clip(x + _cut_normal(-b / a, 1.0 / np.sqrt(a), low, high, rng)[:, None] * direction, 0.0, most)
 
 
 def _cut_normal(mean: Array, sd: Array, low: Array, high: Array, rng: np.random.Generator) -> Array:
