@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from schemas.session_manifest import LensModel
-from tests.analyze.tracking.rendering import FINE, UPRIGHT_PX, Look
+from tests.analyze.tracking.rendering import FINE, Look, add_border
 
 UNITS = 20
 """raster units per square: a tag of 0.7 squares with 5 x 5 bits and its border has cells of two units, and 3 units of white round it"""
@@ -147,35 +147,10 @@ def picture(lens, board, R, p, look=None, pieces=1):
     for a, b in pairwise(ends):
         seen = (np.maximum(a, b).min(1) > -2) & (np.minimum(a, b)[:, 1] < height + 2)
         for s, e, w in zip(a[seen], b[seen], weight[seen], strict=True):
-            _add(fine, beyond, s, e, w)
+            add_border(fine, s, e, w, beyond)
     fine += np.cumsum(beyond[:, ::-1], axis=1)[:, ::-1][:, 1:]
     fine = cv2.GaussianBlur((fine[:, :-1] + look.background).astype(np.float32), (0, 0), FINE * look.blur)
     return fine.reshape(lens.height, FINE, lens.width, FINE).mean((1, 3))
-
-
-def _add(image, beyond, start, end, weight):
-    """Weight times the signed area to the left of a directed line; what lies wholly to its left is kept in `beyond`, to be summed once."""
-    (x0, y0), (x1, y1) = (start, end) if start[1] < end[1] else (end, start)
-    signed = weight if start[1] < end[1] else -weight
-    height, width = image.shape
-    top, bottom = max(round(y0), 0), min(round(y1) + 1, height)
-    left, right = min(max(int(np.floor(min(x0, x1))), 0), width), min(max(int(np.ceil(max(x0, x1))) + 1, 0), width)
-    if top >= bottom:
-        return
-    y = np.clip(np.arange(top, bottom + 1) - 0.5, y0, y1)
-    beyond[top:bottom, left] += signed * np.diff(y)
-    if left == right:
-        return
-    X = np.arange(left, right + 1) - 0.5
-    if abs(x1 - x0) < UPRIGHT_PX:
-        over = np.maximum(0.5 * (x0 + x1) - X, 0.0) * (y - y0)[:, None]
-    else:
-        slope = (x1 - x0) / (y1 - y0) if y1 > y0 else 0.0
-        if slope == 0.0:
-            return
-        a, b = np.maximum((x0 + slope * (y - y0))[:, None] - X, 0.0), np.maximum(x0 - X, 0.0)
-        over = (a - b) * (a + b) / (2 * slope)
-    image[top:bottom, left:right] -= signed * np.diff(np.diff(over, axis=0), axis=1)
 
 
 def photograph(lens, board, R, p, rng, look=None, pieces=1):

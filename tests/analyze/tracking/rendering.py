@@ -82,28 +82,34 @@ def borders(marker_id, look):
     return points[:-1].reshape(-1, 2), points[1:].reshape(-1, 2), np.tile(weight[kept], PIECES)
 
 
-def add_border(image, start, end, weight):
-    """Add weight times the signed area between a directed line and the image's left border to every pixel; positive if it runs down."""
+def add_border(image, start, end, weight, beyond=None):
+    """Add weight times the signed area between a directed line and the image's left border to every pixel; positive if it runs down.
+
+    `beyond` (height, width + 1): whole pixels to the line's left are kept there, in the line's column, to be summed once for many lines.
+    """
     (x0, y0), (x1, y1) = (start, end) if start[1] < end[1] else (end, start)
     signed = weight if start[1] < end[1] else -weight
     height, width = image.shape
     top, bottom = max(round(y0), 0), min(round(y1) + 1, height)
     left, right = min(max(int(np.floor(min(x0, x1))), 0), width), min(max(int(np.ceil(max(x0, x1))) + 1, 0), width)
-    if top >= bottom:
+    if top >= bottom or y0 == y1:
         return
     y = np.clip(np.arange(top, bottom + 1) - 0.5, y0, y1)
-    image[top:bottom, :left] += signed * np.diff(y)[:, None]
+    if beyond is None:
+        image[top:bottom, :left] += signed * np.diff(y)[:, None]
+    else:
+        beyond[top:bottom, left] += signed * np.diff(y)
     if left == right:
         return
     X = np.arange(left, right + 1) - 0.5
     # integral of min(x, X) over y = integral of x - integral of max(x - X, 0); the first does not depend on X
     if abs(x1 - x0) < UPRIGHT_PX:
-        beyond = np.maximum(0.5 * (x0 + x1) - X, 0.0) * (y - y0)[:, None]
+        over = np.maximum(0.5 * (x0 + x1) - X, 0.0) * (y - y0)[:, None]
     else:
         slope = (x1 - x0) / (y1 - y0)
         a, b = np.maximum((x0 + slope * (y - y0))[:, None] - X, 0.0), np.maximum(x0 - X, 0.0)
-        beyond = (a - b) * (a + b) / (2 * slope)
-    image[top:bottom, left:right] -= signed * np.diff(np.diff(beyond, axis=0), axis=1)
+        over = (a - b) * (a + b) / (2 * slope)
+    image[top:bottom, left:right] -= signed * np.diff(np.diff(over, axis=0), axis=1)
 
 
 def paint(camera, tags, look):
