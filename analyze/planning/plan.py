@@ -177,7 +177,7 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
     Raises:
         PlanError: as `make_plan`.
     """
-    spec = prepared.spec
+    spec, so_far = prepared.spec, prepared.information
     turnables: list[Turnable] = []
     if request.gravity:
         turnables = turnable(prepared.usable, prepared.model, spec, prepared.bench.camera, prepared.information.errors)
@@ -185,7 +185,7 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
     information = prepared.information
     if request.strikes < design.LEAST and not prepared.made:
         raise PlanError(f"{spec.name}: {request.strikes} strikes cannot determine a centre of mass: ask for {design.LEAST} or more")
-    chosen, missed = _chosen(prepared, request)
+    chosen, missed = _chosen(prepared, request, so_far)
     members = [information.candidates[i] for i in chosen.chosen]
     usable = [prepared.usable[i] for i in chosen.chosen]
     predicted = {each.axis_id: each for each in forecast.axis_forecasts(information, chosen)}
@@ -197,9 +197,9 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
         planned += [_strike(f"s{first + i}", each, prepared, axis) for i in range(repeats)]
     if turnables:
         planned += _turned_strikes(turnables, prepared, chosen, len(planned))
-    told = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None)
+    told = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None, so_far)
     reached = ""
-    if prepared.made and request.target_com is not None and forecast.error_so_far(information) <= request.target_com:
+    if prepared.made and request.target_com is not None and forecast.error_so_far(so_far) <= request.target_com:
         reached = f"{1000 * request.target_com:g} mm is reached already: stop. "
     inertia_sd, determined = forecast.inertia_forecast(information, chosen)
     regions: list[PredictedRegion] = []
@@ -258,7 +258,7 @@ def plan_hypothesis(prepared: Prepared) -> PlanHypothesis:
     )
 
 
-def _chosen(prepared: Prepared, request: Request) -> tuple[design.Design, str]:
+def _chosen(prepared: Prepared, request: Request, so_far: Information) -> tuple[design.Design, str]:
     """The design, and how near it comes where it misses the target."""
     information, model = prepared.information, prepared.model
     least = 1 if prepared.made else design.LEAST
@@ -273,7 +273,7 @@ def _chosen(prepared: Prepared, request: Request) -> tuple[design.Design, str]:
     if request.target_com is None or plain.com_rms <= request.target_com:
         return plain, ""
     best = design.choose(information, most) or plain
-    told = forecast.advice(information, plain, prepared.made, model.primitive is not None)
+    told = forecast.advice(information, plain, prepared.made, model.primitive is not None, so_far)
     text = (
         f"{1000 * request.target_com:g} mm is out of reach: {most} strikes come to {1000 * best.com_rms:.3g} mm; "
         f"these {sum(plain.repeats)}: {told.text}"

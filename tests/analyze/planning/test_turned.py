@@ -1,5 +1,6 @@
 """`--gravity`: one strike more with object and striker turned by 180 degrees, which tells the table's tilt."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -116,6 +117,16 @@ def test_a_plan_that_goes_on_from_a_turned_strike_knows_the_tilt():
     blind = prepare(model, spec, BENCH, Errors(tilt=TILT), usual).information
     assert error_so_far(blind) > 1.5 * error_so_far(known)
     assert known.covariance([], [])[TILT_TERM, TILT_TERM] < (0.1 * TILT) ** 2
+
+
+def test_what_is_known_so_far_does_not_have_the_turned_strike_in_it():
+    first = planned(ALL_ROUND, strikes=3, gravity=True)
+    usual = [strike for strike in first.strikes if not strike.heading_rad]
+    made = tuple(StrikeMade(each.axis_id, each.phi_measured_sd_rad, None) for each in usual)
+    so_far = Given("so far", np.zeros(3), np.array(first.predicted_com_covariance_m2), None, made)
+    said = [planned(ALL_ROUND, strikes=1, given=so_far, gravity=gravity).prediction.advice for gravity in (False, True)]
+    figures = [float(re.search(r"so far give c to ([\d.]+) mm", each).group(1)) for each in said]
+    assert figures[0] == figures[1]
 
 
 def test_an_object_seen_from_one_end_only_is_refused_with_the_remedy():
