@@ -59,6 +59,10 @@ class GravityAnswer:
 
     def refuse_undetermined(self) -> None:
         """Raise CalibrationError where the strings do not tell the rise towards +x, which tips feel."""
+        if self.table.prior_sd == 0:
+            raise CalibrationError(
+                "gravity_tilt_sd_rad is 0: the table is stated to be level, and strings cannot tell otherwise: state what it is unsure of"
+            )
         if not self.table.determined[0]:
             x, before = np.degrees([self.table.sd[0], self.table.prior_sd])
             camera = np.degrees(self.options.camera_turn_sd)
@@ -180,6 +184,12 @@ def gravity_text(answer: GravityAnswer) -> list[str]:
     said.append(
         f"note: the camera's own turn against the table is taken for known to {sd:.2g}° (1 sigma; --camera-sd-deg): it is in the intervals"
     )
+    if table.unlikely:
+        shown, known = float(np.degrees(np.max(np.abs(table.shown)))), float(np.degrees(table.prior_sd))
+        said.append(
+            f"doubt: the strings lean by {shown:.2f}°, the table is stated level to ±{known:.2f}° (gravity_tilt_sd_rad): the answer lies "
+            "between: level the table, state it less sure, or measure T_world_camera anew"
+        )
     if table.scatter > 2:
         said.append(f"doubt: the strings disagree by {table.scatter:.1f} times their noise: one was swinging or is none; look at --picture")
     return said

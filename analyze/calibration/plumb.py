@@ -45,6 +45,8 @@ FLOOR_PX = 0.02
 """px, 1 sigma at either end of a string: lens and pixels, which no number of rows averages out"""
 OFF_PLUMB = math.radians(5.0)
 """a straight line farther off W's vertical is no plumb line"""
+UNLIKELY = 3.0
+"""times what was known before: a lean beyond it is doubted"""
 DETERMINED = 0.5
 """a lean whose sd is above this part of the prior's is not determined"""
 
@@ -79,6 +81,15 @@ class PlumbedTable:
     """of the lines about the answer, in units of their sd; at least 1 is taken"""
     residual: Array
     """(lines,) rad, each line's turn against the answer"""
+    shown: Array
+    """(2,) rad, the lean as the lines alone show it, by a camera that stands as it is taken to"""
+    shown_prior_sd: float
+    """rad, 1 sigma of it before: the prior's and the camera's turn together"""
+
+    @property
+    def unlikely(self) -> bool:
+        """What the lines show is not what was known before: one of the two is wrong, and the answer lies between them."""
+        return bool(np.max(np.abs(self.shown)) > UNLIKELY * self.shown_prior_sd)
 
     @property
     def sd(self) -> Array:
@@ -168,7 +179,7 @@ def plumbed_table(lines: Sequence[PlumbLine], camera: CameraModel, prior_sd: flo
     share = prior_sd**2 / seen_prior**2
     lean = share * seen
     total = share**2 * covariance + np.eye(2) * share * camera_turn_sd**2
-    return PlumbedTable(lean, total, prior_sd, scatter, rows @ seen + normals[:, 2])
+    return PlumbedTable(lean, total, prior_sd, scatter, rows @ seen + normals[:, 2], seen, seen_prior)
 
 
 def _turn_sd(line: PlumbLine) -> float:

@@ -114,7 +114,7 @@ def strikes_for(information: Information, target: float, least: int, most: int =
     return high, best
 
 
-def advice(information: Information, design: Design, made: int, exact_shape: bool = False, so_far: Information | None = None) -> Advice:
+def advice(information: Information, design: Design, made: int, exact_shape: bool = False, before: Information | None = None) -> Advice:
     """Compare the design with fewer and more strikes, on other axes too where they serve.
 
     Args:
@@ -122,7 +122,7 @@ def advice(information: Information, design: Design, made: int, exact_shape: boo
         design: what is planned.
         made: strikes that were made before; whether more pay is then judged from them, however many are planned.
         exact_shape: it was given by its dimensions, no scan could be better.
-        so_far: what is known before the strikes that are planned, where `information` has what a turned one will tell in it already.
+        before: what is known before the strikes that are planned, where `information` has what a turned one will tell in it already.
     """
     planned = int(sum(design.repeats))
     members = [information.candidates[i] for i in design.chosen]
@@ -134,7 +134,7 @@ def advice(information: Information, design: Design, made: int, exact_shape: boo
             curve.append((many, other.com_rms))
     floor = _rms(information, members, [ENDLESS] * len(members))
     sources = information.sources(members, design.repeats)
-    have, rms = (made, error_so_far(so_far or information)) if made else (planned, design.com_rms)
+    have, rms = (made, error_so_far(before or information)) if made else (planned, design.com_rms)
     more = [(many if made else many - planned, other) for many, other in curve if many > (0 if made else planned)]
     paying = [(many, other) for many, other in more if other < rms * (1 - PAYS) ** max(1.0, np.log2((have + many) / have))]
     stop = not paying

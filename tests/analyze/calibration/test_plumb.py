@@ -48,6 +48,18 @@ def test_how_well_the_camera_stands_is_in_the_answer():
     assert np.degrees(found.sd[0]) == pytest.approx(0.1 * 0.2 / np.hypot(0.1, 0.2), rel=0.05), "the camera's and the prior's together"
 
 
+def test_a_lean_far_beyond_what_was_known_is_doubted():
+    """The prior would pull a table that slopes by 1.4 degrees back by more than the interval says."""
+    image = photograph(TWO, np.array([0.025, 0.0]), np.random.default_rng(1))
+    lines = upright(find_plumb_lines(image, CAMERA), CAMERA)
+    far = plumbed_table(lines, CAMERA, PRIOR, np.radians(0.1))
+    assert far.unlikely
+    assert far.shown[0] == pytest.approx(0.025, abs=2e-4)
+    assert far.shown[0] - far.lean[0] > 2 * far.sd[0]
+    assert not plumbed_table(lines, CAMERA, np.radians(1.0), np.radians(0.1)).unlikely
+    assert not table(TWO, camera_sd=np.radians(0.1)).unlikely
+
+
 def test_images_of_one_string_are_averaged_and_a_swinging_one_is_known_worse():
     still, swinging = [], []
     for number in range(4):
@@ -134,3 +146,11 @@ def test_a_camera_that_leans_is_told_from_a_table_that_does():
     leaning = CameraModel(LENS.width, LENS.height, MATRIX, np.array(LENS.k), turned(WORLD_CAMERA, (0.03, 0.05, -0.02)))
     found = plumbed_table(upright(find_plumb_lines(image, leaning), leaning), leaning, PRIOR, EXACT)
     assert np.all(np.abs(found.lean - SLOPE) < 3 * found.sd)
+
+
+def test_a_table_that_is_stated_level_is_said_to_be(folder):
+    rig = folder / "exact.toml"
+    rig.write_text(RIG.replace("0.0035", "0.0"), encoding="utf-8")
+    answer = run(folder / "two.png", "--rig", rig)
+    assert answer.exit_code == 1
+    assert "gravity_tilt_sd_rad is 0" in answer.stderr
