@@ -16,6 +16,7 @@ from analyze.commands.published import reproduce
 from analyze.commands.recording import inspect, watch
 from analyze.commands.result import estimate, replay, report, score
 from analyze.commands.shape import parts
+from analyze.commands.simulator import export
 from analyze.commands.table import gravity
 from analyze.commands.tags import print_tags
 from schemas.command_line import Commands
@@ -30,5 +31,5 @@ def main() -> None:
         os.environ.setdefault(name, "1")
 
 
-for _verb in (plan, estimate, score, report, replay, inspect, watch, print_tags, reproduce, calibrate, register, gravity, parts):
+for _verb in (plan, estimate, score, report, replay, inspect, watch, print_tags, reproduce, calibrate, register, gravity, parts, export):
     main.add_command(_verb)

@@ -10,6 +10,7 @@
     ├── JoinError               recordings that are not of one object, or would count a strike twice
     ├── EstimationError         too few good strikes
     ├── CalibrationError        images that show no board, or views that do not determine the camera
+    ├── ExportError             a body that cannot be written for a simulator, or is not read back as it was written
     └── OutputError             a file that cannot be written
 
 Each message is one line: the file or thing, what is wrong, what to try.
@@ -54,6 +55,10 @@ class EstimationError(AnalyzeError):
 
 class OutputError(AnalyzeError):
     """A file cannot be written."""
+
+
+class ExportError(AnalyzeError):
+    """A body cannot be written for a simulator as asked, or is not read back as it was written."""
 
 
 class CalibrationError(AnalyzeError):

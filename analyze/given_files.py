@@ -48,7 +48,7 @@ def read_given(paths: Sequence[Path], object_sha256: str, mass: float, rig: RigC
     """
     recordings = [path for path in paths if path.suffix == RECORDING_SUFFIX]
     together_name = ", ".join(map(str, recordings))
-    found = [(str(path), _result(path)) for path in paths if path not in recordings]
+    found = [(str(path), read_result(path)) for path in paths if path not in recordings]
     held = [(name, _recordings(result)) for name, result in found]
     if recordings:
         heads = [read_head(path) for path in recordings]
@@ -123,7 +123,13 @@ def _device(head: RecordingHead) -> tuple[object, object, object]:
     return manifest.rig.get("name"), manifest.striker.get("kind"), manifest.striker.get("arm_length_m")
 
 
-def _result(path: Path) -> Result:
+def read_result(path: Path) -> Result:
+    """What `analyze estimate --json` printed.
+
+    Raises:
+        PlanError: it is not that.
+        DocumentError: it is, but holds an entry that cannot be used.
+    """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

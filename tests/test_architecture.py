@@ -21,7 +21,11 @@ OWNERS = {
     "laspy": {"analyze/geometry/cloud_files.py"},
     "manifold3d": {"analyze/geometry/mesh_repair.py"},
     "mcap": {"acquire/recorder/", "analyze/recording.py"},
-    "mujoco": {"acquire/virtual/"},
+    # The second reads files back; no estimator does.
+    "mujoco": {"acquire/virtual/", "analyze/export/read_back.py"},
+    "pxr": {"analyze/export/"},
+    "rod": {"analyze/export/read_back.py"},
+    "yourdfpy": {"analyze/export/read_back.py"},
 }
 STDLIB = {"__future__", "collections", "dataclasses", "enum", "functools", "itertools", "math", "typing"}
 DOCUMENTS = {

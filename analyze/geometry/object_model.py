@@ -79,7 +79,7 @@ class ObjectModel:
 
     def contains(self, points: Array) -> polyhedron.BoolArray:
         """Which of `points` (n, 3) lie inside, as bool (n,)."""
-        if self.primitive is None and not self._convex:
+        if self.primitive is None and not self.is_convex:
             return polyhedron.inside(self.vertices, self.faces, np.atleast_2d(points))
         return np.asarray(self.depth(points) > 0)
 
@@ -98,7 +98,7 @@ class ObjectModel:
             return distance.box_depth(np.array(self.primitive.size_m) / 2, points)
         if isinstance(self.primitive, Cylinder):
             return distance.cylinder_depth(self.primitive.radius_m, self.primitive.height_m / 2, points)
-        if self._convex:
+        if self.is_convex:
             return distance.convex_depth(self.hull_planes, points)
         return distance.mesh_depth(self._index, self.vertices, self.faces, points)
 
@@ -123,7 +123,8 @@ class ObjectModel:
         return hit[0], normal / np.linalg.norm(normal)
 
     @cached_property
-    def _convex(self) -> bool:
+    def is_convex(self) -> bool:
+        """Whether it fills its convex hull, to a thousandth of the volume."""
         return bool(ConvexHull(self.hull_vertices).volume < self.volume * (1 + CONVEX_TOLERANCE))
 
     @cached_property

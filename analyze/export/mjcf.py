@@ -1,0 +1,48 @@
+"""MJCF: one free body, its frame O.
+
+The inertia goes as `diaginertia` with the quaternion of its principal axes, not as `fullinertia`: MuJoCo diagonalises that itself, to
+1e-12 kg m2 and no better (mju_eig3), which of the moments of a small box is 1e-7. No mass is drawn from the shape; `boundmass`,
+`boundinertia`, `balanceinertia` and `settotalmass`, by which MuJoCo would alter what it reads, are off unless asked for. The mesh lies
+beside the file, for other readers of MJCF (Drake, Isaac Sim) know none inside it.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as ET
+
+from analyze.export.body import Body
+from analyze.export.mesh import MeshFile, numbers
+from analyze.export.xml_text import child, document
+from schemas.object_spec import Box, Cylinder
+
+AS_WRITTEN = {"angle": "radian", "inertiafromgeom": "false"}
+ROLES = {"visual": {"contype": "0", "conaffinity": "0", "group": "2"}, "collision": {"group": "3"}}
+"""groups as MuJoCo's own models have them: the viewer shows 2 and hides 3"""
+
+
+def mjcf_text(body: Body, mesh: MeshFile | None) -> str:
+    """The file's text; `mesh` lies beside it."""
+    inertial = body.inertial
+    moments, wxyz = inertial.principal_quaternion()
+    root = ET.Element("mujoco", model=body.identifier)
+    child(root, "compiler", **AS_WRITTEN)
+    shape = _shape(root, body, mesh)
+    own = child(child(root, "worldbody"), "body", name=body.identifier)
+    child(own, "freejoint", name=f"{body.identifier}_free")
+    child(own, "inertial", pos=numbers(inertial.com), quat=numbers(wxyz), mass=numbers([inertial.mass]), diaginertia=numbers(moments))
+    for role, settings in ROLES.items():
+        child(own, "geom", name=f"{body.identifier}_{role}", mass="0", **shape, **settings)
+    return document(root, body)
+
+
+def _shape(root: ET.Element, body: Body, mesh: MeshFile | None) -> dict[str, str]:
+    """Attributes of the geoms; MuJoCo gives boxes and cylinders by their halves."""
+    match body.model.primitive:
+        case Box(size_m=size):
+            return {"type": "box", "size": numbers([edge / 2 for edge in size])}
+        case Cylinder(radius_m=radius, height_m=height):
+            return {"type": "cylinder", "size": numbers([radius, height / 2])}
+        case None:
+            name = f"{body.identifier}_mesh"
+            child(child(root, "asset"), "mesh", name=name, file="" if mesh is None else mesh.name)
+            return {"type": "mesh", "mesh": name}

@@ -1,0 +1,121 @@
+"""The ten parameters as a library that reads the format finds them: yourdfpy, rod, mujoco, usd-core. Shares nothing with the writers."""
+
+# These libraries are only partly typed; their unknowns are no mistakes of ours.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analyze.errors import ExportError
+from analyze.export.body import Inertial
+from analyze.export.formats import Format
+from analyze.types import Array
+
+Part = TypeVar("Part")
+
+PACKAGES = {
+    Format.URDF: ("yourdfpy", "yourdfpy"),
+    Format.SDF: ("rod", "rod"),
+    Format.MJCF: ("mujoco", "mujoco"),
+    Format.USD: ("pxr", "usd-core"),
+}
+"""module and package that read it"""
+
+
+def refuse_without_reader(wanted: Format) -> None:
+    """Say before any work that the library is missing.
+
+    Raises:
+        ExportError: it is.
+    """
+    module, package = PACKAGES[wanted]
+    if importlib.util.find_spec(module) is None:
+        raise ExportError(
+            f"no {wanted.value.upper()} is written that was not read back, and the package that reads it is missing: {package}: "
+            "install it with pip install 'percuss[export]'"
+        )
+
+
+def read_back(path: Path, written: Format) -> Inertial:
+    """The first body's parameters, in its link's or prim's frame.
+
+    Raises:
+        ExportError: the library does not read the file, or finds no body in it.
+    """
+    try:
+        return {Format.URDF: _urdf, Format.SDF: _sdf, Format.MJCF: _mjcf, Format.USD: _usd}[written](path)
+    except Exception as error:  # each library raises its own kinds
+        package = PACKAGES[written][1]
+        raise ExportError(f"{path.name}: {package} does not read what was written: {' '.join(str(error).split())}") from error
+
+
+def _urdf(path: Path) -> Inertial:
+    import yourdfpy
+
+    # Its scene is for looking at: the parameters need none, nor a drawing library's meshes.
+    link = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot.links[0]
+    shapes = [_there(part.geometry, "geometry") for part in (*link.visuals, *link.collisions)]
+    _refuse_missing(path, [shape.mesh.filename for shape in shapes if shape.mesh is not None])
+    own = _there(link.inertial, "inertial")
+    pose = _there(own.origin, "origin")
+    return _in_frame(_there(own.mass, "mass"), pose[:3, 3], _there(own.inertia, "inertia"), pose[:3, :3])
+
+
+def _sdf(path: Path) -> Inertial:
+    # Else rod runs a Gazebo that is installed beside it, and refuses to be imported where that is older than 2022.
+    os.environ.setdefault("ROD_SKIP_SDFORMAT_CHECK", "1")
+    import rod
+
+    link = rod.Sdf.load(path, is_urdf=False).models()[0].links()[0]
+    _refuse_missing(path, [part.geometry.mesh.uri for part in (*link.visuals(), *link.collisions()) if part.geometry.mesh is not None])
+    own = _there(link.inertial, "inertial")
+    pose = _there(own.pose, "pose").transform()
+    return _in_frame(own.mass, pose[:3, 3], own.inertia.matrix(), pose[:3, :3])
+
+
+def _mjcf(path: Path) -> Inertial:
+    import mujoco
+
+    body = mujoco.MjModel.from_xml_path(str(path)).body(1)  # 0 is the world
+    axes = Rotation.from_quat(body.iquat, scalar_first=True).as_matrix()
+    return _in_frame(float(body.mass[0]), body.ipos, np.diag(body.inertia), axes)
+
+
+def _usd(path: Path) -> Inertial:
+    from pxr import Usd, UsdGeom, UsdPhysics
+
+    stage = Usd.Stage.Open(str(path))
+    prim = next(each for each in stage.Traverse() if each.HasAPI(UsdPhysics.RigidBodyAPI))
+    own = UsdPhysics.MassAPI(prim)
+    if (UsdPhysics.GetStageKilogramsPerUnit(stage), UsdGeom.GetStageMetersPerUnit(stage)) != (1.0, 1.0):
+        raise ValueError("it finds other units than kilograms and metres")
+    quaternion = own.GetPrincipalAxesAttr().Get()
+    wxyz = [quaternion.GetReal(), *quaternion.GetImaginary()]
+    axes = Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
+    return _in_frame(own.GetMassAttr().Get(), own.GetCenterOfMassAttr().Get(), np.diag(own.GetDiagonalInertiaAttr().Get()), axes)
+
+
+def _there(part: Part | None, name: str) -> Part:
+    if part is None:
+        raise ValueError(f"it finds no {name}")
+    return part
+
+
+def _refuse_missing(path: Path, meshes: Sequence[str]) -> None:
+    """A mesh that is named and not there would be missed only by whoever draws it."""
+    for name in meshes:
+        if not (path.parent / name).is_file():
+            raise FileNotFoundError(f"{name} is not beside it")
+
+
+def _in_frame(mass: float, com: Array, tensor: Array, axes: Array) -> Inertial:
+    """The body whose `tensor` is written along `axes` (columns)."""
+    return Inertial(float(mass), np.array(com, dtype=np.float64), axes @ np.asarray(tensor, dtype=np.float64) @ axes.T)

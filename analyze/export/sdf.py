@@ -1,0 +1,46 @@
+"""SDFormat 1.7, which Gazebo reads since version 11: one model with one link, its frame O.
+
+`<inertial><pose>` is the centre of mass in the link's frame with roll, pitch, yaw of the axes in which `<inertia>` is written
+(sdformat.org/spec?elem=link#inertial_pose): 0 here, so that the axes are O's. `<cylinder>` stands along z.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as ET
+
+from analyze.export.body import Body
+from analyze.export.mesh import MeshFile, numbers
+from analyze.export.xml_text import child, document
+from schemas.object_spec import Box, Cylinder
+
+VERSION = "1.7"
+
+
+def sdf_text(body: Body, mesh: MeshFile | None) -> str:
+    """The file's text; `mesh` lies beside it."""
+    inertial, tensor = body.inertial, body.inertial.inertia
+    root = ET.Element("sdf", version=VERSION)
+    link = child(child(root, "model", name=body.identifier), "link", name=body.identifier)
+    own = child(link, "inertial")
+    child(own, "pose", f"{numbers(inertial.com)} 0 0 0")
+    child(own, "mass", numbers([inertial.mass]))
+    entries = child(own, "inertia")
+    for i in range(3):
+        for j in range(i, 3):
+            child(entries, f"i{'xyz'[i]}{'xyz'[j]}", numbers([tensor[i, j]]))
+    for role in ("visual", "collision"):
+        element = child(link, role, name=f"{body.identifier}_{role}")
+        _geometry(child(element, "geometry"), body, mesh)
+    return document(root, body)
+
+
+def _geometry(parent: ET.Element, body: Body, mesh: MeshFile | None) -> None:
+    match body.model.primitive:
+        case Box(size_m=size):
+            child(child(parent, "box"), "size", numbers(size))
+        case Cylinder(radius_m=radius, height_m=height):
+            element = child(parent, "cylinder")
+            child(element, "radius", numbers([radius]))
+            child(element, "length", numbers([height]))
+        case None:
+            child(child(parent, "mesh"), "uri", "" if mesh is None else mesh.name)

@@ -1,0 +1,41 @@
+"""URDF: one link, its frame O.
+
+`<inertial>`: `<origin>` is the centre of mass in the link's frame, the tensor is about it, in the axes that rpy = 0 makes the link's
+(wiki.ros.org/urdf/XML/link). `<cylinder>` stands along z, as ours does.
+"""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as ET
+
+from analyze.export.body import Body
+from analyze.export.mesh import MeshFile, numbers
+from analyze.export.xml_text import child, document
+from schemas.object_spec import Box, Cylinder
+
+
+def urdf_text(body: Body, mesh: MeshFile | None) -> str:
+    """The file's text; `mesh` lies beside it."""
+    inertial, tensor = body.inertial, body.inertial.inertia
+    robot = ET.Element("robot", name=body.identifier)
+    link = child(robot, "link", name=body.identifier)
+    own = child(link, "inertial")
+    child(own, "origin", xyz=numbers(inertial.com), rpy="0 0 0")
+    child(own, "mass", value=numbers([inertial.mass]))
+    entries = {f"i{'xyz'[i]}{'xyz'[j]}": numbers([tensor[i, j]]) for i in range(3) for j in range(i, 3)}
+    child(own, "inertia", **entries)
+    for role in ("visual", "collision"):
+        element = child(link, role, name=f"{body.identifier}_{role}")
+        child(element, "origin", xyz="0 0 0", rpy="0 0 0")
+        _geometry(child(element, "geometry"), body, mesh)
+    return document(robot, body)
+
+
+def _geometry(parent: ET.Element, body: Body, mesh: MeshFile | None) -> None:
+    match body.model.primitive:
+        case Box(size_m=size):
+            child(parent, "box", size=numbers(size))
+        case Cylinder(radius_m=radius, height_m=height):
+            child(parent, "cylinder", radius=numbers([radius]), length=numbers([height]))
+        case None:
+            child(parent, "mesh", filename="" if mesh is None else mesh.name)

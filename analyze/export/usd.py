@@ -1,0 +1,90 @@
+"""USD: one rigid body by UsdPhysics, its frame O, the shape inside the file; metres, kilograms, z up.
+
+MassAPI: `centerOfMass` in the prim's frame, `diagonalInertia` about it along `principalAxes`, a quaternion that turns the prim's axes into
+the principal ones; all of them single precision (openusd.org, UsdPhysics: Mass Properties).
+"""
+
+# pxr is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportAttributeAccessIssue=false
+
+from __future__ import annotations
+
+import errno
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.export.body import Body
+from analyze.export.provenance import printable
+from schemas.object_spec import Box, Cylinder
+
+if TYPE_CHECKING:
+    from pxr import Usd
+
+SHAPE = "shape"
+METADATA = "percuss"
+
+
+def write_usd(body: Body, path: Path) -> None:
+    """Write the file at `path`, whose ending says the encoding."""
+    from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
+
+    layer = Sdf.Layer.CreateAnonymous(path.suffix)
+    stage = Usd.Stage.Open(layer)
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
+    UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
+    prim = UsdGeom.Xform.Define(stage, f"/{body.identifier}").GetPrim()
+    stage.SetDefaultPrim(prim)
+    # On the prim, not the layer: it stays with the body where another stage refers to it.
+    prim.SetCustomDataByKey(METADATA, {key: _text(value) for key, value in body.provenance.items()})
+    UsdPhysics.RigidBodyAPI.Apply(prim)
+    moments, wxyz = body.inertial.principal_quaternion()
+    own = UsdPhysics.MassAPI.Apply(prim)
+    own.CreateMassAttr(body.inertial.mass)
+    own.CreateCenterOfMassAttr(Gf.Vec3f(*body.inertial.com.tolist()))
+    own.CreateDiagonalInertiaAttr(Gf.Vec3f(*moments.tolist()))
+    own.CreatePrincipalAxesAttr(Gf.Quatf(*wxyz.tolist()))
+    UsdPhysics.CollisionAPI.Apply(_shape(stage, f"/{body.identifier}/{SHAPE}", body))
+    if not layer.Export(str(path)):
+        raise OSError(errno.EIO, "not written by usd-core", str(path))
+
+
+def _text(value: object) -> str:
+    """As USD's dictionaries hold it, which know no null and no lists within lists: other than text as JSON."""
+    return printable(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, allow_nan=False))
+
+
+def _shape(stage: Usd.Stage, path: str, body: Body) -> Usd.Prim:
+    """The exterior, to be seen and to collide with."""
+    from pxr import Gf, UsdGeom, UsdPhysics, Vt
+
+    match body.model.primitive:
+        case Box(size_m=size):
+            cube = UsdGeom.Cube.Define(stage, path)
+            cube.CreateSizeAttr(1.0)
+            cube.CreateExtentAttr([(-0.5, -0.5, -0.5), (0.5, 0.5, 0.5)])
+            cube.AddScaleOp(UsdGeom.XformOp.PrecisionDouble).Set(Gf.Vec3d(*size))
+            return cube.GetPrim()
+        case Cylinder(radius_m=r, height_m=height):
+            cylinder = UsdGeom.Cylinder.Define(stage, path)
+            cylinder.CreateRadiusAttr(r)
+            cylinder.CreateHeightAttr(height)
+            cylinder.CreateAxisAttr(UsdGeom.Tokens.z)
+            cylinder.CreateExtentAttr([(-r, -r, -height / 2), (r, r, height / 2)])
+            return cylinder.GetPrim()
+        case None:
+            model = body.model
+            mesh = UsdGeom.Mesh.Define(stage, path)
+            mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(model.vertices.astype(np.float32)))
+            mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(model.faces), 3, dtype=np.int32)))
+            mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(model.faces.ravel().astype(np.int32)))
+            mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+            mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
+            mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(model.bounds.astype(np.float32)))
+            collision = UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim())
+            # PhysX moves convex bodies only.
+            collision.CreateApproximationAttr(UsdPhysics.Tokens.convexHull if model.is_convex else UsdPhysics.Tokens.convexDecomposition)
+            return mesh.GetPrim()

@@ -1,0 +1,90 @@
+"""A body's file, and its mesh beside it: written aside, read back by another library, compared, and only then put in place."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from analyze.errors import ExportError, OutputError
+from analyze.export.body import Body, Inertial
+from analyze.export.formats import Format
+from analyze.export.mesh import MeshFile, mesh_file
+from analyze.export.mjcf import mjcf_text
+from analyze.export.read_back import read_back
+from analyze.export.sdf import sdf_text
+from analyze.export.urdf import urdf_text
+from analyze.export.usd import write_usd
+from analyze.output_file import refuse_unwritable
+
+
+def write_body(body: Body, wanted: Format, output: Path) -> list[Path]:
+    """Write `body` to `output`, check it, and say which files there are now: `output`, and a mesh beside it where the format wants one.
+
+    What stood there before still stands where anything goes wrong.
+
+    Raises:
+        ExportError: the library that reads the format does not find the same ten parameters.
+        OutputError: a file cannot be written.
+    """
+    refuse_unwritable(output)
+    mesh = None if wanted is Format.USD else mesh_file(body)
+    try:
+        # In the same folder, so that putting in place is a rename; in a folder of its own, so that the mesh is found by its own name.
+        with tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.") as folder:
+            staged = Path(folder) / f"body{output.suffix or wanted.suffixes[0]}"
+            _write(body, wanted, staged, mesh)
+            refuse_other(body.inertial, read_back(staged, wanted), wanted)
+            return _put_in_place(staged, output, mesh)
+    except OSError as error:
+        raise OutputError(f"{output}: cannot be written: {error.strerror}: choose another place") from None
+
+
+def refuse_other(written: Inertial, found: Inertial, where: Format) -> None:
+    """Compare mass, centre of mass and tensor, each relative to its own size: of a vector or tensor the largest entry's.
+
+    Raises:
+        ExportError: one differs by more than the format's precision.
+    """
+    arm = float(np.sqrt(np.trace(written.inertia) / (2 * written.mass)))
+    pairs = (
+        ("mass", np.array(written.mass), np.array(found.mass), written.mass),
+        # A centre of mass next to O's origin is not known relative to its coordinates: the body's own size counts.
+        ("centre of mass", written.com, found.com, max(float(np.abs(written.com).max()), arm)),
+        ("inertia", written.inertia, found.inertia, float(np.abs(written.inertia).max())),
+    )
+    for what, said, read, size in pairs:
+        off = float(np.abs(said - read).max()) / size
+        if not off <= where.tolerance:
+            raise ExportError(
+                f"the {where.value.upper()} file is read back with another {what}: off by {off:.2g} of it, {where.tolerance:g} is allowed: "
+                "nothing was written: report this with the object file"
+            )
+
+
+def _write(body: Body, wanted: Format, path: Path, mesh: MeshFile | None) -> None:
+    if mesh is not None:
+        (path.parent / mesh.name).write_bytes(mesh.data)
+    match wanted:
+        case Format.URDF:
+            path.write_text(urdf_text(body, mesh), encoding="utf-8")
+        case Format.SDF:
+            path.write_text(sdf_text(body, mesh), encoding="utf-8")
+        case Format.MJCF:
+            path.write_text(mjcf_text(body, mesh), encoding="utf-8")
+        case Format.USD:
+            write_usd(body, path)
+
+
+def _put_in_place(staged: Path, output: Path, mesh: MeshFile | None) -> list[Path]:
+    """The mesh first: a body's file never stands without its mesh."""
+    moves = [] if mesh is None else [(staged.parent / mesh.name, output.parent / mesh.name)]
+    moves.append((staged, output))
+    for source, target in moves:
+        with source.open("rb") as file:
+            os.fsync(file.fileno())
+        source.chmod(0o644)
+        source.replace(target)
+    return [target for _, target in reversed(moves)]

@@ -1,0 +1,22 @@
+"""What the XML formats share."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree as ET
+
+from analyze.export.body import Body
+from analyze.export.provenance import provenance_text
+
+
+def document(root: ET.Element, body: Body) -> str:
+    """The document as text, its provenance as a comment on top."""
+    root.insert(0, ET.Comment(provenance_text(body.provenance)))
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def child(parent: ET.Element, tag: str, text: str | None = None, **attributes: str) -> ET.Element:
+    """A new element at the end of `parent`."""
+    element = ET.SubElement(parent, tag, attributes)
+    element.text = text
+    return element

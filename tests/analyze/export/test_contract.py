@@ -1,0 +1,221 @@
+"""Every format keeps the same promise: the file loads in its own reader, with the same ten parameters and the same shape."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import mujoco
+import numpy as np
+import pytest
+import yourdfpy
+from hypothesis import given, settings
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
+
+from analyze.errors import ExportError, OutputError
+from analyze.export import write
+from analyze.export.body import Body, Inertial, identifier
+from analyze.export.formats import Format
+from analyze.export.mesh import mesh_file
+from analyze.export.provenance import parse_provenance, printable, provenance_text
+from analyze.export.read_back import read_back
+from analyze.export.write import refuse_other, write_body
+from tests.analyze.export.bodies import HOSTILE, SHAPES, body_of, inertials
+
+FORMATS = pytest.mark.parametrize("wanted", list(Format), ids=lambda each: each.value)
+EXAMPLES = 20
+
+
+def written(body: Body, wanted: Format, folder: Path) -> Path:
+    path = folder / f"out{wanted.suffixes[0]}"
+    write_body(body, wanted, path)
+    return path
+
+
+@FORMATS
+def test_the_same_ten_parameters_whatever_the_body(wanted, tmp_path):
+    box = body_of()
+
+    @settings(max_examples=EXAMPLES, database=None)
+    @given(inertials())
+    def holds(inertial: Inertial) -> None:
+        path = written(replace(box, inertial=inertial), wanted, tmp_path)
+        refuse_other(inertial, read_back(path, wanted), wanted)
+        path.unlink()
+
+    holds()
+
+
+@FORMATS
+@pytest.mark.parametrize("shape", SHAPES)
+def test_every_shape_and_a_hostile_name(wanted, shape, tmp_path):
+    body = body_of(shape, HOSTILE)
+    path = written(body, wanted, tmp_path)
+    refuse_other(body.inertial, read_back(path, wanted), wanted)
+    mesh = None if wanted is Format.USD else mesh_file(body)
+    assert {each.name for each in tmp_path.iterdir()} == {path.name} | (set() if mesh is None else {mesh.name})
+    name = printable(HOSTILE) if wanted is Format.USD else HOSTILE
+    assert said_in(path, wanted) == {**body.provenance, "object": name}
+
+
+def said_in(path: Path, wanted: Format) -> dict[str, object]:
+    if wanted is Format.USD:
+        stage = Usd.Stage.Open(str(path))  # held: its prims live no longer
+        said = stage.GetDefaultPrim().GetCustomDataByKey("percuss")
+        return {key: value if key == "object" else json.loads(value) for key, value in said.items()}
+    comments = ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot().iter(ET.Comment)
+    return parse_provenance(next(comments).text)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_mujoco_moves_it_as_newton_says(shape, tmp_path):
+    """Not by what the file says but by what the engine does: accelerations under a wrench, and the shape where O has it."""
+    body = body_of(shape)
+    model = mujoco.MjModel.from_xml_path(str(written(body, Format.MJCF, tmp_path)))
+    model.opt.gravity[:] = 0
+    data = mujoco.MjData(model)
+    force, torque = np.array([0.3, -0.2, 0.5]), np.array([0.01, 0.02, -0.015])
+    data.xfrc_applied[1] = [*force, *torque]  # at the centre of mass
+    mujoco.mj_forward(model, data)
+    spin = np.linalg.solve(body.inertial.inertia, torque)
+    np.testing.assert_allclose(data.qacc[3:], spin, rtol=1e-7, atol=1e-9 * np.abs(spin).max())
+    at_origin = force / body.inertial.mass - np.cross(spin, body.inertial.com)
+    np.testing.assert_allclose(data.qacc[:3], at_origin, rtol=1e-7)
+    np.testing.assert_allclose(data.xipos[1], body.inertial.com, rtol=1e-12)
+    if shape == "mesh":
+        corners = data.geom_xpos[1] + model.mesh_vert @ data.geom_xmat[1].reshape(3, 3).T
+        np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], body.model.bounds, atol=1e-7)
+    else:
+        size = {"box": [0.04, 0.03, 0.075], "cylinder": [0.03, 0.1, 0]}[shape]
+        np.testing.assert_allclose(model.geom_size[1], size, rtol=1e-12)
+
+
+def test_usd_turns_the_prim_axes_into_the_principal_ones(tmp_path):
+    """By USD's own quaternions: each turned axis is an eigenvector of the tensor, with its moment."""
+    inertial = body_of().inertial
+    stage = Usd.Stage.Open(str(written(body_of(), Format.USD, tmp_path)))
+    own = UsdPhysics.MassAPI(stage.GetDefaultPrim())
+    for moment, axis in zip(own.GetDiagonalInertiaAttr().Get(), np.eye(3), strict=True):
+        turned = np.array(own.GetPrincipalAxesAttr().Get().Transform(Gf.Vec3f(*axis)), dtype=np.float64)
+        np.testing.assert_allclose(inertial.inertia @ turned, moment * turned, atol=1e-6 * np.abs(inertial.inertia).max())
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_usd_has_the_shape_in_metres_with_z_up(shape, tmp_path):
+    body = body_of(shape)
+    stage = Usd.Stage.Open(str(written(body, Format.USD, tmp_path)))
+    assert (UsdGeom.GetStageMetersPerUnit(stage), UsdGeom.GetStageUpAxis(stage)) == (1.0, "Z")
+    prim = stage.GetDefaultPrim()
+    bounds = UsdGeom.Imageable(prim).ComputeWorldBound(Usd.TimeCode.Default(), UsdGeom.Tokens.default_).ComputeAlignedRange()
+    half = {"box": [0.04, 0.03, 0.075], "cylinder": [0.03, 0.03, 0.1]}.get(shape)
+    expected = body.model.bounds if half is None else [np.negative(half), half]
+    np.testing.assert_allclose([bounds.GetMin(), bounds.GetMax()], expected, atol=1e-7)
+    assert stage.GetPrimAtPath(f"{prim.GetPath()}/shape").HasAPI(UsdPhysics.CollisionAPI)
+
+
+@pytest.mark.parametrize("ending", [".usda", ".usd", ".usdc"])
+def test_usd_is_encoded_as_the_ending_says(ending, tmp_path):
+    path = tmp_path / f"out{ending}"
+    write_body(body_of("mesh"), Format.USD, path)
+    assert path.read_bytes().startswith(b"#usda" if ending == ".usda" else b"PXR-USDC")
+    refuse_other(body_of().inertial, read_back(path, Format.USD), Format.USD)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_urdf_has_the_tensor_in_the_axes_of_the_link_and_the_shape_where_o_has_it(shape, tmp_path):
+    body = body_of(shape)
+    path = written(body, Format.URDF, tmp_path)
+    inertia = ET.parse(path).getroot().find("link/inertial/inertia").attrib
+    assert {name: float(value) for name, value in inertia.items()} == {
+        f"i{'xyz'[i]}{'xyz'[j]}": body.inertial.inertia[i, j] for i in range(3) for j in range(i, 3)
+    }
+    bounds = yourdfpy.URDF.load(str(path)).scene.bounds
+    size = body.model.bounds if shape == "mesh" else np.outer([-1, 1], {"box": [0.04, 0.03, 0.075], "cylinder": [0.03, 0.03, 0.1]}[shape])
+    np.testing.assert_allclose(bounds, size, atol=1e-5 if shape == "cylinder" else 1e-12)  # a cylinder is drawn with 32 sides
+
+
+def test_sdf_has_the_tensor_in_the_axes_of_the_link(tmp_path):
+    body = body_of("mesh")
+    link = ET.parse(written(body, Format.SDF, tmp_path)).getroot().find("model/link")
+    assert [float(number) for number in link.find("inertial/pose").text.split()] == [*body.inertial.com, 0, 0, 0]
+    for entry in link.find("inertial/inertia"):
+        assert float(entry.text) == body.inertial.inertia["xyz".index(entry.tag[1]), "xyz".index(entry.tag[2])]
+    uris = {part.text for part in link.iter("uri")}
+    assert uris == {mesh_file(body).name}
+
+
+def test_a_mesh_keeps_every_digit(tmp_path):
+    body = body_of("mesh")
+    write_body(body, Format.URDF, tmp_path / "out.urdf")
+    lines = (tmp_path / mesh_file(body).name).read_text().splitlines()
+    vertices = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=np.float64)
+    np.testing.assert_array_equal(vertices, body.model.vertices)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("carton", "carton"),
+        ("tea box", "tea_box"),
+        ("Café-Dose №3", "Cafe_Dose_No3"),
+        ("3 tins", "object_3_tins"),
+        ("world", "object_world"),
+        ("__frame__", "frame"),
+        ("盐", "object"),
+        (HOSTILE, "Sugo_amp_def_x_41"),
+    ],
+)
+def test_names_are_valid_in_every_format(name, expected):
+    assert identifier(name) == expected
+    assert Sdf.Path.IsValidIdentifier(expected)
+
+
+@pytest.mark.parametrize("name", ["--", "---->", "-\\-", "a-", "\\u002d-", HOSTILE, "\ud7ff\ue000𝔘"])
+def test_a_comment_holds_any_name_and_gives_it_back(name):
+    text = provenance_text({"object": name})
+    assert "--" not in text
+    ET.fromstring(f"<a><!--{text}--></a>")
+    assert parse_provenance(text) == {"object": name}
+
+
+@FORMATS
+def test_what_is_read_otherwise_is_no_export(wanted, tmp_path, monkeypatch):
+    """A reader that finds another body, by a little more than the format's precision: an error, and what stood there still stands."""
+    path = tmp_path / f"out{wanted.suffixes[0]}"
+    path.write_text("before")
+    body = body_of("mesh")
+
+    def off(staged: Path, where: Format) -> Inertial:
+        found = read_back(staged, where)
+        return replace(found, inertia=found.inertia + 3 * where.tolerance * np.diag([0, 0, np.abs(found.inertia).max()]))
+
+    monkeypatch.setattr(write, "read_back", off)
+    with pytest.raises(ExportError, match="is read back with another inertia"):
+        write_body(body, wanted, path)
+    assert path.read_text() == "before"
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize("what", ["mass", "com", "inertia"])
+def test_each_parameter_is_compared(what):
+    body = body_of().inertial
+    refuse_other(body, replace(body, **{what: getattr(body, what) * (1 + 5e-10)}), Format.URDF)
+    with pytest.raises(ExportError, match="is read back with another"):
+        refuse_other(body, replace(body, **{what: getattr(body, what) * (1 + 5e-9)}), Format.URDF)
+    with pytest.raises(ExportError, match="is read back with another"):
+        refuse_other(body, replace(body, **{what: getattr(body, what) * np.nan}), Format.URDF)
+
+
+def test_what_the_reader_refuses_is_no_export(tmp_path):
+    """MuJoCo takes no body whose moments no body has."""
+    flat = replace(body_of().inertial, inertia=np.diag([1e-4, 1e-4, 3e-4]))
+    with pytest.raises(ExportError, match="mujoco does not read what was written"):
+        write_body(body_of(inertial=flat), Format.MJCF, tmp_path / "out.xml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(OutputError, match="there is no folder"):
+        write_body(body_of(), Format.URDF, tmp_path / "no" / "out.urdf")
