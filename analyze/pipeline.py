@@ -17,6 +17,7 @@ from analyze.estimation.paper import PaperCentre, PaperRegions, paper_centre_of_
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.regions import mass_distribution
 from analyze.estimation.stated import ComPrior, Scale, SystematicErrors, TiltPrior
+from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head
 from analyze.geometry.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.geometry.voxels import voxelise
@@ -68,6 +69,7 @@ class Estimate:
     distribution: MassDistribution
     distribution_paper: PaperRegions | None
     scale: Scale
+    voxels: VoxelMap
 
     def json(self) -> str:
         """The Result as one line: the same bytes for the same recordings."""
@@ -148,6 +150,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     moments = {axis.axis_id: axis.i_edge for axis in inertial.axes}
     regions_paper = paper_regions(list(one_per_axis.values()), com, moments, spec.mass_kg, cells)
     parts = _parts(evidence, cells, inertial, options)
+    voxels = voxel_map(measured_moments(inertial), cells)
     result = build_result(
         inputs=_inputs(evidence, options),
         motions=evidence.motions,
@@ -163,7 +166,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         table_tilt=table_tilts(inertial.com, evidence),
         parts=parts,
     )
-    return Estimate(result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale)
+    return Estimate(result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale, voxels)
 
 
 def _parts(evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions) -> PartMasses | None:

@@ -15,12 +15,23 @@ from analyze.commands.options import estimated, files_argument, one_line, with_e
 @files_argument
 @with_estimate_options
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@click.option("--voxels", type=click.Path(path_type=Path), help="Also write the evenest map of the mass, cell by cell (CSV).")
 @one_line
-def estimate(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...], as_json: bool) -> None:
+def estimate(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...], as_json: bool, voxels: Path | None) -> None:
     """Centre of mass, moments of inertia and region masses from a recording, or from several of one object."""
+    from analyze.file_row import row_of
+    from analyze.output_file import refuse_unwritable
     from analyze.results.summary import render_summary
+    from analyze.results.voxels import write_voxels
 
+    if voxels is not None:
+        refuse_unwritable(voxels, *(part for file in files for part in row_of(file).files))
     answer = estimated(files, object_file, exclude)
+    if voxels is not None:
+        write_voxels(answer.voxels, voxels)
+        click.echo(
+            f"voxels: {voxels}: {len(answer.voxels.points)} cells, of which {answer.voxels.directions} numbers were measured", err=True
+        )
     if as_json:
         click.echo(answer.json())
     else:

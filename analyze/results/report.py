@@ -20,8 +20,9 @@ from analyze.output_file import write_text
 from analyze.recording import open_recording
 from analyze.results.plots import moments_figure, projection_figures, regions_figure, strike_figure
 from analyze.results.style import svg
-from analyze.results.summary import DEGREES, GRAM_CM2, with_interval
+from analyze.results.summary import DEGREES, GRAM_CM2, open_interval, with_interval
 from analyze.results.truth import ShownTruth, shown_truth
+from analyze.results.voxels import told_in_words, voxel_figure
 from schemas.result import Quantity, StrikeResult, Verdict
 
 if TYPE_CHECKING:
@@ -59,8 +60,15 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
     """The report as HTML text."""
     environment = Environment(loader=PackageLoader("analyze.results"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     environment.filters.update(
-        deg=_degrees, inertia=_inertia, rate=_rate, grams=_grams, millimetres=_millimetres, number=number, signed=signed
+        deg=_degrees,
+        inertia=_inertia,
+        rate=_rate,
+        grams=_grams,
+        millimetres=_millimetres,
+        number=number,
+        signed=signed,
     )
+    environment.filters["open_interval"] = open_interval
     result = estimate.result
     truth = None if score is None else shown_truth(score, estimate)
     return environment.get_template("report.html").render(
@@ -77,6 +85,8 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
         truth=truth,
         projections=[_drawn(figure) for figure in projection_figures(estimate, None if truth is None else truth.com)],
         regions=_drawn(regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)),
+        voxels=_drawn(voxel_figure(estimate.voxels)),
+        voxels_told=told_in_words(estimate.voxels),
         moments=_drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
         strikes=_strike_plots(estimate),
         score=score,

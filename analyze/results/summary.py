@@ -108,11 +108,11 @@ def _parts(parts: Parts) -> Table:
     for name in ("part", "mass (g)", "density (g/cm³)", "of one density (g)"):
         table.add_column(name, justify="left" if name == "part" else "right")
     for part, uniform in zip(parts.parts, parts.uniform, strict=True):
-        table.add_row(part.name, _open_interval(part.mass, 1e3, 1), _open_interval(part.density, 1e-3, 2), f"{1e3 * uniform:.1f}")
+        table.add_row(part.name, open_interval(part.mass, 1e3, 1), open_interval(part.density, 1e-3, 2), f"{1e3 * uniform:.1f}")
     return table
 
 
-def _open_interval(quantity: Quantity, factor: float, digits: int) -> str:
+def open_interval(quantity: Quantity, factor: float, digits: int) -> str:
     """Value and ends of an interval that need not be even; without the value where that was not observed."""
     low, high = (factor * end for end in quantity.interval95 or [])  # type: ignore[union-attr, operator] - a scalar's here
     between = f"{low:.{digits}f} to {high:.{digits}f}"
