@@ -59,16 +59,8 @@ def write_report(estimate: Estimate, output: Path, score: Mapping[str, Any] | No
 def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
     """The report as HTML text."""
     environment = Environment(loader=PackageLoader("analyze.results"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    environment.filters.update(
-        deg=_degrees,
-        inertia=_inertia,
-        rate=_rate,
-        grams=_grams,
-        millimetres=_millimetres,
-        number=number,
-        signed=signed,
-    )
-    environment.filters["open_interval"] = open_interval
+    filters = {"deg": _degrees, "inertia": _inertia, "rate": _rate, "grams": _grams, "millimetres": _millimetres}
+    environment.filters.update(filters, number=number, signed=signed, open_interval=open_interval)
     result = estimate.result
     truth = None if score is None else shown_truth(score, estimate)
     return environment.get_template("report.html").render(
