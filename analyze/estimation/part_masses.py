@@ -104,12 +104,12 @@ def part_masses(moments: Moments, names: Sequence[str], parts: Sequence[MassProp
     most = np.minimum(_DENSEST * volumes, moments.mass + _SIGMAS * math.sqrt(float(moments.covariance[0, 0])))
     prior = np.eye(len(parts)) / (_ANYWHERE * moments.mass) ** 2
     about = moments.com
-    for _ in range(_ABOUT + 1):
-        rows, target = _whitened(moments, parts, about)
-        precision = rows.T @ rows + prior
-        mean = np.linalg.solve(precision, rows.T @ target + prior @ uniform)
-        likeliest = _likeliest(mean, precision, most)
+    for _ in range(_ABOUT):
+        likeliest = _likeliest(*_normal(*_whitened(moments, parts, about), prior, uniform), most)
         about = likeliest @ np.array([part.centroid for part in parts]) / likeliest.sum()
+    rows, target = _whitened(moments, parts, about)
+    mean, precision = _normal(rows, target, prior, uniform)
+    likeliest = _likeliest(mean, precision, most)
     draws = _drawn(mean, precision, likeliest, most, rng)
     low, high = _shortest(draws)
     best = draws[np.argmin(np.sum((draws @ rows.T - target) ** 2, axis=1))]
@@ -147,6 +147,12 @@ def _whitened(moments: Moments, parts: Sequence[MassProperties], about: Array) -
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     whiten = (vectors / np.sqrt(np.maximum(values, 1e-9 * values.max()))).T / size
     return whiten @ np.array(columns).T, whiten @ target
+
+
+def _normal(rows: Array, target: Array, prior: Array, uniform: Array) -> tuple[Array, Array]:
+    """Mean (n,) and precision (n, n) without bounds."""
+    precision = rows.T @ rows + prior
+    return np.asarray(np.linalg.solve(precision, rows.T @ target + prior @ uniform), dtype=np.float64), precision
 
 
 def _likeliest(mean: Array, precision: Array, most: Array) -> Array:

@@ -12,6 +12,7 @@ share of each octant's mass that the moments determine, and the number of direct
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -68,6 +69,7 @@ def voxel_map(moments: Moments, cells: Cells) -> VoxelMap:
     offset = float(np.log(prior / (DENSITIES[1] - prior)))
     most = DENSITIES[1] * volumes
     multipliers, stiffness = np.zeros(features.shape[1]), _STIFF
+    masses, misfit = most, math.inf
     for _ in range(_HALVINGS):
         multipliers = _solved(multipliers, features, target, most, offset, stiffness)
         masses = _masses(multipliers, features, most, offset)
@@ -76,13 +78,14 @@ def voxel_map(moments: Moments, cells: Cells) -> VoxelMap:
             break
         stiffness /= 2
     spread = masses * (1.0 - masses / most)
-    octant = (cells.points > cells.centroid) @ np.array([1, 2, 4])
-    inside = np.arange(8)[:, None] == octant
+    octant = np.asarray((cells.points > cells.centroid).astype(np.int64) @ np.array([1, 2, 4]), dtype=np.int64)
+    inside = np.asarray(np.arange(8)[:, None] == octant, dtype=np.float64)
     before = inside @ spread
     # Prior covariance diag(spread); what the moments take away of an octant's.
     with_moments = inside @ (spread[:, None] * features)
     curvature = features.T @ (spread[:, None] * features)
-    taken = np.sum(with_moments * np.linalg.solve(curvature + stiffness * np.eye(len(curvature)), with_moments.T).T, axis=1)
+    solved: Array = np.asarray(np.linalg.solve(curvature + stiffness * np.eye(len(curvature)), with_moments.T), dtype=np.float64)
+    taken = np.sum(with_moments * solved.T, axis=1)
     return VoxelMap(
         points=cells.points,
         volumes=volumes,

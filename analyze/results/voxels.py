@@ -40,15 +40,14 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
     with style():
         figure = Figure(figsize=(7.4, 2.9), layout="constrained")
         panels = figure.subplots(1, 3)
-        shown = None
         for axes, (across, up, name), (edges, image) in zip(panels, VIEWS, images, strict=True):
-            shown = axes.pcolormesh(*edges, image.T, cmap="Blues", vmin=0.0, vmax=most, rasterized=False, linewidth=0)
+            axes.pcolormesh(*edges, image.T, cmap="Blues", vmin=0.0, vmax=most, linewidth=0)
             axes.set_title(name)
             axes.set_aspect("equal")
             axes.set_xlabel(f"{'xyz'[across]} [mm]")
             axes.set_ylabel(f"{'xyz'[up]} [mm]")
             axes.grid(visible=False)
-        bar = figure.colorbar(shown, ax=panels, shrink=0.8)
+        bar = figure.colorbar(panels[0].collections[0], ax=panels, shrink=0.8)
         bar.set_label("mean density [g/cm³]")
     return figure
 
