@@ -190,6 +190,8 @@ class EquiPlane:
     """m, position of the line across itself, shared by strikes on the axis"""
     heading: float = 0.0
     """rad, how the strike was turned on the table: which part of gravity's tilt it feels"""
+    face: str = ""
+    """that it rested on, whose place all edges of the face share; "": not known"""
     rounded: bool = True
     """`edge_radius` is the edges' rounding, whose error all edges share; False: a flank's curvature"""
     level: int = 0

@@ -60,6 +60,7 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
         edge_radius=radius,
         edge_sd=sd,
         heading=planned.heading_rad,
+        face=planned.plane_id,
         rounded=rounded,
         radius_sd=radius_sd,
     )

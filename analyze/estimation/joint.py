@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analyze.estimation.joint_model import COM, SECOND, JointModel
+from analyze.estimation.joint_model import COM, LENGTHS, SECOND, JointModel
 from analyze.estimation.second_moments import six, unit_inertia
 from analyze.estimation.stated import ComPrior, Scale, SystematicErrors
 from analyze.types import Array, EquiPlane
@@ -22,6 +22,10 @@ TURNING_POINT = 2.5
 """standard deviations from which a strike is taken for an outlier and loses weight"""
 OF_TWO = 2.5 / 2.97
 """what two standardised errors together are as one, at that point: chi^2 of two is passed there as often as that of one"""
+WIDE = 2.0
+"""1 sigma of the logarithm of the body's lengths (of its second moments), beside what the shape says of its moments"""
+LONGEST_STEP = 1.0
+"""of such a logarithm"""
 ASSUMED_GYRATION = 0.5
 """of the prior sd of c: where nothing is said of the moments"""
 
@@ -108,7 +112,8 @@ def solve_joint(
     start = model.start(prior.mean, inertia)
     diagonal = np.ones(model.count)
     diagonal[COM] = prior.sd**-2
-    diagonal[SECOND] = 1.0 if moments is None else 0.0
+    # So wide that only a body as flat as no body is feels it: the logarithms of its lengths, and U's other entries in its size.
+    diagonal[SECOND] = WIDE**-2 * np.array([1.0, 1.0, 1.0, *[1 / float(np.trace(inertia))] * 3])
     x = start if near is None or len(near.x) != model.count else near.x
     weight = _weights_among_repeats(planes, np.hypot([plane.sd_phi for plane in planes], systematic.strike_angle_sd))
     z, rows = _whitened(model, data, x)
@@ -205,6 +210,7 @@ def _step(
         off, by = _shape_rows(shape, x)
         gradient, normal = gradient + by.T @ off, normal + by.T @ by
     step = -np.linalg.solve(normal, gradient)
+    step = step * min(1.0, LONGEST_STEP / max(float(np.abs(step[LENGTHS]).max()), 1e-12))
     before = misfit(x, z)
     for _ in range(12):
         if misfit(x + step, _standardised(model, data, x + step)) <= before:

@@ -21,11 +21,13 @@ from analyze.types import Array, EquiPlane
 
 COM = slice(0, 3)
 SECOND = slice(3, 9)
+LENGTHS = slice(3, 6)
+"""of SECOND, the logarithms"""
 TILT, SCALE_TERM, RADIUS, GRAVITY = slice(9, 11), 11, 12, 13
 FIXED = 14
 """unknowns before those of each axis"""
-FORWARD, UP, ANGLE, OWN_RADIUS, OWN_K = range(5)
-AXIS_TERMS = 5
+FORWARD, ANGLE, OWN_RADIUS, OWN_K = range(4)
+AXIS_TERMS = 4
 LEVEL_TERMS = 2
 EDGE_TO_EDGE = 0.3
 """of the stated sd of the edges' radius: how much one edge's differs from the others'"""
@@ -35,15 +37,17 @@ SMALLEST_DISTANCE = 1e-3
 class JointModel:
     """The unknowns: c (3) [m], the second moments' six numbers, then the shared errors, each in units of its sd.
 
-    The errors are the vertical's lean towards W's x and y, the shape's scale, the edges' radius, gravity, five per axis (the edge's place
-    forward and up, an angle, its own radius, a part of k), two of lean for each further levelling, and an angle for each further heading
-    of an axis (the camera sees another side).
+    The errors are the vertical's lean towards W's x and y, the shape's scale, the edges' radius, gravity, four per axis (the edge's place
+    forward, an angle, its own radius, a part of k), the place of each face rested on (all its edges lie in it), two of lean for each further
+    levelling, and an angle for each further heading of an axis (the camera sees another side).
     """
 
     def __init__(self, planes: Sequence[EquiPlane], systematic: SystematicErrors, scale: Scale | None = None) -> None:
         axes = sorted({plane.axis_id for plane in planes})
         self.planes = planes
-        self._further_levels = FIXED + AXIS_TERMS * len(axes)
+        faces = sorted({_face(plane) for plane in planes})
+        first_face = FIXED + AXIS_TERMS * len(axes)
+        self._further_levels = first_face + len(faces)
         self.tilts = systematic.tilts()
         further = self._further_levels + LEVEL_TERMS * (len(self.tilts) - 1)
         self._first = {name: FIXED + AXIS_TERMS * number for number, name in enumerate(axes)}
@@ -80,7 +84,7 @@ class JointModel:
                 self._radius_error[i, first + OWN_RADIUS] = plane.radius_sd
                 self._shift[i, :, first + OWN_RADIUS] = raised(plane.direction, plane.up, plane.phi) * plane.radius_sd
             self._shift[i, :, first + FORWARD] = forward * plane.edge_sd
-            self._shift[i, :, first + UP] = plane.up * plane.edge_sd
+            self._shift[i, :, first_face + faces.index(_face(plane))] = plane.up * plane.edge_sd
             tilt, towards = self.tilts[plane.level], np.array([np.cos(plane.heading), np.sin(plane.heading)])
             self._lean[i] = towards @ tilt.lean
             self._turn[i, self.tilt_terms(plane.level)] = towards * tilt.sd
@@ -156,3 +160,8 @@ class JointModel:
         rows = -np.einsum("si,sic->sc", across, self._shift)
         rows[:, COM] = across
         return rows
+
+
+def _face(plane: EquiPlane) -> tuple[str, str]:
+    """What shares its place: in joined recordings names are unique too."""
+    return (plane.face, "") if plane.face else ("", plane.axis_id)

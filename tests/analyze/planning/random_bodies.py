@@ -34,11 +34,16 @@ def random_body(seed: int, kind: str | None = None) -> RandomBody:
     """The kind goes round with the seed unless one is named."""
     rng = np.random.default_rng((seed, 0xB0D1))
     kind = kind or KINDS[seed % len(KINDS)]
-    triangles = {"box": _box, "hull": _hull, "prism": _prism, "bottle": _bottle, "angle": _angle}[kind](rng)
+    triangles = shape_of(kind, rng)
     spec = spec_for(triangles)
     model = load_object_model(spec, stl(triangles), "b.stl")
     com, unit_inertia = random_filling(model, rng)
     return RandomBody(kind, spec, model, com, unit_inertia)
+
+
+def shape_of(kind: str, rng: np.random.Generator) -> np.ndarray:
+    """Triangles (f, 3, 3) [mm]."""
+    return {"box": _box, "hull": _hull, "prism": _prism, "bottle": _bottle, "angle": _angle}[kind](rng)
 
 
 def spec_for(triangles: np.ndarray, markers: list | None = None, **more: object) -> ObjectSpec:
