@@ -38,8 +38,8 @@ class JointModel:
     """The unknowns: c (3) [m], the second moments' six numbers, then the shared errors, each in units of its sd.
 
     The errors are the vertical's lean towards W's x and y, the shape's scale, the edges' radius, gravity, four per axis (the edge's place
-    forward, an angle, its own radius, a part of k), the place of each face rested on (all its edges lie in it), two of lean for each further
-    levelling, and an angle for each further heading of an axis (the camera sees another side).
+    forward, an angle, its own radius, a part of k), the place of each face rested on (all its edges lie in it), two of lean for each
+    further levelling, and an angle for each further heading of an axis (the camera sees another side).
     """
 
     def __init__(self, planes: Sequence[EquiPlane], systematic: SystematicErrors, scale: Scale | None = None) -> None:

@@ -1,15 +1,16 @@
 """Whether the 95 % intervals hold the truth, and are no wider than they need be: `make coverage` (300 sessions, ten to twenty minutes).
 
-Random boxes and meshes with random masses inside, from theta(t) of nine planned strikes to the whole answer (tests/benchmarks/simulated_tips.py
-says what is simulated and drawn). "Width" is the median half of an interval over twice the rms error, which is 1 where errors are normal and
-the interval as wide as need be; "scatter" the rms error over the stated sd. Masses of the wall and two parts are judged only where the body
-is such; what is said of lumps inside is compared with the mass that truly lies on either side of the estimate's own border.
+Random boxes and meshes with random masses inside, from theta(t) of nine planned strikes to the whole answer (simulated_tips.py says what is
+simulated and drawn). "Width" is the median half of an interval over twice the rms error, "scatter" the rms error over the stated sd: both
+would be 1. Masses of the wall and two parts are judged only where the body is such; what is said of lumps inside is compared with the mass
+that truly lies on either side of the estimate's own border.
 """
 
 from __future__ import annotations
 
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import click
@@ -92,9 +93,13 @@ def _masses(estimate: Estimate, truth: Truth, rows: Rows) -> None:
     assert regions is not None
     for region, value in zip(regions.regions, true, strict=True):
         found, sd, interval = region.mass.value, region.mass.sd, region.mass.interval95
+        assert isinstance(found, float)
+        assert isinstance(sd, float)
+        assert interval is not None
+        low, high = (float(np.array(end)) for end in interval)
         empty = ", at the bound" if value < EMPTY * truth.mass else ""
         part = 100 / truth.mass
-        rows.add(f"{kind}{empty} (% of m)", part * (found - value), part * sd, (part * (found - interval[1]), part * (found - interval[0])))
+        rows.add(f"{kind}{empty} (% of m)", part * (found - value), part * sd, (part * (found - high), part * (found - low)))
     metric = float(np.abs(distribution.masses - true).mean() / truth.mass)
     naive = min(float(np.abs(other - true).mean() / truth.mass) for other in distribution.baselines.values())
     rows.error[f"{kind}: paper's metric"].append(100 * metric)
@@ -121,41 +126,63 @@ def table(rows: Rows, title: str) -> Table:
     return found
 
 
-def sessions(count: int, seed: int, console: Console) -> list[tuple[Evidence, Truth]]:
+def sessions(count: int, seed: int) -> Iterator[tuple[Evidence, Truth]]:
     """Of bodies that can be planned and stand."""
-    found: list[tuple[Evidence, Truth]] = []
-    number = 0
-    with console.status("") as status:
-        while len(found) < count:
-            made = session(1_000_000 * seed + number // PER_SHAPE, number % PER_SHAPE)
-            number += 1
-            if made is not None:
-                found.append(made)
-            status.update(f"simulated {len(found)} of {count} sessions")
-    return found
+    found = number = 0
+    while found < count:
+        made = session(1_000_000 * seed + number // PER_SHAPE, number % PER_SHAPE)
+        number += 1
+        if made is not None:
+            found += 1
+            yield made
+
+
+@dataclass
+class Tally:
+    """What all sessions showed so far."""
+
+    rows: Rows = field(default_factory=Rows)
+    refused: int = 0
+    open_ones: int = 0
+    seconds: list[float] = field(default_factory=list)
+    mean: list[float] = field(default_factory=list)
+
+    def add(self, evidence: Evidence, truth: Truth) -> None:
+        """Estimate and compare."""
+        began = time.process_time()
+        try:
+            estimate = estimate_evidence(evidence)
+        except EstimationError:
+            self.refused += 1
+            return
+        self.seconds.append(time.process_time() - began)
+        judge(estimate, truth, self.rows)
+        self.open_ones += not estimate.com.observed
+        self.mean.append(1e3 * float(np.linalg.norm(estimate.com.position - truth.com)))
+
+    def print(self, console: Console, seed: int) -> None:
+        """The table, and what is no row of it."""
+        many = len(self.mean) + self.refused
+        console.print(table(self.rows, f"{many} sessions, seed {seed}: {self.refused} refused, {self.open_ones} with an open direction"))
+        mean, seconds = np.array(self.mean), np.array(self.seconds)
+        console.print(f"c: mean distance {mean.mean():.2f} mm, median {np.median(mean):.2f}, worst {mean.max():.2f}")
+        console.print(
+            f"from phi and k of nine strikes to all results: median {np.median(seconds):.2f} s of CPU, worst {seconds.max():.2f} s"
+        )
 
 
 @click.command()
 @click.option("--sessions", "count", default=300, show_default=True)
 @click.option("--seed", default=1, show_default=True)
-def main(count: int, seed: int) -> None:
+@click.option("--every", default=0, show_default=True, help="Print what there is after so many sessions, too (stderr).")
+def main(count: int, seed: int, every: int) -> None:
     """Simulate, estimate, compare."""
-    console, quiet = Console(width=150), Console(stderr=True)
-    rows, refused, seconds, mean, open_ones = Rows(), 0, [], [], 0
-    for evidence, truth in track(sessions(count, seed, quiet), console=quiet, transient=True, description="estimating"):
-        began = time.process_time()
-        try:
-            estimate = estimate_evidence(evidence)
-        except EstimationError:
-            refused += 1
-            continue
-        seconds.append(time.process_time() - began)
-        judge(estimate, truth, rows)
-        open_ones += not estimate.com.observed
-        mean.append(1e3 * float(np.linalg.norm(estimate.com.position - truth.com)))
-    console.print(table(rows, f"{count} sessions, seed {seed}: {refused} refused, {open_ones} with an open direction"))
-    console.print(f"c: mean distance {np.mean(mean):.2f} mm, median {np.median(mean):.2f}, worst {np.max(mean):.2f}")
-    console.print(f"from phi and k of nine strikes to all results: median {np.median(seconds):.2f} s of CPU, worst {np.max(seconds):.2f} s")
+    quiet, tally = Console(stderr=True, width=150), Tally()
+    for number, (evidence, truth) in enumerate(track(sessions(count, seed), total=count, console=quiet, transient=True), 1):
+        tally.add(evidence, truth)
+        if every and number % every == 0 and number < count:
+            tally.print(quiet, seed)
+    tally.print(Console(width=150), seed)
 
 
 if __name__ == "__main__":

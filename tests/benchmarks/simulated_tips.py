@@ -1,8 +1,8 @@
 """Whole sessions of sliding, rounded, misplaced tips of random bodies, as cameras see them: what `make coverage` is run on.
 
-Shapes are planned by the planner; what happens is simulated strike by strike in the plane with dry friction (tests/analyze/motion/sliding.py),
-which shares nothing with the estimators; masses are random points, not the estimator's cells. What calibration gets wrong is drawn once per
-session: tilt, scale, mass, radius of the edges; scanned faces are off by face, edges by edge.
+Shapes are planned by the planner; what happens is simulated strike by strike in the plane with dry friction (motion/sliding.py of the
+tests), which shares nothing with the estimators; masses are random points, not the estimator's cells. What calibration gets wrong is drawn
+once per session: tilt, scale, mass, radius of the edges; scanned faces are off by face, edges by edge.
 Does not model: a table's slope beyond its effect on the vertical, air, a third dimension of the tip, images.
 """
 
@@ -212,9 +212,7 @@ def _motions(body: PlannedBody, truth: Truth, rng: np.random.Generator) -> list[
     return found
 
 
-def _strike(
-    body: PlannedBody, planned: PlannedStrike, planar: Body, off: np.ndarray, noise: float, rng: np.random.Generator
-) -> TipMotion:
+def _strike(body: PlannedBody, planned: PlannedStrike, planar: Body, off: np.ndarray, noise: float, rng: np.random.Generator) -> TipMotion:
     """Struck until it can be used, three times at most; most a little over the top, one in ten not over it."""
     motion = None
     for _ in range(TRIES):
