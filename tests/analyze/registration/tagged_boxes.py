@@ -43,6 +43,20 @@ class Draw:
     place: float = 1.5e-3
     table_tilt: float = math.radians(0.1)
     table_height: float = 5e-4
+    lock_px: float = LOCK_PX
+    """amplitude"""
+    blow: float = 0.0
+    """turn about the vertical by the blow"""
+    drift: float = 0.0
+    """the same while it tips, rad per rad"""
+    wobble: float = 0.0
+    """the same from frame to frame"""
+    aside: float = 0.0
+    """of the edge along itself, from frame to frame"""
+
+
+ALLOWED = Draw(lock_px=0.02 * math.sqrt(2), blow=math.radians(0.05), drift=math.radians(0.1), wobble=math.radians(0.05), aside=2e-4)
+"""all that the solver allows for: lens and pixels that are off by 0.02 px, a body that does not quite turn about its edge"""
 
 
 @dataclass(frozen=True)
@@ -131,10 +145,11 @@ def facing(plan):
     return 2 * axis + (0 if direction[axis] > 0 else 1)
 
 
-def poses(box, plan, course, yaw=0.0, place=(0.0, 0.0), off_edge=(0.0, 0.0, 0.0), lay=None):
+def poses(box, plan, course, yaw=0.0, at=(0.0, 0.0), off_edge=(0.0, 0.0, 0.0), lay=None):
     """R_camera_marker (n, 3, 3) and p_camera_marker (n, 3) of the tag that faces the camera, as things really are.
 
-    `lay`: how the object was turned against the plan before it was put down (a wrong placement).
+    `yaw` and `at`: of all frames, or one for each. `lay`: how the object was turned against the plan before it was put down (a wrong
+    placement).
     """
     number = facing(plan)
     T = box.T[number]
@@ -144,9 +159,10 @@ def poses(box, plan, course, yaw=0.0, place=(0.0, 0.0), off_edge=(0.0, 0.0, 0.0)
     R_nominal = np.array(plan.R_world_object) @ lay
     pivot = lay.T @ np.array(plan.pivot.point) + np.array(off_edge)
     Rs, ps = [], []
-    for theta, slip, lift in zip(course.theta, course.slip, course.lift, strict=True):
-        R = about([0, 0, 1], yaw) @ about([0, 1, 0], theta) @ R_nominal
-        edge = about([0, 0, 1], yaw) @ np.array([slip + EDGE_RADIUS * theta, 0.0, 0.0])
+    yaws, places = np.broadcast_to(yaw, len(course.theta)), np.broadcast_to(at, (len(course.theta), 2))
+    for theta, slip, lift, turn, place in zip(course.theta, course.slip, course.lift, yaws, places, strict=True):
+        R = about([0, 0, 1], turn) @ about([0, 1, 0], theta) @ R_nominal
+        edge = about([0, 0, 1], turn) @ np.array([slip + EDGE_RADIUS * theta, 0.0, 0.0])
         edge = edge + np.array([*place, EDGE_RADIUS + lift])
         p = R @ (T[:3, 3] - pivot) + edge
         Rs.append(R_cw @ E @ R @ T[:3, :3])
@@ -195,9 +211,10 @@ def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, sec
         if rendered:
             course = _shortened(course)
         lay = (wrong or {}).get(number, np.eye(3))
-        R, p = poses(box, plan, course, rng.normal(0, draw.yaw), rng.normal(0, draw.place, 2), across, lay)
+        yaw, at = rng.normal(0, draw.yaw), rng.normal(0, draw.place, 2)
+        R, p = poses(box, plan, course, *_unsteady(yaw, at, course, draw, rng), across, lay)
         plan = plan.model_copy(update={"visible_markers": [facing(plan)]})
-        tracks = _rendered(box, plan, course, R, p, rng) if rendered else [_drawn(box, plan, course, R, p, rng)]
+        tracks = _rendered(box, plan, course, R, p, rng) if rendered else [_drawn(box, plan, course, R, p, draw, rng)]
         time_ns = T0 + int(course.time[-1] * 1e9)
         motion = analyse_strike(tracks, markers, box.camera, StrikeTask(plan.id, plan, T0, time_ns))
         view = strike_view(tracks, markers, box.camera, plan, motion, section=section)
@@ -214,10 +231,19 @@ def _shortened(course):
     return replace(course, time=course.time[kept], theta=course.theta[kept], slip=course.slip[kept], lift=course.lift[kept])
 
 
-def _drawn(box, plan, course, R, p, rng):
+def _unsteady(yaw, at, course, draw, rng):
+    """Heading (n,) and place (n, 2) in every frame, where anything of it is drawn."""
+    if not (draw.blow or draw.drift or draw.wobble or draw.aside):
+        return yaw, at
+    tips = course.theta > 0
+    drawn = rng.normal(0, draw.blow) + rng.normal(0, draw.drift) * course.theta + rng.normal(0, draw.wobble, len(tips))
+    return yaw + tips * drawn, at + (tips * rng.normal(0, draw.aside, len(tips)))[:, None] * np.array([0.0, 1.0])
+
+
+def _drawn(box, plan, course, R, p, draw, rng):
     ideal = np.array([project(box.camera, corners_of(SIZE) @ a.T + b) for a, b in zip(R, p, strict=True)])
     # A bias that repeats with the pixels, in its own way for every corner.
-    lock = LOCK_PX * np.sin(2 * math.pi * (ideal + rng.uniform(0, 1, (4, 2))))
+    lock = draw.lock_px * np.sin(2 * math.pi * (ideal + rng.uniform(0, 1, (4, 2))))
     seen = ideal + lock + rng.normal(0, CORNER_PX, ideal.shape)
     inside = np.all((seen > 2) & (seen < [box.camera.width - 3, box.camera.height - 3]), axis=(1, 2))
     stop = int(np.argmin(inside)) if not np.all(inside) else len(seen)
