@@ -39,7 +39,7 @@ _OPEN = 0.5
 
 
 @dataclass(frozen=True)
-class Moments:
+class MeasuredMoments:
     """What is known of the whole object: rows of a linear system in masses, with the covariance of their errors."""
 
     mass: float
@@ -74,15 +74,15 @@ class PartMasses:
     """root of the mean squared residual over its sd, at the best masses: far above 1 where the parts cannot explain the moments"""
 
 
-def measured_moments(parameters: InertialParameters) -> Moments:
+def measured_moments(parameters: InertialParameters) -> MeasuredMoments:
     """What the strikes measured, with what a uniform part of a drawn shape is off (as for the regions)."""
     mass, moments = parameters.mass, np.array([axis.i_com for axis in parameters.axes])
     model = np.concatenate([[0.0], np.full(3, LEVER_ERROR), MODEL_ERROR * moments])
     directions = np.array([axis.direction for axis in parameters.axes]).reshape(-1, 3)
-    return Moments(mass, parameters.com.position, directions, moments, parameters.joint_covariance + np.diag(model**2))
+    return MeasuredMoments(mass, parameters.com.position, directions, moments, parameters.joint_covariance + np.diag(model**2))
 
 
-def part_masses(moments: Moments, names: Sequence[str], parts: Sequence[MassProperties], rng: np.random.Generator) -> PartMasses:
+def part_masses(moments: MeasuredMoments, names: Sequence[str], parts: Sequence[MassProperties], rng: np.random.Generator) -> PartMasses:
     """Masses of `parts` that explain `moments`.
 
     Hit-and-run chains (Smith 1984, Operations Research 32) in directions drawn from the unbounded posterior or from other chains (ter Braak
@@ -125,7 +125,7 @@ def part_masses(moments: Moments, names: Sequence[str], parts: Sequence[MassProp
     )
 
 
-def _whitened(moments: Moments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
+def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
     """Design (4 + a, n) per kilogram and target (4 + a,), both in units of the target's sd; moments of inertia about `about` (3,).
 
     They were measured about the true c, of which the parts' own is a better guess than the measured one: of a slender body m |error of c|^2

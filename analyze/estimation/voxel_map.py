@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.estimation.part_masses import Moments
+from analyze.estimation.part_masses import MeasuredMoments
 from analyze.geometry.object_model import DENSITIES
 from analyze.types import Array
 
@@ -56,7 +56,7 @@ class VoxelMap:
     """rms of the moments' residuals over their sd; far above 1: no distribution between the bounds has these moments"""
 
 
-def voxel_map(moments: Moments, cells: Cells) -> VoxelMap:
+def voxel_map(moments: MeasuredMoments, cells: Cells) -> VoxelMap:
     """The evenest map between nothing and the densest stuff with these moments.
 
     Args:
@@ -98,7 +98,7 @@ def voxel_map(moments: Moments, cells: Cells) -> VoxelMap:
     )
 
 
-def _whitened(moments: Moments, cells: Cells) -> tuple[Array, Array]:
+def _whitened(moments: MeasuredMoments, cells: Cells) -> tuple[Array, Array]:
     """What a kilogram in each cell adds (n, 4 + a) and the target (4 + a,), both in units of the target's sd."""
     arm = cells.points - moments.com
     square = np.sum(arm**2, axis=1) + cells.own

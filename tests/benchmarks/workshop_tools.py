@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.errors import AnalyzeError
-from analyze.estimation.part_masses import Moments, PartMasses, part_masses
+from analyze.estimation.part_masses import MeasuredMoments, PartMasses, part_masses
 from analyze.geometry.bodies import Body, bodies_of
 from analyze.geometry.labelled_parts import parts_of_bodies
 from analyze.geometry.polyhedron import MassProperties
@@ -91,12 +91,12 @@ def _longest(bodies: list[Body]) -> float:
     return float(np.ptp(corners, axis=0).max())
 
 
-def drawn(tool: Tool, rng: np.random.Generator) -> Moments:
+def drawn(tool: Tool, rng: np.random.Generator) -> MeasuredMoments:
     """Its moments with errors."""
     about = np.einsum("ai,ij,aj->a", AXES, tool.tensor(), AXES)
     sd = np.concatenate([[MASS_SD_KG], np.full(3, COM_SD_M), MOMENT_SD * about])
     error = rng.normal(0, sd)
-    return Moments(float(tool.masses.sum() + error[0]), tool.com + error[1:4], AXES, about + error[4:], np.diag(sd**2))
+    return MeasuredMoments(float(tool.masses.sum() + error[0]), tool.com + error[1:4], AXES, about + error[4:], np.diag(sd**2))
 
 
 def rows_of(tool: Tool, found: list[PartMasses]) -> list[list[str]]:

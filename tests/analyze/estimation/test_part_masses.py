@@ -14,7 +14,7 @@ from rich.console import Console
 
 from analyze.errors import ShapeError
 from analyze.estimation.cells import cells_from_voxels
-from analyze.estimation.part_masses import Moments, part_masses
+from analyze.estimation.part_masses import MeasuredMoments, part_masses
 from analyze.geometry.bodies import bodies_of
 from analyze.geometry.labelled_parts import joined, parts_of_bodies, parts_of_cells
 from analyze.geometry.object_model import load_object_model
@@ -60,7 +60,7 @@ def moments_of(parts, masses, rng=None, com_sd=5e-4, relative_sd=0.01):
     about = np.einsum("ai,ij,aj->a", directions, tensor, directions)
     sd = np.concatenate([[1e-4], np.full(3, com_sd), relative_sd * about])
     error = np.zeros(len(sd)) if rng is None else rng.normal(0, sd)
-    return Moments(mass + error[0], com + error[1:4], directions, about + error[4:], np.diag(sd**2))
+    return MeasuredMoments(mass + error[0], com + error[1:4], directions, about + error[4:], np.diag(sd**2))
 
 
 def test_touching_bodies_stay_apart_and_have_their_own_volume():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analyze.estimation.part_masses import Moments, measured_moments
+from analyze.estimation.part_masses import MeasuredMoments, measured_moments
 from analyze.estimation.voxel_map import voxel_map
 from analyze.geometry.object_model import DENSITIES
 from analyze.pipeline import estimate_evidence
@@ -47,7 +47,7 @@ def test_it_says_how_little_was_measured(estimate):
 
 def test_moments_that_no_body_of_that_shape_has_are_missed_and_said(estimate):
     moments = measured_moments(estimate.inertial)
-    outside = Moments(moments.mass, moments.com + np.array([0.2, 0, 0]), moments.directions, moments.moments, moments.covariance)
+    outside = MeasuredMoments(moments.mass, moments.com + np.array([0.2, 0, 0]), moments.directions, moments.moments, moments.covariance)
     voxels = voxel_map(outside, estimate.cells)
     assert voxels.misfit > 3
     assert "misses the moments" in told_in_words(voxels)
@@ -61,7 +61,7 @@ def test_a_body_of_one_density_gives_an_even_map(estimate):
     directions = np.eye(3)
     about = np.array([masses @ (np.sum(arm**2, axis=1) + cells.own - (arm @ line) ** 2) for line in directions])
     sd = np.concatenate([[1e-5], np.full(3, 1e-4), 0.01 * about])
-    voxels = voxel_map(Moments(0.05, centre, directions, about, np.diag(sd**2)), cells)
+    voxels = voxel_map(MeasuredMoments(0.05, centre, directions, about, np.diag(sd**2)), cells)
     assert voxels.density == pytest.approx(np.full(len(cells.points), voxels.prior), rel=1e-3)
 
 
