@@ -42,7 +42,7 @@ SHAPE_FORMATS = {"trimesh", "manifold3d", "laspy", "json", "re", "struct", "warn
 """what turns a shape file's bytes into arrays, in memory"""
 PURE = {
     "analyze/geometry": FOUNDATION | {"analyze.geometry", "io.BytesIO", "pathlib.PurePath"} | SHAPE_FORMATS,
-    "analyze/planning": FOUNDATION | {"analyze.planning", "analyze.geometry", "analyze.tracking.camera_model"},
+    "analyze/planning": FOUNDATION | {"analyze.planning", "analyze.geometry", "analyze.tracking.camera_model", "analyze.motion.moulded"},
     "analyze/tracking": FOUNDATION | {"analyze.tracking", "cv2"},
     "analyze/calibration": FOUNDATION | {"analyze.calibration", "analyze.tracking", "analyze.tags", "cv2"},
     "analyze/motion": FOUNDATION | {"analyze.motion", "analyze.tracking"},

@@ -27,7 +27,8 @@ from scipy.spatial import ConvexHull, QhullError
 from analyze.errors import EstimationError
 
 if TYPE_CHECKING:
-    from analyze.geometry.polyhedron import BoolArray
+    from numpy.typing import NDArray
+
     from analyze.types import Array, IntArray
 
 CORNER = math.radians(20.0)
@@ -75,7 +76,7 @@ class Flank:
     """m; infinite where nothing is known of it"""
     sd: float = 0.0
     """m, 1 sigma of the section's place along and off the table, as the facets know it"""
-    bent: BoolArray | None = None
+    bent: NDArray[np.bool_] | None = None
     """(n,) bool, where it is a curve of the shape's own, and no corner or rounding; None: nowhere"""
     rough: float = 0.0
     """1 sigma of the radius of such a curve over itself, by how unevenly the shape bends"""

@@ -45,7 +45,12 @@ def rolls_on(section: Flank | None, planned: PlannedStrike) -> tuple[Flank | Non
 
 def is_curved(section: Flank, planned: PlannedStrike) -> bool:
     """Whether the section is a curve where it touches, and not a corner or a bevel."""
-    last = planned.phi_predicted_rad + _PAST
+    return is_curved_to(section, planned.phi_predicted_rad)
+
+
+def is_curved_to(section: Flank, phi: float) -> bool:
+    """The same for a balance expected at `phi` [rad]."""
+    last = phi + _PAST
     return section.curved_over(_FROM, last, _BENT) > _OVER and section.longest_flat(_FROM, last) < _FLAT
 
 

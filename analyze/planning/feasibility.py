@@ -109,7 +109,9 @@ def axis_ends(axis: PivotAxis) -> tuple[float, float]:
     start, end = axis.plane.edges
     edge = int(np.argmax(axis.plane.outward() @ axis.tip))
     along = sorted(float(axis.direction @ (corner - axis.point)) for corner in (start[edge], end[edge]))
-    return min(along[0] + axis.radius, -1e-4), max(along[1] - axis.radius, 1e-4)
+    # A rounding of all edges is one of the corners too; a moulded one begins where the face that is known ends.
+    inset = 0.0 if axis.moulded else axis.radius
+    return min(along[0] + inset, -1e-4), max(along[1] - inset, 1e-4)
 
 
 def tips(cases: Sequence[Case], gravity: float) -> Tips:

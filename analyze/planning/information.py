@@ -120,9 +120,10 @@ class Information:
         shared[1, GRAVITY] = 1.0
         shared[0, TILT] = 1.0
         shared[:, SCALE] = -(shared[:, COM] @ axis.point)
-        # A larger radius moves the centre line inwards: up and away from the tip.
-        shared[:, RADIUS] = -(shared[:, COM] @ (axis.plane.up - axis.tip))
-        shared[1, RADIUS] -= 2 * m * (R + rho) / i_edge
+        if not axis.moulded:
+            # A larger radius moves the centre line inwards: up and away from the tip.
+            shared[:, RADIUS] = -(shared[:, COM] @ (axis.plane.up - axis.tip))
+            shared[1, RADIUS] -= 2 * m * (R + rho) / i_edge
         own = np.zeros((2, PRIVATE))
         own[:, 0] = -(shared[:, COM] @ axis.tip) * axis.sd
         own[:, 1] = -(shared[:, COM] @ axis.plane.up) * axis.sd

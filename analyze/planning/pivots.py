@@ -10,6 +10,7 @@ import numpy as np
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.polyhedron import BoolArray
 from analyze.geometry.rotations import plane_basis
+from analyze.motion.moulded import moulded_radius
 from analyze.planning.hypothesis import Hypothesis
 from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
@@ -20,6 +21,8 @@ BRIDGED_SD = 3e-4
 RIM_TURN = np.radians(20.0)
 """edges that turn by less than this, on and on, are a round rim"""
 RIM_EDGES = 5
+STRIP = 0.03
+"""of the object's size, up to which a face is a facet of something round"""
 STEEPEST_WALL = np.radians(60.0)
 """lean of the struck-off face against the vertical beyond which the rounding's inset is not believed"""
 
@@ -41,6 +44,8 @@ class PivotAxis:
     sd: float
     """m"""
     rolls: bool
+    moulded: bool = False
+    """whether the rounding is the shape's own, along all of the edge; else the one that is stated for all edges"""
 
     @property
     def R_world_object(self) -> Array:  # noqa: N802 - the frames belong to the name
@@ -113,7 +118,10 @@ def _axis(
     beside: Array,
     rolls: bool = False,
 ) -> PivotAxis:
-    """Axis at a sharp edge; its rounding (radius rho) touches both faces, so its centre lies rho inside either."""
+    """Axis at an edge. The rounding of a sharp one (radius rho) touches both faces, so its centre lies rho inside either.
+
+    Where the shape has the rounding, as a moulded body's, it begins where the face ends: its centre is straight above.
+    """
     direction = np.cross(plane.up, tip)
     wall = _wall(model, plane, tip, edge)
     radius = spec.edge_radius_m
@@ -121,10 +129,22 @@ def _axis(
     inset = radius * (1 + np.sin(lean)) / np.cos(lean)
     contact = edge[0] + direction * float(direction @ (beside - edge[0]))
     level = float(contact @ plane.up)
-    point = contact + plane.up * (plane.level - level + radius) - tip * inset
     own = model.edge_sd(np.array(edge))
+    if wall is None and (moulded := _moulded(model, plane, tip, contact, beside)) is not None:
+        point = contact + plane.up * (plane.level - level + moulded)
+        return PivotAxis(name, plane, direction, tip, point, moulded, own, rolls, moulded=True)
+    point = contact + plane.up * (plane.level - level + radius) - tip * inset
     sd = own if wall is not None else float(np.hypot(own, BRIDGED_SD))
     return PivotAxis(name, plane, direction, tip, point, radius, sd, rolls)
+
+
+def _moulded(model: ObjectModel, plane: RestingPlane, tip: Array, contact: Array, beside: Array) -> float | None:
+    """Radius [m] of a rounding that the shape itself has beyond `contact`; its centre line is straight above."""
+    if float(np.ptp(plane.polygon @ tip)) < STRIP * float(model.extent.max()):
+        return None
+    arm = beside - contact
+    phi = float(np.arctan2(-(arm @ tip), arm @ plane.up))
+    return moulded_radius((model.hull_vertices - contact) @ np.stack([tip, plane.up]).T, phi)
 
 
 def _wall(model: ObjectModel, plane: RestingPlane, tip: Array, edge: tuple[Array, Array]) -> float | None:

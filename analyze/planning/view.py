@@ -125,7 +125,8 @@ def _path(axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: floa
     T_camera_world = inverse_transform(camera.T_world_camera)
     path = np.full((STEPS, 4, 2), np.inf)
     for step, theta in enumerate(_turns(phi)):
-        turned = (world - pivot) @ matrix_from_vector(np.array([0.0, theta, 0.0])).T + pivot
+        rolled = np.array([axis.radius * theta, 0.0, 0.0])
+        turned = (world - pivot) @ matrix_from_vector(np.array([0.0, theta, 0.0])).T + pivot + rolled
         in_camera = apply(T_camera_world, turned)
         if in_camera[:, 2].min() > HAIR:
             path[step] = project(camera, in_camera)
@@ -171,7 +172,8 @@ def _hidden(
     for theta in (0.0, phi, phi + float(PAST_BALANCE)):
         # The camera, turned back with the object.
         back = matrix_from_vector(np.array([0.0, -theta, 0.0]))
-        camera_world = back @ (camera.T_world_camera[:3, 3] - pivot) + pivot
+        rolled = np.array([axis.radius * theta, 0.0, 0.0])
+        camera_world = back @ (camera.T_world_camera[:3, 3] - pivot - rolled) + pivot
         ray = axis.R_world_object.T @ (camera_world - axis.p_world_object) - start
         far = float(np.linalg.norm(ray))
         if _meets(model, start, ray / far, far):
