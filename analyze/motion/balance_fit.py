@@ -17,12 +17,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.motion.edge_motion import moved_by_offset
 from analyze.motion.pivot_fit import Sample, correlation_factor, fit_model, motion_fit, sample
+from analyze.motion.runge_kutta import advanced
 
 if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion
@@ -165,14 +167,6 @@ def driven(time: Array, parameters: Array, slip: Array, lift: Array, radius: flo
             turn = turn + kick[1]
         gap = float(time[i] - time[i - 1])
         s, z = (slip[i] - slip[i - 1]) / gap, (lift[i] - lift[i - 1]) / gap
-        steps = max(1, math.ceil(gap / _MOST_STEP_S))
-        h = gap / steps
-        for _ in range(steps):
-            a1, b1 = rate(theta, turn, s, z)
-            a2, b2 = rate(theta + h / 2 * a1, turn + h / 2 * b1, s, z)
-            a3, b3 = rate(theta + h / 2 * a2, turn + h / 2 * b2, s, z)
-            a4, b4 = rate(theta + h * a3, turn + h * b3, s, z)
-            theta = theta + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-            turn = turn + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
+        theta, turn = advanced(partial(rate, s=s, z=z), theta, turn, gap, _MOST_STEP_S)
         found[i] = theta
     return found

@@ -13,10 +13,12 @@ friction in it) is, in the weak form in which only their velocities enter,
 
 from __future__ import annotations
 
-import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from analyze.motion.runge_kutta import advanced
 
 if TYPE_CHECKING:
     from analyze.motion.flank import Flank
@@ -74,15 +76,7 @@ def rolled(time: Array, x: Array, flank: Flank, slide: tuple[Array, Array] | Non
     for i in range(1, len(time)):
         gap = float(time[i] - time[i - 1])
         u, z = (None, None) if slide is None else ((path[i] - path[i - 1]) / gap for path in slide)
-        steps = max(1, math.ceil(gap / _MOST_STEP_S))
-        h = gap / steps
-        for _ in range(steps):
-            a1, b1 = rate(theta, turn, u, z)
-            a2, b2 = rate(theta + h / 2 * a1, turn + h / 2 * b1, u, z)
-            a3, b3 = rate(theta + h / 2 * a2, turn + h / 2 * b2, u, z)
-            a4, b4 = rate(theta + h * a3, turn + h * b3, u, z)
-            theta = theta + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-            turn = turn + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
+        theta, turn = advanced(partial(rate, u=u, z=z), theta, turn, gap, _MOST_STEP_S)
         found[i] = theta
     return found
 

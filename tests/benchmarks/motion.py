@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from dataclasses import dataclass
 
 import click
 import numpy as np
@@ -26,23 +25,9 @@ from analyze.motion.sign_change import sign_change
 from analyze.types import MotionFit
 from schemas.result import Verdict
 from tests.analyze.motion.drawn_strikes import EXPECTED, KINDS, Strike, draw, draw_free
+from tests.benchmarks.fit_error import NOISES, VAGUE, Error
 
 USED = (Verdict.GOOD, Verdict.ROCKED_BACK)
-NOISES = ((0.05, 0.1), (0.1, 0.2), (0.2, 0.5))
-"""degrees"""
-VAGUE = math.radians(1.0)
-"""a bound above it is no measurement; such strikes are left out, and counted"""
-
-
-@dataclass(frozen=True)
-class Error:
-    phi: float
-    k: float
-    """relative"""
-    sd_phi: float
-    sd_k: float
-    bound_phi: float
-    bound_k: float
 
 
 def bound(strike: Strike, fit: MotionFit) -> tuple[float, float]:

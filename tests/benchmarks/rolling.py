@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass
 
 import click
 import numpy as np
@@ -23,24 +22,10 @@ from analyze.motion.pivot_fit import pivot_fit
 from analyze.motion.rolling_fit import rolling_fit
 from analyze.types import MotionFit
 from tests.analyze.motion.rolling import SeenRoll, draw_rolling, section_of_body, seen_roll
+from tests.benchmarks.fit_error import NOISES, VAGUE, Error
 
 SECTIONS = ((0.005, 0.005), (0.015, 0.015), (0.04, 0.04), (0.04, 0.02), (0.025, 0.05))
 """half axes [m] along and off the table"""
-NOISES = ((0.05, 0.1), (0.1, 0.2), (0.2, 0.5))
-"""degrees"""
-VAGUE = math.radians(1.0)
-"""a bound above it is no measurement; such strikes are left out, and counted"""
-
-
-@dataclass(frozen=True)
-class Error:
-    phi: float
-    k: float
-    """relative"""
-    sd_phi: float
-    sd_k: float
-    bound_phi: float
-    bound_k: float
 
 
 def draw(rng: np.random.Generator, section: tuple[float, float]) -> tuple[SeenRoll, float]:
