@@ -31,10 +31,11 @@ def refuse_prior(result: Result, spec: ObjectSpec, model: ObjectModel, name: str
             "tip it over an edge across that direction, or export without --measured-only"
         )
     if missing:
+        where = np.array(com.value, dtype=np.float64)
         made = [np.array(moment.direction, dtype=np.float64) for moment in result.moments]
         entries = ", ".join(map(entry_name, missing))
         what = f"{name}: not all is measured: {entries} of the inertia {'is' if len(missing) == 1 else 'are'} from the shape"
-        raise ExportError(f"{what}: {_remedy_text(remedy(model, spec, made, missing), len(missing))}")
+        raise ExportError(f"{what}: {_remedy_text(remedy(model, spec, where, made, missing), len(missing))}")
 
 
 def _remedy_text(found: Remedy, missing: int) -> str:

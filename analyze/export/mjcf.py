@@ -1,9 +1,9 @@
 """MJCF: one free body, its frame O.
 
-The inertia goes as `diaginertia` with the quaternion of its principal axes, not as `fullinertia`: MuJoCo diagonalises that itself, to
-1e-12 kg m2 and no better (mju_eig3), which of the moments of a small box is 1e-7. No mass is drawn from the shape; `boundmass`,
+The inertia goes as `diaginertia` with the quaternion of its principal axes, which is how MuJoCo itself keeps it: no reader has to
+diagonalise (MuJoCo 4.0 would, of `fullinertia`, to 5e-15). No mass is drawn from the shape; `boundmass`,
 `boundinertia`, `balanceinertia` and `settotalmass`, by which MuJoCo would alter what it reads, are off unless asked for. The mesh lies
-beside the file, for other readers of MJCF (Drake, Isaac Sim) know none inside it.
+beside the file, for Drake, which reads MJCF too, leaves a mesh inside it out.
 """
 
 from __future__ import annotations

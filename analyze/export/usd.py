@@ -29,7 +29,7 @@ METADATA = "percuss"
 
 def write_usd(body: Body, path: Path) -> None:
     """Write the file at `path`, whose ending says the encoding."""
-    from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
+    from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics
 
     layer = Sdf.Layer.CreateAnonymous(path.suffix)
     stage = Usd.Stage.Open(layer)
@@ -48,8 +48,10 @@ def write_usd(body: Body, path: Path) -> None:
     own.CreateDiagonalInertiaAttr(Gf.Vec3f(*moments.tolist()))
     own.CreatePrincipalAxesAttr(Gf.Quatf(*wxyz.tolist()))
     UsdPhysics.CollisionAPI.Apply(_shape(stage, f"/{body.identifier}/{SHAPE}", body))
-    if not layer.Export(str(path)):
-        raise OSError(errno.EIO, "not written by usd-core", str(path))
+    try:
+        layer.Export(str(path))
+    except Tf.ErrorException as error:  # the operating system's own reason is lost on the way
+        raise OSError(errno.EIO, "usd-core could not write it", str(path)) from error
 
 
 def _text(value: object) -> str:

@@ -21,6 +21,7 @@ from analyze.export.formats import Format
 from analyze.export.mesh import mesh_file
 from analyze.export.provenance import parse_provenance, printable, provenance_text
 from analyze.export.read_back import read_back
+from analyze.export.usd import write_usd
 from analyze.export.write import refuse_other, write_body
 from tests.analyze.export.bodies import HOSTILE, SHAPES, body_of, inertials
 
@@ -214,6 +215,12 @@ def test_what_the_reader_refuses_is_no_export(tmp_path):
     with pytest.raises(ExportError, match="mujoco does not read what was written"):
         write_body(body_of(inertial=flat), Format.MJCF, tmp_path / "out.xml")
     assert not list(tmp_path.iterdir())
+
+
+def test_usd_that_cannot_be_written_is_the_systems_error(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="usd-core could not write it"):
+        write_usd(body_of(), tmp_path / "file" / "out.usda")
 
 
 def test_a_folder_that_is_not_there(tmp_path):

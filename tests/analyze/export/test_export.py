@@ -118,6 +118,15 @@ def test_the_edges_of_a_box_that_would_measure(result, axes, prior, said):
         refuse_prior(lacking, spec_of("box"), model_of("box"), "r.mcap")
 
 
+def test_what_rolls_when_it_lies_never_tells_the_moment_about_its_axis(result):
+    upright = [moment for moment in result.moments if abs(moment.direction[2]) < 0.1]
+    lacking = with_inertia(result, ["Izz"]).model_copy(update={"moments": upright})
+    with pytest.raises(
+        ExportError, match=r"Izz of the inertia is from the shape: no edge of this object lies so that a tip over it would tell"
+    ):
+        refuse_prior(lacking, spec_of("cylinder"), model_of("cylinder"), "r.mcap")
+
+
 def test_a_slanted_edge_measures_what_no_edge_of_a_box_does(result):
     """The wedge has edges across x and y: one tells Ixy once Ixx and Iyy are known."""
     spec, model = spec_of("mesh"), model_of("mesh")
