@@ -13,13 +13,13 @@ from analyze.estimation.agreement import agreement
 from analyze.estimation.cells import Cells, cells_from_voxels, wall_thickness
 from analyze.estimation.equiplane import equiplane, equiplane_from_fit
 from analyze.estimation.inertia import inertial_parameters, shape_prior
+from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.paper import PaperCentre, PaperRegions, paper_centre_of_mass, paper_regions
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.regions import mass_distribution
 from analyze.estimation.stated import ComPrior, Scale, SystematicErrors, TiltPrior
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head
-from analyze.geometry.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.geometry.voxels import voxelise
 from analyze.joined import in_order, join, levels_of, paths_text, refuse_apart, strikes_to_leave_out
 from analyze.results.document import build_result, result_json

@@ -22,9 +22,9 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.errors import AnalyzeError
+from analyze.estimation.labelled_parts import parts_of_bodies
 from analyze.estimation.part_masses import MeasuredMoments, PartMasses, part_masses
 from analyze.geometry.bodies import Body, bodies_of
-from analyze.geometry.labelled_parts import parts_of_bodies
 from analyze.geometry.polyhedron import MassProperties
 from schemas.object_spec import LengthUnit, MarkerSpec, ObjectSpec, PartLabel, Shape
 

@@ -14,9 +14,9 @@ from rich.console import Console
 
 from analyze.errors import ShapeError
 from analyze.estimation.cells import cells_from_voxels
+from analyze.estimation.labelled_parts import joined, parts_of_bodies, parts_of_cells
 from analyze.estimation.part_masses import MeasuredMoments, part_masses
 from analyze.geometry.bodies import bodies_of
-from analyze.geometry.labelled_parts import joined, parts_of_bodies, parts_of_cells
 from analyze.geometry.object_model import load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.parts_table import bodies_in, bodies_json, render_bodies
