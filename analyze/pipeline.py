@@ -11,9 +11,12 @@ import numpy as np
 from analyze.errors import EstimationError
 from analyze.estimation.agreement import agreement
 from analyze.estimation.cells import Cells, cells_from_voxels, wall_thickness
+from analyze.estimation.checks import check
 from analyze.estimation.equiplane import equiplane, equiplane_from_fit
-from analyze.estimation.inertia import inertial_parameters, shape_prior
+from analyze.estimation.inertia import parameters_of, shape_prior
+from analyze.estimation.joint import Moments, solve_joint
 from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
+from analyze.estimation.markers import can_subtract, without_markers
 from analyze.estimation.paper import PaperCentre, PaperRegions, paper_centre_of_mass, paper_regions
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.regions import mass_distribution
@@ -22,6 +25,7 @@ from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head
 from analyze.geometry.voxels import voxelise
 from analyze.joined import in_order, join, levels_of, paths_text, refuse_apart, strikes_to_leave_out
+from analyze.results.assessment import assessment
 from analyze.results.document import build_result, result_json
 from analyze.results.summary import render_summary
 from analyze.results.tilt import table_tilts
@@ -138,17 +142,22 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     gravity_sd = max(recording.manifest.g_sd_m_s2 for recording in evidence.recordings)
     scale = Scale(spec.mass_kg, spec.mass_sd_kg, evidence.manifest.g_m_s2, gravity_sd)
     cells = cells_from_voxels(voxelise(model, (model.volume / CELLS) ** (1 / 3), wall_thickness(spec, model)))
-    inertial = inertial_parameters(planes, systematic, prior, scale, shape_prior(cells))
+    moments = Moments(scale, shape_prior(cells))
+    solution = solve_joint(planes, systematic, prior, moments)
+    whole = parameters_of(solution, prior, scale)
+    checks = check(planes, systematic, prior, moments, solution, (model.hull_vertices, model.hull_planes))
+    agreed = agreement(planes, [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes], whole.com, systematic, prior)
+    inertial = without_markers(whole, spec.marker) if can_subtract(spec.marker) else whole
     com = inertial.com
-    agreed = agreement(planes, [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes], com, systematic, prior)
     distribution = mass_distribution(inertial, cells, np.random.default_rng(options.seed))
     # The sign change needs a passage over the balance; strikes that rocked back serve only where there are no others.
     over = [motion for motion in used if motion.verdict is Verdict.GOOD]
     by_sign_change = tuple(_paper_plane(evidence.planned(motion), motion) for motion in (over if len(over) >= LEAST_STRIKES else used))
     com_paper = paper_centre_of_mass(by_sign_change, cells)
+    com_paper = replace(com_paper, position=com_paper.position + com.position - whole.com.position)
     one_per_axis = {plane.axis_id: plane for plane in planes}
-    moments = {axis.axis_id: axis.i_edge for axis in inertial.axes}
-    regions_paper = paper_regions(list(one_per_axis.values()), com, moments, spec.mass_kg, cells)
+    about_edges = {axis.axis_id: axis.i_edge for axis in inertial.axes}
+    regions_paper = paper_regions(list(one_per_axis.values()), com, about_edges, inertial.mass, cells)
     parts = _parts(evidence, cells, inertial, options)
     voxels = voxel_map(measured_moments(inertial), cells)
     result = build_result(
@@ -162,8 +171,9 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         distribution=distribution,
         com_paper=com_paper,
         distribution_paper=regions_paper,
-        warnings=result_warnings(evidence, options, planes, inertial, distribution, com_paper, agreed, parts),
+        warnings=result_warnings(evidence, options, planes, inertial, distribution, com_paper, agreed, parts, checks),
         table_tilt=table_tilts(inertial.com, evidence),
+        verdict=assessment(inertial, checks),
         parts=parts,
     )
     return Estimate(result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale, voxels)

@@ -61,6 +61,10 @@ class WarningCode(enum.Enum):
     UNKNOWN_MARKER = "unknown_marker"
     MARKERS_UNPLACED = "markers_unplaced"
     ROLLING_CONTACT = "rolling_contact"
+    MARKERS_SUBTRACTED = "markers_subtracted"
+    STRIKE_NOT_FORETOLD = "strike_not_foretold"
+    MOMENT_IMPOSSIBLE = "moment_impossible"
+    GRAVITY_DISAGREES = "gravity_disagrees"
 
 
 class ResultWarning(Document):
@@ -216,6 +220,10 @@ class Result(Document):
     inertia_measured: list[list[bool]] | None = None
     regions: Regions | None
     regions_paper: Regions | None = None
+    verdict: list[str] | None = Field(default=None, description="in words: what to trust, to doubt, to repeat; older results have none")
+    parameters_covariance: list[list[float]] | None = Field(
+        default=None, description="(10, 10) of mass, centre of mass, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it; SI; older results have none"
+    )
     parts: Parts | None = Field(default=None, description="where the object file labels them; else not written")
     table_tilt: list[TableTilt] | None = Field(default=None, description="one per levelling; older results have none, and none is written")
 
@@ -225,6 +233,7 @@ class Result(Document):
         written: dict[str, Any] = write(self)
         if self.table_tilt is None:
             del written["table_tilt"]
-        if self.parts is None:
-            del written["parts"]
+        for later in ("parts", "verdict", "parameters_covariance"):
+            if getattr(self, later) is None:
+                del written[later]
         return written

@@ -140,6 +140,7 @@ def build_result(
     distribution_paper: PaperRegions | None,
     warnings: Sequence[ResultWarning],
     table_tilt: list[TableTilt] | None = None,
+    verdict: list[str] | None = None,
     parts: PartMasses | None = None,
 ) -> Result:
     """The Result document. `planned` goes with `motions`; `planes` are of the strikes used, in the same order."""
@@ -174,6 +175,8 @@ def build_result(
             regions=regions_document(distribution),
             regions_paper=None if distribution_paper is None else _paper_regions(distribution, distribution_paper),
             table_tilt=table_tilt,
+            verdict=verdict,
+            parameters_covariance=inertial.covariance.tolist(),
             parts=None if parts is None else parts_document(parts),
         )
     )

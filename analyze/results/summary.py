@@ -40,6 +40,8 @@ def render_summary(estimate: Estimate, console: Console | None = None) -> None:
     console.print(_regions(result))
     if result.parts is not None:
         console.print(_parts(result.parts))
+    for sentence in result.verdict or []:
+        console.print(sentence)
     for warning in result.warnings:
         console.print(f"[yellow]{warning.code.value}[/]: {warning.text}")
 

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.estimation.markers import can_subtract
 from analyze.file_row import missing_text
 from analyze.motion.contact import ContactErrors
 from analyze.planned_strikes import planned_strikes
+from analyze.results.assessment import OUTSIDE, gravity_text, missed_text
 from analyze.results.tilt import TILT_REMEDY, assumed_tilt
 from analyze.types import EquiPlane, InertialParameters, MassDistribution, TipMotion
 from schemas.result import ResultWarning, Verdict, WarningCode
@@ -17,6 +19,7 @@ from schemas.session_manifest import TimeSource
 
 if TYPE_CHECKING:
     from analyze.estimation.agreement import Agreement
+    from analyze.estimation.checks import Checks
     from analyze.estimation.paper import PaperCentre
     from analyze.estimation.part_masses import PartMasses
     from analyze.evidence import Evidence
@@ -44,6 +47,7 @@ def result_warnings(
     com_paper: PaperCentre,
     agreed: Agreement,
     parts: PartMasses | None,
+    checks: Checks,
 ) -> list[ResultWarning]:
     """All warnings, in a fixed order."""
     found: list[ResultWarning] = []
@@ -73,8 +77,16 @@ def result_warnings(
     if com.unobserved_direction is not None:
         x, y, z = com.unobserved_direction
         warn(WarningCode.DIRECTION_UNOBSERVED, f"the strikes do not tell where c lies along ({x:.2f}, {y:.2f}, {z:.2f}): add an axis")
-    if not bool(evidence.model.contains(com.position[None])[0]):
-        warn(WarningCode.CENTRE_OUTSIDE_SHAPE, "the centre of mass lies outside the shape: check the shape's unit and the placements")
+    if checks.outside > OUTSIDE:
+        text = f"the centre of mass lies outside the shape's hull, by {checks.outside:.1f} sd: check the shape's unit and the placements"
+        warn(WarningCode.CENTRE_OUTSIDE_SHAPE, text)
+    if checks.impossible:
+        warn(WarningCode.MOMENT_IMPOSSIBLE, f"no mass within the shape has the moments measured about {_names(checks.impossible)}")
+    if not checks.gravity.agrees:
+        warn(WarningCode.GRAVITY_DISAGREES, gravity_text(checks))
+    for each in checks.left_out:
+        if not each.foretold:
+            warn(WarningCode.STRIKE_NOT_FORETOLD, f"strike {each.strike_id}: {missed_text(each)}")
     for plane, robust in zip(planes, com.robust, strict=True):
         if robust < OUTLIER:
             warn(WarningCode.POOR_FIT, f"strike {plane.strike_id} disagrees with the others and was given {robust:.0%} of its weight")
@@ -115,9 +127,13 @@ def result_warnings(
         if lost:
             warn(WarningCode.FRAMES_LOST, f"strike {strike_id}: {lost} frames were lost in its window")
     cards = sum(marker.mass_kg for marker in evidence.spec.marker)
-    if cards > 0:
+    if cards > 0 and can_subtract(evidence.spec.marker):
+        text = f"the markers' {1000 * cards:.2g} g are subtracted; φ, k and I_edge of single strikes are of the object with them"
+        warn(WarningCode.MARKERS_SUBTRACTED, text)
+    elif cards > 0:
         warn(
-            WarningCode.MARKERS_INCLUDED, f"the results are of the object with its markers ({1000 * cards:.2g} g): they are not subtracted"
+            WarningCode.MARKERS_INCLUDED,
+            f"the results are of the object with its markers ({1000 * cards:.2g} g): give T_object_marker of each, and they are subtracted",
         )
     if parts is not None:
         if open_ones := [name for name, observed in zip(parts.names, parts.observed, strict=True) if not observed]:

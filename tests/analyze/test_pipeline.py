@@ -135,6 +135,18 @@ def test_true_phi_and_i_edge_are_those_of_the_rounded_edge(evidence):
     assert truth.i_edge == pytest.approx(BODY.mass * 9.81 * truth.distance / k, rel=1e-9)
 
 
+def test_the_verdict_says_what_to_trust_and_which_strike_to_repeat(evidence, estimate):
+    words = estimate.result.verdict
+    assert words[0].startswith("trust the centre of mass, to ")
+    assert not any(each.startswith("repeat") for each in words)
+    assert np.array(estimate.result.parameters_covariance).shape == (10, 10)
+    odd = evidence.motions[3]
+    off = replace(odd, fit=replace(odd.fit, phi=odd.fit.phi + np.radians(2)))
+    found = estimate_evidence(replace(evidence, motions=(*evidence.motions[:3], off, *evidence.motions[4:])))
+    assert next(each for each in found.result.verdict if each.startswith("repeat")).startswith(f"repeat strike {odd.strike_id}: φ is +")
+    assert WarningCode.STRIKE_NOT_FORETOLD in codes(found)
+
+
 def test_the_score_holds_the_agreed_keys(estimate, monkeypatch, tmp_path):
     monkeypatch.setattr("analyze.score.read_truth", lambda path: type("Truth", (), {"body": truth_body()}))
     score = score_estimate(tmp_path / "r.mcap", estimate)

@@ -1,0 +1,64 @@
+"""The verdict in words: what of an answer to trust, what to doubt, which strikes to repeat."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from analyze.estimation.checks import Checks, LeftOut
+    from analyze.types import InertialParameters
+
+ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+OUTSIDE = 2.0
+"""sd outside the hull from which c cannot be believed"""
+
+
+def assessment(inertial: InertialParameters, checks: Checks) -> list[str]:
+    """Sentences, most important first; each begins with trust, doubt or repeat."""
+    com = inertial.com
+    missed = [each for each in checks.left_out if not each.foretold]
+    wrong = checks.outside > OUTSIDE or bool(checks.impossible) or not checks.gravity.agrees
+    found: list[str] = []
+    if com.observed and not wrong:
+        worst = 1.96e3 * float(np.sqrt(np.linalg.eigvalsh(com.covariance)[-1]))
+        told = len(checks.left_out) - len(missed)
+        found.append(f"trust the centre of mass, to {worst:.1f} mm: {told} of {len(checks.left_out)} strikes are what the others foretell")
+    if not wrong and (measured := _entries(inertial, measured=True)):
+        found.append(f"trust {measured} of the tensor: strikes measured them")
+    if not com.observed:
+        found.append("doubt the centre of mass along the direction that is named as open: it comes from the shape")
+    if prior := _entries(inertial, measured=False):
+        found.append(f"doubt {prior} of the tensor: they come from the shape")
+    if checks.outside > OUTSIDE:
+        found.append(
+            "doubt everything: the centre of mass lies outside the shape's hull; check the shape's unit and how the object was placed"
+        )
+    if checks.impossible:
+        found.append(f"doubt the moments: no body of this shape has those about {', '.join(checks.impossible)}; check mass, unit and shape")
+    if not checks.gravity.agrees:
+        found.append(f"doubt everything: {gravity_text(checks)}")
+    found += [f"repeat strike {each.strike_id}: {missed_text(each)}" for each in missed]
+    return found
+
+
+def gravity_text(checks: Checks) -> str:
+    """What the strikes say of g."""
+    told = checks.gravity
+    return (
+        f"the strikes mean a gravity {100 * told.relative:+.0f} ± {196 * told.sd:.0f} % off what is stated: check the shape's unit and the "
+        "frames' times"
+    )
+
+
+def missed_text(each: LeftOut) -> str:
+    """How a strike is off what the others foretell."""
+    text = f"φ is {np.degrees(each.phi_off):+.2f}° off what the others foretell (± {np.degrees(1.96 * each.phi_sd):.2f}°)"
+    if each.k_off is not None and each.k_sd is not None:
+        text += f", k {100 * each.k_off:+.1f} % (± {196 * each.k_sd:.1f} %)"
+    return text
+
+
+def _entries(inertial: InertialParameters, measured: bool) -> str:
+    return ", ".join(f"I{'xyz'[i]}{'xyz'[j]}" for i, j in ENTRIES if bool(inertial.measured[i, j]) == measured)
