@@ -53,6 +53,18 @@ class MeasuredMoments:
     covariance: Array
     """(4 + a, 4 + a) of mass, c and the moments"""
 
+    def whitening(self) -> tuple[Array, Array]:
+        """Matrix (4 + a, 4 + a) that brings (mass, first moment about c, moments) to units of their sd, and these so brought (4 + a,)."""
+        target = np.concatenate([[self.mass], np.zeros(3), self.moments])
+        covariance = self.covariance.copy()
+        # First moments, not c: both their rows and columns are per kilogram of the whole.
+        covariance[1:4] *= self.mass
+        covariance[:, 1:4] *= self.mass
+        size = np.sqrt(np.diag(covariance))
+        values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+        whiten = np.asarray((vectors / np.sqrt(np.maximum(values, 1e-9 * values.max()))).T / size, dtype=np.float64)
+        return whiten, whiten @ target
+
 
 @dataclass(frozen=True)
 class PartMasses:
@@ -138,15 +150,8 @@ def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: 
         columns.append(
             np.concatenate([[1.0], part.centroid - moments.com, np.einsum("ai,ij,aj->a", moments.directions, inertia, moments.directions)])
         )
-    target = np.concatenate([[moments.mass], np.zeros(3), moments.moments])
-    covariance = moments.covariance.copy()
-    # First moments, not c: both their rows and columns are per kilogram of the whole.
-    covariance[1:4] *= moments.mass
-    covariance[:, 1:4] *= moments.mass
-    size = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    whiten = (vectors / np.sqrt(np.maximum(values, 1e-9 * values.max()))).T / size
-    return whiten @ np.array(columns).T, whiten @ target
+    whiten, target = moments.whitening()
+    return whiten @ np.array(columns).T, target
 
 
 def _normal(rows: Array, target: Array, prior: Array, uniform: Array) -> tuple[Array, Array]:

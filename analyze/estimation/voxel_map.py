@@ -104,14 +104,8 @@ def _whitened(moments: MeasuredMoments, cells: Cells) -> tuple[Array, Array]:
     square = np.sum(arm**2, axis=1) + cells.own
     about = square[:, None] - (arm @ moments.directions.T) ** 2
     rows = np.column_stack([np.ones(len(arm)), arm, about])
-    target = np.concatenate([[moments.mass], np.zeros(3), moments.moments])
-    covariance = moments.covariance.copy()
-    covariance[1:4] *= moments.mass
-    covariance[:, 1:4] *= moments.mass
-    size = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    whiten = (vectors / np.sqrt(np.maximum(values, 1e-9 * values.max()))).T / size
-    return rows @ whiten.T, whiten @ target
+    whiten, target = moments.whitening()
+    return rows @ whiten.T, target
 
 
 def _masses(multipliers: Array, features: Array, most: Array, offset: float) -> Array:

@@ -45,7 +45,9 @@ def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> l
     suffix = PurePath(shape_name).suffix.lower().removeprefix(".")
     is_mesh = suffix in mesh_files.FORMATS and shape_bytes is not None and (suffix != "ply" or mesh_files.ply_has_faces(shape_bytes))
     if shape_bytes is None or spec.shape.unit is None or not is_mesh:
-        raise ShapeError(f"{shape_name}: only a mesh file has bodies that can be parts: give an assembly as STL, OBJ, PLY, GLB or 3MF")
+        raise ShapeError(
+            f"{shape_name}: only a mesh file has bodies that can be parts: give an assembly as a mesh, or label wall and layers"
+        )
     # Bodies that touch each other have corners that are nearly the same, and must stay apart.
     raw = mesh_files.read_mesh(shape_bytes, shape_name, suffix, spec.shape.unit, same=0.0)
     vertices = raw.vertices * spec.shape.unit.metres
