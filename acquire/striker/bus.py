@@ -139,11 +139,21 @@ class BlockingPort(PortHandler):
 class StrictPacketHandler(Protocol2PacketHandler):
     """The SDK's handler, which takes whatever answer comes next for the answer to what it asked last, made to look at its length.
 
-    An answer that comes late (a loaded host, a USB hiccup) would else confirm a write that the servo never heard.
+    An answer that comes late (a loaded host, a USB hiccup) would else confirm a write that the servo never heard. Packets carry no
+    numbers, so after a time-out a ping goes first: a servo answers in order, and once the ping's answer is here, of a length that
+    nothing else has, none to what was asked before it can follow.
     """
+
+    def __init__(self) -> None:
+        self.unanswered = False
+        """the last packet that wanted an answer got none in time"""
 
     def txRxPacket(self, port: Any, txpacket: list[int]) -> tuple[Any, int, int]:  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride] - the SDK's name; it has no types
         """Send, and wait for the status packet of the length that this instruction has; others are left overs and are passed over."""
+        if self.unanswered and txpacket[_INSTRUCTION] != _PING:
+            _, result, _ = self.ping(port, txpacket[_ID])
+            if result != COMM_SUCCESS:
+                return None, result, 0
         result = self.txPacket(port, txpacket)
         if result != COMM_SUCCESS:
             return None, result, 0
@@ -154,6 +164,7 @@ class StrictPacketHandler(Protocol2PacketHandler):
         port.setPacketTimeout(data + 11)  # header, id, length, instruction, error and CRC are 11 bytes
         while True:
             answer, result = self.rxPacket(port, False)
+            self.unanswered = result != COMM_SUCCESS
             if result != COMM_SUCCESS:
                 return answer, result, 0
             error = answer[_PARAMETERS]
@@ -188,7 +199,6 @@ class ServoBus:
         """whether the last answer carried the servo's ALERT bit"""
         self._clock = clock
         self._handler = StrictPacketHandler()
-        self._unanswered = False
         self._port: BlockingPort | None = None
         self._lock = threading.RLock()
 
@@ -253,18 +263,15 @@ class ServoBus:
             if self._port is None:
                 raise StrikerLost(f"{self.port}: the port is closed; home the striker again")
             try:
-                if self._unanswered and waits:
+                if self._handler.unanswered and waits:
                     self._wait_for_quiet(self._port, interrupted)
-                answer = method(self._port, *arguments)
-                if waits:
-                    self._unanswered = COMM_SUCCESS not in answer[-2:-1]
-                return answer
+                return method(self._port, *arguments)
             except (OSError, termios.error, TypeError) as error:  # TypeError: pyserial closes its descriptor under us
                 self._port.is_using = False  # else COMM_PORT_BUSY for ever
                 raise StrikerLost(f"{self.port}: the port failed ({error}); plug the adapter in again, then home the striker") from None
 
     def _wait_for_quiet(self, port: BlockingPort, interrupted: Callable[[], bool]) -> None:
-        """After a time-out: its answer may still come, and must not be taken for the next one's."""
+        """After a time-out: its answer may still come, and nothing must be sent into it."""
         now_ns = quiet_since_ns = self._clock.monotonic_ns()
         end_ns = now_ns + LATE_NS
         while port.ser is not None and now_ns < end_ns and now_ns - quiet_since_ns < QUIET_S * 1e9 and not interrupted():

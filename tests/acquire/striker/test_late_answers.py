@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import select
 import threading
+import time
 import tty
 from types import SimpleNamespace
 
@@ -15,7 +16,6 @@ from acquire.errors import StrikerLost
 from acquire.striker.bus import ServoBus
 from acquire.virtual.dynamixel_protocol import Parser, encode
 
-LATE_S = 0.06
 TORQUE = SimpleNamespace(address=64, size=1, name="Torque Enable", encode=lambda value: bytes([value]))
 
 
@@ -27,17 +27,15 @@ class LateServo:
         tty.setraw(self.master)
         tty.setraw(self.slave)
         self.late_reads = 0
+        self.late_s = 0.06
         self.deaf_to_writes = False
         self._stop = threading.Event()
-        self._timers: list[threading.Timer] = []
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
 
     def close(self) -> None:
         self._stop.set()
         self._thread.join()
-        for timer in self._timers:
-            timer.join()
         os.close(self.master)
         os.close(self.slave)
 
@@ -55,11 +53,8 @@ class LateServo:
             answer = encode(1, 0x55, bytes([0]) + bytes([parameters[0]]) * int.from_bytes(parameters[2:4], "little"))
             if self.late_reads:
                 self.late_reads -= 1
-                timer = threading.Timer(LATE_S, os.write, (self.master, answer))
-                self._timers.append(timer)
-                timer.start()
-            else:
-                os.write(self.master, answer)
+                time.sleep(self.late_s)  # and with it everything after: a servo answers in order
+            os.write(self.master, answer)
         elif not self.deaf_to_writes:
             os.write(self.master, encode(1, 0x55, bytes([0])))
 
@@ -87,11 +82,12 @@ def test_a_late_read_does_not_confirm_a_write(servo, bus):
         bus.write(TORQUE, 0)
 
 
-def test_a_late_read_is_not_the_next_reads_answer(servo, bus):
-    servo.late_reads = 1
-    assert bus.read_block(126, 4) is None
-    for address in (64, 70, 76, 82):
-        block = bus.read_block(address, 4)
+@pytest.mark.parametrize("late_s", [0.02, 0.05, 0.055, 0.06, 0.065, 0.1, 0.15, 0.3])
+def test_a_late_read_is_not_the_next_reads_answer(servo, bus, late_s):
+    servo.late_reads, servo.late_s = 1, late_s
+    blocks = {address: bus.read_block(address, 4) for address in (126, 64, 70, 76, 82, 88, 94, 100, 106)}
+    assert blocks[106] is not None
+    for address, block in blocks.items():
         assert block is None or block.data == bytes([address]) * 4
 
 
