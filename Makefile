@@ -37,7 +37,7 @@ $(VENV)/.ready: $(VENV)/.debian requirements.lock pyproject.toml
 
 setup: $(VENV)/.ready  ## Debian packages and the local environment
 
-demo: setup  ## a whole session on the virtual rig, and its answer beside the truth (OBJECT=carton|spray|juice|salt SEED=1)
+demo: setup  ## a whole session on the virtual rig, and its answer beside the truth (OBJECT=carton|spray|juice|salt|parcel SEED=1)
 	@$(BIN)/acquire demo --object $(OBJECT) --seed $(SEED) -o $(DEMO_FILE) --force || [ $$? = 3 ]  # 3: frames were lost; it said so
 	@$(BIN)/analyze estimate $(DEMO_FILE)
 	@$(BIN)/analyze score $(DEMO_FILE)

@@ -122,22 +122,33 @@ def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_js
 
 
 @main.command()
-@click.option("--object", "object_name", default="carton", type=click.Choice(["carton", "spray", "juice", "salt"]), help="What to strike.")
+@click.option(
+    "--object",
+    "object_name",
+    default="carton",
+    show_default=True,
+    type=click.Choice(["carton", "spray", "juice", "salt", "parcel"]),
+    help="What to strike; the parcel holds lumps, no even parts.",
+)
 @click.option("--seed", default=1, type=click.IntRange(0), help="Seed of everything random in the virtual rig.")
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write (.mcap).")
 @click.option("--address", default="127.0.0.1", help="Loopback address of the virtual camera; one per rig.")
 @click.option("--strikes", default=9, type=click.IntRange(3), help="Strikes to plan.")
+@click.option("--axes", type=click.IntRange(1), help="Strike at most so many axes.  [default: as many as pay]")
+@click.option("--method", type=click.Choice(["ours", "paper"]), default="ours", help="How the strikes are chosen; see `analyze plan`.")
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 @_one_line_errors
-def demo(object_name: str, seed: int, output: Path, address: str, strikes: int, force: bool, as_json: bool) -> None:
+def demo(
+    object_name: str, seed: int, output: Path, address: str, strikes: int, axes: int | None, method: str, force: bool, as_json: bool
+) -> None:
     """Run a whole session on the virtual rig: real GigE Vision, real Dynamixel protocol, no hardware."""
     from acquire.console import SessionProgress
-    from acquire.demo import fresh_output, replaced_output, run_demo
+    from acquire.demo import DemoPlan, fresh_output, replaced_output, run_demo
 
     place = replaced_output(output) if force else fresh_output(output)
     with SessionProgress() as progress:
-        report = run_demo(object_name, seed, place, address=address, strikes=strikes, progress=progress)
+        report = run_demo(object_name, seed, place, address=address, plan=DemoPlan(strikes, axes, method), progress=progress)
     _print_session(report, as_json)
 
 

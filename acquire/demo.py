@@ -67,15 +67,31 @@ def replaced_output(path: Path) -> DemoOutput:
     return DemoOutput(path, tuple(taken for taken in (path, Path(f"{path}.part")) if taken.exists()))
 
 
-def run_demo(object_name: str, seed: int, output: DemoOutput, *, address: str, strikes: int, progress: Progress) -> SessionReport:
+@dataclass(frozen=True)
+class DemoPlan:
+    """What is asked of `analyze plan`."""
+
+    strikes: int = 9
+    axes: int | None = None
+    """at most so many different ones"""
+    method: str = "ours"
+    """or paper"""
+
+    def options(self) -> list[str]:
+        """On its command line."""
+        most = [] if self.axes is None else ["--axes", str(self.axes)]
+        return ["--strikes", str(self.strikes), *most, "--method", self.method]
+
+
+def run_demo(object_name: str, seed: int, output: DemoOutput, *, address: str, plan: DemoPlan, progress: Progress) -> SessionReport:
     """Plan and run a session on the virtual rig and add the truth to its recording.
 
     Args:
-        object_name: carton, spray, juice or salt.
+        object_name: one of OBJECT_NAMES.
         seed: of everything random in the virtual rig.
         output: the recording to write.
         address: loopback address of the virtual camera.
-        strikes: how many strikes to plan.
+        plan: what to plan.
         progress: hears what goes on.
 
     Raises:
@@ -87,7 +103,7 @@ def run_demo(object_name: str, seed: int, output: DemoOutput, *, address: str, s
     kept_truth = folder / "kept-truth.bin"
     try:
         with interruptible(), contextlib.ExitStack() as cleanup:
-            return _session(object_name, seed, output, address, strikes, progress, kept_truth, cleanup)
+            return _session(object_name, seed, output, address, plan, progress, kept_truth, cleanup)
     finally:
         if kept_truth.exists() and output.path.exists():
             progress("adding the truth: to the recording", 1, 1)
@@ -100,7 +116,7 @@ def _session(
     seed: int,
     output: DemoOutput,
     address: str,
-    strikes: int,
+    plan: DemoPlan,
     progress: Progress,
     kept_truth: Path,
     cleanup: contextlib.ExitStack,
@@ -114,7 +130,7 @@ def _session(
     common = ["--object", object_name, "--seed", str(seed), "--dir", str(folder), "--parent", str(os.getpid())]
     world_ready = cleanup.enter_context(started("world", folder, "acquire.virtual.world_process", *common))
     rig_path.write_text(rig_toml(calibration_sheet(seed), address, world_ready["port"], folder / "run" / "daemon.sock"), encoding="utf-8")
-    planning = cleanup.enter_context(_planning(object_path, plan_path, rig_path, strikes))
+    planning = cleanup.enter_context(_planning(object_path, plan_path, rig_path, plan))
     progress("starting: camera", 0, 1)
     cleanup.enter_context(started("camera", folder, "acquire.virtual.camera_process", *common, "--address", address))
     progress("starting: daemon", 0, 1)
@@ -194,7 +210,7 @@ def _write_object(thing: VirtualObject, path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _planning(object_path: Path, plan_path: Path, rig_path: Path, strikes: int) -> Iterator[subprocess.Popen[str]]:
+def _planning(object_path: Path, plan_path: Path, rig_path: Path, plan: DemoPlan) -> Iterator[subprocess.Popen[str]]:
     """`analyze plan`, which works while the rig comes up."""
     command = [
         sys.executable,
@@ -206,8 +222,7 @@ def _planning(object_path: Path, plan_path: Path, rig_path: Path, strikes: int) 
         str(plan_path),
         "--rig",
         str(rig_path),
-        "--strikes",
-        str(strikes),
+        *plan.options(),
     ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:

@@ -56,6 +56,8 @@ class PlanOptions:
     method: PlanMethod = PlanMethod.OURS
     gravity: bool = False
     """one strike more, turned by 180 degrees: it tells the table's tilt"""
+    most_axes: int | None = None
+    """at most so many different axes"""
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ def _plan_of(
     cells = _pieces(model, wall_thickness(files.spec, model))
     progress("choosing the strikes", 5, STEPS)
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
-    return finish(prepared, files.sha256, Request(options.strikes, target, options.gravity), cells)
+    return finish(prepared, files.sha256, Request(options.strikes, target, options.gravity, options.most_axes), cells)
 
 
 def _rig_of(options: PlanOptions) -> tuple[PlannedRig, list[str]]:

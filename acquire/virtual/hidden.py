@@ -1,7 +1,8 @@
 """What is hidden in an object: masses of a shell and two interior parts, and from them mass, centre of mass and inertia.
 
 The body is sampled (jittered grid, seeded); each sample belongs to the shell or to one side of the border plane, and each region's mass
-is spread evenly over its samples. Rounded edges are not cut off the mass. No code is shared with the estimators.
+is spread evenly over its samples, or inside as a given density says. Rounded edges are not cut off the mass. No code is shared with the
+estimators.
 """
 
 from __future__ import annotations
@@ -56,6 +57,7 @@ def hidden_body(
     region_masses: tuple[float, float, float],
     region_plane: tuple[NDArray[np.float64], float],
     shell_thickness_m: float,
+    density: NDArray[np.float64] | None = None,
 ) -> HiddenBody:
     """Integrate mass, centre of mass and inertia over sampled points.
 
@@ -65,14 +67,16 @@ def hidden_body(
         region_masses: kg, surface, upper, lower.
         region_plane: unit normal (3,) and offset [m].
         shell_thickness_m: the shell is where depth < thickness.
+        density: (n,) relative, of the interior; None: even in each part.
     """
     normal, offset = region_plane
     shell = depths < shell_thickness_m
     upper = ~shell & (points @ normal > offset)
     weights = np.zeros(len(points))
+    spread = np.ones(len(points)) if density is None else np.where(shell, 1.0, density)
     for region, mass in zip((shell, upper, ~shell & ~upper), region_masses, strict=True):
         if mass > 0:
-            weights[region] = mass / np.count_nonzero(region)
+            weights[region] = mass * spread[region] / spread[region].sum()
     total = float(weights.sum())
     com = weights @ points / total
     arm = points - com

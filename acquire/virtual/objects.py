@@ -1,9 +1,12 @@
-"""The four virtual objects, like the paper's: what the user knows of each (TOML, STL), and what is hidden in it, drawn from a seed."""
+"""The virtual objects: what the user knows of each (TOML, STL), and what is hidden in it, drawn from a seed.
+
+Four are like the paper's, a shell and two even parts; the parcel is none of these: it holds three lumps.
+"""
 
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING
@@ -20,8 +23,18 @@ from schemas.object_spec import ObjectSpec, parse_object_spec
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-OBJECT_NAMES = ("carton", "spray", "juice", "salt")
+OBJECT_NAMES = ("carton", "spray", "juice", "salt", "parcel")
 _CYLINDER_SEGMENTS = 96
+
+
+@dataclass(frozen=True)
+class _Lump:
+    """A ball; a seed moves it by a few millimetres."""
+
+    centre_m: tuple[float, float, float]
+    radius_m: float
+    share: float
+    """of the mass on its side of the border"""
 
 
 @dataclass(frozen=True)
@@ -31,6 +44,8 @@ class _Recipe:
     masses_kg: tuple[float, float, float]
     normal: tuple[float, float, float]
     offset_m: float
+    lumps: tuple[_Lump, ...] = ()
+    """that hold what lies inside, in the place of two even parts"""
 
 
 _RECIPES = {
@@ -38,7 +53,18 @@ _RECIPES = {
     "spray": _Recipe((0.035, 0.022, 0.0), (0.30, 0.35, 0.89), 0.055),
     "juice": _Recipe((0.030, 0.026, 0.0), (-0.30, 0.25, 0.92), 0.060),
     "salt": _Recipe((0.032, 0.002, 0.0), (0.10, 0.10, 0.99), 0.010),
+    "parcel": _Recipe(
+        (0.018, 0.017, 0.020),
+        (0.0, 0.0, 1.0),
+        0.0,
+        (
+            _Lump((0.012, -0.010, -0.048), 0.012, 1.0),
+            _Lump((-0.016, 0.012, 0.048), 0.010, 0.6),
+            _Lump((0.018, 0.010, 0.018), 0.009, 0.4),
+        ),
+    ),
 }
+_LUMP_SHIFT_M = 0.003
 
 
 @dataclass(frozen=True)
@@ -116,7 +142,18 @@ def _fill(name: str, spec: ObjectSpec, rng: np.random.Generator) -> HiddenBody:
     thickness = spec.shell_thickness_m
     assert thickness is not None  # noqa: S101 - our own file
     points, depths = _samples(name)
-    return hidden_body(points, depths, (float(masses[0]), float(masses[1]), float(masses[2])), (normal, offset), thickness)
+    lumps = [replace(lump, centre_m=tuple(np.array(lump.centre_m) + rng.uniform(-1, 1, 3) * _LUMP_SHIFT_M)) for lump in recipe.lumps]
+    density = _lumped(points, lumps) if lumps else None
+    return hidden_body(points, depths, (float(masses[0]), float(masses[1]), float(masses[2])), (normal, offset), thickness, density)
+
+
+def _lumped(points: NDArray[np.float64], lumps: list[_Lump]) -> NDArray[np.float64]:
+    """Relative density (n,) at points: the lumps' shares, each spread evenly over its ball; nothing between them."""
+    density = np.zeros(len(points))
+    for lump in lumps:
+        inside = np.linalg.norm(points - lump.centre_m, axis=1) < lump.radius_m
+        density[inside] += lump.share / np.count_nonzero(inside)
+    return density
 
 
 @cache

@@ -16,6 +16,9 @@ from schemas.command_line import NumberRange
 @click.option("--rig", type=click.Path(path_type=Path), help="Rig file: camera, striker, friction, gravity; defaults without it.")
 @click.option("--strikes", default=9, show_default=True, type=click.IntRange(1, 200), help="How many strikes; with --given: how many more.")
 @click.option(
+    "--axes", type=click.IntRange(1), metavar="N", help="Strike at most N axes, each a placement by hand.  [default: as many as pay]"
+)
+@click.option(
     "--target-com-mm",
     type=NumberRange(0, 1000, min_open=True),
     metavar="X",
@@ -56,6 +59,7 @@ def plan(
     scenes: Path | None,
     rig: Path | None,
     strikes: int,
+    axes: int | None,
     target_com_mm: float | None,
     given: tuple[Path, ...],
     method: str,
@@ -69,13 +73,16 @@ def plan(
     from analyze.progress import StrikeProgress
     from schemas.strike_plan import PlanMethod
 
-    if method == "paper" and (target_com_mm is not None or given or gravity):
-        raise click.UsageError("the paper's method knows no --target-com-mm, --given or --gravity: leave them out, or plan with ours")
+    if method == "paper" and (target_com_mm is not None or given or gravity or axes is not None):
+        raise click.UsageError(
+            "the paper's method knows no --axes, --target-com-mm, --given or --gravity: leave them out, or plan with ours"
+        )
     for path in (output, scenes):
         if path is not None:
             refuse_unwritable(path, object_file, *(each for each in (rig, *given) if each is not None))
     with StrikeProgress() as progress:
-        planned = plan_object(object_file, PlanOptions(rig, strikes, target_com_mm, given, PlanMethod(method), gravity), progress)
+        options = PlanOptions(rig, strikes, target_com_mm, given, PlanMethod(method), gravity, axes)
+        planned = plan_object(object_file, options, progress)
         page: Path | None = None
         if output is not None:
             write_plan(planned.plan, output)

@@ -58,6 +58,8 @@ class Request:
     """m, root mean square distance of c from the truth: the fewest strikes that reach it"""
     gravity: bool = False
     """one strike more, of an edge with the object turned by 180 degrees, which tells the table's tilt"""
+    most_axes: int | None = None
+    """at most so many different axes, each a placement by hand; None: as many as pay"""
 
 
 @dataclass(frozen=True)
@@ -267,7 +269,7 @@ def _chosen(prepared: Prepared, request: Request, so_far: Information) -> tuple[
         found = forecast.strikes_for(information, request.target_com, least, most)
         if found is not None:
             return found[1], ""
-    plain = design.choose(information, request.strikes)
+    plain = design.choose(information, request.strikes, request.most_axes)
     if plain is None:
         raise PlanError(why_not(model, prepared.planes, prepared.stable, information.candidates, prepared.rejected))
     if request.target_com is None or plain.com_rms <= request.target_com:
