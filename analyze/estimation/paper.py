@@ -24,7 +24,9 @@ TIE = 1e-4
 """m: solutions whose c differ by less come equally close"""
 NEAR_BALANCE = np.radians(5.0)
 """eq. (5) is 0/0 at t2: this much on either side is left out"""
-STAGE_TWO_SAMPLES = 5
+STAGE_TWO_SAMPLES = 12
+REACH = 4
+"""samples on either side that a smoothed second derivative hangs on: those at the ends of stage two are left out, or the landing enters"""
 
 
 @dataclass(frozen=True)
@@ -56,11 +58,11 @@ def paper_centre_of_mass(planes: Sequence[EquiPlane], cells: Cells, err: float =
         for _ in range(ZOOMS):
             step = (upper - lower) / GRID
             grid = _grid(lower, step)
-            worst = _worst_angle(planes, grid)
-            # Half a cell's diagonal may reach in where the cell's centre does not.
-            slack = float(np.linalg.norm(step)) / 2 / _shortest_distance(planes, grid)
-            near = grid[worst <= err + slack]
-            inside = grid[worst <= err]
+            off, arms = _off_angles(planes, grid), _arms(planes, grid)
+            # Half a cell's diagonal may reach in where the cell's centre does not; about each pivot as far as it is from that.
+            slack = float(np.linalg.norm(step)) / 2 / arms
+            near = grid[np.all(off <= err + slack, axis=0)]
+            inside = grid[np.all(off <= err, axis=0)]
             if not len(near):
                 break
             lower, upper = near.min(axis=0) - step / 2, near.max(axis=0) + step / 2
@@ -74,14 +76,15 @@ def _grid(lower: Array, step: Array) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _worst_angle(planes: Sequence[EquiPlane], points: Array) -> Array:
-    off = [np.abs(standing_angle(points, plane.direction, plane.up, plane.point) - plane.phi) for plane in planes]
-    return np.max(off, axis=0)
+def _off_angles(planes: Sequence[EquiPlane], points: Array) -> Array:
+    """(planes, n) rad, of each point from each equi-plane, about its pivot."""
+    return np.abs([standing_angle(points, plane.direction, plane.up, plane.point) - plane.phi for plane in planes])
 
 
-def _shortest_distance(planes: Sequence[EquiPlane], points: Array) -> Array:
+def _arms(planes: Sequence[EquiPlane], points: Array) -> Array:
+    """(planes, n) m, of each point from each pivot, and a millimetre at least."""
     arms = [np.linalg.norm(np.cross(points - plane.point, plane.direction), axis=1) for plane in planes]
-    return np.maximum(np.min(arms, axis=0), 1e-3)
+    return np.maximum(arms, 1e-3)
 
 
 @dataclass(frozen=True)
@@ -108,9 +111,9 @@ def paper_edge_inertia(angle: TipAngle, fit: MotionFit, stage_two: tuple[int, in
         return None
     time = (angle.time_ns[start:stop] - angle.time_ns[start]) * 1e-9
     theta = angle.theta[start:stop]
-    smooth = np.convolve(np.pad(theta, 2, mode="reflect", reflect_type="odd"), np.ones(5) / 5, mode="valid")
-    acceleration = np.gradient(np.gradient(smooth, time), time)
-    beyond = theta - fit.phi
+    smooth = np.convolve(theta, np.ones(5) / 5, mode="valid")
+    acceleration = np.gradient(np.gradient(smooth, time[2:-2]), time[2:-2])[2:-2]
+    beyond = theta[REACH:-REACH] - fit.phi
     good = (beyond > NEAR_BALANCE) & (acceleration > 0)
     if not good.any():
         return None

@@ -114,6 +114,16 @@ def test_the_papers_estimator_comes_near():
     assert found.err >= np.radians(0.5)
 
 
+def test_the_papers_estimator_is_the_overlaps_centroid_not_a_cell_of_its_first_grid():
+    exact = SystematicErrors(gravity_tilt_sd=0.0, axis_angle_sd=0.0, strike_angle_sd=0.0)
+    three = planes(np.random.default_rng(6), axes=SIX_AXES[:3], repeats=1, errors=exact)
+    found = paper_centre_of_mass(three, BODY.cells)
+    assert np.linalg.norm(found.position - BODY.com) < 1.2e-3, "Fig. 9(b): what the width of the regions costs without any error"
+    turned = [replace(plane, phi=plane.phi + 2e-3) for plane in three]
+    moved = np.linalg.norm(paper_centre_of_mass(turned, BODY.cells).position - found.position)
+    assert 0.5 * 2e-3 * 0.03 < moved < 2e-3 * 0.3, "it goes with the angles"
+
+
 def test_the_target_for_the_papers_own_noise_is_met():
     """METHOD: centre of mass from angles with 1.85 deg noise, 9 strikes on 3 axes: 5 mm must (the paper 12.5 mm)."""
     rng = np.random.default_rng(8)
