@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.estimation.agreement import agreement
+from analyze.estimation.agreement import agreement, centres_apart, estimators_apart
 from analyze.estimation.cells import Cells, cells_from_voxels, wall_thickness
 from analyze.estimation.checks import check
 from analyze.estimation.equiplane import equiplane, equiplane_from_fit
@@ -23,8 +23,10 @@ from analyze.estimation.regions import mass_distribution
 from analyze.estimation.stated import ComPrior, Scale, SystematicErrors, TiltPrior
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head
+from analyze.foretold import ForetoldStrike, foretold_strikes
 from analyze.geometry.voxels import voxelise
 from analyze.joined import in_order, join, levels_of, paths_text, refuse_apart, strikes_to_leave_out
+from analyze.results.agreements import Agreements
 from analyze.results.assessment import assessment
 from analyze.results.document import build_result, result_json
 from analyze.results.summary import render_summary
@@ -74,6 +76,8 @@ class Estimate:
     distribution_paper: PaperRegions | None
     scale: Scale
     voxels: VoxelMap
+    foretold: tuple[ForetoldStrike, ...]
+    """as `planes`"""
 
     def json(self) -> str:
         """The Result as one line: the same bytes for the same recordings."""
@@ -146,7 +150,8 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     solution = solve_joint(planes, systematic, prior, moments)
     whole = parameters_of(solution, prior, scale)
     checks = check(planes, systematic, prior, moments, solution, (model.hull_vertices, model.hull_planes))
-    agreed = agreement(planes, [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes], whole.com, systematic, prior)
+    foretold = foretold_strikes(evidence, checks.left_out)
+    recordings_agree = agreement(planes, [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes], whole.com, systematic, prior)
     inertial = without_markers(whole, spec.marker) if can_subtract(spec.marker) else whole
     com = inertial.com
     distribution = mass_distribution(inertial, cells, np.random.default_rng(options.seed))
@@ -154,6 +159,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     over = [motion for motion in used if motion.verdict is Verdict.GOOD]
     by_sign_change = tuple(_paper_plane(evidence.planned(motion), motion) for motion in (over if len(over) >= LEAST_STRIKES else used))
     com_paper = paper_centre_of_mass(by_sign_change, cells)
+    agreed = Agreements(recordings_agree, centres_apart(com_paper, by_sign_change, whole.com, prior), estimators_apart(used))
     com_paper = replace(com_paper, position=com_paper.position + com.position - whole.com.position)
     one_per_axis = {plane.axis_id: plane for plane in planes}
     about_edges = {axis.axis_id: axis.i_edge for axis in inertial.axes}
@@ -171,12 +177,13 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         distribution=distribution,
         com_paper=com_paper,
         distribution_paper=regions_paper,
-        warnings=result_warnings(evidence, options, planes, inertial, distribution, com_paper, agreed, parts, checks),
+        warnings=result_warnings(evidence, options, planes, inertial, distribution, agreed, parts, checks, foretold),
         table_tilt=table_tilts(inertial.com, evidence),
-        verdict=assessment(inertial, checks),
+        verdict=assessment(inertial, checks, foretold, agreed.estimators),
         parts=parts,
+        foretold=foretold,
     )
-    return Estimate(result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale, voxels)
+    return Estimate(result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale, voxels, foretold)
 
 
 def _parts(evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions) -> PartMasses | None:

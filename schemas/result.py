@@ -85,6 +85,23 @@ class AlternativeFit(Document):
     """assumptions of the estimator that the motion did not keep"""
 
 
+class ForetoldResult(Document):
+    """What all other strikes foretell of one, and how it is off that."""
+
+    phi: Quantity = Field(description="foretold; sd is of what foretells it")
+    k: Quantity = Field(description="the same")
+    sigmas: float = Field(ge=0, description="phi and k together, measured less foretold, as one standardised error")
+    motion_sigmas: float = Field(ge=0, description="the same of theta(t): from its first free frames on, with phi and k as foretold")
+    foretold: bool = Field(description="both are at most 3")
+    frames: int = Field(
+        description="of theta(t) that were compared: until the foretelling's own sd is above 3 deg, or the free motion ends"
+    )
+    start_frames: int = Field(description="before them, that only gave the start")
+    worst_offset_rad: float = Field(description="measured less foretold, of the frame farthest off for its sd")
+    worst_band_rad: float = Field(description="1.96 sd of that")
+    outside_share: float = Field(ge=0, le=1, description="of the frames, off by more than 1.96 sd; 0.05 is usual")
+
+
 class StrikeResult(Document):
     """One strike's outcome."""
 
@@ -109,6 +126,7 @@ class StrikeResult(Document):
     residual_rms_rad: float | None = None
     equiplane_residual_m: float | None = None
     alternatives: list[AlternativeFit] = Field(default=[])
+    foretold: ForetoldResult | None = Field(default=None, description="of strikes used; older results have none, and none is written")
 
     @model_serializer(mode="wrap")
     def _as_read(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -116,6 +134,8 @@ class StrikeResult(Document):
         written: dict[str, Any] = write(self)
         if not self.heading_rad:
             del written["heading_rad"]
+        if self.foretold is None:
+            del written["foretold"]
         return written
 
 

@@ -35,6 +35,12 @@ class LeftOut:
     k_sd: float | None
     sigmas: float
     """both together, as one standardised error"""
+    k: float
+    """rad/s^2, predicted, where the first recording was made"""
+    by_others: Array
+    """(2, 2) of the predicted (phi, ln k)"""
+    own: Array
+    """(2, 2), by which the strike's own (phi, ln k) scatter; 0 for a k that is not used"""
 
     @property
     def foretold(self) -> bool:
@@ -59,7 +65,7 @@ class Gravity:
 def leave_one_out(solution: JointSolution) -> tuple[LeftOut, ...]:
     """Each strike taken out of the problem, linear about the solution, and predicted: posterior predictive of phi and ln k.
 
-    All that theta(t) says of the body is in these two, so that predicting them is predicting theta(t) from its first free frames.
+    All that theta(t) says of the body is in these two; what they make of theta(t) itself is in motion/foretold_motion.py.
     """
     model, x, weight = solution.model, solution.x, solution.weight
     information = np.linalg.inv(solution.covariance)
@@ -71,12 +77,17 @@ def leave_one_out(solution: JointSolution) -> tuple[LeftOut, ...]:
         parts = 2 if uses_k else 1
         W = solution.data.whiten[i, :parts, :parts]
         precision = W.T @ W / solution.spread
-        rows = np.stack([by_phi[i], by_k[i]])[:parts]
+        both = np.stack([by_phi[i], by_k[i]])
+        rows = both[:parts]
         off: Array = np.array([phi[i], log_k[i] - solution.data.log_k[i]])[:parts]
         others = np.asarray(np.linalg.inv(information - weight[i] * rows.T @ precision @ rows), dtype=np.float64)
-        off = off + rows @ others @ rows.T @ precision @ off * weight[i]
-        expected = np.asarray(rows @ others @ rows.T + np.linalg.inv(precision), dtype=np.float64)
-        sigmas = math.sqrt(float(np.sum(off * np.asarray(np.linalg.solve(expected, off), dtype=np.float64)))) * (OF_TWO if uses_k else 1.0)
+        moved = both @ others @ rows.T @ precision @ off * weight[i]
+        off = off + moved[:parts]
+        own = np.zeros((2, 2))
+        own[:parts, :parts] = np.linalg.inv(precision)
+        by_others = np.asarray(both @ others @ both.T, dtype=np.float64)
+        expected = (by_others + own)[:parts, :parts]
+        sigmas = math.sqrt(float(off @ np.linalg.solve(expected, off))) * (OF_TWO if uses_k else 1.0)
         sd = np.sqrt(np.diag(expected))
         found.append(
             LeftOut(
@@ -87,6 +98,9 @@ def leave_one_out(solution: JointSolution) -> tuple[LeftOut, ...]:
                 k_off=-float(off[1]) if uses_k else None,
                 k_sd=float(sd[1]) if uses_k else None,
                 sigmas=sigmas,
+                k=math.exp(float(log_k[i] + moved[1])),
+                by_others=by_others,
+                own=own,
             )
         )
     return tuple(found)

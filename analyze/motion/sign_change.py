@@ -6,7 +6,6 @@ differentiated noise needs it, and because it moves the result: beside `pivot_fi
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,10 +34,17 @@ def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array
     return omega, alpha
 
 
-def sign_change(angle: TipAngle, window: tuple[int, int], points: int = 5) -> MotionFit:
+def acceleration_noise(points: int) -> float:
+    """Sd of `angular_acceleration`'s alpha over that of a frame's theta, times the square of the time between frames."""
+    once = np.convolve(np.full(points, 1.0 / points), [0.5, 0.0, -0.5])
+    return float(np.linalg.norm(np.convolve(once, once)))
+
+
+def sign_change(angle: TipAngle, window: tuple[int, int], points: int = 5, k: float | None = None) -> MotionFit:
     """Find phi as the paper does, over angle[window[0]:window[1]], the window starting in the strike or just after it.
 
-    The sd is what `points`-fold smoothing leaves of the frames' noise at the crossing: sd(alpha) over the slope of alpha, times omega.
+    The sd is what the smoothing leaves of the frames' noise at the crossing: sd(alpha) over the slope of alpha by theta. That slope is k at
+    the balance; where no k is given it is what the noisy crossing itself shows.
 
     Raises:
         EstimationError: the acceleration has no second sign change in the window (the object rocked back).
@@ -58,9 +64,8 @@ def sign_change(angle: TipAngle, window: tuple[int, int], points: int = 5) -> Mo
     share = float(alpha[i] / (alpha[i] - alpha[i + 1]))
     phi = float(angle.theta[i] + share * (angle.theta[i + 1] - angle.theta[i]))
     step = float(angle.time_ns[i + 1] - angle.time_ns[i]) * 1e-9
-    slope = abs(float(alpha[i + 1] - alpha[i])) / step
-    noise = float(np.median(angle.sd[first:last])) * math.sqrt(6.0) / (4.0 * step**2 * points)
-    sd = abs(float(omega[i])) * noise / max(slope, 1e-9)
+    slope = abs(float(alpha[i + 1] - alpha[i])) / max(step * abs(float(omega[i])), 1e-9) if k is None else k
+    sd = float(np.median(angle.sd[first:last])) * acceleration_noise(points) / step**2 / max(slope, 1e-9)
     return MotionFit(
         estimator="sign_change",
         phi=phi,

@@ -177,7 +177,7 @@ def _alternatives(angle: TipAngle, course: Course, fit: MotionFit, settings: Mot
     if course.moved is None:
         return ()
     try:
-        return (sign_change(angle, (course.moved, fit.window[1]), settings.smoothing_points),)
+        return (sign_change(angle, (course.moved, fit.window[1]), settings.smoothing_points, fit.k),)
     except EstimationError:
         return ()
 

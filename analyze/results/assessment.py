@@ -6,8 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.results.agreements import apart_text
+
 if TYPE_CHECKING:
-    from analyze.estimation.checks import Checks, LeftOut
+    from collections.abc import Sequence
+
+    from analyze.estimation.agreement import EstimatorsApart
+    from analyze.estimation.checks import Checks
+    from analyze.foretold import ForetoldStrike
     from analyze.types import InertialParameters
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -15,16 +21,18 @@ OUTSIDE = 2.0
 """sd outside the hull from which c cannot be believed"""
 
 
-def assessment(inertial: InertialParameters, checks: Checks) -> list[str]:
+def assessment(
+    inertial: InertialParameters, checks: Checks, foretold: Sequence[ForetoldStrike], apart: Sequence[EstimatorsApart] = ()
+) -> list[str]:
     """Sentences, most important first; each begins with trust, doubt or repeat."""
     com = inertial.com
-    missed = [each for each in checks.left_out if not each.foretold]
+    missed = [each for each in foretold if not each.holds]
     wrong = checks.outside > OUTSIDE or bool(checks.impossible) or not checks.gravity.agrees
     found: list[str] = []
     if com.observed and not wrong:
         worst = 1.96e3 * float(np.sqrt(np.linalg.eigvalsh(com.covariance)[-1]))
-        told = len(checks.left_out) - len(missed)
-        found.append(f"trust the centre of mass, to {worst:.1f} mm: {told} of {len(checks.left_out)} strikes are what the others foretell")
+        told = len(foretold) - len(missed)
+        found.append(f"trust the centre of mass, to {worst:.1f} mm: {told} of {len(foretold)} strikes move as the others foretell")
     if not wrong and (measured := _entries(inertial, measured=True)):
         found.append(f"trust {measured} of the tensor: strikes measured them")
     if not com.observed:
@@ -39,7 +47,8 @@ def assessment(inertial: InertialParameters, checks: Checks) -> list[str]:
         found.append(f"doubt the moments: no body of this shape has those about {', '.join(checks.impossible)}; check mass, unit and shape")
     if not checks.gravity.agrees:
         found.append(f"doubt everything: {gravity_text(checks)}")
-    found += [f"repeat strike {each.strike_id}: {missed_text(each)}" for each in missed]
+    found += [f"doubt strike {each.strike_id}: {apart_text(each)}; look at its motion" for each in apart]
+    found += [f"repeat strike {each.told.strike_id}: {missed_text(each)}" for each in missed]
     return found
 
 
@@ -52,12 +61,14 @@ def gravity_text(checks: Checks) -> str:
     )
 
 
-def missed_text(each: LeftOut) -> str:
+def missed_text(strike: ForetoldStrike) -> str:
     """How a strike is off what the others foretell."""
+    each, motion, worst = strike.told, strike.motion, strike.motion.worst
     text = f"φ is {np.degrees(each.phi_off):+.2f}° off what the others foretell (± {np.degrees(1.96 * each.phi_sd):.2f}°)"
     if each.k_off is not None and each.k_sd is not None:
         text += f", k {100 * each.k_off:+.1f} % (± {196 * each.k_sd:.1f} %)"
-    return text
+    off, band = np.degrees(motion.offset[worst]), np.degrees(1.96 * motion.sd[worst])
+    return f"{text}; its motion leaves theirs by {off:+.1f}° (± {band:.1f}°) within {motion.time[worst]:.2f} s"
 
 
 def _entries(inertial: InertialParameters, measured: bool) -> str:

@@ -13,11 +13,13 @@ from analyze.estimation.inertia import edge_inertia
 from analyze.estimation.paper import PaperCentre, PaperRegions
 from analyze.estimation.part_masses import PartMasses
 from analyze.estimation.stated import Scale
+from analyze.foretold import ForetoldStrike
 from analyze.types import Array, CentreOfMass, EquiPlane, InertialParameters, MassDistribution, MotionFit, TipMotion
 from schemas.document import canonical_json
 from schemas.result import (
     AlternativeFit,
     AxisMoment,
+    ForetoldResult,
     PartResult,
     Parts,
     Quantity,
@@ -142,6 +144,7 @@ def build_result(
     table_tilt: list[TableTilt] | None = None,
     verdict: list[str] | None = None,
     parts: PartMasses | None = None,
+    foretold: Sequence[ForetoldStrike] = (),
 ) -> Result:
     """The Result document. `planned` goes with `motions`; `planes` are of the strikes used, in the same order."""
     place = {plane.strike_id: index for index, plane in enumerate(planes)}
@@ -149,6 +152,8 @@ def build_result(
         strike_result(motion, strike, planes, place.get(motion.strike_id), inertial.com, scale)
         for motion, strike in zip(motions, planned, strict=True)
     ]
+    by_others = {each.told.strike_id: foretold_result(each) for each in foretold}
+    rows = [row.model_copy(update={"foretold": by_others.get(row.id)}) for row in rows]
     rows = [
         row.model_copy(update={"verdict": Verdict.EXCLUDED, "reason": f"left out on request ({row.verdict.value})"})
         if row.id in excluded
@@ -235,6 +240,24 @@ def strike_result(
         energy_ratio=motion.energy_ratio,
         alternatives=[_alternative(other) for other in motion.alternatives],
         **values,
+    )
+
+
+def foretold_result(strike: ForetoldStrike) -> ForetoldResult:
+    """What the others foretell of a strike; k as it is where the strike was made."""
+    told, motion, worst = strike.told, strike.motion, strike.motion.worst
+    phi_sd, k_sd = np.sqrt(np.diag(told.by_others))
+    return ForetoldResult(
+        phi=quantity(told.phi, float(phi_sd), "rad"),
+        k=quantity(motion.k, float(motion.k * k_sd), "rad/s^2", lowest=0.0),
+        sigmas=told.sigmas,
+        motion_sigmas=strike.motion_sigmas,
+        foretold=strike.holds,
+        frames=len(motion.time) - motion.start,
+        start_frames=motion.start,
+        worst_offset_rad=float(motion.offset[worst]),
+        worst_band_rad=float(SIGMAS95 * motion.sd[worst]),
+        outside_share=motion.outside,
     )
 
 

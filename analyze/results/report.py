@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 from analyze.output_file import write_text
 from analyze.recording import open_recording
+from analyze.results.foretold_plot import foretold_figure
 from analyze.results.plots import moments_figure, projection_figures, regions_figure, strike_figure
 from analyze.results.style import svg
 from analyze.results.summary import DEGREES, GRAM_CM2, open_interval, with_interval
@@ -80,6 +81,8 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
         voxels=_drawn(voxel_figure(estimate.voxels)),
         voxels_told=told_in_words(estimate.voxels),
         moments=_drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
+        foretold=_drawn(foretold_figure(estimate.foretold)) if estimate.foretold else None,
+        missed=[each for each in estimate.foretold if not each.holds],
         strikes=_strike_plots(estimate),
         score=score,
         best_naive=min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])

@@ -11,6 +11,7 @@ from analyze.estimation.markers import can_subtract
 from analyze.file_row import missing_text
 from analyze.motion.contact import ContactErrors
 from analyze.planned_strikes import planned_strikes
+from analyze.results.agreements import Agreements
 from analyze.results.assessment import OUTSIDE, gravity_text, missed_text
 from analyze.results.tilt import TILT_REMEDY, assumed_tilt
 from analyze.types import EquiPlane, InertialParameters, MassDistribution, TipMotion
@@ -18,18 +19,15 @@ from schemas.result import ResultWarning, Verdict, WarningCode
 from schemas.session_manifest import TimeSource
 
 if TYPE_CHECKING:
-    from analyze.estimation.agreement import Agreement
     from analyze.estimation.checks import Checks
-    from analyze.estimation.paper import PaperCentre
     from analyze.estimation.part_masses import PartMasses
     from analyze.evidence import Evidence
+    from analyze.foretold import ForetoldStrike
     from analyze.pipeline import EstimateOptions
 
 ENOUGH_STRIKES = 6
 POOR_RESIDUAL = np.radians(0.3)
 OUTLIER = 0.5
-DISAGREEMENT = 0.01
-"""m, between the paper's centre of mass and ours"""
 ROUGH_FLANK = 0.1
 """1 sigma of a flank's radius of curvature over itself"""
 UNEXPLAINED = 2.5
@@ -44,10 +42,10 @@ def result_warnings(
     planes: Sequence[EquiPlane],
     inertial: InertialParameters,
     distribution: MassDistribution,
-    com_paper: PaperCentre,
-    agreed: Agreement,
+    agreed: Agreements,
     parts: PartMasses | None,
     checks: Checks,
+    foretold: Sequence[ForetoldStrike],
 ) -> list[ResultWarning]:
     """All warnings, in a fixed order."""
     found: list[ResultWarning] = []
@@ -65,8 +63,9 @@ def result_warnings(
     done = planned_strikes(evidence.plan, (motion.plan_strike_id for motion in evidence.motions))
     if done.missing:
         warn(WarningCode.RECORDING_INCOMPLETE, done.text())
-    if not agreed.holds:
-        text = f"the recordings do not mean one centre of mass: theirs lie {1e3 * agreed.apart:.2g} mm apart, more than their errors allow"
+    if not agreed.recordings.holds:
+        apart = 1e3 * agreed.recordings.apart
+        text = f"the recordings do not mean one centre of mass: theirs lie {apart:.2g} mm apart, more than their errors allow"
         warn(WarningCode.RECORDINGS_DISAGREE, f"{text}: was the object opened, refilled or exchanged? Then estimate each by itself")
     if evidence.object_path_used:
         warn(WarningCode.OBJECT_OVERRIDDEN, "the object file given replaces the recording's; pivots are the plan's")
@@ -84,17 +83,16 @@ def result_warnings(
         warn(WarningCode.MOMENT_IMPOSSIBLE, f"no mass within the shape has the moments measured about {_names(checks.impossible)}")
     if not checks.gravity.agrees:
         warn(WarningCode.GRAVITY_DISAGREES, gravity_text(checks))
-    for each in checks.left_out:
-        if not each.foretold:
-            warn(WarningCode.STRIKE_NOT_FORETOLD, f"strike {each.strike_id}: {missed_text(each)}")
+    for each in foretold:
+        if not each.holds:
+            warn(WarningCode.STRIKE_NOT_FORETOLD, f"strike {each.told.strike_id}: {missed_text(each)}")
     for plane, robust in zip(planes, com.robust, strict=True):
         if robust < OUTLIER:
             warn(WarningCode.POOR_FIT, f"strike {plane.strike_id} disagrees with the others and was given {robust:.0%} of its weight")
     for name, text in _poor_fits(evidence, planes):
         warn(WarningCode.POOR_FIT, f"strike {name}: {text}")
-    apart = float(np.linalg.norm(com_paper.position - com.position))
-    if apart > DISAGREEMENT:
-        warn(WarningCode.ESTIMATORS_DISAGREE, f"the paper's centre of mass lies {apart * 1e3:.0f} mm from ours")
+    for text in agreed.texts():
+        warn(WarningCode.ESTIMATORS_DISAGREE, text)
     assumed = assumed_tilt(com, evidence)
     if assumed > 0:
         tilt = np.degrees(assumed)

@@ -139,12 +139,15 @@ def test_the_verdict_says_what_to_trust_and_which_strike_to_repeat(evidence, est
     words = estimate.result.verdict
     assert words[0].startswith("trust the centre of mass, to ")
     assert not any(each.startswith("repeat") for each in words)
+    assert all(each.holds and each.motion.outside < 0.3 for each in estimate.foretold)
+    assert [strike.foretold.foretold for strike in estimate.result.strikes] == [True] * len(evidence.motions)
     assert np.array(estimate.result.parameters_covariance).shape == (10, 10)
     odd = evidence.motions[3]
     off = replace(odd, fit=replace(odd.fit, phi=odd.fit.phi + np.radians(2)))
     found = estimate_evidence(replace(evidence, motions=(*evidence.motions[:3], off, *evidence.motions[4:])))
     assert next(each for each in found.result.verdict if each.startswith("repeat")).startswith(f"repeat strike {odd.strike_id}: φ is +")
     assert WarningCode.STRIKE_NOT_FORETOLD in codes(found)
+    assert [strike.id for strike in found.result.strikes if not strike.foretold.foretold] == [odd.strike_id]
 
 
 def test_the_score_holds_the_agreed_keys(estimate, monkeypatch, tmp_path):

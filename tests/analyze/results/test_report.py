@@ -39,7 +39,7 @@ def test_it_is_whole_and_loads_nothing_from_elsewhere(html):
     parser = Balanced()
     parser.feed(html)
     assert parser.open == []
-    assert parser.tags.count("svg") == 6 + 6  # three views, regions, voxels, moments; a plot per strike
+    assert parser.tags.count("svg") == 7 + 6  # three views, regions, voxels, moments, foretold; a plot per strike
     assert "script" not in parser.tags
     assert "link" not in parser.tags
     assert not re.search(r'(?:src|href)="(?!data:|#)', html)
