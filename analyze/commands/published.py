@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from analyze.commands.options import one_line
+from analyze.errors import EstimationError
 from schemas.command_line import Commands
 
 
@@ -42,3 +43,42 @@ def cube_tosses(data: Path | None, plot: Path | None, as_json: bool) -> None:
     if plot is not None:
         write_figure(cube_figure(answer), plot)
         click.echo(f"plot: {plot}", err=as_json)
+
+
+@reproduce.command("paper")
+@click.argument("recordings", nargs=-1, type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("recordings/reproduce"),
+    show_default=True,
+    help="Folder of the page (index.html), its CSV files, and what each session gave (sessions/), which is kept.",
+)
+@one_line
+def paper(recordings: tuple[Path, ...], out: Path) -> None:
+    """The paper's tables and figures made again, beside ours, from sessions of the virtual rig (`make reproduce` records them).
+
+    RECORDINGS join the sessions that the folder holds already; their images are not needed afterwards. With none, the page is drawn anew.
+    """
+    from analyze.output_file import write_text
+    from analyze.progress import StrikeProgress
+    from analyze.reproduce.paper.read import read_session
+    from analyze.reproduce.paper.record import read_records
+    from analyze.reproduce.paper.targets import targets_table
+    from analyze.results.paper_page import summary, write_page
+    from analyze.results.paper_terminal import render_table
+
+    folder = out / "sessions"
+    folder.mkdir(parents=True, exist_ok=True)
+    with StrikeProgress() as progress:
+        for path in recordings:
+            record = read_session(path, progress)
+            write_text(folder / f"{record.name}.json", record.model_dump_json())
+    records = read_records(folder)
+    if not records:
+        raise EstimationError(f"{folder}: holds no session: name recordings of `acquire demo`, or run `make reproduce`")
+    page = write_page(records, out)
+    render_table(targets_table(records))
+    click.echo(summary(records))
+    click.echo(f"page: {page}")

@@ -1,0 +1,98 @@
+"""The paper's own chain, section 3.2 and 3.3, on what a session's strikes showed: nothing of ours but the edges and theta(t)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError
+from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.estimation.paper import PaperRegions, paper_centre_of_mass, paper_edge_inertia, paper_regions
+from analyze.types import Array, EquiPlane, MotionFit, TipMotion
+from schemas.result import Verdict
+
+if TYPE_CHECKING:
+    from analyze.pipeline import Estimate
+    from schemas.strike_plan import PlannedStrike
+
+
+@dataclass(frozen=True)
+class PaperAnswer:
+    """Of one strike per axis."""
+
+    com: Array
+    """(3,) m, in O"""
+    i_edge: dict[str, float]
+    """kg m^2 by axis, eq. (5)"""
+    regions: PaperRegions | None
+    """None: no border and no I within dI gives three positive masses with the right sum"""
+
+
+@dataclass(frozen=True)
+class _Struck:
+    planned: PlannedStrike
+    motion: TipMotion
+    fit: MotionFit
+
+
+def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
+    """One answer per round of strikes: the first of every axis, the second of every axis, and so on, as the paper's tables have them.
+
+    Angles are those of the sign change of the acceleration; strikes that rocked back have none. I is eq. (5)'s, with R to the paper's own
+    centre of mass, which is also what the regions are chosen by.
+    """
+    by_axis = _by_axis(estimate)
+    rounds = min((len(each) for each in by_axis.values()), default=0)
+    return [_answer([each[i] for each in by_axis.values()], estimate) for i in range(rounds)]
+
+
+def _by_axis(estimate: Estimate) -> dict[str, list[_Struck]]:
+    """Strikes that tipped over, by axis; axes on which none did are left out."""
+    evidence = estimate.evidence
+    found: dict[str, list[_Struck]] = {}
+    for motion in evidence.motions:
+        fit = next((fit for fit in motion.alternatives if fit.estimator == "sign_change"), None)
+        if motion.verdict is Verdict.GOOD and fit is not None:
+            planned = evidence.planned(motion)
+            found.setdefault(planned.axis_id, []).append(_Struck(planned, motion, fit))
+    return found
+
+
+def _answer(strikes: Sequence[_Struck], estimate: Estimate) -> PaperAnswer:
+    planes = [equiplane_from_fit(each.motion.strike_id, each.planned, each.fit) for each in strikes]
+    com = paper_centre_of_mass(planes, estimate.cells).position
+    weight = estimate.scale.mass * estimate.scale.gravity
+    i_edge: dict[str, float] = {}
+    for plane, each in zip(planes, strikes, strict=True):
+        angle, phases = each.motion.angle, each.motion.phases
+        if angle is None or phases is None or phases.stage_two is None:
+            continue
+        found = paper_edge_inertia(angle, each.fit, phases.stage_two, weight * distance_from(plane, com))
+        if found is not None:
+            i_edge[plane.axis_id] = found.i_edge
+    return PaperAnswer(com, i_edge, regions_at(planes, com, i_edge, estimate))
+
+
+def regions_at(planes: Sequence[EquiPlane], com: Array, i_edge: dict[str, float], estimate: Estimate) -> PaperRegions | None:
+    """Eqs. (8), (9) and 3.3.2 for a centre of mass (3,) and moments about the edges [kg m^2]."""
+    placed = replace(estimate.com, position=com)
+    return paper_regions(planes, placed, i_edge, estimate.scale.mass, estimate.cells) if i_edge else None
+
+
+def distance_from(plane: EquiPlane, point: Array) -> float:
+    """R [m], of a point (3,) from the plane's pivot."""
+    arm = point - plane.point
+    return float(np.linalg.norm(arm - plane.direction * (arm @ plane.direction)))
+
+
+def refuse_empty(estimate: Estimate, name: str) -> None:
+    """The paper's chain needs a strike that went over.
+
+    Raises:
+        EstimationError: none did.
+    """
+    if not _by_axis(estimate):
+        raise EstimationError(f"{name}: no strike went over its edge, so that the paper's method has no angle: record it again")

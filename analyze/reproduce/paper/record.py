@@ -1,0 +1,149 @@
+"""What one session gives to the tables and figures, as a file: so that its recording, a gigabyte of images, need not be kept."""
+
+from __future__ import annotations
+
+import enum
+import json
+from typing import TYPE_CHECKING
+
+from pydantic import Field
+
+from analyze.errors import RecordingError
+from schemas.document import Document, DocumentError, Matrix3, Vector3, validate
+from schemas.strike_plan import PlanMethod
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+class Condition(enum.StrEnum):
+    """What is known of the rig."""
+
+    EXACT = "exact"
+    """calibration as it is"""
+    DRAWN = "drawn"
+    """calibration errors drawn, and stated: see miscalibrated.py"""
+
+
+class Source(enum.StrEnum):
+    """Where theta(t) comes from."""
+
+    IMAGES = "images"
+    SIMULATED = "simulated theta(t)"
+
+
+class AxisMoment(Document):
+    """Moments of one pivot axis."""
+
+    axis_id: str
+    distance_m: float = Field(description="R, in truth")
+    i_edge_off: float = Field(description="relative error")
+    i_edge_sd: float = Field(description="relative, as stated")
+    i_com_off: float
+    i_com_sd: float
+
+
+class Answer(Document):
+    """What one method says under one condition. Region masses: surface, upper, lower; upper is the truth's side of its border."""
+
+    com_m: Vector3
+    com_covariance_m2: Matrix3 | None = None
+    masses_kg: Vector3 | None = None
+    masses_sd_kg: Vector3 | None = None
+    masses_low_kg: Vector3 | None = None
+    masses_high_kg: Vector3 | None = None
+    moments: list[AxisMoment] = Field(default=[])
+
+
+class Angle(Document):
+    """Angle of one strike's equi-plane."""
+
+    axis_id: str
+    strike_id: str
+    true_rad: float
+    ours_rad: float
+    ours_sd_rad: float
+    paper_rad: float | None
+    frame_residual_rad: float = Field(description="rms of theta(t) less its fit")
+
+
+class Sensitivity(Document):
+    """Error of results over error of an input."""
+
+    level: float = Field(description="degrees, relative, or metres")
+    ours: list[float | None]
+    paper: list[float | None]
+
+
+class Profile(Document):
+    """theta(t) of one strike and its derivatives (paper, Fig. 6)."""
+
+    time_s: list[float]
+    theta_rad: list[float]
+    rate_rad_s: list[float]
+    acceleration_rad_s2: list[float]
+    phases: dict[str, tuple[int, int]]
+    phi_rad: float
+    phi_true_rad: float
+
+
+class Section(Document):
+    """Silhouette, and the regions in a slice through c (paper, Fig. 12): x and z of O."""
+
+    outline_m: list[tuple[float, float]]
+    points_m: list[tuple[float, float]]
+    ours: list[int]
+    true: list[int]
+
+
+class SessionRecord(Document):
+    """One session on one object."""
+
+    object: str
+    seed: int
+    source: Source
+    method: PlanMethod
+    strikes: int
+    axes: int
+    singular: bool = Field(description="the set leaves a direction of c open")
+    mass_kg: float
+    volume_m3: float
+    centroid_m: Vector3
+    true_com_m: Vector3
+    true_masses_kg: Vector3
+    cpu_s: float = Field(description="from phi and k to all results, one core")
+    angles: list[Angle]
+    ours: dict[Condition, Answer]
+    paper: dict[Condition, list[Answer]] = Field(description="one answer per round of strikes, as in the paper's tables")
+    naive_kg: dict[str, Vector3] = Field(description="region masses, with the border that was found")
+    angle_noise: list[Sensitivity] = Field(default=[], description="c [m] over noise of the angles [deg]")
+    moment_noise: list[Sensitivity] = Field(default=[], description="region masses' metric over relative errors of I and c")
+    scan_noise_com: list[Sensitivity] = Field(default=[], description="c [m] over scan noise [m]")
+    scan_noise_masses: list[Sensitivity] = Field(default=[], description="region masses' metric over scan noise [m]")
+    profile: Profile | None = None
+    section: Section | None = None
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        planned = "" if self.method is PlanMethod.OURS else "-paper"
+        return f"{self.object}{planned}-{self.seed}{'' if self.source is Source.IMAGES else '-simulated'}"
+
+
+def read_records(folder: Path) -> list[SessionRecord]:
+    """All sessions in a folder, by name.
+
+    Raises:
+        RecordingError: a file is no such session.
+    """
+    found: list[SessionRecord] = []
+    for path in sorted(folder.glob("*.json")):
+        try:
+            data = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise RecordingError(f"{path}: cannot be read ({error}): remove it, and analyse its recording again") from None
+        try:
+            found.append(validate(SessionRecord, data, str(path), "remove it, and analyse its recording again"))
+        except DocumentError as error:
+            raise RecordingError(str(error)) from None
+    return found

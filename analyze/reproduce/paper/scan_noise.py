@@ -1,0 +1,121 @@
+"""The same strikes with a noisy scan in place of the shape (paper, Fig. 10): other edges, another body, the angles as they were."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import AnalyzeError
+from analyze.geometry.object_model import ObjectModel, load_object_model
+from analyze.pipeline import estimate_evidence
+from analyze.planning.hypothesis import hypothesis
+from analyze.planning.pivots import PivotAxis, pivot_axes
+from analyze.planning.stable_planes import resting_planes
+from analyze.reproduce.paper.chain import paper_answers
+from analyze.reproduce.paper.record import Sensitivity
+from analyze.reproduce.paper.sensitivity import metric, sided
+from analyze.types import Array
+from schemas.object_spec import Shape
+from schemas.strike_plan import Pivot
+
+if TYPE_CHECKING:
+    from analyze.evidence import Evidence
+    from schemas.proto import percuss_pb2 as pb
+    from schemas.strike_plan import PlannedStrike
+
+LEVELS_M = (1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 1.5e-2)
+POINTS = 20_000
+SAME = np.cos(np.radians(15.0))
+"""of direction and face, from which an edge of the scan is taken for the one that was struck"""
+
+
+def over_scan_noise(
+    evidence: Evidence, body: pb.TruthBody, levels: Sequence[float], rng: np.random.Generator
+) -> tuple[list[Sensitivity], list[Sensitivity]]:
+    """Error of c [m] and metric of the region masses, each over the largest shift [m] of a scanned point.
+
+    Ours, and the paper's method on our edges. None where the scan has no such edge, or too few strikes are left.
+
+    Args:
+        evidence: of the session.
+        body: the truth.
+        levels: m; every point is moved by up to so much in any direction.
+        rng: draws points and shifts.
+    """
+    com, masses = [], []
+    for level in levels:
+        off, wrong = _scored(_scanned(evidence, level, rng), body)
+        com.append(Sensitivity(level=level, ours=[off[0]], paper=[off[1]]))
+        masses.append(Sensitivity(level=level, ours=[wrong[0]], paper=[wrong[1]]))
+    return com, masses
+
+
+def _scored(evidence: Evidence | None, body: pb.TruthBody) -> tuple[tuple[float | None, float | None], tuple[float | None, float | None]]:
+    """((c ours, paper), (masses ours, paper))."""
+    try:
+        estimate = None if evidence is None else estimate_evidence(evidence)
+    except AnalyzeError:
+        estimate = None
+    if estimate is None:
+        return (None, None), (None, None)
+    true = np.array(body.com_object)
+    ours = estimate.distribution
+    paper = paper_answers(estimate)[:1]
+    regions = paper[0].regions if paper else None
+    return (
+        (float(np.linalg.norm(estimate.com.position - true)), float(np.linalg.norm(paper[0].com - true)) if paper else None),
+        (
+            metric(sided(ours.masses, ours.border_normal, body), body),
+            None if regions is None else metric(sided(regions.masses, regions.border_normal, body), body),
+        ),
+    )
+
+
+def _scanned(evidence: Evidence, noise: float, rng: np.random.Generator) -> Evidence | None:
+    points = noisy_cloud(evidence.model, noise, rng)
+    text = "\n".join(" ".join(f"{value:.7f}" for value in point) for point in points)
+    spec = evidence.spec.model_copy(update={"shape": Shape.model_validate({"file": "scan.xyz", "unit": "m"})})
+    try:
+        model = load_object_model(spec, text.encode(), "scan.xyz")
+        axes = pivot_axes(model, spec, resting_planes(model), hypothesis(model))
+    except AnalyzeError:
+        return None
+    found = {strike.id: _on(axes, strike) for strike in evidence.plan.strikes}
+    kept = [strike for strike in found.values() if strike is not None]
+    names = {strike.id for strike in kept}
+    motions = tuple(motion for motion in evidence.motions if motion.plan_strike_id in names)
+    return replace(evidence, spec=spec, model=model, plan=evidence.plan.model_copy(update={"strikes": kept}), motions=motions)
+
+
+def noisy_cloud(model: ObjectModel, noise: float, rng: np.random.Generator) -> Array:
+    """Points (n, 3) m spread evenly over the surface, each moved by up to `noise` [m] in any direction."""
+    corners = model.vertices[model.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    chosen = corners[rng.choice(len(corners), POINTS, p=area / area.sum())]
+    u, v = np.sqrt(rng.uniform(size=POINTS))[:, None], rng.uniform(size=POINTS)[:, None]
+    on_surface = chosen[:, 0] * (1 - u) + chosen[:, 1] * (u * (1 - v)) + chosen[:, 2] * (u * v)
+    direction = rng.standard_normal((POINTS, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return on_surface + direction * rng.uniform(0, noise, (POINTS, 1))
+
+
+def _on(axes: Sequence[PivotAxis], strike: PlannedStrike) -> PlannedStrike | None:
+    """The strike about the scan's edge; None where it has no such edge."""
+    R = np.array(strike.R_world_object)
+    point = np.array(strike.pivot.point)
+    alike = [axis for axis in axes if min(axis.direction @ R[1], axis.plane.up @ R[2]) > SAME]
+    if not alike:
+        return None
+
+    def across(axis: PivotAxis) -> float:
+        gap = axis.point - point
+        return float(np.linalg.norm(gap - axis.direction * (gap @ axis.direction)))
+
+    axis = min(alike, key=across)
+    pivot = Pivot(point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd)
+    return strike.model_copy(
+        update={"R_world_object": axis.R_world_object.tolist(), "p_world_object": axis.p_world_object.tolist(), "pivot": pivot}
+    )

@@ -1,0 +1,260 @@
+"""From one session of known truth to its record: both methods under both conditions, and what the figures show."""
+
+from __future__ import annotations
+
+import time
+import zlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from analyze.pipeline import Estimate, estimate_evidence
+from analyze.reproduce.paper.chain import PaperAnswer, distance_from, paper_answers, refuse_empty
+from analyze.reproduce.paper.miscalibrated import miscalibrated
+from analyze.reproduce.paper.record import (
+    Angle,
+    Answer,
+    AxisMoment,
+    Condition,
+    Profile,
+    Section,
+    SessionRecord,
+    Source,
+)
+from analyze.reproduce.paper.scan_noise import LEVELS_M, over_scan_noise
+from analyze.reproduce.paper.sensitivity import (
+    ANGLE_LEVELS_DEG,
+    MOMENT_LEVELS,
+    PAPER_NOISE_DEG,
+    com_over_angles,
+    masses_over_moments,
+    sided,
+)
+from analyze.score import tip_truth
+from analyze.types import Array, TipMotion
+from schemas.result import Verdict
+
+if TYPE_CHECKING:
+    from analyze.evidence import Evidence, Progress
+    from schemas.proto import percuss_pb2 as pb
+
+SWEPT = "carton"
+"""whose sensitivities are drawn: the paper did so with its carton box"""
+SLICE = 1.0
+"""half-thickness of Fig. 12's slice, in cells"""
+STEPS = 6
+AFTER = 20
+"""frames that Fig. 6 shows of the landing"""
+SMOOTHED = 5
+"""frames, for Fig. 6's derivatives"""
+
+
+def session_record(evidence: Evidence, body: pb.TruthBody, source: Source, progress: Progress | None = None) -> SessionRecord:
+    """What a session gives to the tables and figures.
+
+    Args:
+        evidence: what its strikes showed.
+        body: the truth; no estimate sees it.
+        source: where theta(t) comes from.
+        progress: called with (text, done, total).
+
+    Raises:
+        EstimationError: too few good strikes.
+    """
+    say = progress or (lambda _text, _done, _total: None)
+    name = evidence.spec.name
+    rng = np.random.default_rng((body.seed, zlib.crc32(name.encode())))
+    say("estimating", 0, STEPS)
+    began = time.process_time()
+    exact = estimate_evidence(evidence)
+    cpu_s = time.process_time() - began
+    refuse_empty(exact, name)
+    say("with calibration errors drawn", 1, STEPS)
+    drawn = estimate_evidence(miscalibrated(evidence, rng))
+    estimates = {Condition.EXACT: exact, Condition.DRAWN: drawn}
+    say("by the paper's method", 2, STEPS)
+    paper = {condition: [_by_paper(each, estimate, body) for each in paper_answers(estimate)] for condition, estimate in estimates.items()}
+    say("over noise of the angles", 3, STEPS)
+    swept = name == SWEPT
+    angle_noise = com_over_angles(exact, body, ANGLE_LEVELS_DEG if swept else (PAPER_NOISE_DEG,), rng)
+    moment_noise = masses_over_moments(exact, body, MOMENT_LEVELS, rng) if swept else []
+    say("over noise of the scan", 4, STEPS)
+    scan_com, scan_masses = over_scan_noise(evidence, body, LEVELS_M, rng) if swept else ([], [])
+    say("drawing", 5, STEPS)
+    model = evidence.model
+    return SessionRecord(
+        object=name,
+        seed=body.seed,
+        source=source,
+        method=evidence.plan.method,
+        strikes=len(exact.planes),
+        axes=len({plane.axis_id for plane in exact.planes}),
+        singular=not exact.com.observed,
+        mass_kg=body.mass_kg,
+        volume_m3=model.volume,
+        centroid_m=model.centroid.tolist(),
+        true_com_m=list(body.com_object),
+        true_masses_kg=list(body.region_mass_kg),
+        cpu_s=cpu_s,
+        angles=_angles(exact, body),
+        ours={condition: _by_us(estimate, body) for condition, estimate in estimates.items()},
+        paper=paper,
+        naive_kg={
+            key: sided(masses, exact.distribution.border_normal, body).tolist() for key, masses in exact.distribution.baselines.items()
+        },
+        angle_noise=angle_noise,
+        moment_noise=moment_noise,
+        scan_noise_com=scan_com,
+        scan_noise_masses=scan_masses,
+        profile=_profile(exact, body) if swept else None,
+        section=_section(exact, body),
+    )
+
+
+def _by_us(estimate: Estimate, body: pb.TruthBody) -> Answer:
+    regions = estimate.result.regions
+    assert regions is not None  # noqa: S101 - every estimate has some
+    same = bool(estimate.distribution.border_normal @ np.array(body.region_plane[:3]) >= 0)
+    rows = [regions.regions[i] for i in ((0, 1, 2) if same else (0, 2, 1))]
+    intervals = [row.mass.interval95 or (float("nan"), float("nan")) for row in rows]
+    return Answer(
+        com_m=estimate.com.position.tolist(),
+        com_covariance_m2=estimate.com.covariance.tolist(),
+        masses_kg=[_number(row.mass.value) for row in rows],
+        masses_sd_kg=[_number(row.mass.sd) for row in rows],
+        masses_low_kg=[_number(low) for low, _ in intervals],
+        masses_high_kg=[_number(high) for _, high in intervals],
+        moments=_moments(estimate, body),
+    )
+
+
+def _moments(estimate: Estimate, body: pb.TruthBody) -> list[AxisMoment]:
+    com, tensor = np.array(body.com_object), np.array(body.inertia_com).reshape(3, 3)
+    found: list[AxisMoment] = []
+    for axis in estimate.inertial.axes:
+        plane = next(plane for plane in estimate.planes if plane.axis_id == axis.axis_id)
+        R = distance_from(plane, com)
+        about_com = float(axis.direction @ tensor @ axis.direction)
+        about_edge = about_com + body.mass_kg * (R + plane.edge_radius) ** 2
+        found.append(
+            AxisMoment(
+                axis_id=axis.axis_id,
+                distance_m=R,
+                i_edge_off=axis.i_edge / about_edge - 1,
+                i_edge_sd=axis.i_edge_sd / about_edge,
+                i_com_off=axis.i_com / about_com - 1,
+                i_com_sd=axis.i_com_sd / about_com,
+            )
+        )
+    return found
+
+
+def _by_paper(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> Answer:
+    com, tensor = np.array(body.com_object), np.array(body.inertia_com).reshape(3, 3)
+    moments: list[AxisMoment] = []
+    for axis_id, found in answer.i_edge.items():
+        plane = next((plane for plane in estimate.planes if plane.axis_id == axis_id), None)
+        if plane is None:
+            continue
+        R = distance_from(plane, com)
+        about_com = float(plane.direction @ tensor @ plane.direction)
+        about_edge = about_com + body.mass_kg * (R + plane.edge_radius) ** 2
+        less = found - body.mass_kg * distance_from(plane, answer.com) ** 2
+        moments.append(
+            AxisMoment(
+                axis_id=axis_id,
+                distance_m=R,
+                i_edge_off=found / about_edge - 1,
+                i_edge_sd=0.0,
+                i_com_off=less / about_com - 1,
+                i_com_sd=0.0,
+            )
+        )
+    regions = answer.regions
+    return Answer(
+        com_m=answer.com.tolist(),
+        masses_kg=None if regions is None else sided(regions.masses, regions.border_normal, body).tolist(),
+        moments=moments,
+    )
+
+
+def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
+    evidence = estimate.evidence
+    by_id = {motion.strike_id: motion for motion in evidence.motions}
+    found: list[Angle] = []
+    for plane in estimate.planes:
+        motion = by_id[plane.strike_id]
+        assert motion.fit is not None  # noqa: S101 - it was used
+        passed = motion.verdict is Verdict.GOOD  # one that rocked back never passed the balance
+        paper = next((fit.phi for fit in motion.alternatives if passed and fit.estimator == "sign_change"), None)
+        found.append(
+            Angle(
+                axis_id=plane.axis_id,
+                strike_id=plane.strike_id,
+                true_rad=tip_truth(evidence.planned(motion), body).phi,
+                ours_rad=plane.phi,
+                ours_sd_rad=plane.sd_phi,
+                paper_rad=paper,
+                frame_residual_rad=float(np.sqrt(np.mean(motion.fit.residual**2))),
+            )
+        )
+    return found
+
+
+def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
+    """Of the first strike that went over."""
+    motion = next((each for each in estimate.evidence.motions if each.verdict is Verdict.GOOD), None)
+    if motion is None or motion.angle is None or motion.phases is None or motion.fit is None:
+        return None
+    angle, phases = motion.angle, motion.phases
+    seconds: Array = (angle.time_ns - motion.fit.time0_ns).astype(np.float64) * 1e-9
+    smooth = np.convolve(np.pad(angle.theta, SMOOTHED // 2, mode="edge"), np.ones(SMOOTHED) / SMOOTHED, mode="valid")
+    rate = np.gradient(smooth, seconds)
+    spans = {name: getattr(phases, name) for name in ("rest", "strike", "stage_one", "stage_two", "landing")}
+    last = max(spans[name][1] for name in spans if name != "landing" and spans[name] is not None)
+    shown = slice(0, min(len(seconds), last + AFTER))
+    return Profile(
+        time_s=seconds[shown].tolist(),
+        theta_rad=angle.theta[shown].tolist(),
+        rate_rad_s=rate[shown].tolist(),
+        acceleration_rad_s2=np.gradient(rate, seconds)[shown].tolist(),
+        phases={name: span for name, span in spans.items() if span is not None},
+        phi_rad=motion.fit.phi,
+        phi_true_rad=_true_phi(motion, estimate, body),
+    )
+
+
+def _true_phi(motion: TipMotion, estimate: Estimate, body: pb.TruthBody) -> float:
+    return tip_truth(estimate.evidence.planned(motion), body).phi
+
+
+def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
+    """Slice through c across O's y."""
+    cells, distribution = estimate.cells, estimate.distribution
+    outline = estimate.evidence.model.vertices[:, [0, 2]]
+    near = np.abs(cells.points[:, 1] - estimate.com.position[1]) < SLICE * cells.pitch
+    points = cells.points[near]
+    in_wall = cells.wall[near] > 0
+    true_normal, true_offset = np.array(body.region_plane[:3]), body.region_plane[3]
+    sign = 1.0 if distribution.border_normal @ true_normal >= 0 else -1.0
+    ours = _region(in_wall, sign * (points @ distribution.border_normal - distribution.border_offset) > 0)
+    return Section(
+        outline_m=_pairs(outline[ConvexHull(outline).vertices]),
+        points_m=_pairs(points[:, [0, 2]]),
+        ours=ours,
+        true=_region(in_wall, points @ true_normal > true_offset),
+    )
+
+
+def _region(in_wall: NDArray[np.bool_], above: NDArray[np.bool_]) -> list[int]:
+    return [int(value) for value in np.where(in_wall, 0, np.where(above, 1, 2))]
+
+
+def _pairs(points: Array) -> list[tuple[float, float]]:
+    return [(round(float(x), 5), round(float(z), 5)) for x, z in points]
+
+
+def _number(value: object) -> float:
+    return float(np.array(value, dtype=np.float64))
