@@ -14,7 +14,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint format coverage bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools protos lock clean
+.PHONY: help setup demo test test-slow lint format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -110,6 +110,23 @@ bench-plan-feasibility: setup  ## lift and slip as predicted beside the virtual 
 
 bench-gravity: setup  ## the table's tilt and the centre of mass with and without a second heading; plumb lines in images (three minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.gravity
+
+SEEDS ?= 10
+REPRODUCED := recordings/reproduce
+reproduce: setup  ## the paper's tables and figures, through images: five objects, SEEDS seeds; goes on where it stopped (SEEDS=10: 75 minutes)
+	@mkdir -p $(REPRODUCED)
+	@for seed in $$(seq 1 $(SEEDS)); do \
+	  for object in carton spray juice salt parcel; do $(MAKE) -s $(REPRODUCED)/sessions/$$object-$$seed.json || exit; done; \
+	  for object in carton spray juice salt; do $(MAKE) -s $(REPRODUCED)/sessions/$$object-paper-$$seed.json || exit; done; done
+	@$(BIN)/analyze reproduce paper -o $(REPRODUCED)
+
+# A session's recording is a gigabyte of images: once it is read, it goes.
+$(REPRODUCED)/sessions/%.json:
+	@name=$(REPRODUCED)/$*; object=$${name##*/}; object=$${object%%-*}; \
+	case $* in *-paper-*) plan="--method paper";; *) plan="--axes 3";; esac; \
+	echo "$*: recording"; $(BIN)/acquire demo --object $$object --seed $${name##*-} $$plan -o $$name.mcap --force > $$name.log 2>&1 \
+	  || [ $$? = 3 ] || { tail -n 1 $$name.log; exit 1; }; \
+	echo "$*: analysing"; $(BIN)/analyze reproduce paper $$name.mcap -o $(REPRODUCED) > $$name.log || exit; rm $$name.mcap $$name.log
 
 SESSIONS ?= 300
 SEED_OF_COVERAGE ?= 1

@@ -40,7 +40,7 @@ from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import Request, finish, prepare
-from analyze.types import TipAngle
+from analyze.types import TipAngle, TipMotion
 from schemas.object_spec import object_sha256
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from schemas.watch_lines import StrikeVerdict
@@ -78,16 +78,18 @@ class Attempt:
     contacts: int
     impulse_n_s: float
     verdict: StrikeVerdict
+    motion: TipMotion
+    """as analysed"""
 
 
 @functools.cache
-def plan_for(name: str, strikes: int = 9, striker: StrikerModel = STRIKER) -> StrikePlan:
+def plan_for(name: str, strikes: int = 9, striker: StrikerModel = STRIKER, most_axes: int | None = None) -> StrikePlan:
     """The plan that `analyze plan` makes of the object's files and a rig file that says this of the striker; nothing hidden enters."""
     thing = load_object(name, 1)
     shape = thing.shape_file or ("", None)
     model = load_object_model(thing.spec, shape[1], shape[0])
     prepared = prepare(model, thing.spec, Bench(striker, view.default_camera(), TABLE_FRICTION[0]))
-    return finish(prepared, object_sha256(thing.spec, shape[1]), Request(strikes))
+    return finish(prepared, object_sha256(thing.spec, shape[1]), Request(strikes, most_axes=most_axes))
 
 
 class ServoArm:
@@ -213,11 +215,11 @@ class SimulatedRig:
         speed = before[-1].arm_velocity * ARM_LENGTH_M if before else 0.0
         motion = tip.motion(self._states[:: round(FRAME_NS / MS)], self.rng)
         heard = contact_ns + int(self.rng.normal(0.0, CONTACT_TIME_SD_NS)) if contact_ns else 0
-        found = analyse_motion(motion, StrikeTask("x", strike, heard), MotionSettings())
+        found = analyse_motion(motion, StrikeTask(f"{strike.id}.{len(self.attempts) + 1}", strike, heard), MotionSettings())
         verdict = verdict_of(found)
         energy = tip.energy([state for state in self._states if contact_ns and state.time_ns > contact_ns + 30 * MS])
         impulse = sum(contact.impulse_n_s for contact in self._contacts)
-        return Attempt(strike.axis_id, command, speed, energy, len(self._contacts), impulse, verdict)
+        return Attempt(strike.axis_id, command, speed, energy, len(self._contacts), impulse, verdict, found)
 
 
 class _Tip:

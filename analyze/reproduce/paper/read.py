@@ -25,4 +25,4 @@ def read_session(path: Path, progress: Progress | None = None) -> SessionRecord:
     head = read_head(path)
     refuse_without_truth([path])
     evidence = read_evidence(head, progress=progress)
-    return session_record(evidence, read_truth(path).body, Source.IMAGES, progress)
+    return session_record(evidence, read_truth(path).body, Source.IMAGES, progress=progress)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import zlib
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,13 +52,30 @@ SMOOTHED = 5
 """frames, for Fig. 6's derivatives"""
 
 
-def session_record(evidence: Evidence, body: pb.TruthBody, source: Source, progress: Progress | None = None) -> SessionRecord:
+@dataclass(frozen=True)
+class Sweeps:
+    """Levels of the noise in Fig. 9(b, c) and 10; empty: not swept."""
+
+    angles_deg: tuple[float, ...] = (PAPER_NOISE_DEG,)
+    moments: tuple[float, ...] = ()
+    scan_m: tuple[float, ...] = ()
+
+
+def sweeps_of(name: str) -> Sweeps:
+    """All of them for the carton, as in the paper."""
+    return Sweeps(ANGLE_LEVELS_DEG, MOMENT_LEVELS, LEVELS_M) if name == SWEPT else Sweeps()
+
+
+def session_record(
+    evidence: Evidence, body: pb.TruthBody, source: Source, sweeps: Sweeps | None = None, progress: Progress | None = None
+) -> SessionRecord:
     """What a session gives to the tables and figures.
 
     Args:
         evidence: what its strikes showed.
         body: the truth; no estimate sees it.
         source: where theta(t) comes from.
+        sweeps: default: as `sweeps_of` its object.
         progress: called with (text, done, total).
 
     Raises:
@@ -77,11 +95,11 @@ def session_record(evidence: Evidence, body: pb.TruthBody, source: Source, progr
     say("by the paper's method", 2, STEPS)
     paper = {condition: [_by_paper(each, estimate, body) for each in paper_answers(estimate)] for condition, estimate in estimates.items()}
     say("over noise of the angles", 3, STEPS)
-    swept = name == SWEPT
-    angle_noise = com_over_angles(exact, body, ANGLE_LEVELS_DEG if swept else (PAPER_NOISE_DEG,), rng)
-    moment_noise = masses_over_moments(exact, body, MOMENT_LEVELS, rng) if swept else []
+    sweeps = sweeps or sweeps_of(name)
+    angle_noise = com_over_angles(exact, body, sweeps.angles_deg, rng)
+    moment_noise = masses_over_moments(exact, body, sweeps.moments, rng)
     say("over noise of the scan", 4, STEPS)
-    scan_com, scan_masses = over_scan_noise(evidence, body, LEVELS_M, rng) if swept else ([], [])
+    scan_com, scan_masses = over_scan_noise(evidence, body, sweeps.scan_m, rng)
     say("drawing", 5, STEPS)
     model = evidence.model
     return SessionRecord(
@@ -108,7 +126,7 @@ def session_record(evidence: Evidence, body: pb.TruthBody, source: Source, progr
         moment_noise=moment_noise,
         scan_noise_com=scan_com,
         scan_noise_masses=scan_masses,
-        profile=_profile(exact, body) if swept else None,
+        profile=_profile(exact, body) if name == SWEPT else None,
         section=_section(exact, body),
     )
 

@@ -1,0 +1,99 @@
+"""The reproduction's quick form: whole sessions in the virtual rig's physics without images, through tables, figures and page."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from analyze.cli import main
+from analyze.reproduce.paper.published import published_centres, published_masses
+from analyze.reproduce.paper.record import Condition, SessionRecord, Source
+from analyze.reproduce.paper.scores import distance, metric
+from analyze.reproduce.paper.session import Sweeps, session_record
+from analyze.results.paper_page import write_page
+from tests.analyze.balanced_html import Balanced
+from tests.analyze.reproduce.theta_sessions import theta_session
+
+QUICK = Sweeps((0.0, 1.85), (0.0, 0.05), (5e-3,))
+
+
+@pytest.fixture(scope="module")
+def records() -> list[SessionRecord]:
+    """One object of the paper's with everything that is swept, and the one outside its class."""
+    return [session_record(*theta_session(name, 1), Source.SIMULATED, sweeps) for name, sweeps in (("carton", QUICK), ("parcel", Sweeps()))]
+
+
+def test_what_the_paper_printed_scores_as_it_prints():
+    centres, masses = published_centres(), published_masses()
+    assert len(centres) == len(masses) == 9
+    assert 1e3 * np.mean([each.distance_m for each in centres]) == pytest.approx(12.49, abs=0.01)
+    assert np.mean([each.misplaced for each in masses]) == pytest.approx(0.174, abs=0.001)
+    assert np.mean([each.metric for each in masses]) == pytest.approx(0.115, abs=0.002)
+    third = [each for each in masses if each.object == "spray"][2]
+    assert third.metric == pytest.approx(0.204, abs=0.001)
+
+
+def test_nine_strikes_on_three_axes_reach_the_targets(records):
+    for record in records:
+        assert record.axes == 3
+        assert record.strikes >= 9
+        assert distance(record.ours[Condition.EXACT], record) < 1e-3
+        assert distance(record.ours[Condition.DRAWN], record) < 3e-3
+        assert max(abs(axis.i_edge_off) for axis in record.ours[Condition.EXACT].moments) < 0.02
+        assert max(abs(axis.i_com_off) for axis in record.ours[Condition.EXACT].moments) < 0.08
+    carton = records[0]
+    assert metric(carton.ours[Condition.EXACT].masses_kg, carton) < 0.06
+    assert carton.scan_noise_com[0].ours[0] < 3e-3
+
+
+def test_the_papers_method_on_the_same_strikes(records):
+    for record in records:
+        found = record.paper[Condition.EXACT]
+        assert len(found) == 3, "one result per round of three strikes"
+        assert all(distance(answer, record) < 2.5e-3 for answer in found), "with our angles, a hundred times finer than the paper's"
+        assert all(abs(axis.i_edge_off) < 0.1 for answer in found for axis in answer.moments)
+
+
+def test_the_page_the_tables_and_the_series(records, tmp_path):
+    page = write_page(records, tmp_path)
+    text = page.read_text(encoding="utf-8")
+    balanced = Balanced()
+    balanced.feed(text)
+    assert not balanced.open
+    for title in ("Table 1", "Table 2", "Fig. 6", "Fig. 9(a)", "Fig. 9(b, c)", "Fig. 10", "Fig. 11", "Fig. 12"):
+        assert title in text
+    assert text.count("<svg") == 6
+    assert "nan" not in text.lower().replace("nanometre", "")
+    with (tmp_path / "table1.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["whose"] for row in rows if row["object"] == "carton"} >= {"ours", "the paper's method here", "naive: middle of the volume"}
+    names = {path.stem for path in tmp_path.glob("*.csv")}
+    assert names >= {"targets", "table1", "table2", "honesty", "sessions", "fig6", "fig9a", "fig9b", "fig9c", "fig10a", "fig10b", "fig12"}
+
+
+def test_the_command_draws_the_page_from_what_sessions_gave(records, tmp_path):
+    folder = tmp_path / "sessions"
+    folder.mkdir()
+    for record in records:
+        (folder / f"{record.name}.json").write_text(record.model_dump_json(), encoding="utf-8")
+    done = CliRunner().invoke(main, ["reproduce", "paper", "-o", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "centre of mass" in done.output.lower()
+    assert (tmp_path / "index.html").exists()
+    damaged = json.loads((folder / f"{records[0].name}.json").read_text(encoding="utf-8"))
+    damaged["angles"] = "none"
+    (folder / f"{records[0].name}.json").write_text(json.dumps(damaged), encoding="utf-8")
+    refused = CliRunner().invoke(main, ["reproduce", "paper", "-o", str(tmp_path)])
+    assert refused.exit_code == 1
+    assert f"{records[0].name}.json" in refused.output
+    assert "analyse its recording again" in refused.output
+
+
+def test_a_folder_without_sessions_is_refused_with_the_remedy(tmp_path):
+    done = CliRunner().invoke(main, ["reproduce", "paper", "-o", str(tmp_path)])
+    assert done.exit_code == 1
+    assert "make reproduce" in done.output
