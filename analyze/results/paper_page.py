@@ -179,5 +179,6 @@ def _cell(value: Value, digits: int | None) -> str:
     if isinstance(value, float) and digits is not None:
         if not np.isfinite(value):
             return "–"
-        return f"{value:.{digits}f}" if digits >= 0 else np.format_float_positional(value, -digits, fractional=False, trim="-")
+        least = 10.0**-digits
+        return f"< {least:.{digits}f}" if 0 < abs(value) < least / 2 else f"{value:.{digits}f}"
     return str(value)

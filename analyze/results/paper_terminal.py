@@ -12,16 +12,18 @@ if TYPE_CHECKING:
     from analyze.reproduce.paper.tables import Table
 
 
-FIRST = 30
-"""characters, of the first column: it wraps, the numbers do not"""
+LEFT_OUT = ("paper", "n", "mean")
+"""columns that a terminal of 80 characters has no room for"""
 
 
 def render_table(table: Table, console: Console | None = None) -> None:
     """Print it."""
     console = console or Console(highlight=False)
-    shown = RichTable(title=table.title, title_justify="left", box=SIMPLE_HEAD)
-    for i, column in enumerate(table.columns):
-        shown.add_column(column.name, justify="right" if i else "left", min_width=None if i else FIRST)
+    shown = RichTable(title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    places = [i for i, column in enumerate(table.columns) if column.name not in LEFT_OUT]
+    for i in places:
+        # The first wraps, the numbers do not.
+        shown.add_column(table.columns[i].name, justify="right" if i else "left", no_wrap=i > 0)
     for row in table.rows:
-        shown.add_row(*("-" if value is None else str(value) for value in row))
+        shown.add_row(*("-" if row[i] is None else str(row[i]) for i in places))
     console.print(shown)

@@ -20,7 +20,7 @@ class Column:
 
     name: str
     digits: int | None = None
-    """after the point; negative: significant ones; None: text or a count"""
+    """after the point; None: text or a count"""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def table1(records: Sequence[SessionRecord]) -> Table:
             Column("mean distance [mm]", 2),
             Column("median [mm]", 2),
             Column("worst [mm]", 2),
-            Column("sphere over volume, mean [%]", -2),
+            Column("sphere over volume, mean [%]", 3),
         ),
         tuple(rows),
         "The paper's method takes one strike per axis for a result, as the paper did; ours takes all nine. Its angles come from our "
