@@ -110,8 +110,8 @@ def targets_table(records: Sequence[SessionRecord]) -> Table:
     )
     names = ("quantity", "paper", "must", "aim", "n", "median", "mean", "worst", "")
     note = (
-        "The four objects that are a shell and two even parts. Reached: by median and mean. Region masses: half the best naive answer's error must be "
-        "reached as well, and is the number shown where it asks for more."
+        "The four objects that are a shell and two even parts. Reached: by median and mean. "
+        "Of region masses half the best naive answer's error must be reached as well, and is the number shown where it asks for more."
     )
     return Table("targets", "Targets", tuple(Column(name) for name in names), rows, note)
 
