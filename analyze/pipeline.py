@@ -23,6 +23,7 @@ from analyze.estimation.regions import mass_distribution
 from analyze.estimation.stated import ComPrior, Scale, SystematicErrors, TiltPrior
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head
+from analyze.filling import filling_document, filling_label, filling_of, filling_warnings
 from analyze.foretold import ForetoldStrike, foretold_strikes
 from analyze.geometry.voxels import voxelise
 from analyze.joined import in_order, join, levels_of, paths_text, refuse_apart, strikes_to_leave_out
@@ -165,6 +166,9 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     about_edges = {axis.axis_id: axis.i_edge for axis in inertial.axes}
     regions_paper = paper_regions(list(one_per_axis.values()), com, about_edges, inertial.mass, cells)
     parts = _parts(evidence, cells, inertial, options)
+    label = filling_label(evidence)
+    filled = filling_of(evidence, cells, measured_moments(inertial), np.random.default_rng(options.seed))
+    filling = None if filled is None or label is None else filling_document(label.name, filled)
     voxels = voxel_map(measured_moments(inertial), cells)
     result = build_result(
         inputs=_inputs(evidence, options),
@@ -177,11 +181,15 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         distribution=distribution,
         com_paper=com_paper,
         distribution_paper=regions_paper,
-        warnings=result_warnings(evidence, options, planes, inertial, distribution, agreed, parts, checks, foretold),
+        warnings=[
+            *result_warnings(evidence, options, planes, inertial, distribution, agreed, parts, checks, foretold),
+            *filling_warnings(filling),
+        ],
         table_tilt=table_tilts(inertial.com, evidence),
         verdict=assessment(inertial, checks, foretold, agreed.estimators),
         parts=parts,
         foretold=foretold,
+        filling=filling,
     )
     return Estimate(result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale, voxels, foretold)
 
@@ -189,7 +197,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
 def _parts(evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions) -> PartMasses | None:
     """Masses of the parts that the object file labels; None where it labels none."""
     spec, labels = evidence.spec, evidence.spec.labels
-    if not labels:
+    if not labels or filling_label(evidence) is not None:
         return None
     if evidence.bodies:
         parts = parts_of_bodies(labels, evidence.bodies, spec.shape.file or spec.name)

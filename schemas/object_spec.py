@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 THICKEST_M = 0.1
+LIGHTEST, DENSEST = 5.0, 25_000.0
+"""kg/m^3, of what may fill an object: foam, and more than any metal"""
+LABELS_AFTER_1_0 = ("fills", "density_kg_m3", "density_sd_kg_m3")
 
 
 class LengthUnit(enum.Enum):
@@ -120,7 +123,7 @@ class MarkerSpec(Document):
 
 
 class PartLabel(Document):
-    """A part of the object whose mass is asked, taken as uniform: bodies of its mesh, its wall, or a layer of what is inside the wall."""
+    """A part whose mass is asked, taken as uniform: bodies of the mesh, the wall, a layer inside it, or what fills it up to some level."""
 
     name: str = Field(min_length=1, description="what to call the part")
     bodies: list[int] = Field(default=[], description="numbers of the mesh's closed bodies, as `analyze parts` lists them, from 1")
@@ -128,13 +131,26 @@ class PartLabel(Document):
     between_m: list[float] | None = Field(
         default=None, min_length=2, max_length=2, description="lower and upper end of a layer inside the wall, along `along`, in metres"
     )
-    along: Vector3 = Field(default=[0.0, 0.0, 1.0], description="direction in which `between_m` is measured from O, in O's axes")
+    fills: bool = Field(
+        default=False, description="true: fills the inside of the wall from below, up to a level along `along` that is asked as well"
+    )
+    along: Vector3 = Field(
+        default=[0.0, 0.0, 1.0], description="direction in which `between_m` is measured from O, or in which it was filled, in O's axes"
+    )
+    density_kg_m3: float | None = Field(default=None, gt=0, description="of what fills it, if it is known")
+    density_sd_kg_m3: float | None = Field(default=None, gt=0, description="1 sigma of that; 5 % where it is not given")
 
     @model_validator(mode="after")
     def _one_kind(self) -> PartLabel:
-        given = [name for name in ("bodies", "wall", "between_m") if getattr(self, name)]
+        given = [name for name in ("bodies", "wall", "between_m", "fills") if getattr(self, name)]
         if len(given) != 1:
-            raise ValueError(f"part {self.name!r}: give exactly one of bodies, wall, between_m (found {', '.join(given) or 'none'})")
+            raise ValueError(f"part {self.name!r}: give exactly one of bodies, wall, between_m, fills (found {', '.join(given) or 'none'})")
+        if not self.fills and (self.density_kg_m3 is not None or self.density_sd_kg_m3 is not None):
+            raise ValueError(f"part {self.name!r}: density_kg_m3 is for what fills an object to an unknown level (fills = true)")
+        if self.density_sd_kg_m3 is not None and self.density_kg_m3 is None:
+            raise ValueError(f"part {self.name!r}: density_sd_kg_m3 needs density_kg_m3")
+        if self.density_kg_m3 is not None and not LIGHTEST < self.density_kg_m3 < DENSEST:
+            raise ValueError(f"part {self.name!r}: {self.density_kg_m3:g} kg/m^3 is no density of a filling: water has 1000 kg/m^3")
         if min(self.bodies, default=1) < 1 or len(set(self.bodies)) < len(self.bodies):
             raise ValueError(f"part {self.name!r}: bodies are numbers from 1, each once")
         if self.between_m is not None and self.between_m[0] >= self.between_m[1]:
@@ -206,6 +222,8 @@ def _check_labels(labels: list[PartLabel]) -> None:
         raise ValueError("parts are either bodies of the mesh, or wall and layers: not both")
     if sum(label.wall for label in labels) > 1:
         raise ValueError("two parts are the wall: there is one")
+    if any(label.fills for label in labels) and (len(labels) != 2 or not any(label.wall for label in labels)):
+        raise ValueError("a part that fills the object (fills = true) stands beside the wall alone: label these two")
 
 
 def read_object_spec(path: Path) -> ObjectSpec:
@@ -236,6 +254,10 @@ def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
     known = spec.model_dump(mode="json")
     if not spec.shape.surface_sd_m:
         del known["shape"]["surface_sd_m"]
+    for label in known["labels"] or []:
+        for entry in LABELS_AFTER_1_0:
+            if not label[entry]:
+                del label[entry]
     digest = hashlib.sha256(json.dumps(known, sort_keys=True, separators=(",", ":"), allow_nan=False).encode())
     if shape_bytes is not None:
         digest.update(hashlib.sha256(shape_bytes).digest())

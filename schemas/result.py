@@ -65,6 +65,8 @@ class WarningCode(enum.Enum):
     STRIKE_NOT_FORETOLD = "strike_not_foretold"
     MOMENT_IMPOSSIBLE = "moment_impossible"
     GRAVITY_DISAGREES = "gravity_disagrees"
+    FILLING_TURNS_WITH_IT = "filling_turns_with_it"
+    FILLING_UNEXPLAINED = "filling_unexplained"
 
 
 class ResultWarning(Document):
@@ -184,6 +186,20 @@ class Parts(Document):
     )
 
 
+class Filling(Document):
+    """What fills the object's inside up to a level that was asked; its 95 % intervals need not be even."""
+
+    name: str
+    along: Vector3 = Field(description="what was up when it was filled, unit, in O")
+    level: Quantity = Field(description="where it ends, in metres along `along` from O")
+    filled_share: Quantity = Field(description="of the inside's volume")
+    mass: Quantity
+    density: Quantity
+    wall: Quantity = Field(description="mass of the wall")
+    shell_thickness: Quantity | None = Field(default=None, description="of the wall; null where the object file gives it")
+    misfit: float = Field(description="rms of what the likeliest leaves of the moments, over its sd; far above 1: it is no such filling")
+
+
 class TableTilt(Document):
     """How far the vertical leans from the table's normal, towards W's x (where objects tip) and y: the table rises that way by as much.
 
@@ -245,6 +261,7 @@ class Result(Document):
         default=None, description="(10, 10) of mass, centre of mass, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it; SI; older results have none"
     )
     parts: Parts | None = Field(default=None, description="where the object file labels them; else not written")
+    filling: Filling | None = Field(default=None, description="where the object file has a part that fills it; else not written")
     table_tilt: list[TableTilt] | None = Field(default=None, description="one per levelling; older results have none, and none is written")
 
     @model_serializer(mode="wrap")
@@ -253,7 +270,7 @@ class Result(Document):
         written: dict[str, Any] = write(self)
         if self.table_tilt is None:
             del written["table_tilt"]
-        for later in ("parts", "verdict", "parameters_covariance"):
+        for later in ("parts", "verdict", "parameters_covariance", "filling"):
             if getattr(self, later) is None:
                 del written[later]
         return written

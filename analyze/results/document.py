@@ -19,6 +19,7 @@ from schemas.document import canonical_json
 from schemas.result import (
     AlternativeFit,
     AxisMoment,
+    Filling,
     ForetoldResult,
     PartResult,
     Parts,
@@ -145,6 +146,7 @@ def build_result(
     verdict: list[str] | None = None,
     parts: PartMasses | None = None,
     foretold: Sequence[ForetoldStrike] = (),
+    filling: Filling | None = None,
 ) -> Result:
     """The Result document. `planned` goes with `motions`; `planes` are of the strikes used, in the same order."""
     place = {plane.strike_id: index for index, plane in enumerate(planes)}
@@ -183,6 +185,7 @@ def build_result(
             verdict=verdict,
             parameters_covariance=inertial.covariance.tolist(),
             parts=None if parts is None else parts_document(parts),
+            filling=filling,
         )
     )
 

@@ -21,7 +21,7 @@ from analyze.recording import open_recording
 from analyze.results.foretold_plot import foretold_figure
 from analyze.results.plots import moments_figure, projection_figures, regions_figure, strike_figure
 from analyze.results.style import svg
-from analyze.results.summary import DEGREES, GRAM_CM2, open_interval, with_interval
+from analyze.results.summary import DEGREES, GRAM_CM2, filling_rows, open_interval, with_interval
 from analyze.results.truth import ShownTruth, shown_truth
 from analyze.results.voxels import told_in_words, voxel_figure
 from schemas.result import Quantity, StrikeResult, Verdict
@@ -83,6 +83,7 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
         moments=_drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
         foretold=_drawn(foretold_figure(estimate.foretold)) if estimate.foretold else None,
         missed=[each for each in estimate.foretold if not each.holds],
+        filling=[] if result.filling is None else filling_rows(result.filling),
         strikes=_strike_plots(estimate),
         score=score,
         best_naive=min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])

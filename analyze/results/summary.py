@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.results.tilt import tilt_lines
-from schemas.result import Parts, Quantity, Result
+from schemas.result import Filling, Parts, Quantity, Result
 
 if TYPE_CHECKING:
     from analyze.pipeline import Estimate
@@ -40,6 +40,8 @@ def render_summary(estimate: Estimate, console: Console | None = None) -> None:
     console.print(_regions(result))
     if result.parts is not None:
         console.print(_parts(result.parts))
+    if result.filling is not None:
+        console.print(_filling(result.filling))
     for sentence in result.verdict or []:
         console.print(sentence)
     for warning in result.warnings:
@@ -111,6 +113,30 @@ def _parts(parts: Parts) -> Table:
         table.add_column(name, justify="left" if name == "part" else "right")
     for part, uniform in zip(parts.parts, parts.uniform, strict=True):
         table.add_row(part.name, open_interval(part.mass, 1e3, 1), open_interval(part.density, 1e-3, 2), f"{1e3 * uniform:.1f}")
+    return table
+
+
+def filling_rows(filling: Filling) -> list[tuple[str, str]]:
+    """Name and value with its interval of all that is said of a filling."""
+    up = ", ".join(f"{value:.2f}" for value in filling.along)
+    rows = [
+        (f"level along ({up}) from the origin (mm)", open_interval(filling.level, 1e3, 1)),
+        ("filled, of the inside (%)", open_interval(filling.filled_share, 100, 0)),
+        ("mass (g)", open_interval(filling.mass, 1e3, 1)),
+        ("density (g/cm³)", open_interval(filling.density, 1e-3, 2)),
+        ("wall's mass (g)", open_interval(filling.wall, 1e3, 1)),
+    ]
+    if filling.shell_thickness is not None:
+        rows.append(("wall's thickness (mm)", open_interval(filling.shell_thickness, 1e3, 1)))
+    return rows
+
+
+def _filling(filling: Filling) -> Table:
+    table = Table(title=f"Filled with {filling.name}, 95 %", title_justify="left", box=SIMPLE_HEAD, show_header=False)
+    table.add_column()
+    table.add_column(justify="right")
+    for row in filling_rows(filling):
+        table.add_row(*row)
     return table
 
 
