@@ -96,6 +96,20 @@ class Section(Document):
     true: list[int]
 
 
+class OwnChoice(Document):
+    """What the paper's own three strikes would tell, angles without error."""
+
+    refused: str | None = Field(default=None, description="why there are none")
+    axes: int = 0
+    spread: float = Field(default=0.0, description="least singular value of the unit normals over the root of their number")
+    open_direction: Vector3 | None = Field(default=None, description="unit, in O: along it nothing is told")
+    friction_needed: float = Field(default=0.0, description="so that no edge slides")
+    paper_off_m: float | None = None
+    ours_off_m: float | None = None
+    ours_sd_m: float | None = None
+    ours_observed: bool = False
+
+
 class SessionRecord(Document):
     """One session on one object."""
 
@@ -120,6 +134,7 @@ class SessionRecord(Document):
     moment_noise: list[Sensitivity] = Field(default=[], description="region masses' metric over relative errors of I and c")
     scan_noise_com: list[Sensitivity] = Field(default=[], description="c [m] over scan noise [m]")
     scan_noise_masses: list[Sensitivity] = Field(default=[], description="region masses' metric over scan noise [m]")
+    own_choice: OwnChoice | None = None
     profile: Profile | None = None
     section: Section | None = None
 

@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull
 from analyze.pipeline import Estimate, estimate_evidence
 from analyze.reproduce.paper.chain import PaperAnswer, distance_from, paper_answers, refuse_empty
 from analyze.reproduce.paper.miscalibrated import miscalibrated
+from analyze.reproduce.paper.own_choice import own_choice
 from analyze.reproduce.paper.record import (
     Angle,
     Answer,
@@ -126,6 +127,7 @@ def session_record(
         moment_noise=moment_noise,
         scan_noise_com=scan_com,
         scan_noise_masses=scan_masses,
+        own_choice=own_choice(exact, body),
         profile=_profile(exact, body) if name == SWEPT else None,
         section=_section(exact, body),
     )

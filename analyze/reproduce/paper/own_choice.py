@@ -1,0 +1,70 @@
+"""The paper's own choice of strikes (3.1.3): whether its three axes determine a centre of mass at all, with angles that have no error."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import PlanError
+from analyze.estimation.centre_of_mass import centre_of_mass
+from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.estimation.paper import paper_centre_of_mass
+from analyze.estimation.stated import ComPrior
+from analyze.pipeline import systematic_errors
+from analyze.planning.design import SINGULAR
+from analyze.planning.examine import Bench
+from analyze.planning.impact import StrikerModel
+from analyze.planning.information import spread, unknown_direction
+from analyze.planning.paper_strikes import paper_strike_plan
+from analyze.planning.plan import FRICTION, prepare
+from analyze.planning.view import default_camera
+from analyze.reproduce.paper.record import OwnChoice
+from analyze.score import tip_truth
+from analyze.types import EquiPlane, MotionFit
+
+if TYPE_CHECKING:
+    from analyze.pipeline import Estimate
+    from schemas.proto import percuss_pb2 as pb
+    from schemas.strike_plan import PlannedStrike
+
+STRIKES = 9
+ANGLE_SD = math.radians(0.05)
+
+
+def own_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
+    """What the paper's plan for the object comes to.
+
+    Args:
+        estimate: of the session: shape, stated errors, cells.
+        body: the truth, which gives the angles.
+    """
+    evidence = estimate.evidence
+    prepared = prepare(evidence.model, evidence.spec, Bench(StrikerModel(), default_camera(), FRICTION))
+    try:
+        plan = paper_strike_plan(prepared, evidence.object_sha256, STRIKES)
+    except PlanError as error:
+        return OwnChoice(refused=str(error).partition(": ")[2])
+    planes = [_seen(strike, body) for strike in {strike.axis_id: strike for strike in plan.strikes}.values()]
+    true = np.array(body.com_object)
+    low, high = evidence.model.bounds
+    ours = centre_of_mass(planes, systematic_errors(evidence), ComPrior.from_bounds(low, high))
+    paper = paper_centre_of_mass(planes, estimate.cells)
+    normals = np.array([plane.normal for plane in planes])
+    return OwnChoice(
+        axes=len(planes),
+        spread=spread(normals),
+        open_direction=unknown_direction(normals).tolist() if spread(normals) < SINGULAR else None,
+        friction_needed=max(strike.friction_needed for strike in plan.strikes),
+        paper_off_m=float(np.linalg.norm(paper.position - true)),
+        ours_off_m=float(np.linalg.norm(ours.position - true)),
+        ours_sd_m=float(np.sqrt(np.trace(ours.covariance))),
+        ours_observed=ours.observed,
+    )
+
+
+def _seen(strike: PlannedStrike, body: pb.TruthBody) -> EquiPlane:
+    covariance = np.diag([ANGLE_SD**2, 0.0])
+    fit = MotionFit("", tip_truth(strike, body).phi, None, covariance, 0.0, 0.0, 0, 0.0, (0, 0), np.zeros(0))
+    return equiplane_from_fit(strike.id, strike, fit)
