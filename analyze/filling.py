@@ -43,11 +43,11 @@ def filling_of(evidence: Evidence, cells: Cells, moments: MeasuredMoments, rng: 
         return None
     model, given = evidence.model, evidence.spec.shell_thickness_m
     if given is not None:
-        shells = [Shell(given, cells)]
+        shells = [Shell(given, cells, model.hull_vertices)]
     else:
         size = model.volume ** (1 / 3)
         thickness = np.geomspace(THINNEST * size, THICKEST * size, THICKNESSES)
-        shells = [Shell(float(t), cells_from_voxels(voxelise(model, cells.pitch, float(t)))) for t in thickness]
+        shells = [Shell(float(t), cells_from_voxels(voxelise(model, cells.pitch, float(t))), model.hull_vertices) for t in thickness]
         shells = [shell for shell in shells if shell.cells.interior.any()]
     density = None
     if label.density_kg_m3 is not None:

@@ -22,6 +22,8 @@ from analyze.types import Array
 
 LEVELS, THICKNESSES = 81, 13
 """of the grid"""
+THINNEST = 0.05
+"""of the cells' pitch, that a cell is tall at least"""
 LEAST_FILLED = 0.01
 """of the inside, that counts as a filling"""
 DRAWS = 4000
@@ -44,6 +46,19 @@ class Shell:
     thickness: float
     """m"""
     cells: Cells
+    corners: Array
+    """(n, 3) m, of the body's hull"""
+
+    def heights(self, along: Array) -> tuple[Array, Array]:
+        """Of each cell (n,), along `along`, and half of how tall it is there (n,): one at an end reaches no farther than that."""
+        height = self.cells.points @ along
+        low, high = self.ends(along)
+        return height, np.clip(np.minimum(height - low, high - height), THINNEST * self.cells.pitch, self.cells.pitch / 2)
+
+    def ends(self, along: Array) -> tuple[float, float]:
+        """Of the inside [m]: where the wall at the body's ends leaves off."""
+        height = self.corners @ along
+        return float(height.min()) + self.thickness, float(height.max()) - self.thickness
 
 
 @dataclass(frozen=True)
@@ -105,12 +120,9 @@ def fill_level(
         EstimationError: the object has no inside.
     """
     u = along / np.linalg.norm(along)
-    heights = [shell.cells.points @ u for shell in shells]
-    inside = [shell.cells.interior > 0 for shell in shells]
-    if not all(each.any() for each in inside):
+    if not all(shell.cells.interior.any() for shell in shells):
         raise EstimationError("its wall leaves nothing inside that could be filled: look at shell_thickness_m")
-    low = min(float(height[held].min()) for height, held in zip(heights, inside, strict=True))
-    high = max(float(height[held].max()) for height, held in zip(heights, inside, strict=True))
+    low, high = shells[0].ends(u)
     whole = (low, high)
     grid = _closed_in(moments, shells, u, density, whole, moments.com)
     # Moments of inertia were measured about the true c, of which the model's own is the better guess.
@@ -245,8 +257,8 @@ def _held(shell: Shell, along: Array, levels: Array, moments: MeasuredMoments, a
     arm = cells.points - about
     across = np.sum(arm**2, axis=1)[:, None] - (arm @ moments.directions.T) ** 2 + cells.own[:, None]
     features = np.column_stack([np.ones(len(arm)), cells.points - moments.com, across])
-    height = cells.points @ along
-    below = np.clip((levels[:, None] - height) / cells.pitch + 0.5, 0.0, 1.0) * cells.interior
+    height, half = shell.heights(along)
+    below = np.clip((levels[:, None] - height) / (2.0 * half) + 0.5, 0.0, 1.0) * cells.interior
     return cells.wall @ features, below @ features, cells.interior @ features
 
 

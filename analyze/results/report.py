@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -61,7 +62,7 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
     """The report as HTML text."""
     environment = Environment(loader=PackageLoader("analyze.results"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     filters = {"deg": _degrees, "inertia": _inertia, "rate": _rate, "grams": _grams, "millimetres": _millimetres}
-    environment.filters.update(filters, number=number, signed=signed, open_interval=open_interval)
+    environment.filters.update(filters, number=number, signed=signed, open_interval=open_interval, typeset=typeset)
     result = estimate.result
     truth = None if score is None else shown_truth(score, estimate)
     return environment.get_template("report.html").render(
@@ -82,6 +83,8 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
         voxels_told=told_in_words(estimate.voxels),
         moments=_drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
         foretold=_drawn(foretold_figure(estimate.foretold)) if estimate.foretold else None,
+        foretold_count=sum(each.holds for each in estimate.foretold),
+        warnings=[each for each in result.warnings if not any(each.text in sentence for sentence in result.verdict or [])],
         missed=[each for each in estimate.foretold if not each.holds],
         filling=[] if result.filling is None else filling_rows(result.filling),
         strikes=_strike_plots(estimate),
@@ -193,6 +196,11 @@ def number(value: float, digits: int) -> str:
     """With so many decimals and a typographic minus; what rounds to 0 has no sign."""
     text = f"{value:.{digits}f}"
     return f"{0.0:.{digits}f}" if float(text) == 0 else text.replace("-", "−")
+
+
+def typeset(sentence: str) -> str:
+    """With typographic minus signs."""
+    return re.sub(r"(?<![\w.-])-(?=\d)", "−", sentence)
 
 
 def signed(value: float, digits: int) -> str:

@@ -12,6 +12,7 @@ from analyze.results.report import Still, manifest_time, number, render_report, 
 from analyze.results.truth import shown_truth
 from analyze.score import score_estimate
 from schemas.proto import percuss_pb2 as pb
+from schemas.result import ResultWarning, WarningCode
 from tests.analyze.balanced_html import Balanced
 from tests.analyze.simulated_session import carton, session
 
@@ -55,6 +56,19 @@ def test_it_holds_the_numbers(estimate, html):
         assert f"{np.degrees(strike.phi.value):.2f}" in html
     assert estimate.result.inputs.content_id in html
     assert STILL.data_url in html
+
+
+def test_a_strike_that_is_not_foretold_is_marked_and_said_once(short):
+    first, *others = short.foretold
+    missed = replace(first, told=replace(first.told, sigmas=6.3))
+    said = f"strike {first.told.strike_id}: φ is -1.50° off"
+    result = short.result.model_copy(
+        update={"verdict": [f"repeat {said}"], "warnings": [ResultWarning(code=WarningCode.STRIKE_NOT_FORETOLD, text=said)]}
+    )
+    page = render_report(replace(short, foretold=(missed, *others), result=result), [STILL])
+    assert f"<b>{first.told.strike_id}</b> is not foretold" in page
+    assert f'<span class="tag repeat">repeat</span><span>strike {first.told.strike_id}: φ is −1.50° off</span>' in page
+    assert page.count("φ is −1.50° off") == 1
 
 
 def test_the_same_estimate_gives_the_same_page(short):
