@@ -254,7 +254,8 @@ def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
     known = spec.model_dump(mode="json")
     if not spec.shape.surface_sd_m:
         del known["shape"]["surface_sd_m"]
-    for label in known["labels"] or []:
+    labels: list[dict[str, object]] = known["labels"] or []
+    for label in labels:
         for entry in LABELS_AFTER_1_0:
             if not label[entry]:
                 del label[entry]

@@ -166,7 +166,7 @@ class _Grid:
         self._moments, self._along, self.levels = moments, along, levels
         nodes = np.array([shell.thickness for shell in shells])
         self.swept = len(nodes) > 1
-        self.thickness = np.geomspace(nodes[0], nodes[-1], THICKNESSES) if self.swept else nodes
+        self.thickness: Array = np.asarray(np.geomspace(nodes[0], nodes[-1], THICKNESSES) if self.swept else nodes, dtype=np.float64)
         whiten, self._target = moments.whitening()
         held = [_held(shell, along, levels, moments, about) for shell in shells]
         wall, below, whole = (_between(nodes, self.thickness, np.array([each[i] for each in held])) for i in range(3))
@@ -188,7 +188,7 @@ class _Grid:
             squares += (density.value / density.sd) ** 2
             prior = -np.log(spread)
         self.precision = normal + 1e-12 * np.trace(normal, axis1=-2, axis2=-1)[..., None, None] * np.eye(2)
-        self.masses = np.linalg.solve(self.precision, right[..., None])[..., 0]
+        self.masses: Array = np.asarray(np.linalg.solve(self.precision, right[..., None]), dtype=np.float64)[..., 0]
         self.chi2 = squares - np.sum(right * self.masses, axis=-1)
         # Masses below nothing would explain anything: what must be clipped counts as misfit.
         off = np.clip(self.masses, 0.0, self._most()) - self.masses
