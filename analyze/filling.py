@@ -83,7 +83,7 @@ def filling_warnings(filling: Filling | None) -> Iterator[ResultWarning]:
     yield ResultWarning(code=WarningCode.FILLING_TURNS_WITH_IT, text=f"{text}, and none of this holds for it")
     if filling.misfit > UNEXPLAINED:
         text = f"a wall and {filling.name} up to a level do not explain the moments ({filling.misfit:.1f} times their sd)"
-        yield ResultWarning(code=WarningCode.FILLING_UNEXPLAINED, text=f"{text}: look at `along`, or is there more inside?")
+        yield ResultWarning(code=WarningCode.FILLING_UNEXPLAINED, text=f"{text}: look at `along`; or there is more inside")
     numbers = {
         "level": filling.level,
         "mass": filling.mass,

@@ -62,7 +62,7 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
     """The report as HTML text."""
     environment = Environment(loader=PackageLoader("analyze.results"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     filters = {"deg": _degrees, "inertia": _inertia, "rate": _rate, "grams": _grams, "millimetres": _millimetres}
-    environment.filters.update(filters, number=number, signed=signed, open_interval=open_interval, typeset=typeset)
+    environment.filters.update(filters, number=number, signed=signed, open_interval=open_interval, typeset=typeset, sentence=sentence)
     result = estimate.result
     truth = None if score is None else shown_truth(score, estimate)
     return environment.get_template("report.html").render(
@@ -201,6 +201,11 @@ def number(value: float, digits: int) -> str:
 def typeset(sentence: str) -> str:
     """With typographic minus signs."""
     return re.sub(r"(?<![\w.-])-(?=\d)", "−", sentence)
+
+
+def sentence(text: str) -> str:
+    """Begun with a capital, but where it begins with the name of an entry."""
+    return text if "_" in text.split(" ", 1)[0] else text[:1].upper() + text[1:]
 
 
 def signed(value: float, digits: int) -> str:

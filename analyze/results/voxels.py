@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 _BINS = 24
 """along the longest side"""
+_SPREAD = np.stack(np.meshgrid((-0.375, -0.125, 0.125, 0.375), (-0.375, -0.125, 0.125, 0.375))).reshape(2, -1, 1)
+"""(2, n, 1): places in a cell, over its edge, at which it is drawn"""
 _UNEXPLAINED = 3.0
 """rms of residuals over their sd"""
 
@@ -28,12 +30,14 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
     masses = voxels.density * voxels.volumes
     low, high = 1e3 * voxels.points.min(axis=0), 1e3 * voxels.points.max(axis=0)
     step = float((high - low).max()) / _BINS
+    size = np.cbrt(voxels.volumes)
     images = []
     for across, up, _ in VIEWS:
         edges = [np.arange(low[i] - step / 2, high[i] + step, step) for i in (across, up)]
-        places = 1e3 * voxels.points[:, across], 1e3 * voxels.points[:, up]
-        mass, *_ = np.histogram2d(*places, bins=edges, weights=masses)
-        volume, *_ = np.histogram2d(*places, bins=edges, weights=voxels.volumes)
+        # A cell is as wide as its cube: as a point it would leave bins between cells empty.
+        places = [(1e3 * (voxels.points[:, i] + _SPREAD[j] * size)).ravel() for j, i in enumerate((across, up))]
+        mass, *_ = np.histogram2d(*places, bins=edges, weights=np.tile(masses, len(_SPREAD[0])))
+        volume, *_ = np.histogram2d(*places, bins=edges, weights=np.tile(voxels.volumes, len(_SPREAD[0])))
         with np.errstate(invalid="ignore", divide="ignore"):
             images.append((edges, np.where(volume > 0.02 * volume.max(), 1e-3 * mass / volume, np.nan)))
     most = max(float(np.nanmax(image)) for _, image in images)
