@@ -287,6 +287,14 @@ class MassDistribution:
     """(n,) kg"""
     covariance: Array
     """(n, n) kg^2"""
+    intervals: Array
+    """(n, 2) kg, that hold 95 %: of such a body's masses, or the limits where it is not `explained` as such a body"""
+    limits: Array
+    """(n, 2) kg, between which they lie whatever fills the interior of an even shell"""
+    misfit: float
+    """chi^2 of the moments at the best border"""
+    explained: bool
+    """whether that is as errors of measurement would have it"""
     border_normal: Array
     """(3,) unit, in O"""
     border_offset: float

@@ -155,16 +155,43 @@ class RegionResult(Document):
 
     name: str
     mass: Quantity
+    limits_kg: list[float] | None = Field(
+        default=None,
+        description="least and greatest, whatever fills the interior of an even shell; older results and the paper's have none",
+    )
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What has none is written as it always was."""
+        written: dict[str, Any] = write(self)
+        if self.limits_kg is None:
+            del written["limits_kg"]
+        return written
 
 
 class Regions(Document):
-    """Masses of the shell and the two interior parts, the border plane (n.x = offset, in O) and its rivals."""
+    """Masses of the shell and the two interior parts, the border plane (n.x = offset, in O) and its rivals.
+
+    Intervals hold for a body that is an even shell with two even parts inside; where the moments say that it is not (`explained` false),
+    they are the limits, which hold for any filling.
+    """
 
     regions: list[RegionResult]
     border_normal: Vector3 | None
     border_offset_m: float | None
     border_offset_interval95_m: list[float] | None = None
     baselines: dict[str, list[float]] = Field(default={}, description="naive answers: name -> masses [kg]")
+    explained: bool | None = Field(
+        default=None, description="whether such a body can have the moments; older results and the paper's: null"
+    )
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What does not say is written as it always was."""
+        written: dict[str, Any] = write(self)
+        if self.explained is None:
+            del written["explained"]
+        return written
 
 
 class PartResult(Document):

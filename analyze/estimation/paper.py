@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analyze.estimation.cells import Cells
-from analyze.estimation.equiplane import standing_angle
 from analyze.types import Array, CentreOfMass, EquiPlane, MotionFit, TipAngle
 
 ERR = np.radians(1.85)
@@ -22,6 +21,8 @@ I_RANGE = 0.05
 BORDER_STEPS = 30
 TIE = 1e-4
 """m: solutions whose c differ by less come equally close"""
+SINGULAR = 1e-12
+"""determinant of eq. (9)'s coefficients, in units of the pivot's distance from c, below which it is not solved"""
 NEAR_BALANCE = np.radians(5.0)
 """eq. (5) is 0/0 at t2: this much on either side is left out"""
 STAGE_TWO_SAMPLES = 12
@@ -58,11 +59,9 @@ def paper_centre_of_mass(planes: Sequence[EquiPlane], cells: Cells, err: float =
         for _ in range(ZOOMS):
             step = (upper - lower) / GRID
             grid = _grid(lower, step)
-            off, arms = _off_angles(planes, grid), _arms(planes, grid)
             # Half a cell's diagonal may reach in where the cell's centre does not; about each pivot as far as it is from that.
-            slack = float(np.linalg.norm(step)) / 2 / arms
-            near = grid[np.all(off <= err + slack, axis=0)]
-            inside = grid[np.all(off <= err, axis=0)]
+            reaching, within = _overlap(planes, grid, err, float(np.linalg.norm(step)) / 2)
+            near, inside = grid[reaching], grid[within]
             if not len(near):
                 break
             lower, upper = near.min(axis=0) - step / 2, near.max(axis=0) + step / 2
@@ -76,15 +75,17 @@ def _grid(lower: Array, step: Array) -> Array:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def _off_angles(planes: Sequence[EquiPlane], points: Array) -> Array:
-    """(planes, n) rad, of each point from each equi-plane, about its pivot."""
-    return np.abs([standing_angle(points, plane.direction, plane.up, plane.point) - plane.phi for plane in planes])
-
-
-def _arms(planes: Sequence[EquiPlane], points: Array) -> Array:
-    """(planes, n) m, of each point from each pivot, and a millimetre at least."""
-    arms = [np.linalg.norm(np.cross(points - plane.point, plane.direction), axis=1) for plane in planes]
-    return np.maximum(arms, 1e-3)
+def _overlap(planes: Sequence[EquiPlane], points: Array, err: float, reach: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which of `points` (n, 3) come within `reach` [m] of all regions' overlap, about each pivot, and which lie in it."""
+    reaching, within = np.ones(len(points), dtype=bool), np.ones(len(points), dtype=bool)
+    for plane in planes:
+        arm = points - plane.point
+        # As standing_angle has it; the distance from the pivot comes of the same two lengths.
+        back, up = -(arm @ np.cross(plane.direction, plane.up)), arm @ plane.up
+        off = np.abs(np.arctan2(back, up) - plane.phi)
+        reaching &= off <= err + reach / np.maximum(np.hypot(back, up), 1e-3)
+        within &= off <= err
+    return reaching, within
 
 
 @dataclass(frozen=True)
@@ -149,12 +150,12 @@ def paper_regions(
         mass: kg.
         cells: the body.
     """
-    normals = list(cells.principal_directions())
+    sweep = _sweep(cells)
     found = [
         solution
         for plane in planes
         if plane.axis_id in i_edge
-        and (solution := _axis_solution(plane, com.position, i_edge[plane.axis_id], mass, cells, normals)) is not None
+        and (solution := _axis_solution(plane, com.position, i_edge[plane.axis_id], mass, cells, sweep)) is not None
     ]
     if not found:
         return None
@@ -176,44 +177,79 @@ class _Solution:
     error: float
 
 
-def _axis_solution(plane: EquiPlane, com: Array, i_edge: float, mass: float, cells: Cells, normals: Sequence[Array]) -> _Solution | None:
+@dataclass(frozen=True)
+class _Sweep:
+    """All places of the border plane, with what a kilogram in each of the three regions has."""
+
+    normals: Array
+    """(b, 3)"""
+    offsets: Array
+    """(b,) m"""
+    centres: Array
+    """(b, 3, 3) m, of the regions"""
+    second: Array
+    """(b, 3, 3, 3) m^2, their second moments about O; half of d^2/6 of eq. (8) is in each of the diagonal"""
+
+
+def _sweep(cells: Cells) -> _Sweep:
+    """Along the principal directions, where all three regions hold something."""
+    normals: list[Array] = []
+    offsets: list[float] = []
+    for normal in cells.principal_directions():
+        height = cells.points @ normal
+        between = _between(float(height.min()), float(height.max()))
+        normals += [normal] * len(between)
+        offsets += between
+    along, above = np.array(normals), np.array(offsets)
+    # Rows: volume, first moments, second moments of every cell per volume.
+    second = cells.points[:, :, None] * cells.points[:, None, :] + (cells.own / 2)[:, None, None] * np.eye(3)
+    contents = np.column_stack([np.ones(len(cells.points)), cells.points, second.reshape(-1, 9)])
+    upper = (along @ cells.points.T > above[:, None]).astype(np.float64) @ (cells.interior[:, None] * contents)
+    wall = np.broadcast_to(cells.wall @ contents, upper.shape)
+    parts = np.stack([wall, upper, cells.interior @ contents - upper], axis=1)
+    kept = parts[:, :, 0].min(axis=1) >= cells.pitch**3
+    parts = parts[kept]
+    means = parts[:, :, 1:] / parts[:, :, :1]
+    return _Sweep(along[kept], above[kept], means[:, :, :3], means[:, :, 3:].reshape(-1, 3, 3, 3))
+
+
+def _moments(sweep: _Sweep, point: Array, direction: Array) -> Array:
+    """(b, 3) m^2 of each region per kilogram about the line through `point` along `direction`: its coefficient in eq. (9)."""
+    across = np.eye(3) - np.outer(direction, direction)
+    about = np.einsum("brij,ij->br", sweep.second, across)
+    return about - 2 * sweep.centres @ (across @ point) + point @ across @ point
+
+
+def _axis_solution(plane: EquiPlane, com: Array, i_edge: float, mass: float, cells: Cells, sweep: _Sweep) -> _Solution | None:
     arm = com - plane.point
     arm = arm - plane.direction * (arm @ plane.direction)
-    distance = float(np.linalg.norm(arm))
+    square = float(arm @ arm)
     lines = [plane.point, plane.point + arm, plane.point + 2 * arm]
-    # d^2/6 + r^2 of eq. (8), about each line; a region's mean is its coefficient in eq. (9).
-    squares = [np.sum(np.cross(cells.points - line, plane.direction) ** 2, axis=1) + cells.own for line in lines]
-    features = np.column_stack([*squares, cells.points])
-    found: list[_Solution] = []
-    for normal in normals:
-        height = cells.points @ normal
-        for offset in _between(float(height.min()), float(height.max())):
-            parts = _parts(cells, height > offset)
-            if min(float(part.sum()) for part in parts) < cells.pitch**3:
-                continue
-            means = np.array([part @ features / part.sum() for part in parts])
-            moments, centres = means[:, :3].T, means[:, 3:]
-            for value in i_edge * np.linspace(1 - I_RANGE, 1 + I_RANGE, I_STEPS):
-                about_c = value - mass * distance**2
-                try:
-                    masses = np.linalg.solve(moments, [value, about_c, about_c + mass * distance**2])
-                except np.linalg.LinAlgError:
-                    continue
-                if masses.min() <= 0 or abs(masses.sum() - mass) > 0.02 * mass:
-                    continue
-                error = float(np.linalg.norm(masses @ centres / masses.sum() - com))
-                found.append(_Solution(plane.axis_id, masses, np.zeros(3), normal, offset, float(value), error))
-    if not found:
+    moments = np.stack([_moments(sweep, line, plane.direction) for line in lines], axis=1)
+    solvable = np.abs(np.linalg.det(moments / square)) > SINGULAR
+    values = i_edge * np.linspace(1 - I_RANGE, 1 + I_RANGE, I_STEPS)
+    right = np.stack([values, values - mass * square, values], axis=0)
+    masses = np.zeros((len(moments), 3, I_STEPS))
+    masses[solvable] = np.linalg.solve(moments[solvable], np.broadcast_to(right, masses[solvable].shape))
+    # (borders x values, 3), in the order of the sweep.
+    masses = np.swapaxes(masses, 1, 2).reshape(-1, 3)
+    good = (masses.min(axis=1) > 0) & (np.abs(masses.sum(axis=1) - mass) <= 0.02 * mass)
+    if not good.any():
         return None
+    masses, border = masses[good], np.repeat(np.arange(len(moments)), I_STEPS)[good]
+    value = np.tile(values, len(moments))[good]
+    centre = np.einsum("sr,sri->si", masses, sweep.centres[border]) / masses.sum(axis=1, keepdims=True)
+    error = np.linalg.norm(centre - com, axis=1)
     # The three axes fix c along their line for every border, so that many solutions come equally close: then the I nearest the measured
     # one counts, and of its borders the middle one.
-    closest = min(solution.error for solution in found)
-    tied = [solution for solution in found if solution.error < closest + TIE]
-    nearest = min(abs(solution.i_edge - i_edge) for solution in tied)
-    tied = [solution for solution in tied if abs(solution.i_edge - i_edge) <= nearest * (1 + 1e-9)]
-    middle = tied[len(tied) // 2]
-    parts = _parts(cells, cells.points @ middle.normal > middle.offset)
-    return replace(middle, areas=np.array([_projected_area(cells, part, plane) for part in parts]))
+    tied = np.flatnonzero(error < error.min() + TIE)
+    off = np.abs(value[tied] - i_edge)
+    tied = tied[off <= off.min() + 1e-9 * i_edge]
+    middle = int(tied[len(tied) // 2])
+    normal, offset = sweep.normals[border[middle]], float(sweep.offsets[border[middle]])
+    parts = _parts(cells, cells.points @ normal > offset)
+    areas = np.array([_projected_area(cells, part, plane) for part in parts])
+    return _Solution(plane.axis_id, masses[middle], areas, normal, offset, float(value[middle]), float(error[middle]))
 
 
 def _between(low: float, high: float) -> list[float]:
@@ -227,5 +263,6 @@ def _parts(cells: Cells, upper: NDArray[np.bool_]) -> tuple[Array, Array, Array]
 def _projected_area(cells: Cells, part: Array, plane: EquiPlane) -> float:
     forward = np.cross(plane.direction, plane.up)
     points = cells.points[part > 0]
-    pixels = np.unique(np.round(np.column_stack([points @ forward, points @ plane.up]) / cells.pitch).astype(int), axis=0)
+    column, row = (np.round(points @ axis / cells.pitch).astype(np.int64) for axis in (forward, plane.up))
+    pixels = np.unique((column - column.min()) * (int(np.ptp(row)) + 1) + row - row.min())
     return float(len(pixels) * cells.pitch**2)

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import lsq_linear
-from scipy.special import ndtr, ndtri
 
 from analyze.errors import EstimationError
-from analyze.estimation.regions import LEVER_ERROR, MODEL_ERROR
+from analyze.estimation.cut_normal import draw_cut, shortest
+from analyze.estimation.region_problem import LEVER_ERROR, MODEL_ERROR
 from analyze.geometry.object_model import DENSITIES
 from analyze.geometry.polyhedron import MassProperties
 from analyze.types import Array, InertialParameters
@@ -123,7 +123,7 @@ def part_masses(moments: MeasuredMoments, names: Sequence[str], parts: Sequence[
     mean, precision = _normal(rows, target, prior, uniform)
     likeliest = _likeliest(mean, precision, most)
     draws = _drawn(mean, precision, likeliest, most, rng)
-    low, high = _shortest(draws)
+    low, high = shortest(draws, 0.0)
     best = draws[np.argmin(np.sum((draws @ rows.T - target) ** 2, axis=1))]
     return PartMasses(
         names=tuple(names),
@@ -168,15 +168,6 @@ def _likeliest(mean: Array, precision: Array, most: Array) -> Array:
     return most * np.clip(share, 1e-6, 1.0 - 1e-6)
 
 
-def _shortest(draws: Array) -> tuple[Array, Array]:
-    """Ends (n,), (n,) of the shortest intervals that hold 95 %: at a bound they begin there, where even tails would leave it out."""
-    ordered = np.sort(draws, axis=0)
-    inside = math.ceil(0.95 * len(ordered))
-    first = np.argmin(ordered[inside - 1 :] - ordered[: len(ordered) - inside + 1], axis=0)
-    columns = np.arange(draws.shape[1])
-    return ordered[first, columns], ordered[first + inside - 1, columns]
-
-
 def _drawn(mean: Array, precision: Array, start: Array, most: Array, rng: np.random.Generator) -> Array:
     """(draws, n) of the normal distribution (mean, precision) between 0 and `most` (n,)."""
     values, vectors = np.linalg.eigh(precision)
@@ -208,15 +199,4 @@ def _stepped(x: Array, direction: Array, mean: Array, precision: Array, most: Ar
         to_zero, to_most = -x / direction, (most - x) / direction
     low = np.max(np.where(direction > 0, to_zero, np.where(direction < 0, to_most, -np.inf)), axis=1)
     high = np.min(np.where(direction > 0, to_most, np.where(direction < 0, to_zero, np.inf)), axis=1)
-    return np.clip(x + _cut_normal(-b / a, 1.0 / np.sqrt(a), low, high, rng)[:, None] * direction, 0.0, most)
-
-
-def _cut_normal(mean: Array, sd: Array, low: Array, high: Array, rng: np.random.Generator) -> Array:
-    """One draw each of normal distributions between bounds."""
-    from_, to = (low - mean) / sd, (high - mean) / sd
-    # In the tail where the distribution function is small, so that differences do not vanish.
-    flip = from_ + to > 0
-    near, far = np.where(flip, -to, from_), np.where(flip, -from_, to)
-    share = ndtr(near) + rng.uniform(size=mean.shape) * (ndtr(far) - ndtr(near))
-    drawn = ndtri(np.clip(share, 1e-300, 1.0 - 1e-16))
-    return np.clip(mean + sd * np.where(flip, -drawn, drawn), low, high)
+    return np.clip(x + draw_cut(-b / a, 1.0 / np.sqrt(a), low, high, rng)[:, None] * direction, 0.0, most)

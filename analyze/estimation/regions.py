@@ -5,53 +5,37 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analyze.estimation.cells import Cells
+from analyze.estimation.cut_normal import shortest
+from analyze.estimation.region_limits import region_limits
+from analyze.estimation.region_problem import Borders, RegionProblem
 from analyze.types import Array, InertialParameters, IntArray, MassDistribution
 
 NAMES = ("surface", "upper", "lower")
-LEAST_SHARE = 0.02
-"""each interior part holds at least this part of the interior's volume"""
-MODEL_ERROR = 0.004
-"""relative, of each moment: voxels, uneven walls"""
-LEVER_ERROR = 1e-4
-"""m, of the first moment per kg of body: voxels, uneven walls"""
-FIRST_LOOK = 1500
-CHAINS = 160
-STEPS = 40
-KEPT_STEPS = 20
-
-
-@dataclass(frozen=True)
-class Borders:
-    """Several places of the border plane n.x = offset, each with the masses that fit best."""
-
-    normals: Array
-    """(b, 3) unit"""
-    offsets: Array
-    """(b,) m"""
-    masses: Array
-    """(b, 3) kg, none negative"""
-    free: Array
-    """(b, 3) kg, the same without that bound"""
-    covariance: Array
-    """(b, 3, 3) kg^2, of `free`"""
-    chi_square: Array
-    """(b,) of `masses`"""
-
-    def take(self, index: IntArray | NDArray[np.bool_]) -> Borders:
-        """Those at `index`, an integer or Boolean array."""
-        return Borders(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
+FIRST_LOOK = 3000
+CHAINS = 200
+WARM_STEPS, KEPT_STEPS = 12, 10
+WARMEST = 10.0
+"""temperature of the posterior at first, so that the chains find all its valleys"""
+ALONG_OTHERS = 0.5
+"""share of the moves along the difference of two other chains, which knows how wide the valley is (ter Braak 2006)"""
+SIZES = (0.02, 0.1, 0.3)
+"""rad, of the other moves"""
+REFUTED = 0.02
+"""probability of a chi^2 as great as the best border's, from which on the body is no wall with two even parts inside"""
+SIGMAS95 = 1.96
 
 
 def mass_distribution(parameters: InertialParameters, cells: Cells, rng: np.random.Generator) -> MassDistribution:
-    """Three masses by non-negative least squares over mass, c and the measured moments, with the border plane free.
+    """Masses of three regions, each uniform: the shell (R1), the interior where n.x > offset (R2) and elsewhere (R3).
 
-    Each region counts as uniform: the shell (R1), the interior where n.x > offset (R2) and elsewhere (R3). About the measured c everything
-    is linear in the masses: sum m = M, sum m*(c_r - c) = 0, sum l.I_r.l = I_c,l. The border is drawn in direction and offset by
-    Metropolis chains (exp(-chi^2/2)), so that masses, covariance and the border's interval hold what it leaves open. n points to the same
-    side as the body's longest direction.
+    The border is drawn in direction and offset by Metropolis chains from its posterior: a border counts by all shares of the mass that fit
+    with it, not by the best ones alone. For each the shares are then drawn from their normal distribution, cut off where one is negative.
+    n points to the same side as the body's longest direction.
+
+    The intervals hold for such a body. Where even the best border leaves a misfit that is no error of measurement, the body is another one:
+    then they are what any filling of an even wall leaves open.
 
     Args:
         parameters: mass, c, moments with their joint covariance.
@@ -59,163 +43,108 @@ def mass_distribution(parameters: InertialParameters, cells: Cells, rng: np.rand
         rng: for the chains; the same seed gives the same answer.
     """
     problem = RegionProblem(parameters, cells)
-    borders = _chains(problem, rng)
-    best = int(np.argmin(borders.chi_square))
-    normal, offset = borders.normals[best], float(borders.offsets[best])
+    chains = _posterior(problem, rng)
+    borders = chains.borders
+    best = int(np.argmax(chains.log_posterior))
+    side = -1.0 if borders.normals[best] @ problem.longest < 0 else 1.0
+    normal, height = side * borders.normals[best], side * float(borders.heights[best])
+    # Upper is what the best border has above it, however close to level with it another one is.
+    normals, heights = _on_side(borders.normals, borders.heights, normal)
+    shares = borders.shares.draw(rng)
+    misfit = float(borders.misfit(shares).min())
+    shares = np.where((borders.normals @ normal < 0)[:, None], shares[:, [0, 2, 1]], shares)
+    masses = shares * rng.normal(parameters.mass, parameters.mass_sd, len(shares))[:, None]
+    middle = float(normal @ problem.middle)
     # Where each plane crosses the best one's normal through the middle.
-    middle = problem.middle
-    along = np.maximum(borders.normals @ normal, 0.2)
-    crossing = normal @ middle + (borders.offsets - borders.normals @ middle) / along
-    draws = _draw(borders, rng)
-    low, high = np.quantile(crossing, [0.025, 0.975])
+    low, high = np.quantile(heights / np.maximum(normals @ normal, 0.2), [0.025, 0.975])
+    limits = parameters.mass * region_limits(problem, normal, height)
+    intervals, covariance = np.stack(shortest(masses, 0.0), axis=1), np.cov(masses.T)
+    explained = problem.probability(misfit) >= REFUTED
+    if not explained:
+        mean = masses.mean(axis=0)
+        intervals = np.stack([np.minimum(limits[:, 0], mean), np.maximum(limits[:, 1], mean)], axis=1)
+        wider = np.maximum(1.0, np.ptp(intervals, axis=1) / (2 * SIGMAS95 * np.sqrt(np.maximum(np.diag(covariance), 1e-18))))
+        covariance = covariance * np.outer(wider, wider)
     return MassDistribution(
         names=NAMES,
-        masses=draws.mean(axis=0),
-        covariance=np.cov(draws.T),
+        masses=masses.mean(axis=0),
+        covariance=covariance,
+        intervals=intervals,
+        limits=limits,
+        misfit=misfit,
+        explained=explained,
         border_normal=normal,
-        border_offset=offset,
-        border_offset_interval=(float(min(low, offset)), float(max(high, offset))),
-        baselines=problem.baselines(normal, offset),
+        border_offset=middle + height,
+        border_offset_interval=(middle + float(min(low, height)), middle + float(max(high, height))),
+        baselines=problem.baselines(parameters.mass, normal, height),
     )
 
 
-class RegionProblem:
-    """What the masses must explain, and what a kilogram in each region adds to it."""
+@dataclass(frozen=True)
+class _Chains:
+    """Where Metropolis chains are, or were."""
 
-    def __init__(self, parameters: InertialParameters, cells: Cells) -> None:
-        self._parameters = parameters
-        self._cells = cells
-        self._interior = cells.interior
-        self._features = _cell_features(parameters, cells)
-        self._target, self._whiten = _target(parameters)
-        self.middle = cells.centroid
-        self.longest = cells.principal_directions()[0]
-        self.reach = float(np.ptp(cells.points @ self.longest))
+    borders: Borders
+    log_posterior: Array
 
-    def shares(self, normals: Array, offsets: Array) -> Array:
-        """Part (b, cells) of each cell above the planes; cells that a plane cuts count in part, so that nothing jumps."""
-        height = normals @ self._cells.points.T - offsets[:, None]
-        return np.clip(height / self._cells.pitch + 0.5, 0.0, 1.0)
-
-    def solve(self, normals: Array, offsets: Array) -> tuple[Borders, NDArray[np.bool_]]:
-        """Best masses for each plane (b, 3), (b,); and which planes leave enough on both sides (b,)."""
-        upper = self.shares(normals, offsets) * self._interior
-        volume = upper.sum(axis=1)
-        share = volume / self._interior.sum()
-        valid = (share > LEAST_SHARE) & (share < 1 - LEAST_SHARE)
-        volume = np.maximum(volume, 1e-6 * self._interior.sum())
-        total = self._interior @ self._features
-        above = upper @ self._features
-        below = (total - above) / np.maximum(self._interior.sum() - volume, 1e-6 * self._interior.sum())[:, None]
-        shell = np.broadcast_to(self._mean(self._cells.wall), above.shape)
-        design = np.stack([shell, above / volume[:, None], below], axis=-1)
-        return self._fit(normals, offsets, self._whiten @ design), valid
-
-    def _fit(self, normals: Array, offsets: Array, design: Array) -> Borders:
-        """Non-negative least squares of three unknowns (Lawson & Hanson 1974), all seven sets of positive masses tried at once."""
-        target = self._whiten @ self._target
-        normal_matrix = np.swapaxes(design, 1, 2) @ design
-        right = np.swapaxes(design, 1, 2) @ target
-        ridge = 1e-12 * np.trace(normal_matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        best = np.zeros_like(right)
-        misfit = np.full(len(right), np.inf)
-        free = np.zeros_like(right)
-        for bits in range(1, 8):
-            kept = [i for i in range(3) if bits >> i & 1]
-            trial = np.zeros_like(right)
-            trial[:, kept] = np.linalg.solve((normal_matrix + ridge)[:, kept][:, :, kept], right[:, kept, None])[..., 0]
-            chi = np.sum((np.einsum("brm,bm->br", design, trial) - target) ** 2, axis=1)
-            better = np.all(trial >= 0, axis=1) & (chi < misfit)
-            best[better], misfit[better] = trial[better], chi[better]
-            free = trial
-        covariance = np.asarray(np.linalg.inv(np.asarray(normal_matrix + ridge, dtype=np.float64)), dtype=np.float64)
-        return Borders(normals, offsets, best, free, covariance, misfit)
-
-    def _mean(self, part: Array) -> Array:
-        return part @ self._features / part.sum()
-
-    def baselines(self, normal: Array, offset: float) -> dict[str, Array]:
-        """Naive answers (3,) each: all on the surface, uniform, and the best mix of surface and uniform interior."""
-        upper = self.shares(normal[None], np.array([offset]))[0] * self._interior
-        volumes = np.array([self._cells.wall.sum(), upper.sum(), self._interior.sum() - upper.sum()])
-        mass = self._parameters.mass
-        two = self._whiten @ np.column_stack([self._mean(self._cells.wall), self._mean(self._interior)])
-        on_surface, inside = np.linalg.lstsq(two, self._whiten @ self._target, rcond=None)[0]
-        on_surface = float(np.clip(on_surface / max(on_surface + inside, 1e-9), 0.0, 1.0)) * mass
-        return {
-            "surface": np.array([mass, 0.0, 0.0]),
-            "uniform": mass * volumes / volumes.sum(),
-            "surface_and_uniform": np.array([on_surface, *((mass - on_surface) * volumes[1:] / volumes[1:].sum())]),
-        }
+    @classmethod
+    def at(cls, borders: Borders) -> _Chains:
+        """With the shares integrated out."""
+        possible = np.where(borders.enough, borders.shares.log_mass - borders.chi_square / 2, -1e300)
+        return cls(borders, possible)
 
 
-def _chains(problem: RegionProblem, rng: np.random.Generator) -> Borders:
-    """Border planes drawn from their posterior: a first look everywhere, then Metropolis chains from where it fits best."""
-    normals = rng.standard_normal((FIRST_LOOK, 3))
-    normals = _upward(normals / np.linalg.norm(normals, axis=1, keepdims=True), problem.longest)
-    offsets = normals @ problem.middle + rng.uniform(-0.5, 0.5, FIRST_LOOK) * problem.reach
-    borders, valid = problem.solve(normals, offsets)
-    borders = borders.take(valid)
-    borders = borders.take(np.argsort(borders.chi_square, kind="stable")[:CHAINS])
-    kept: list[Borders] = []
-    for step in range(STEPS):
-        # Cooling: wide steps at a tolerant temperature first, so that the chains find the valley.
-        cooling = max(0.0, 1 - step / (STEPS - KEPT_STEPS))
-        size = rng.choice([0.02, 0.1, 0.3], size=len(borders.offsets))
-        normals = borders.normals + size[:, None] * rng.standard_normal(borders.normals.shape)
-        normals = _upward(normals / np.linalg.norm(normals, axis=1, keepdims=True), problem.longest)
-        # The plane turns about the middle of the body and shifts along itself.
-        height = borders.offsets - borders.normals @ problem.middle
-        offsets = normals @ problem.middle + height + 0.3 * size * problem.reach * rng.standard_normal(len(size))
-        moved, valid = problem.solve(normals, offsets)
-        gain = (borders.chi_square - moved.chi_square) / 2 / (1 + 30 * cooling**2)
-        accept = valid & (np.log(rng.uniform(size=len(gain))) < gain)
-        borders = Borders(*(_either(accept, getattr(moved, name), getattr(borders, name)) for name in borders.__dataclass_fields__))
-        if step >= STEPS - KEPT_STEPS:
-            kept.append(borders)
-    return Borders(*(np.concatenate([getattr(b, name) for b in kept]) for name in borders.__dataclass_fields__))
+def _posterior(problem: RegionProblem, rng: np.random.Generator) -> _Chains:
+    """A look everywhere, then chains from where it fits well; they cool, so that all valleys are found and none is missed."""
+    normals = _unit(rng.standard_normal((FIRST_LOOK, 3)))
+    heights = rng.uniform(-0.5, 0.5, FIRST_LOOK) * problem.reach
+    look = _Chains.at(problem.solve(normals, heights, coarsely=True))
+    # n and -n are one plane: all on the likeliest one's side, so that differences of two mean something.
+    near = normals[int(np.argmax(look.log_posterior))]
+    chosen = _resampled(look.log_posterior / WARMEST, CHAINS, rng)
+    chains = _Chains.at(problem.solve(*_on_side(normals[chosen], heights[chosen], near), coarsely=True))
+    for step in range(WARM_STEPS):
+        there = problem.solve(*_on_side(*_moved(chains.borders, problem.reach, rng), near), coarsely=True)
+        chains = _stepped(chains, _Chains.at(there), WARMEST ** (1 - step / WARM_STEPS), rng)
+    chains = _Chains.at(problem.solve(chains.borders.normals, chains.borders.heights))
+    kept: list[_Chains] = []
+    for _ in range(KEPT_STEPS):
+        there = problem.solve(*_on_side(*_moved(chains.borders, problem.reach, rng), near))
+        chains = _stepped(chains, _Chains.at(there), 1.0, rng)
+        kept.append(chains)
+    return _Chains(Borders.joined([each.borders for each in kept]), np.concatenate([each.log_posterior for each in kept]))
 
 
-def _either(accept: NDArray[np.bool_], new: Array, old: Array) -> Array:
-    return np.where(accept.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+def _stepped(chains: _Chains, there: _Chains, temperature: float, rng: np.random.Generator) -> _Chains:
+    """Each chain where it was or `there` (Metropolis)."""
+    accept = there.log_posterior + temperature * rng.exponential(size=len(there.log_posterior)) > chains.log_posterior
+    return _Chains(chains.borders.exchanged(accept, there.borders), np.where(accept, there.log_posterior, chains.log_posterior))
 
 
-def _upward(normals: Array, longest: Array) -> Array:
-    return normals * np.where(normals @ longest < 0, -1.0, 1.0)[:, None]
+def _moved(borders: Borders, reach: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """A place beside each border, as likely as the way back: it turns about the middle of the body and shifts along itself."""
+    many = len(borders.heights)
+    size = rng.choice(SIZES, size=many)
+    turn, shift = size[:, None] * rng.standard_normal((many, 3)), 0.3 * size * reach * rng.standard_normal(many)
+    first, second = rng.integers(many, size=(2, many))
+    along = rng.uniform(size=many) < ALONG_OTHERS
+    turn = np.where(along[:, None], borders.normals[first] - borders.normals[second] + 0.05 * turn, turn)
+    shift = np.where(along, borders.heights[first] - borders.heights[second] + 0.05 * shift, shift)
+    return _unit(borders.normals + turn), borders.heights + shift
 
 
-def _target(parameters: InertialParameters) -> tuple[Array, Array]:
-    """Measured (mass, 0, 0, 0, I_c,l ...) (4 + axes,) and the matrix that whitens their errors."""
-    mass = parameters.mass
-    moments = np.array([axis.i_com for axis in parameters.axes])
-    covariance = parameters.joint_covariance.copy()
-    covariance[1:4] *= mass
-    covariance[:, 1:4] *= mass
-    model = np.concatenate([[0.0], np.full(3, mass * LEVER_ERROR), MODEL_ERROR * moments])
-    covariance += np.diag(model**2)
-    size = np.concatenate([[mass], np.full(3, mass * 1e-2), np.abs(moments)])
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    whiten = (vectors / np.sqrt(np.maximum(values, 1e-12 * values.max()))).T / size
-    return np.concatenate([[mass], np.zeros(3), moments]), whiten
+def _resampled(log_weight: Array, count: int, rng: np.random.Generator) -> IntArray:
+    """Indices (count,), each as often as its weight says (systematic resampling)."""
+    weight = np.exp(log_weight - log_weight.max())
+    edges = np.cumsum(weight) / weight.sum()
+    return np.minimum(np.searchsorted(edges, (np.arange(count) + rng.uniform()) / count), len(weight) - 1)
 
 
-def _cell_features(parameters: InertialParameters, cells: Cells) -> Array:
-    """What 1 kg in each cell adds to (mass, first moment about c, moments about the axes through c), (n, 4 + axes); eq. (7), (8)."""
-    arm = cells.points - parameters.com.position
-    square = np.sum(arm**2, axis=1) + cells.own
-    lines = [square - (arm @ axis.direction) ** 2 for axis in parameters.axes]
-    return np.column_stack([np.ones(len(arm)), arm, *lines])
+def _on_side(normals: Array, heights: Array, of: Array) -> tuple[Array, Array]:
+    """The same planes, each with its normal on the side of `of` (3,)."""
+    side = np.where(normals @ of < 0, -1.0, 1.0)
+    return normals * side[:, None], heights * side
 
 
-def _draw(borders: Borders, rng: np.random.Generator, tries: int = 24) -> Array:
-    """One draw (b, 3) of the masses per border: the normal distribution cut off at zero."""
-    values, vectors = np.linalg.eigh(borders.covariance)
-    spread = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    draws = borders.masses.copy()
-    open_ones = np.ones(len(draws), dtype=bool)
-    for _ in range(tries):
-        trial = borders.free + np.einsum("bij,bj->bi", spread, rng.standard_normal(draws.shape))
-        good = open_ones & np.all(trial >= 0, axis=1)
-        draws[good] = trial[good]
-        open_ones &= ~good
-    return draws
+def _unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -25,8 +25,6 @@ class Voxels:
     """(n, 3) m, in O: centroid of the part of the cube that lies inside"""
     volumes: Array
     """(n,) m^3, of that part"""
-    depth: Array
-    """(n,) m below the surface, of `centres`"""
     shell: Array
     """(n,) 0 to 1: part of `volumes` that lies within the wall's thickness of the surface"""
     shell_centres: Array
@@ -69,7 +67,6 @@ def voxelise(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels
         pitch=pitch,
         centres=centres,
         volumes=body * (model.volume / body.sum()),
-        depth=np.maximum(model.depth(centres), 0.0),
         shell=wall / body,
         shell_centres=_centroids(wall_moment, wall, centres),
         core_centres=_centroids(body_moment - wall_moment, core, centres),

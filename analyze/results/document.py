@@ -100,13 +100,20 @@ def regions_document(distribution: MassDistribution) -> Regions:
     sd = np.sqrt(np.diag(distribution.covariance))
     return Regions(
         regions=[
-            RegionResult(name=name, mass=quantity(float(mass), float(s), "kg", lowest=0.0))
-            for name, mass, s in zip(distribution.names, distribution.masses, sd, strict=True)
+            RegionResult(
+                name=name,
+                mass=Quantity(
+                    value=float(distribution.masses[i]), sd=float(sd[i]), unit="kg", interval95=distribution.intervals[i].tolist()
+                ),
+                limits_kg=distribution.limits[i].tolist(),
+            )
+            for i, name in enumerate(distribution.names)
         ],
         border_normal=distribution.border_normal.tolist(),
         border_offset_m=distribution.border_offset,
         border_offset_interval95_m=list(distribution.border_offset_interval),
         baselines={name: masses.tolist() for name, masses in distribution.baselines.items()},
+        explained=distribution.explained,
     )
 
 

@@ -151,14 +151,15 @@ def _centre(axes: Axes, com: Array, covariance: Array, view: tuple[int, int]) ->
 def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None) -> Figure:
     """Region masses with 95 % intervals, the naive answers as marks, and the truth [kg] by region where it is known."""
     distribution = estimate.distribution
-    masses, sd = 1e3 * distribution.masses, 1e3 * np.sqrt(np.diag(distribution.covariance))
+    masses, (low, high) = 1e3 * distribution.masses, 1e3 * distribution.intervals.T
     place = np.arange(len(masses))
-    lower = np.minimum(1.96 * sd, masses)
     with style():
         figure = Figure(figsize=(4.6, 3.3), layout="constrained")
         axes = figure.subplots()
         axes.barh(place, masses, height=0.5, color=BLUE, alpha=0.85)
-        axes.errorbar(masses, place, xerr=[lower, 1.96 * sd], fmt="none", ecolor=INK, elinewidth=1.2, capsize=3, zorder=4)
+        axes.errorbar(
+            masses, place, xerr=np.maximum([masses - low, high - masses], 0.0), fmt="none", ecolor=INK, elinewidth=1.2, capsize=3, zorder=4
+        )
         marks = {"surface": "s", "uniform": "o", "surface_and_uniform": "^"}
         for name, naive in sorted(distribution.baselines.items()):
             label = f"naive: {name.replace('_', ' ')}"

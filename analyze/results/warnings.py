@@ -104,7 +104,13 @@ def result_warnings(
     if evidence.spec.shell_thickness_m is None:
         warn(WarningCode.REGIONS_UNCERTAIN, "shell_thickness_m is not given: the wall's thickness is assumed from the object's size")
     share = np.sqrt(np.diag(distribution.covariance)) / inertial.mass
-    if share.max() > UNCERTAIN_SHARE:
+    if not distribution.explained:
+        ends = " g, ".join(
+            f"{n} {1e3 * low:.0f} to {1e3 * high:.0f}" for n, (low, high) in zip(distribution.names, distribution.limits, strict=True)
+        )
+        text = f"no even shell with two even parts inside has these moments: intervals are what any filling leaves open ({ends} g)"
+        warn(WarningCode.REGIONS_UNCERTAIN, f"{text}; label the parts, or look at the voxel map")
+    elif share.max() > UNCERTAIN_SHARE:
         name = distribution.names[int(np.argmax(share))]
         warn(WarningCode.REGIONS_UNCERTAIN, f"the mass of region {name} is known to {share.max():.0%} of the total only")
     for text in _rolling(evidence, planes, options.estimator):

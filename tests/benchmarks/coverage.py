@@ -2,8 +2,8 @@
 
 Random boxes and meshes with random masses inside, from theta(t) of nine planned strikes to the whole answer (simulated_tips.py says what is
 simulated and drawn). "Width" is the median half of an interval over twice the rms error, "scatter" the rms error over the stated sd: both
-would be 1. Masses of the wall and two parts are judged only where the body is such; what is said of lumps inside is compared with the mass
-that truly lies on either side of the estimate's own border.
+would be 1. Masses of the wall and two parts are judged apart where the body is such; what is said of lumps inside is compared with the mass
+that truly lies on either side of the estimate's own border, and apart where the answer itself says that the body is no such one.
 """
 
 from __future__ import annotations
@@ -98,8 +98,12 @@ def _masses(estimate: Estimate, truth: Truth, rows: Rows) -> None:
         assert interval is not None
         low, high = (float(np.array(end)) for end in interval)
         empty = ", at the bound" if value < EMPTY * truth.mass else ""
+        if not distribution.explained:
+            empty += ", said to be no such body"
         part = 100 / truth.mass
         rows.add(f"{kind}{empty} (% of m)", part * (found - value), part * sd, (part * (found - high), part * (found - low)))
+        low, high = (float(end) for end in region.limits_kg or (0.0, truth.mass))
+        rows.add(f"{kind}, whatever is inside (% of m)", part * (found - value), part * sd, (part * (found - high), part * (found - low)))
     metric = float(np.abs(distribution.masses - true).mean() / truth.mass)
     naive = min(float(np.abs(other - true).mean() / truth.mass) for other in distribution.baselines.values())
     rows.error[f"{kind}: paper's metric"].append(100 * metric)

@@ -9,6 +9,7 @@ Does not model: a table's slope beyond its effect on the vertical, air, a third 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -19,6 +20,7 @@ from analyze.errors import PlanError
 from analyze.evidence import Evidence, RecordingHead
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion
+from analyze.motion.tip_angle import PlanarMotion
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
 from analyze.sections import section_of
@@ -116,8 +118,11 @@ def planned_body(seed: int) -> PlannedBody | None:
     return PlannedBody(spec, model, plan, points[depth > 0], depth[depth > 0] < WALL)
 
 
-def session(shape: int, seed: int) -> tuple[Evidence, Truth] | None:
-    """One session on the shape of that number; None where it has no plan or none of its bodies stands."""
+Analyse = Callable[[PlanarMotion, StrikeTask, MotionSettings], TipMotion]
+
+
+def session(shape: int, seed: int, analyse: Analyse = analyse_motion) -> tuple[Evidence, Truth] | None:
+    """One session on the shape of that number, its strikes given to `analyse`; None where it has no plan or none of its bodies stands."""
     body = planned_body(shape)
     if body is None:
         return None
@@ -125,7 +130,7 @@ def session(shape: int, seed: int) -> tuple[Evidence, Truth] | None:
     truth = _drawn_truth(body, rng)
     if truth is None:
         return None
-    motions = _motions(body, truth, rng)
+    motions = _motions(body, truth, rng, analyse)
     spec = body.spec.model_copy(update={"mass_kg": truth.mass + rng.normal(0, MASS_SD)})
     plan = body.plan
     stated = manifest(spec).model_copy(update={"gravity_tilt_sd_rad": TILT_SD})
@@ -180,7 +185,7 @@ def _balance(com: np.ndarray, strike: PlannedStrike) -> float:
     return math.atan2(-turned[0], turned[2])
 
 
-def _motions(body: PlannedBody, truth: Truth, rng: np.random.Generator) -> list[TipMotion]:
+def _motions(body: PlannedBody, truth: Truth, rng: np.random.Generator, analyse: Analyse) -> list[TipMotion]:
     scale = float(truth.points[0] @ body.points[0] / (body.points[0] @ body.points[0])) - 1
     tilt, radius = rng.normal(0, TILT_SD), RADIUS + rng.normal(0, RADIUS_SD)
     friction = rng.uniform(0.35, 0.8)
@@ -208,11 +213,13 @@ def _motions(body: PlannedBody, truth: Truth, rng: np.random.Generator) -> list[
             friction=friction,
             height=tall,
         )
-        found.append(_strike(body, strike, planar, off, noise, rng))
+        found.append(_strike(body, strike, planar, off, noise, rng, analyse))
     return found
 
 
-def _strike(body: PlannedBody, planned: PlannedStrike, planar: Body, off: np.ndarray, noise: float, rng: np.random.Generator) -> TipMotion:
+def _strike(
+    body: PlannedBody, planned: PlannedStrike, planar: Body, off: np.ndarray, noise: float, rng: np.random.Generator, analyse: Analyse
+) -> TipMotion:
     """Struck until it can be used, three times at most; most a little over the top, one in ten not over it."""
     motion = None
     for _ in range(TRIES):
@@ -226,7 +233,7 @@ def _strike(body: PlannedBody, planned: PlannedStrike, planar: Body, off: np.nda
         over = off[0] * sin - off[1] * (cos - 1)
         tracked = replace(tracked, angle=replace(tracked.angle, slip=tracked.angle.slip + along), lift=tracked.lift + over)
         task = StrikeTask(f"{planned.id}.1", planned, T0, None, section_of(body.model, planned))
-        motion = analyse_motion(tracked, task, MotionSettings())
+        motion = analyse(tracked, task, MotionSettings())
         if motion.verdict in (Verdict.GOOD, Verdict.ROCKED_BACK) and motion.fit is not None:
             break
     assert motion is not None

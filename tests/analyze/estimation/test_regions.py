@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,7 +44,9 @@ def test_half_a_millimetre_and_one_percent_give_the_masses_to_4_percent(masses, 
         off = found.masses - body.regions
         errors.append(np.abs(off).mean() / body.mass)
         naive.append(min(np.abs(other - body.regions).mean() for other in found.baselines.values()) / body.mass)
-        covered.append(np.abs(off) < 1.96 * np.sqrt(np.diag(found.covariance)) + 1e-6)
+        covered.append((found.intervals[:, 0] <= body.regions) & (body.regions <= found.intervals[:, 1]))
+        assert found.explained
+        assert ((found.limits[:, 0] <= body.regions) & (body.regions <= found.limits[:, 1])).all()
     assert np.mean(errors) < 0.04
     if np.mean(naive) > 0.08:
         assert np.mean(errors) < np.mean(naive) / 2
@@ -62,6 +66,39 @@ def test_the_same_seed_gives_the_same_answer():
     given = parameters(body, np.random.default_rng(2), 3e-4, 0.01)
     first, second = (mass_distribution(given, body.cells, np.random.default_rng(5)) for _ in range(2))
     assert (first.masses == second.masses).all()
+
+
+def test_an_empty_region_has_an_interval_from_nothing_upwards():
+    """All draws of a border fell on the bound once: a point, with no width."""
+    body = box_body(SIZE, (0.034, 0.0, 0.006), 0.03, (0.4, 0.3, 0.87), pitch=0.01)
+    for seed in range(3):
+        found = mass_distribution(parameters(body, np.random.default_rng(seed), 2e-4, 0.003), body.cells, np.random.default_rng(0))
+        assert (np.diag(found.covariance) > (1e-5) ** 2).all()
+        assert found.intervals[1, 0] == 0.0
+        assert 1e-4 < found.intervals[1, 1] < 0.01
+
+
+def test_a_border_across_the_longest_direction_does_not_mix_up_its_sides():
+    """Borders to both sides of level belong together: which side is upper is the best one's, not each one's own."""
+    body = box_body(SIZE, (0.008, 0.028, 0.008), 0.0, (1.0, 0.0, 0.0), pitch=0.01)
+    found = mass_distribution(parameters(body, np.random.default_rng(1), 2e-4, 0.003), body.cells, np.random.default_rng(0))
+    heavy = found.masses[1:].max()
+    assert heavy == pytest.approx(0.028, abs=0.004)
+    assert np.sqrt(np.diag(found.covariance))[1:].max() < 0.004
+
+
+def test_lumps_are_no_two_even_parts_and_that_is_said():
+    """Two lumps at the ends of an even shell: no border has their moments; what any filling leaves open holds them."""
+    body = box_body(SIZE, (0.012, 0.02, 0.02), 0.0, pitch=0.01)
+    shell = body.shell > 0
+    end = np.array([0, 0, 0.055])
+    lumps = ~shell & (np.minimum(*(np.linalg.norm(body.points - side * end, axis=1) for side in (1, -1))) < 0.02)
+    body = replace(body, masses=np.where(shell, body.masses, 0.04 * lumps / lumps.sum()))
+    found = mass_distribution(parameters(body, np.random.default_rng(1), 2e-4, 0.005), body.cells, np.random.default_rng(0))
+    assert not found.explained
+    above = body.points @ found.border_normal > found.border_offset
+    truth = np.array([body.masses[shell].sum(), body.masses[~shell & above].sum(), body.masses[~shell & ~above].sum()])
+    assert ((found.intervals[:, 0] <= truth) & (truth <= found.intervals[:, 1])).all()
 
 
 def test_less_certain_data_give_wider_masses():
