@@ -101,9 +101,8 @@ def _regions(result: Result) -> Table:
     for name in ("region", "estimate", *(item.replace("_", " ") for item in naive)):
         table.add_column(name, justify="left" if name == "region" else "right")
     for i, region in enumerate(result.regions.regions):
-        table.add_row(
-            region.name, with_interval(region.mass, 1e3, 1, "g"), *(f"{1e3 * result.regions.baselines[item][i]:.1f} g" for item in naive)
-        )
+        estimate = f"{open_interval(region.mass, 1e3, 1)} g"
+        table.add_row(region.name, estimate, *(f"{1e3 * result.regions.baselines[item][i]:.1f} g" for item in naive))
     return table
 
 
