@@ -208,8 +208,8 @@ def own_choice(records: Sequence[SessionRecord]) -> Table:
         ),
         tuple(rows),
         "First three impact points by force (3.1.3), with angles that have no error. Its axes on one face and on that face's neighbour are "
-        "parallel or meet in no point: along the open direction our answer says that nothing is known and states the sd of its guess; the "
-        "paper's takes the middle of the object and says nothing. Friction needed: so that no edge slides; paper on a table has 0.3 to 0.5.",
+        "parallel or meet in no point: along that direction our answer says that nothing is known and states the sd of its guess; the "
+        "paper's takes the middle of the object and says nothing. Friction needed: so that no edge slides; paper on a table has 0.3–0.5.",
     )
 
 
