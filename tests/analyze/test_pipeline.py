@@ -139,7 +139,9 @@ def test_the_verdict_says_what_to_trust_and_which_strike_to_repeat(evidence, est
     words = estimate.result.verdict
     assert words[0].startswith("trust the centre of mass, to ")
     assert not any(each.startswith("repeat") for each in words)
-    assert all(each.holds and each.motion.outside < 0.3 for each in estimate.foretold)
+    assert all(each.holds for each in estimate.foretold)
+    # Of one strike's frames many may be outside at once: they share the error of its phi.
+    assert np.mean([each.motion.outside for each in estimate.foretold]) < 0.15
     assert [strike.foretold.foretold for strike in estimate.result.strikes] == [True] * len(evidence.motions)
     assert np.array(estimate.result.parameters_covariance).shape == (10, 10)
     odd = evidence.motions[3]
