@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
+from matplotlib.patches import Polygon, Rectangle
 
 from analyze.reproduce.paper import scores
 from analyze.reproduce.paper.published import OBJECTS, published_centres, published_masses
@@ -18,6 +19,7 @@ from analyze.results.style import BLUE, GREEN, GRID, INK, MUTED, ORANGE, PHASES,
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+CLOSE_MM = 3.0
 LABELLED = 6
 """frames that a phase must have for its name to fit"""
 _PHASE_WORDS = {"rest": "rest", "strike": "strike", "stage_one": "stage one", "stage_two": "stage two", "landing": "landing"}
@@ -176,6 +178,8 @@ def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
                 axes.plot([i - 0.3, i + 0.3], [v.mean()] * 2, color=INK, lw=1.4)
                 axes.annotate(f"{v.mean():.2g}", (i + 0.32, v.mean()), va="center", fontsize=8)
             axes.set_yscale("log")
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter("")
             axes.set_xticks(range(len(rows)), [name.replace(" ", "\n", 1).replace(", ", ",\n") for name, *_ in rows])
             axes.grid(visible=False, axis="x")
             axes.set_xlim(-0.6, len(rows) - 0.2)
@@ -195,13 +199,15 @@ def pictures_figure(records: Sequence[SessionRecord]) -> Figure | None:
     if not names:
         return None
     with style():
-        figure = Figure(figsize=(1.55 * len(names) + 0.3, 5.6), layout="constrained")
-        panels = figure.subplots(2, len(names), squeeze=False)
+        figure = Figure(figsize=(1.55 * len(names) + 0.3, 7.0), layout="constrained")
+        panels = figure.subplots(3, len(names), squeeze=False, height_ratios=(1.3, 0.8, 1.3))
         for column, name in enumerate(names):
             of_object = [record for record in mine if record.object == name]
             _picture_of_c(panels[0, column], of_object)
             panels[0, column].set_title(name)
-            _picture_of_regions(panels[1, column], of_object[0])
+            _errors_of_c(panels[1, column], of_object)
+            _picture_of_regions(panels[2, column], of_object[0])
+        panels[1, 0].set_ylabel("error of z [mm]")
         handles, labels = panels[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
     return figure
@@ -228,6 +234,20 @@ def _picture_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
     axes.set_yticks([])
 
 
+def _errors_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
+    """Close up: what is off by more than the frame lies on its edge."""
+    for mark, colour, paper in (("D", ORANGE, True), ("o", BLUE, False)):
+        off = [np.subtract(a.com_m, r.true_com_m)[[0, 2]] for a, r in scores.answers(records, Condition.DRAWN, paper=paper)]
+        if off:
+            x, z = np.clip(1e3 * np.array(off), -CLOSE_MM, CLOSE_MM).T
+            axes.plot(x, z, mark, color=colour, ms=2.5, mew=0, alpha=0.8)
+    axes.plot(0, 0, "+", color=RED, ms=7, mew=1.2)
+    axes.set_xlim(-1.05 * CLOSE_MM, 1.05 * CLOSE_MM)
+    axes.set_ylim(-1.05 * CLOSE_MM, 1.05 * CLOSE_MM)
+    axes.set_aspect("equal")
+    axes.set_xlabel("of x [mm]")
+
+
 def _picture_of_regions(axes: Axes, record: SessionRecord) -> None:
     section = record.section
     plain(axes)
@@ -236,10 +256,10 @@ def _picture_of_regions(axes: Axes, record: SessionRecord) -> None:
     if section is None:
         return
     points = 1e3 * np.array(section.points_m)
-    colours = np.array([MUTED, BLUE, GREEN])
-    axes.scatter(points[:, 0], points[:, 1], c=list(colours[section.ours]), s=5, marker="s", lw=0)
-    other = np.not_equal(section.ours, section.true)
-    axes.plot(points[other, 0], points[other, 1], "s", color=RED, ms=2.2, mew=0)
+    side = float(np.median(np.diff(np.unique(np.round(points[np.array(section.ours) > 0, 1], 2)))))
+    squares = [Rectangle((x - side / 2, z - side / 2), side, side) for x, z in points]
+    colours = np.where(np.not_equal(section.ours, section.true), RED, np.array([MUTED, BLUE, GREEN])[section.ours])
+    axes.add_collection(PatchCollection(squares, facecolor=list(colours), lw=0))
     axes.add_patch(Polygon(1e3 * np.array(section.outline_m), facecolor="none", edgecolor=GRID, lw=0.8))
     masses = record.ours[Condition.EXACT].masses_kg or []
     text = "\n".join(

@@ -71,8 +71,9 @@ _FIGURES: tuple[tuple[Callable[[Sequence[SessionRecord]], Figure | None], str, s
         pictures_figure,
         "Fig. 12: where it is",
         (
-            "Above: centres of mass seen along y, all seeds, calibration errors drawn. Below: a slice through c of the first seed, "
-            "wall grey, upper blue, lower green, red where the truth says otherwise; masses in g of surface, upper and lower (truth)."
+            "Above: centres of mass seen along y, all seeds, calibration errors drawn; below that the same as errors, close up. At the "
+            "foot a slice through c of the first seed: wall grey, upper blue, lower green, red where the truth says otherwise; masses in g "
+            "of surface (S), upper (U) and lower (L), in brackets the truth."
         ),
     ),
 )
