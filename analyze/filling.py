@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.estimation.cells import Cells, cells_from_voxels
+from analyze.estimation.cells import Cells
 from analyze.estimation.fill_level import FillLevel, KnownDensity, Marginal, Shell, fill_level
-from analyze.geometry.voxels import voxelise
+from analyze.walls import possible_walls
 from schemas.result import Filling, Quantity, ResultWarning, WarningCode
 
 if TYPE_CHECKING:
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 
 DENSITY_SD = 0.05
 """relative, of a filling whose density is given without one"""
-THINNEST, THICKEST = 0.004, 0.12
-"""of a wall that is not given, over the cube root of the volume"""
-THICKNESSES = 5
 UNEXPLAINED = 2.5
 """rms of the residuals over their sd"""
 
@@ -45,10 +42,7 @@ def filling_of(evidence: Evidence, cells: Cells, moments: MeasuredMoments, rng: 
     if given is not None:
         shells = [Shell(given, cells, model.hull_vertices)]
     else:
-        size = model.volume ** (1 / 3)
-        thickness = np.geomspace(THINNEST * size, THICKEST * size, THICKNESSES)
-        shells = [Shell(float(t), cells_from_voxels(voxelise(model, cells.pitch, float(t))), model.hull_vertices) for t in thickness]
-        shells = [shell for shell in shells if shell.cells.interior.any()]
+        shells = [Shell(wall.thickness, wall.cells, model.hull_vertices) for wall in possible_walls(model, cells.pitch)]
     density = None
     if label.density_kg_m3 is not None:
         density = KnownDensity(label.density_kg_m3, label.density_sd_kg_m3 or DENSITY_SD * label.density_kg_m3)

@@ -19,7 +19,6 @@ from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.markers import can_subtract, without_markers
 from analyze.estimation.paper import PaperCentre, PaperRegions, paper_centre_of_mass, paper_regions
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
-from analyze.estimation.regions import mass_distribution
 from analyze.estimation.stated import ComPrior, Scale, SystematicErrors, TiltPrior
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head
@@ -35,6 +34,7 @@ from analyze.results.tilt import table_tilts
 from analyze.results.warnings import result_warnings
 from analyze.too_few import too_few
 from analyze.types import CentreOfMass, EquiPlane, InertialParameters, MassDistribution, TipMotion
+from analyze.walls import regions_of
 from schemas.document import sha256_text
 from schemas.result import JoinedRecording, Result, ResultInputs, Verdict
 from schemas.session_manifest import SessionManifest
@@ -155,7 +155,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     recordings_agree = agreement(planes, [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes], whole.com, systematic, prior)
     inertial = without_markers(whole, spec.marker) if can_subtract(spec.marker) else whole
     com = inertial.com
-    distribution = mass_distribution(inertial, cells, np.random.default_rng(options.seed))
+    distribution = regions_of(spec, model, cells, inertial, np.random.default_rng(options.seed))
     # The sign change needs a passage over the balance; strikes that rocked back serve only where there are no others.
     over = [motion for motion in used if motion.verdict is Verdict.GOOD]
     by_sign_change = tuple(_paper_plane(evidence.planned(motion), motion) for motion in (over if len(over) >= LEAST_STRIKES else used))

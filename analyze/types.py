@@ -279,6 +279,19 @@ class InertialParameters:
 
 
 @dataclass(frozen=True)
+class WallThickness:
+    """What the moments say of a wall whose thickness is not given."""
+
+    value: float
+    """m"""
+    sd: float
+    interval: tuple[float, float]
+    """m, that hold 95 %"""
+    swept: tuple[float, float]
+    """m, that were tried"""
+
+
+@dataclass(frozen=True)
 class MassDistribution:
     """Masses of the shell (R1) and the interior on either side of a plane (R2 where n.x > offset, R3 elsewhere)."""
 
@@ -301,3 +314,5 @@ class MassDistribution:
     border_offset_interval: tuple[float, float]
     baselines: dict[str, Array]
     """naive answers"""
+    wall: WallThickness | None = None
+    """where its thickness is not given"""

@@ -184,13 +184,15 @@ class Regions(Document):
     explained: bool | None = Field(
         default=None, description="whether such a body can have the moments; older results and the paper's: null"
     )
+    shell_thickness: Quantity | None = Field(default=None, description="of the wall [m], where the object's file gives none")
 
     @model_serializer(mode="wrap")
     def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """What does not say is written as it always was."""
         written: dict[str, Any] = write(self)
-        if self.explained is None:
-            del written["explained"]
+        for name in ("explained", "shell_thickness"):
+            if getattr(self, name) is None:
+                del written[name]
         return written
 
 

@@ -12,6 +12,9 @@ from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 
 LEAST_PART = 1e-3
+THINNEST, THICKEST = 0.004, 0.12
+"""of a wall that is not given, over the cube root of the volume"""
+THICKNESSES = 5
 ASSUMED_WALL = 0.025
 """wall thickness where none is given, over the cube root of the volume"""
 
@@ -71,6 +74,12 @@ def moments_about(cells: Cells, masses: Array, about: Array) -> Array:
     arm = cells.points - about
     second = (arm * masses[:, None]).T @ arm
     return (np.trace(second) + masses @ cells.own) * np.eye(3) - second
+
+
+def possible_thicknesses(model: ObjectModel) -> Array:
+    """Thicknesses of a wall [m] (w,) that is not given, rising by equal factors."""
+    size = model.volume ** (1 / 3)
+    return size * np.exp(np.linspace(np.log(THINNEST), np.log(THICKEST), THICKNESSES))
 
 
 def wall_thickness(spec: ObjectSpec, model: ObjectModel) -> float:

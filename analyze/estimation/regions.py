@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from analyze.estimation.cells import Cells
 from analyze.estimation.cut_normal import shortest
 from analyze.estimation.region_limits import region_limits
 from analyze.estimation.region_problem import Borders, RegionProblem
-from analyze.types import Array, InertialParameters, IntArray, MassDistribution
+from analyze.types import Array, InertialParameters, IntArray, MassDistribution, WallThickness
 
 NAMES = ("surface", "upper", "lower")
 FIRST_LOOK = 3000
@@ -25,6 +26,19 @@ SIZES = (0.02, 0.1, 0.3)
 REFUTED = 0.02
 """probability of a chi^2 as great as the best border's, from which on the body is no wall with two even parts inside"""
 SIGMAS95 = 1.96
+LEAST_WEIGHT = 0.005
+"""probability from which on a thickness of the wall counts"""
+DRAWS = 4000
+"""of the thickness"""
+
+
+@dataclass(frozen=True)
+class Wall:
+    """The body cut into wall and interior, for one thickness of the wall."""
+
+    thickness: float
+    """m"""
+    cells: Cells
 
 
 def mass_distribution(parameters: InertialParameters, cells: Cells, rng: np.random.Generator) -> MassDistribution:
@@ -42,23 +56,67 @@ def mass_distribution(parameters: InertialParameters, cells: Cells, rng: np.rand
         cells: the body.
         rng: for the chains; the same seed gives the same answer.
     """
+    return _distribution([_told(parameters, cells, rng)], np.ones(1), parameters, rng)
+
+
+def mass_distribution_over(parameters: InertialParameters, walls: Sequence[Wall], rng: np.random.Generator) -> MassDistribution:
+    """As `mass_distribution`, where the wall's thickness is not known: each of `walls` counts by its evidence.
+
+    Args:
+        parameters: mass, c, moments with their joint covariance.
+        walls: at least two, their thicknesses rising by equal factors: each stands for those around it, all alike in the logarithm.
+        rng: for the chains; the same seed gives the same answer.
+    """
+    told = [_told(parameters, wall.cells, rng) for wall in walls]
+    evidence = np.array([each.log_evidence for each in told])
+    weight = np.exp(evidence - evidence.max())
+    weight /= weight.sum()
+    found = _distribution(told, weight, parameters, rng)
+    logs = np.log([wall.thickness for wall in walls])
+    step = float(logs[1] - logs[0])
+    drawn = np.exp(rng.choice(logs, size=DRAWS, p=weight) + rng.uniform(-0.5, 0.5, DRAWS) * step)
+    low, high = (float(end[0]) for end in shortest(drawn[:, None], 0.0))
+    swept = (float(np.exp(logs[0] - step / 2)), float(np.exp(logs[-1] + step / 2)))
+    return replace(found, wall=WallThickness(float(drawn.mean()), float(drawn.std()), (low, high), swept))
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What the moments say of borders, for one thickness of the wall."""
+
+    problem: RegionProblem
+    chains: _Chains
+    log_evidence: float
+    """of this wall, up to what all walls share"""
+    draws: Array
+    """(n, 3) kg, one per border"""
+    misfit: float
+    """chi^2 of the best of them"""
+
+
+def _told(parameters: InertialParameters, cells: Cells, rng: np.random.Generator) -> _Told:
     problem = RegionProblem(parameters, cells)
-    chains = _posterior(problem, rng)
-    borders = chains.borders
-    best = int(np.argmax(chains.log_posterior))
+    chains, log_evidence = _posterior(problem, rng)
+    shares = chains.borders.shares.draw(rng)
+    masses = shares * rng.normal(parameters.mass, parameters.mass_sd, len(shares))[:, None]
+    return _Told(problem, chains, log_evidence, masses, float(chains.borders.misfit(shares).min()))
+
+
+def _distribution(told: Sequence[_Told], weight: Array, parameters: InertialParameters, rng: np.random.Generator) -> MassDistribution:
+    """Of walls that are as likely as `weight` (w,) says."""
+    first = told[int(np.argmax(weight))]
+    problem, borders = first.problem, first.chains.borders
+    best = int(np.argmax(first.chains.log_posterior))
     side = -1.0 if borders.normals[best] @ problem.longest < 0 else 1.0
     normal, height = side * borders.normals[best], side * float(borders.heights[best])
-    # Upper is what the best border has above it, however close to level with it another one is.
-    normals, heights = _on_side(borders.normals, borders.heights, normal)
-    shares = borders.shares.draw(rng)
-    misfit = float(borders.misfit(shares).min())
-    shares = np.where((borders.normals @ normal < 0)[:, None], shares[:, [0, 2, 1]], shares)
-    masses = shares * rng.normal(parameters.mass, parameters.mass_sd, len(shares))[:, None]
     middle = float(normal @ problem.middle)
-    # Where each plane crosses the best one's normal through the middle.
-    low, high = np.quantile(heights / np.maximum(normals @ normal, 0.2), [0.025, 0.975])
-    limits = parameters.mass * region_limits(problem, normal, height)
+    counted = [(each, float(w)) for each, w in zip(told, weight, strict=True) if w >= LEAST_WEIGHT]
+    masses, places = [np.concatenate(parts) for parts in zip(*(_drawn(each, w, normal, rng) for each, w in counted), strict=True)]
+    low, high = np.quantile(places, [0.025, 0.975])
+    ends = np.array([region_limits(each.problem, normal, middle + height - float(normal @ each.problem.middle)) for each, _ in counted])
+    limits = parameters.mass * np.stack([ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)], axis=1)
     intervals, covariance = np.stack(shortest(masses, 0.0), axis=1), np.cov(masses.T)
+    misfit = min(each.misfit for each, _ in counted)
     explained = problem.probability(misfit) >= REFUTED
     if not explained:
         mean = masses.mean(axis=0)
@@ -80,6 +138,19 @@ def mass_distribution(parameters: InertialParameters, cells: Cells, rng: np.rand
     )
 
 
+def _drawn(told: _Told, weight: float, normal: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Masses (n, 3) [kg] and where their borders cross the normal (3,) through the middle (n,) [m]; fewer of what is less likely."""
+    borders = told.chains.borders
+    # Upper is what the best border has above it, however close to level with it another one is.
+    normals, heights = _on_side(borders.normals, borders.heights, normal)
+    masses = np.where((borders.normals @ normal < 0)[:, None], told.draws[:, [0, 2, 1]], told.draws)
+    places = heights / np.maximum(normals @ normal, 0.2)
+    if weight == 1.0:
+        return masses, places
+    chosen = rng.choice(len(masses), size=max(1, round(weight * len(masses))), replace=False)
+    return masses[chosen], places[chosen]
+
+
 @dataclass(frozen=True)
 class _Chains:
     """Where Metropolis chains are, or were."""
@@ -94,8 +165,11 @@ class _Chains:
         return cls(borders, possible)
 
 
-def _posterior(problem: RegionProblem, rng: np.random.Generator) -> _Chains:
-    """A look everywhere, then chains from where it fits well; they cool, so that all valleys are found and none is missed."""
+def _posterior(problem: RegionProblem, rng: np.random.Generator) -> tuple[_Chains, float]:
+    """A look everywhere, then chains from where it fits well; they cool, so that all valleys are found and none is missed.
+
+    The look's mean is the evidence, in its logarithm.
+    """
     normals = _unit(rng.standard_normal((FIRST_LOOK, 3)))
     heights = rng.uniform(-0.5, 0.5, FIRST_LOOK) * problem.reach
     look = _Chains.at(problem.solve(normals, heights, coarsely=True))
@@ -112,7 +186,10 @@ def _posterior(problem: RegionProblem, rng: np.random.Generator) -> _Chains:
         there = problem.solve(*_on_side(*_moved(chains.borders, problem.reach, rng), near))
         chains = _stepped(chains, _Chains.at(there), 1.0, rng)
         kept.append(chains)
-    return _Chains(Borders.joined([each.borders for each in kept]), np.concatenate([each.log_posterior for each in kept]))
+    most = float(look.log_posterior.max())
+    log_evidence = most + float(np.log(np.mean(np.exp(look.log_posterior - most))))
+    chains = _Chains(Borders.joined([each.borders for each in kept]), np.concatenate([each.log_posterior for each in kept]))
+    return chains, log_evidence
 
 
 def _stepped(chains: _Chains, there: _Chains, temperature: float, rng: np.random.Generator) -> _Chains:

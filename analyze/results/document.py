@@ -114,6 +114,9 @@ def regions_document(distribution: MassDistribution) -> Regions:
         border_offset_interval95_m=list(distribution.border_offset_interval),
         baselines={name: masses.tolist() for name, masses in distribution.baselines.items()},
         explained=distribution.explained,
+        shell_thickness=None
+        if distribution.wall is None
+        else Quantity(value=distribution.wall.value, sd=distribution.wall.sd, unit="m", interval95=list(distribution.wall.interval)),
     )
 
 

@@ -101,8 +101,13 @@ def result_warnings(
     if not inertial.measured.all():
         entries = [f"I{'xyz'[i]}{'xyz'[j]}" for i in range(3) for j in range(i, 3) if not inertial.measured[i, j]]
         warn(WarningCode.INERTIA_FROM_PRIOR, f"from the shape, not from strikes: {', '.join(entries)}")
-    if evidence.spec.shell_thickness_m is None:
-        warn(WarningCode.REGIONS_UNCERTAIN, "shell_thickness_m is not given: the wall's thickness is assumed from the object's size")
+    if distribution.wall is not None:
+        wall = distribution.wall
+        low, high = (f"{1e3 * end:.1f}" for end in wall.interval)
+        text = (
+            f"shell_thickness_m is not given: of walls of {1e3 * wall.swept[0]:.1f} to {1e3 * wall.swept[1]:.1f} mm the moments speak for"
+        )
+        warn(WarningCode.REGIONS_UNCERTAIN, f"{text} {low} to {high} mm; measured, it narrows the regions' masses")
     share = np.sqrt(np.diag(distribution.covariance)) / inertial.mass
     if not distribution.explained:
         ends = " g, ".join(

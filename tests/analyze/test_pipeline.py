@@ -50,6 +50,19 @@ def test_a_simulated_session_is_met_within_the_targets(estimate):
     assert np.abs(estimate.distribution.masses - BODY.regions).mean() / BODY.mass < 0.04
 
 
+def test_a_wall_of_unknown_thickness_is_swept_and_widens_the_masses(evidence, estimate):
+    spec = evidence.spec.model_copy(update={"shell_thickness_m": None})
+    found = estimate_evidence(replace(evidence, spec=spec))
+    low, high = found.result.regions.shell_thickness.interval95
+    assert low < BODY.pitch < high
+    assert high < found.distribution.wall.swept[1] / 2, "the moments say something of it"
+    assert np.all(found.distribution.intervals[:, 0] < BODY.regions)
+    assert np.all(found.distribution.intervals[:, 1] > BODY.regions)
+    assert np.ptp(found.distribution.intervals, axis=1).sum() > np.ptp(estimate.distribution.intervals, axis=1).sum()
+    assert estimate.result.regions.shell_thickness is None
+    assert "shell_thickness" not in json.loads(estimate.json())["regions"]
+
+
 def test_the_same_evidence_gives_the_same_bytes(evidence, estimate):
     assert estimate_evidence(evidence).json() == estimate.json()
 

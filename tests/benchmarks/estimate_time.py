@@ -28,7 +28,7 @@ STAGES = {
     "solve_joint": "centre of mass and moments, jointly",
     "check": "checks",
     "agreement": "checks",
-    "mass_distribution": "regions",
+    "regions_of": "regions",
     "paper_centre_of_mass": "the paper's centre of mass",
     "paper_regions": "the paper's regions",
     "voxel_map": "voxel map",
