@@ -79,7 +79,8 @@ def moments_about(cells: Cells, masses: Array, about: Array) -> Array:
 def possible_thicknesses(model: ObjectModel) -> Array:
     """Thicknesses of a wall [m] (w,) that is not given, rising by equal factors."""
     size = model.volume ** (1 / 3)
-    return size * np.exp(np.linspace(np.log(THINNEST), np.log(THICKEST), THICKNESSES))
+    grown = (THICKEST / THINNEST) ** (np.arange(THICKNESSES) / (THICKNESSES - 1))
+    return np.asarray(size * THINNEST * grown, dtype=np.float64)
 
 
 def wall_thickness(spec: ObjectSpec, model: ObjectModel) -> float:
