@@ -91,9 +91,9 @@ def test_what_is_off_by_more_than_it_should_be_is_told(phi, k):
 def test_a_second_blow_is_told_even_where_phi_and_k_are_as_foretold():
     angle, fit = seen(np.random.default_rng(6), kick=0.4)
     motion = foretold_motion("s", angle, fit, told(fit))
-    # Its own fit takes up most of the blow, and leaves the frames noisier for it.
+    # Its own fit takes up most of the blow, and leaves the frames noisier for it: no frame alone is far off its band, all together are.
     assert motion.squared > FAR
-    assert motion.offset[-1] > 3 * motion.sd[-1]
+    assert np.degrees(motion.offset[-1]) > 2, "it falls before its time"
 
 
 def test_it_ends_where_the_band_says_nothing_more():
