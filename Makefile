@@ -114,7 +114,6 @@ bench-gravity: setup  ## the table's tilt and the centre of mass with and withou
 SEEDS ?= 10
 REPRODUCED := recordings/reproduce
 reproduce: setup  ## the paper's tables and figures, through images: five objects, SEEDS seeds; goes on where it stopped (SEEDS=10: 75 minutes)
-	@mkdir -p $(REPRODUCED)
 	@for seed in $$(seq 1 $(SEEDS)); do \
 	  for object in carton spray juice salt parcel; do $(MAKE) -s $(REPRODUCED)/sessions/$$object-$$seed.json || failed="$$failed $$object-$$seed"; done; done; \
 	$(BIN)/analyze reproduce paper -o $(REPRODUCED); \
@@ -122,7 +121,7 @@ reproduce: setup  ## the paper's tables and figures, through images: five object
 
 # A session's recording is a gigabyte of images: once it is read, it goes.
 $(REPRODUCED)/sessions/%.json:
-	@name=$(REPRODUCED)/$*; object=$${name##*/}; object=$${object%%-*}; \
+	@mkdir -p $(REPRODUCED)/sessions; name=$(REPRODUCED)/$*; object=$${name##*/}; object=$${object%%-*}; \
 	echo "$*: recording"; $(BIN)/acquire demo --object $$object --seed $${name##*-} --axes 3 -o $$name.mcap --force > $$name.log 2>&1 \
 	  || [ $$? = 3 ] || { tail -n 1 $$name.log; exit 1; }; \
 	echo "$*: analysing"; $(BIN)/analyze reproduce paper $$name.mcap -o $(REPRODUCED) > $$name.log || exit; rm $$name.mcap $$name.log
