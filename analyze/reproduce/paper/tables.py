@@ -81,7 +81,7 @@ def table1(records: Sequence[SessionRecord]) -> Table:
         ),
         tuple(rows),
         "The paper's method takes one strike per axis for a result, as the paper did; ours takes all nine. Its angles come from our "
-        "tracking, which is some hundred times finer than the paper's 1.85 degrees.",
+        "tracking, and scatter as Fig. 9(a) shows, where the paper's scattered by 1.85 degrees.",
     )
 
 
@@ -207,9 +207,8 @@ def own_choice(records: Sequence[SessionRecord]) -> Table:
             Column("sd that ours states [mm]", 1),
         ),
         tuple(rows),
-        "First three impact points by force (3.1.3), with angles that have no error. Its axes on one face and on that face's neighbour are "
-        "parallel or meet in no point: along that direction our answer says that nothing is known and states the sd of its guess; the "
-        "paper's takes the middle of the object and says nothing. Friction needed: so that no edge slides; paper on a table has 0.3–0.5.",
+        "First three impact points by force (3.1.3), with angles that have no error. Where nothing is told along a direction our answer "
+        "says so and states the sd of its guess; the paper's says nothing. Friction needed: so that no edge slides; plans count on 0.4.",
     )
 
 

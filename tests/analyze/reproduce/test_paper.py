@@ -54,7 +54,7 @@ def test_the_papers_method_on_the_same_strikes(records):
     for record in records:
         found = record.paper[Condition.EXACT]
         assert len(found) == 3, "one result per round of three strikes"
-        assert all(distance(answer, record) < 2.5e-3 for answer in found), "with our angles, a hundred times finer than the paper's"
+        assert all(distance(answer, record) < 2.5e-3 for answer in found), "with our angles, far finer than the paper's"
         assert all(abs(axis.i_edge_off) < 0.1 for answer in found for axis in answer.moments)
 
 
