@@ -74,19 +74,26 @@ def find_course(angle: TipAngle, contact_time_ns: int, limits: WindowLimits) -> 
 
 
 def _landing(angle: TipAngle, released: int) -> int:
-    """First frame after `released` in which the body was stopped hard: it loses a third of a fast turn within two frames."""
+    """First frame after `released` in which the body was stopped hard: it loses a third of a fast turn within two frames.
+
+    What it was losing already does not count: on its way up gravity alone takes as much from a small body.
+    """
     theta = angle.theta
     gap = np.maximum(np.diff(angle.time_ns) * 1e-9, 1e-6)
     step = np.diff(theta) / gap
-    speed = np.abs(step)
     whole = gap < _MISSED * float(np.median(gap)) if len(gap) else gap > 0
     for i in range(max(released + 2, 2), len(step)):
-        before = float(np.median(speed[max(released, i - 4) : i]))
+        # On its way up, or falling back.
+        way = np.sign(float(np.median(step[max(released, i - 4) : i])))
+        earlier, now = way * step[max(released, i - 4) : i], float(way * step[i])
+        before = float(np.median(earlier))
         noise = 3.0 * float(angle.sd[i]) / max(float(angle.time_ns[i + 1] - angle.time_ns[i]) * 1e-9, 1e-6)
         # Over frames that are missing nobody can say.
         followed = bool(np.all(whole[max(released, i - 4) : i + 1]))
-        if followed and before > 1.0 + noise and step[i] < 0.66 * before - noise and theta[i] > math.radians(20.0):
-            return i
+        if followed and before > 1.0 + noise and now < 0.66 * before - noise and theta[i] > math.radians(20.0):
+            losing = min(float(np.mean(np.diff(earlier))), 0.0) * (len(earlier) + 1) / 2 if len(earlier) > 1 else 0.0
+            if now < 0.66 * before + losing - noise:
+                return i
     return len(theta)
 
 
