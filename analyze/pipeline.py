@@ -19,6 +19,7 @@ from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.markers import can_subtract, without_markers
 from analyze.estimation.paper import PaperCentre, PaperRegions, paper_centre_of_mass, paper_regions
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
+from analyze.estimation.sensitivity import Sensitivity, sensitivity
 from analyze.estimation.stated import ComPrior, Scale, SystematicErrors, TiltPrior
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head
@@ -79,6 +80,7 @@ class Estimate:
     voxels: VoxelMap
     foretold: tuple[ForetoldStrike, ...]
     """as `planes`"""
+    sensitivity: Sensitivity
 
     def json(self) -> str:
         """The Result as one line: the same bytes for the same recordings."""
@@ -191,7 +193,10 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         foretold=foretold,
         filling=filling,
     )
-    return Estimate(result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale, voxels, foretold)
+    moves = sensitivity(solution, systematic, prior, whole, inertial)
+    return Estimate(
+        result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale, voxels, foretold, moves
+    )
 
 
 def _parts(evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions) -> PartMasses | None:

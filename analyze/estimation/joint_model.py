@@ -45,8 +45,10 @@ class JointModel:
     def __init__(self, planes: Sequence[EquiPlane], systematic: SystematicErrors, scale: Scale | None = None) -> None:
         axes = sorted({plane.axis_id for plane in planes})
         self.planes = planes
+        self.axes = len(axes)
         faces = sorted({_face(plane) for plane in planes})
         first_face = FIXED + AXIS_TERMS * len(axes)
+        self.faces = len(faces)
         self._further_levels = first_face + len(faces)
         self.tilts = systematic.tilts()
         further = self._further_levels + LEVEL_TERMS * (len(self.tilts) - 1)

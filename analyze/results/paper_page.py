@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
@@ -19,8 +18,8 @@ from analyze.reproduce.paper import scores
 from analyze.reproduce.paper.record import SessionRecord
 from analyze.reproduce.paper.tables import Table, Value, all_tables
 from analyze.reproduce.paper.targets import targets, targets_table
+from analyze.results.page import drawn, page_environment
 from analyze.results.paper_figures import angles_figure, pictures_figure, profile_figure, results_figure, scan_figure, sensitivity_figure
-from analyze.results.style import svg
 
 PAGE = "index.html"
 
@@ -96,9 +95,9 @@ def write_page(records: Sequence[SessionRecord], folder: Path) -> Path:
 
 def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> str:
     """The page as HTML."""
-    environment = Environment(loader=PackageLoader("analyze.results"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    environment = page_environment()
     environment.filters["cell"] = _cell
-    drawn = [(make(records), title, caption) for make, title, caption in _FIGURES]
+    figures = [(make(records), title, caption) for make, title, caption in _FIGURES]
     ours = scores.designed(records)
     return environment.get_template("paper.html").render(
         lead=summary(records),
@@ -106,7 +105,7 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
         seeds=len({record.seed for record in ours}),
         sessions=len(records),
         tables=tables,
-        figures=[_Drawn(title, caption, Markup(svg(figure))) for figure, title, caption in drawn if figure is not None],  # noqa: S704 - our own SVG
+        figures=[_Drawn(title, caption, drawn(figure)) for figure, title, caption in figures if figure is not None],
     )
 
 

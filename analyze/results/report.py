@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import base64
-import re
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-from matplotlib.figure import Figure
 
 from analyze.output_file import write_text
 from analyze.recording import open_recording
 from analyze.results.foretold_plot import foretold_figure
+from analyze.results.page import drawn, manifest_time, number, page_environment, signed
 from analyze.results.plots import moments_figure, projection_figures, regions_figure, strike_figure
-from analyze.results.style import svg
-from analyze.results.summary import DEGREES, GRAM_CM2, filling_rows, open_interval, with_interval
+from analyze.results.sensitivity_plot import influence_figure, source_rows, sources_figure, told_in_words
+from analyze.results.summary import DEGREES, GRAM_CM2, filling_rows
+from analyze.results.tilt import tilt_lines
 from analyze.results.truth import ShownTruth, shown_truth
-from analyze.results.voxels import told_in_words, voxel_figure
+from analyze.results.voxels import told_in_words as voxels_told_in_words
+from analyze.results.voxels import voxel_figure
 from schemas.result import Quantity, StrikeResult, Verdict
 
 if TYPE_CHECKING:
@@ -60,39 +59,47 @@ def write_report(estimate: Estimate, output: Path, score: Mapping[str, Any] | No
 
 def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
     """The report as HTML text."""
-    environment = Environment(loader=PackageLoader("analyze.results"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    filters = {"deg": _degrees, "inertia": _inertia, "rate": _rate, "grams": _grams, "millimetres": _millimetres}
-    environment.filters.update(filters, number=number, signed=signed, open_interval=open_interval, typeset=typeset, sentence=sentence)
     result = estimate.result
     truth = None if score is None else shown_truth(score, estimate)
-    return environment.get_template("report.html").render(
-        name=estimate.evidence.spec.name,
-        result=result,
-        recordings=estimate.evidence.recordings,
-        verdict=verdict_in_words(estimate),
-        com=_com_rows(result.centre_of_mass, truth),
-        used=[strike for strike in result.strikes if strike.used],
-        axes=len({plane.axis_id for plane in estimate.planes}),
-        reasons=[strike for strike in result.strikes if strike.reason and strike.verdict is not Verdict.GOOD],
-        stills=images,
-        created=list(dict.fromkeys(manifest_time(each.manifest.created) for each in estimate.evidence.recordings)),
-        truth=truth,
-        projections=[_drawn(figure) for figure in projection_figures(estimate, None if truth is None else truth.com)],
-        regions=_drawn(regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)),
-        voxels=_drawn(voxel_figure(estimate.voxels)),
-        voxels_told=told_in_words(estimate.voxels),
-        moments=_drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
-        foretold=_drawn(foretold_figure(estimate.foretold)) if estimate.foretold else None,
-        foretold_count=sum(each.holds for each in estimate.foretold),
-        warnings=[each for each in result.warnings if not any(each.text in sentence for sentence in result.verdict or [])],
-        missed=[each for each in estimate.foretold if not each.holds],
-        filling=[] if result.filling is None else filling_rows(result.filling),
-        strikes=_strike_plots(estimate),
-        score=score,
-        best_naive=min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
-        if score is not None and truth is not None and truth.regions
-        else None,
-        inertia_rows=_inertia_rows(estimate),
+    rows = source_rows(estimate.sensitivity, estimate.com.covariance)
+    half = 1.96 * float(np.sqrt(np.linalg.eigvalsh(estimate.com.covariance)[-1]))
+    return (
+        page_environment()
+        .get_template("report.html")
+        .render(
+            name=estimate.evidence.spec.name,
+            result=result,
+            recordings=estimate.evidence.recordings,
+            verdict=verdict_in_words(estimate),
+            com=_com_rows(result.centre_of_mass, truth),
+            used=[strike for strike in result.strikes if strike.used],
+            axes=len({plane.axis_id for plane in estimate.planes}),
+            reasons=[strike for strike in result.strikes if strike.reason and strike.verdict is not Verdict.GOOD],
+            stills=images,
+            created=list(dict.fromkeys(manifest_time(each.manifest.created) for each in estimate.evidence.recordings)),
+            truth=truth,
+            projections=[drawn(figure) for figure in projection_figures(estimate, None if truth is None else truth.com)],
+            regions=drawn(regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)),
+            voxels=drawn(voxel_figure(estimate.voxels)),
+            voxels_told=voxels_told_in_words(estimate.voxels),
+            moments=drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
+            foretold=drawn(foretold_figure(estimate.foretold)) if estimate.foretold else None,
+            foretold_count=sum(each.holds for each in estimate.foretold),
+            warnings=[each for each in result.warnings if not any(each.text in sentence for sentence in result.verdict or [])],
+            missed=[each for each in estimate.foretold if not each.holds],
+            filling=[] if result.filling is None else filling_rows(result.filling),
+            strikes=_strike_plots(estimate),
+            tilts=tilt_lines(result),
+            sources=drawn(sources_figure(rows, half)),
+            sources_told=told_in_words(rows),
+            influences=drawn(influence_figure(estimate.sensitivity)),
+            naive=sorted(result.regions.baselines) if result.regions is not None else [],
+            score=score,
+            best_naive=min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
+            if score is not None and truth is not None and truth.regions
+            else None,
+            inertia_rows=_inertia_rows(estimate),
+        )
     )
 
 
@@ -105,13 +112,13 @@ def verdict_in_words(estimate: Estimate) -> str:
     if not com.observed:
         return f"{count} They leave one direction of the centre of mass open; the number given along it comes from the shape."
     shift = com.position - estimate.evidence.model.centroid
-    text = f"{count} The centre of mass is known to {sd:.1f} mm in its worst direction (95 %)"
-    text += f" and lies {1e3 * np.linalg.norm(shift):.1f} mm from the middle of the volume."
+    text = f"The centre of mass lies {1e3 * np.linalg.norm(shift):.1f}\u00a0mm from the middle of the volume"
+    text += f" and is known to {sd:.1f}\u00a0mm in its worst direction (95\u00a0%)."
     share = estimate.distribution.masses / estimate.distribution.masses.sum()
     heaviest = int(np.argmax(share))
     where = {"surface": "in the wall", "upper": "inside, above the border", "lower": "inside, below the border"}
     place = where.get(estimate.distribution.names[heaviest], estimate.distribution.names[heaviest])
-    return f"{text} Most of the mass ({100 * share[heaviest]:.0f} %) sits {place}."
+    return f"{text} Most of the mass ({100 * share[heaviest]:.0f}\u00a0%) sits {place}. {count}"
 
 
 def stills(estimate: Estimate) -> list[Still]:
@@ -137,10 +144,6 @@ def stills(estimate: Estimate) -> list[Still]:
     return found
 
 
-def _drawn(figure: Figure) -> Markup:
-    return Markup(svg(figure))  # noqa: S704 - matplotlib's own SVG; text in it is drawn as outlines
-
-
 def _outlined(image: Any, tracks: tuple[MarkerTrack, ...], time_ns: int) -> str:
     picture = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_GRAY2BGR)
     for track in tracks:
@@ -159,7 +162,7 @@ def _strike_plots(estimate: Estimate) -> list[tuple[StrikeResult, Markup]]:
         if motion.angle is None:
             continue
         strike = by_id[motion.strike_id]
-        plots.append((strike, _drawn(strike_figure(motion, f"{strike.id}: {strike.verdict.value.replace('_', ' ')}"))))
+        plots.append((strike, drawn(strike_figure(motion, f"{strike.id}: {strike.verdict.value.replace('_', ' ')}"))))
     return plots
 
 
@@ -190,54 +193,3 @@ def _inertia_rows(estimate: Estimate) -> list[list[dict[str, Any]]]:
         ]
         for i in range(3)
     ]
-
-
-def number(value: float, digits: int) -> str:
-    """With so many decimals and a typographic minus; what rounds to 0 has no sign."""
-    text = f"{value:.{digits}f}"
-    return f"{0.0:.{digits}f}" if float(text) == 0 else text.replace("-", "−")
-
-
-def typeset(sentence: str) -> str:
-    """With typographic minus signs."""
-    return re.sub(r"(?<![\w.-])-(?=\d)", "−", sentence)
-
-
-def sentence(text: str) -> str:
-    """Begun with a capital, but where it begins with the name of an entry."""
-    return text if "_" in text.split(" ", 1)[0] else text[:1].upper() + text[1:]
-
-
-def signed(value: float, digits: int) -> str:
-    """As `number`, with a plus where it is positive."""
-    text = number(value, digits)
-    return f"+{text}" if value > 0 and float(text) != 0 else text
-
-
-def manifest_time(created: str) -> str:
-    """ISO 8601 as people read it, to the minute; as it stands where it is none."""
-    try:
-        moment = datetime.fromisoformat(created)
-    except ValueError:
-        return created
-    return f"{moment.astimezone(UTC):%Y-%m-%d %H:%M} UTC" if moment.tzinfo is not None else created
-
-
-def _degrees(quantity: Quantity | None) -> str:
-    return with_interval(quantity, DEGREES, 3)
-
-
-def _inertia(quantity: Quantity | None) -> str:
-    return with_interval(quantity, GRAM_CM2, 0)
-
-
-def _rate(quantity: Quantity | None) -> str:
-    return with_interval(quantity, 1.0, 1)
-
-
-def _grams(quantity: Quantity | None) -> str:
-    return with_interval(quantity, 1e3, 1)
-
-
-def _millimetres(value: float | None) -> str:
-    return "–" if value is None else signed(1e3 * value, 2)

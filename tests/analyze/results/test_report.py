@@ -8,7 +8,8 @@ import pytest
 from analyze.errors import OutputError
 from analyze.pipeline import estimate_evidence
 from analyze.results.document import quantity
-from analyze.results.report import Still, manifest_time, number, render_report, signed, write_report
+from analyze.results.page import manifest_time, number, signed
+from analyze.results.report import Still, render_report, write_report
 from analyze.results.truth import shown_truth
 from analyze.score import score_estimate
 from schemas.proto import percuss_pb2 as pb
@@ -40,7 +41,7 @@ def test_it_is_whole_and_loads_nothing_from_elsewhere(html):
     parser = Balanced()
     parser.feed(html)
     assert parser.open == []
-    assert parser.tags.count("svg") == 7 + 6  # three views, regions, voxels, moments, foretold; a plot per strike
+    assert parser.tags.count("svg") == 9 + 6  # three views, sources, influences, regions, voxels, moments, foretold; a plot per strike
     assert "script" not in parser.tags
     assert "link" not in parser.tags
     assert not re.search(r'(?:src|href)="(?!data:|#)', html)

@@ -1,0 +1,166 @@
+"""What moves the centre of mass, and what its uncertainty is made of: by strike and by kind of error, from the joint solution."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.estimation.joint import JointSolution
+from analyze.estimation.joint_model import (
+    ANGLE,
+    AXIS_TERMS,
+    COM,
+    FIXED,
+    FORWARD,
+    GRAVITY,
+    LEVEL_TERMS,
+    OWN_K,
+    OWN_RADIUS,
+    RADIUS,
+    SCALE_TERM,
+    SECOND,
+    TILT,
+    JointModel,
+)
+from analyze.estimation.stated import ComPrior, SystematicErrors
+from analyze.types import Array, InertialParameters
+
+NOTHING = 1e-9
+"""of c's variance: not said"""
+
+
+class ErrorSource(enum.Enum):
+    """Kinds of error of c."""
+
+    NOISE = "noise of the frames"
+    SCATTER = "scatter from strike to strike"
+    TILT = "tilt of the table"
+    SCALE = "scale of the shape"
+    ROUNDING = "rounding of the edges"
+    PLACE = "place of edges and faces"
+    ANGLE = "angle error of an axis"
+    K = "gravity, air and play, in k"
+    PRIOR = "shape, where strikes say nothing"
+    MASS = "mass of object and markers"
+
+
+@dataclass(frozen=True)
+class Influence:
+    """How c moves with what one strike says, all else as it is and for as long as it is taken for no outlier."""
+
+    strike_id: str
+    axis_id: str
+    by_phi: Array
+    """(3,) m/rad"""
+    by_log_k: Array
+    """(3,) m per relative change of k"""
+
+
+@dataclass(frozen=True)
+class SourceShare:
+    """The part of c's covariance that one kind of error causes."""
+
+    source: ErrorSource
+    covariance: Array
+    """(3, 3) m^2; those of all kinds add up to c's"""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Of one answer."""
+
+    strikes: tuple[Influence, ...]
+    """as the planes of the joint estimate"""
+    shares: tuple[SourceShare, ...]
+    """in the order of ErrorSource, without those that cause nothing"""
+
+
+def sensitivity(
+    solution: JointSolution, systematic: SystematicErrors, prior: ComPrior, whole: InertialParameters, bare: InertialParameters
+) -> Sensitivity:
+    """Linear about the solution.
+
+    With the covariance P of all unknowns, what enters with derivative B and inverse covariance W moves them by P B^T W; a prior of unit
+    weight by a column of P. Each kind's part of c's covariance is what its own errors make of that.
+
+    Args:
+        solution: of all strikes.
+        systematic: as it was estimated with.
+        prior: of c, as it was estimated with.
+        whole: what the solution says of the body that tipped.
+        bare: the answer: the same, or without its markers, whose c moves by more as it weighs less.
+    """
+    factor = whole.mass / bare.mass
+    parts = {source: factor**2 * covariance for source, covariance in _shares(solution, systematic, prior)}
+    by_mass = bare.com.covariance - factor**2 * whole.com.covariance
+    total = float(np.trace(bare.com.covariance))
+    parts[ErrorSource.MASS] = by_mass
+    return Sensitivity(
+        tuple(_influences(solution, factor)),
+        tuple(SourceShare(source, parts[source]) for source in ErrorSource if float(np.trace(parts[source])) > NOTHING * total),
+    )
+
+
+def _rows(solution: JointSolution) -> Array:
+    """Derivatives (strikes, 2, count) of phi and ln k less the measured ones; 0 for a k that is not used."""
+    model, x = solution.model, solution.x
+    return np.stack([model.design(x), model.log_k(x)[1] * solution.data.uses_k[:, None]], axis=1)
+
+
+def _inverse_covariances(solution: JointSolution) -> Array:
+    """(strikes, 2, 2) of (phi, ln k) as stated; 0 for a k that is not used."""
+    W = solution.data.whiten
+    return np.swapaxes(W, 1, 2) @ W
+
+
+def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
+    rows, precisions, weight = _rows(solution), _inverse_covariances(solution), solution.weight
+    informations = np.einsum("sic,sij,sjd,s->cd", rows, precisions, rows, weight)
+    # The covariance knows the scatter; where the estimate lies does not depend on it.
+    normal = np.linalg.inv(solution.covariance) + informations * (1 - 1 / solution.spread)
+    for i, plane in enumerate(solution.model.planes):
+        moved: Array = np.asarray(factor * weight[i] * np.linalg.solve(normal, rows[i].T @ precisions[i])[COM], dtype=np.float64)
+        yield Influence(plane.strike_id, plane.axis_id, moved[:, 0], moved[:, 1])
+
+
+def _shares(solution: JointSolution, systematic: SystematicErrors, prior: ComPrior) -> Iterator[tuple[ErrorSource, Array]]:
+    P, rows, precisions = solution.covariance, _rows(solution), _inverse_covariances(solution)
+    scatter, noise = np.zeros((3, 3)), np.zeros((3, 3))
+    stated = np.diag([systematic.strike_angle_sd**2, 0.0])
+    for i in range(len(rows)):
+        parts = 2 if solution.data.uses_k[i] else 1
+        precision = precisions[i, :parts, :parts] * solution.weight[i] / solution.spread
+        gain = (P @ rows[i, :parts].T @ precision)[COM]
+        share: Array = gain @ stated[:parts, :parts] @ gain.T * solution.spread / solution.weight[i]
+        both: Array = gain @ np.linalg.solve(precision, gain.T)
+        scatter, noise = scatter + share, noise + both - share
+    yield ErrorSource.NOISE, noise
+    yield ErrorSource.SCATTER, scatter
+    for source, terms in _terms(solution.model).items():
+        gain = P[COM][:, terms]
+        yield source, gain @ gain.T
+    information = np.einsum("sic,sij,sjd,s->cd", rows, precisions, rows, solution.weight) / solution.spread
+    second = (np.linalg.inv(P) - information)[SECOND, SECOND]
+    yield (
+        ErrorSource.PRIOR,
+        P[COM, COM] @ np.diag(prior.sd**-2) @ P[COM, COM] + P[COM, SECOND] @ second @ P[SECOND, COM],
+    )
+
+
+def _terms(model: JointModel) -> dict[ErrorSource, list[int]]:
+    """Which unknowns are errors of which kind."""
+    axes = [FIXED + AXIS_TERMS * number for number in range(model.axes)]
+    faces = FIXED + AXIS_TERMS * model.axes
+    levels = faces + model.faces
+    headings = levels + LEVEL_TERMS * (len(model.tilts) - 1)
+    return {
+        ErrorSource.TILT: [*range(TILT.start, TILT.stop), *range(levels, headings)],
+        ErrorSource.SCALE: [SCALE_TERM],
+        ErrorSource.ROUNDING: [RADIUS, *(first + OWN_RADIUS for first in axes)],
+        ErrorSource.PLACE: [*(first + FORWARD for first in axes), *range(faces, levels)],
+        ErrorSource.ANGLE: [*(first + ANGLE for first in axes), *range(headings, model.count)],
+        ErrorSource.K: [GRAVITY, *(first + OWN_K for first in axes)],
+    }
