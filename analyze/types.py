@@ -309,7 +309,7 @@ class MassDistribution:
     explained: bool
     """whether that is as errors of measurement would have it"""
     border_normal: Array
-    """(3,) unit, in O"""
+    """(3,) unit, in O; across the body's middle where none explains the moments"""
     border_offset: float
     border_offset_interval: tuple[float, float]
     baselines: dict[str, Array]

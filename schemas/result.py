@@ -173,7 +173,7 @@ class Regions(Document):
     """Masses of the shell and the two interior parts, the border plane (n.x = offset, in O) and its rivals.
 
     Intervals hold for a body that is an even shell with two even parts inside; where the moments say that it is not (`explained` false),
-    they are the limits, which hold for any filling.
+    they are the limits, which hold for any filling, and the border is the body's middle, across its longest direction.
     """
 
     regions: list[RegionResult]

@@ -25,7 +25,6 @@ SIZES = (0.02, 0.1, 0.3)
 """rad, of the other moves"""
 REFUTED = 0.02
 """probability of a chi^2 as great as the best border's, from which on the body is no wall with two even parts inside"""
-SIGMAS95 = 1.96
 LEAST_WEIGHT = 0.005
 """probability from which on a thickness of the wall counts"""
 DRAWS = 4000
@@ -49,7 +48,7 @@ def mass_distribution(parameters: InertialParameters, cells: Cells, rng: np.rand
     n points to the same side as the body's longest direction.
 
     The intervals hold for such a body. Where even the best border leaves a misfit that is no error of measurement, the body is another one:
-    then they are what any filling of an even wall leaves open.
+    then its sides are those of its middle, across its longest direction, and the intervals what any filling of an even wall leaves open.
 
     Args:
         parameters: mass, c, moments with their joint covariance.
@@ -117,12 +116,8 @@ def _distribution(told: Sequence[_Told], weight: Array, parameters: InertialPara
     limits = parameters.mass * np.stack([ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)], axis=1)
     intervals, covariance = np.stack(shortest(masses, 0.0), axis=1), np.cov(masses.T)
     misfit = min(each.misfit for each, _ in counted)
-    explained = problem.probability(misfit) >= REFUTED
-    if not explained:
-        mean = masses.mean(axis=0)
-        intervals = np.stack([np.minimum(limits[:, 0], mean), np.maximum(limits[:, 1], mean)], axis=1)
-        wider = np.maximum(1.0, np.ptp(intervals, axis=1) / (2 * SIGMAS95 * np.sqrt(np.maximum(np.diag(covariance), 1e-18))))
-        covariance = covariance * np.outer(wider, wider)
+    if problem.probability(misfit) < REFUTED:
+        return _of_another_body(told, weight, parameters, misfit)
     return MassDistribution(
         names=NAMES,
         masses=masses.mean(axis=0),
@@ -130,11 +125,41 @@ def _distribution(told: Sequence[_Told], weight: Array, parameters: InertialPara
         intervals=intervals,
         limits=limits,
         misfit=misfit,
-        explained=explained,
+        explained=True,
         border_normal=normal,
         border_offset=middle + height,
         border_offset_interval=(middle + float(min(low, height)), middle + float(max(high, height))),
         baselines=problem.baselines(parameters.mass, normal, height),
+    )
+
+
+def _of_another_body(told: Sequence[_Told], weight: Array, parameters: InertialParameters, misfit: float) -> MassDistribution:
+    """No border explains the moments: then none is told, and sides are those of the body's middle across its longest direction.
+
+    The masses are the middle of what any filling of an even wall allows, moved to the right sum by the widths of these limits.
+    """
+    problem = told[int(np.argmax(weight))].problem
+    ends = np.array([region_limits(each.problem, problem.longest, 0.0) for each, w in zip(told, weight, strict=True) if w >= LEAST_WEIGHT])
+    limits = parameters.mass * np.stack([ends[..., 0].min(axis=0), ends[..., 1].max(axis=0)], axis=1)
+    width, middle = np.ptp(limits, axis=1), limits.mean(axis=1)
+    masses = middle + (parameters.mass - middle.sum()) * width / max(float(width.sum()), 1e-12)
+    # As wide as an even distribution between the limits; of what one region has more, the others have less.
+    sd = np.maximum(width, 1e-9 * parameters.mass) / np.sqrt(12)
+    share = sd**2 / np.sum(sd**2)
+    covariance = np.diag(sd**2) - np.sum(sd**2) * np.outer(share, share)
+    across = float(problem.longest @ problem.middle)
+    return MassDistribution(
+        names=NAMES,
+        masses=masses,
+        covariance=covariance + np.outer(masses, masses) * (parameters.mass_sd / parameters.mass) ** 2,
+        intervals=np.stack([np.minimum(limits[:, 0], masses), np.maximum(limits[:, 1], masses)], axis=1),
+        limits=limits,
+        misfit=misfit,
+        explained=False,
+        border_normal=problem.longest,
+        border_offset=across,
+        border_offset_interval=(across, across),
+        baselines=problem.baselines(parameters.mass, problem.longest, 0.0),
     )
 
 

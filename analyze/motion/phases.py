@@ -84,7 +84,7 @@ def _landing(angle: TipAngle, released: int) -> int:
     whole = gap < _MISSED * float(np.median(gap)) if len(gap) else gap > 0
     for i in range(max(released + 2, 2), len(step)):
         # On its way up, or falling back.
-        way = np.sign(float(np.median(step[max(released, i - 4) : i])))
+        way = math.copysign(1.0, float(np.median(step[max(released, i - 4) : i])))
         earlier, now = way * step[max(released, i - 4) : i], float(way * step[i])
         before = float(np.median(earlier))
         noise = 3.0 * float(angle.sd[i]) / max(float(angle.time_ns[i + 1] - angle.time_ns[i]) * 1e-9, 1e-6)

@@ -113,7 +113,7 @@ def result_warnings(
         ends = " g, ".join(
             f"{n} {1e3 * low:.0f} to {1e3 * high:.0f}" for n, (low, high) in zip(distribution.names, distribution.limits, strict=True)
         )
-        text = f"no even shell with two even parts inside has these moments: intervals are what any filling leaves open ({ends} g)"
+        text = f"no even shell with two even parts has these moments: the sides are the middle's, the intervals any filling's ({ends} g)"
         warn(WarningCode.REGIONS_UNCERTAIN, f"{text}; label the parts, or look at the voxel map")
     elif share.max() > UNCERTAIN_SHARE:
         name = distribution.names[int(np.argmax(share))]

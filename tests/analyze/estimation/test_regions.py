@@ -99,6 +99,9 @@ def test_lumps_are_no_two_even_parts_and_that_is_said():
     above = body.points @ found.border_normal > found.border_offset
     truth = np.array([body.masses[shell].sum(), body.masses[~shell & above].sum(), body.masses[~shell & ~above].sum()])
     assert ((found.intervals[:, 0] <= truth) & (truth <= found.intervals[:, 1])).all()
+    assert found.masses.sum() == pytest.approx(body.masses.sum(), rel=0.01)
+    assert abs(found.border_normal[2]) == pytest.approx(1.0, abs=1e-6), "no border is told: the sides are the middle's"
+    assert np.abs(found.masses - truth).max() < 0.35 * body.masses.sum()
 
 
 def test_less_certain_data_give_wider_masses():
