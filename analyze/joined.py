@@ -100,12 +100,10 @@ def join(evidence: Sequence[Evidence]) -> Evidence:
     heads = [each.recordings[0] for each in ordered]
     refuse_apart(heads, all(each.object_path_used for each in ordered))
     first = ordered[0]
-    axes: dict[str, EdgeLine] = {}
     strikes: list[PlannedStrike] = []
     motions: list[TipMotion] = []
     where: dict[str, int] = {}
-    for i, each in enumerate(ordered):
-        ids = _axis_ids(each.plan, i + 1, axes)
+    for i, (each, ids) in enumerate(zip(ordered, joint_axes(ordered), strict=True)):
         strikes += [
             strike.model_copy(update={"id": joint_id(heads, i, strike.id), "axis_id": ids[strike.axis_id]}) for strike in each.plan.strikes
         ]
@@ -123,6 +121,12 @@ def join(evidence: Sequence[Evidence]) -> Evidence:
         blows={joint_id(heads, i, name): value for i, each in enumerate(ordered) for name, value in each.blows.items()},
         recorded_in=where,
     )
+
+
+def joint_axes(ordered: Sequence[Evidence]) -> list[dict[str, str]]:
+    """By recording, what its plan's axes are called in the joint, by their own names: one edge has one name in all."""
+    known: dict[str, EdgeLine] = {}
+    return [_axis_ids(each.plan, number, known) for number, each in enumerate(ordered, 1)]
 
 
 def levels_of(recordings: Sequence[RecordingHead]) -> list[int]:

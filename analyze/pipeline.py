@@ -81,6 +81,8 @@ class Estimate:
     foretold: tuple[ForetoldStrike, ...]
     """as `planes`"""
     sensitivity: Sensitivity
+    com_struck: CentreOfMass
+    """of the body that tipped, with its markers"""
 
     def json(self) -> str:
         """The Result as one line: the same bytes for the same recordings."""
@@ -195,7 +197,20 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     )
     moves = sensitivity(solution, systematic, prior, whole, inertial)
     return Estimate(
-        result, evidence, com.planes, com, com_paper, inertial, cells, distribution, regions_paper, scale, voxels, foretold, moves
+        result,
+        evidence,
+        com.planes,
+        com,
+        com_paper,
+        inertial,
+        cells,
+        distribution,
+        regions_paper,
+        scale,
+        voxels,
+        foretold,
+        moves,
+        whole.com,
     )
 
 

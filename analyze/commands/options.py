@@ -12,6 +12,7 @@ from analyze.errors import AnalyzeError
 from schemas.command_line import one_line_errors
 
 if TYPE_CHECKING:
+    from analyze.comparison import SessionComparison
     from analyze.pipeline import Estimate
 
 one_line = one_line_errors("analyze", AnalyzeError)
@@ -36,3 +37,13 @@ def estimated(files: Sequence[Path], object_file: Path | None, exclude: tuple[st
 
     with StrikeProgress() as progress:
         return estimate_recordings(files, EstimateOptions(object_path=object_file, exclude=frozenset(exclude)), progress)
+
+
+def compared(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> SessionComparison:
+    """What each file tells by itself, and how they agree, with a bar that shows how far it is."""
+    from analyze.comparison import compare_recordings
+    from analyze.pipeline import EstimateOptions
+    from analyze.progress import StrikeProgress
+
+    with StrikeProgress() as progress:
+        return compare_recordings(files, EstimateOptions(object_path=object_file, exclude=frozenset(exclude)), progress)

@@ -133,10 +133,10 @@ def _shares(solution: JointSolution, systematic: SystematicErrors, prior: ComPri
     for i in range(len(rows)):
         parts = 2 if solution.data.uses_k[i] else 1
         precision = precisions[i, :parts, :parts] * solution.weight[i] / solution.spread
-        gain = (P @ rows[i, :parts].T @ precision)[COM]
+        gain: Array = np.asarray((P @ rows[i, :parts].T @ precision)[COM], dtype=np.float64)
         share: Array = gain @ stated[:parts, :parts] @ gain.T * solution.spread / solution.weight[i]
-        both: Array = gain @ np.linalg.solve(precision, gain.T)
-        scatter, noise = scatter + share, noise + both - share
+        own = np.asarray(np.linalg.inv(precision), dtype=np.float64)
+        scatter, noise = scatter + share, noise + gain @ own @ gain.T - share
     yield ErrorSource.NOISE, noise
     yield ErrorSource.SCATTER, scatter
     for source, terms in _terms(solution.model).items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from analyze.estimation.part_masses import PartMasses
 from analyze.estimation.stated import Scale
 from analyze.foretold import ForetoldStrike
 from analyze.types import Array, CentreOfMass, EquiPlane, InertialParameters, MassDistribution, MotionFit, TipMotion
-from schemas.document import canonical_json
+from schemas.document import Document, canonical_json
 from schemas.result import (
     AlternativeFit,
     AxisMoment,
@@ -35,6 +35,7 @@ from schemas.result import (
 )
 from schemas.strike_plan import PlannedStrike
 
+D = TypeVar("D", bound=Document)
 SIGMAS95 = 1.96
 SIGNIFICANT_DIGITS = 10
 """Of every number in a Result: the same on every run, whatever order the linear algebra library adds in."""
@@ -288,9 +289,9 @@ def _alternative(fit: MotionFit) -> AlternativeFit:
     )
 
 
-def rounded(result: Result) -> Result:
-    """The same Result with every number cut to SIGNIFICANT_DIGITS."""
-    return Result.model_validate(_round(json.loads(canonical_json(result))))
+def rounded(document: D) -> D:
+    """The same document with every number cut to SIGNIFICANT_DIGITS."""
+    return type(document).model_validate(_round(json.loads(canonical_json(document))))
 
 
 def result_json(result: Result) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,6 +16,7 @@ from analyze.reproduce.paper import scores
 from analyze.reproduce.paper.record import SessionRecord
 from analyze.reproduce.paper.tables import Table, Value, all_tables
 from analyze.reproduce.paper.targets import targets, targets_table
+from analyze.results.csv_table import csv_text
 from analyze.results.page import drawn, page_environment
 from analyze.results.paper_figures import angles_figure, pictures_figure, profile_figure, results_figure, scan_figure, sensitivity_figure
 
@@ -86,9 +85,9 @@ def write_page(records: Sequence[SessionRecord], folder: Path) -> Path:
     """
     tables = [targets_table(records), *all_tables(records)]
     for table in tables:
-        write_text(folder / f"{table.name}.csv", _csv([column.name for column in table.columns], table.rows))
+        write_text(folder / f"{table.name}.csv", csv_text([column.name for column in table.columns], table.rows))
     for name, headings, rows in _series(records):
-        write_text(folder / f"{name}.csv", _csv(headings, rows))
+        write_text(folder / f"{name}.csv", csv_text(headings, rows))
     write_text(folder / PAGE, render_page(records, tables))
     return folder / PAGE
 
@@ -163,14 +162,6 @@ def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequ
     axes = ["x [m]", "y [m]", "z [m]"]
     found.append(("fig12", ["object", "seed", "calibration", "whose", *axes, *(f"true {name}" for name in axes)], list(points)))
     return found
-
-
-def _csv(headings: Sequence[str], rows: Sequence[Sequence[Value]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(headings)
-    writer.writerows([["" if value is None else value for value in row] for row in rows])
-    return text.getvalue()
 
 
 def _cell(value: Value, digits: int | None) -> str:

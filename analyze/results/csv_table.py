@@ -1,0 +1,59 @@
+"""Tables as CSV: UTF-8, commas, a heading with units, an empty field where there is no value."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from analyze.errors import OutputError
+from analyze.output_file import write_text
+
+Cell = str | int | float | bool | None
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """One file."""
+
+    name: str
+    """without .csv"""
+    headings: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+
+
+def csv_text(headings: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
+    """The table as text."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(headings)
+    writer.writerows([["" if value is None else value for value in row] for row in rows])
+    return text.getvalue()
+
+
+def make_folder(folder: Path) -> None:
+    """Make it if it is not there; those above it are not made, its name may be misspelt.
+
+    Raises:
+        OutputError: it cannot be made.
+    """
+    try:
+        folder.mkdir(exist_ok=True)
+    except FileNotFoundError:
+        raise OutputError(f"{folder}: cannot be made: there is no folder {folder.parent}: create it first") from None
+    except FileExistsError:
+        raise OutputError(f"{folder}: is a file: name a folder for the tables") from None
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made: {error.strerror}: choose another place") from None
+
+
+def write_tables(tables: Sequence[CsvTable], folder: Path) -> None:
+    """Write each table as `<name>.csv` into the folder.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    for table in tables:
+        write_text(folder / f"{table.name}.csv", csv_text(table.headings, table.rows))
