@@ -15,6 +15,7 @@ from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.station import turned_camera
 from analyze.motion.strike import StrikeTask, analyse_strike
 from analyze.object_files import object_files
+from analyze.planning.corrected import corrected_plan
 from analyze.recording import Recording, open_recording
 from analyze.sections import section_of
 from analyze.tracking.camera_model import camera_from_spec
@@ -163,9 +164,10 @@ def read_evidence(
         if object_path is not None:
             files = object_files(object_path)
             spec, shape_bytes, shape_name = files.spec, files.shape_bytes, files.shape_name
-        model = load_object_model(spec, shape_bytes, shape_name)
+        model, plan = load_object_model(spec, shape_bytes, shape_name), recording.plan
         if object_path is not None:
             _refuse_other_shape(object_path, model, recording)
+            plan = corrected_plan(plan, recording.object_spec, spec, model)
         own_hash = object_sha256(spec, shape_bytes)
         bodies = tuple(bodies_of(spec, shape_bytes, shape_name)) if any(label.bodies for label in spec.labels or []) else ()
         spec = as_struck(spec)
@@ -176,7 +178,7 @@ def read_evidence(
             if progress is not None:
                 progress(f"strike {record.strike_id}", done, len(head.strike_ids))
             try:
-                motion, report = _strike(recording, markers_of(spec), model, record)
+                motion, report = _strike(recording, plan, markers_of(spec), model, record)
                 tracking[record.strike_id] = report
             except TrackingError as error:
                 problems.append(error)
@@ -188,7 +190,7 @@ def read_evidence(
             (head,),
             spec,
             model,
-            recording.plan,
+            plan,
             own_hash,
             tuple(motions),
             tracking,
@@ -240,8 +242,10 @@ def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Record
         )
 
 
-def _strike(recording: Recording, markers: list[Marker], model: ObjectModel, record: pb.StrikeRecord) -> tuple[TipMotion, TrackingReport]:
-    planned = next((strike for strike in recording.plan.strikes if strike.id == record.plan_strike_id), None)
+def _strike(
+    recording: Recording, plan: StrikePlan, markers: list[Marker], model: ObjectModel, record: pb.StrikeRecord
+) -> tuple[TipMotion, TrackingReport]:
+    planned = next((strike for strike in plan.strikes if strike.id == record.plan_strike_id), None)
     if planned is None:
         raise PlanError(
             f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r}, which its plan does not hold"

@@ -9,10 +9,9 @@ import click
 
 from analyze.commands.options import one_line
 from analyze.errors import EstimationError
-from schemas.command_line import Commands
 
 
-@click.group(cls=Commands)
+@click.group()
 def reproduce() -> None:
     """Published data and results, computed again."""
 

@@ -68,7 +68,7 @@ def result_warnings(
         text = f"the recordings do not mean one centre of mass: theirs lie {apart:.2g} mm apart, more than their errors allow"
         warn(WarningCode.RECORDINGS_DISAGREE, f"{text}: was the object opened, refilled or exchanged? Then estimate each by itself")
     if evidence.object_path_used:
-        warn(WarningCode.OBJECT_OVERRIDDEN, "the object file given replaces the recording's; pivots are the plan's")
+        warn(WarningCode.OBJECT_OVERRIDDEN, "the object file given replaces the recording's; the edges are the plan's, with its rounding")
     if options.exclude:
         warn(WarningCode.STRIKES_EXCLUDED, f"left out on request: {_names(sorted(options.exclude))}")
     if len(planes) < ENOUGH_STRIKES:

@@ -65,3 +65,15 @@ def test_the_report_is_one_file_that_needs_nothing_else(tmp_path):
     assert "centre of mass" in html.lower()
     assert not re.search(r"""(src|href)\s*=\s*["']?https?:|url\(["']?https?:|@import""", html)
     assert 'src="data:' in html or "<svg" in html
+
+
+def test_a_rounding_measured_afterwards_moves_the_centre_of_mass(answer, tmp_path):
+    """Each 0.1 mm of it moves the centre line by as much off both faces."""
+    with open_recording(SAMPLE) as recording:
+        own = recording.attachments["object.toml"].decode()
+    assert "edge_radius_m = 0.001\n" in own
+    (tmp_path / "o.toml").write_text(own.replace("edge_radius_m = 0.001\n", "edge_radius_m = 0.002\n"), encoding="utf-8")
+    before, after = json.loads(answer), json.loads(run("estimate", SAMPLE, "--json", "--object", tmp_path / "o.toml"))
+    moved = max(abs(a - b) for a, b in zip(after["centre_of_mass"]["value"], before["centre_of_mass"]["value"], strict=True))
+    assert 1e-4 < moved < 2e-3
+    assert "object_overridden" in {warning["code"] for warning in after["warnings"]}

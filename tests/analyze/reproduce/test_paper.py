@@ -97,3 +97,12 @@ def test_a_folder_without_sessions_is_refused_with_the_remedy(tmp_path):
     done = CliRunner().invoke(main, ["reproduce", "paper", "-o", str(tmp_path)])
     assert done.exit_code == 1
     assert "make reproduce" in done.output
+
+
+@pytest.mark.parametrize(("words", "where"), [(["foo"], "analyze reproduce"), (["paper", "--foo"], "analyze reproduce paper")])
+def test_wrong_usage_names_the_command_once(words, where):
+    done = CliRunner().invoke(main, ["reproduce", *words])
+    assert done.exit_code == 2
+    assert done.stderr.startswith("analyze: No such ")
+    assert done.stderr.endswith(f"(see {where} --help)\n")
+    assert done.stderr.count("\n") == 1
