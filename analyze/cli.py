@@ -14,7 +14,8 @@ from analyze.commands.markers import register
 from analyze.commands.plan import plan
 from analyze.commands.published import reproduce
 from analyze.commands.recording import inspect, watch
-from analyze.commands.result import estimate, replay, report, score
+from analyze.commands.replay import replay
+from analyze.commands.result import estimate, report, score
 from analyze.commands.shape import parts
 from analyze.commands.simulator import export
 from analyze.commands.table import gravity

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from analyze.recording import Recording, open_recording
 from analyze.sections import section_of
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.track import TrackingReport, track_markers
-from analyze.types import Marker, TipMotion
+from analyze.types import ImageFrame, Marker, TipMotion
 from schemas.object_spec import ObjectSpec, object_sha256
 from schemas.proto import percuss_pb2 as pb
 from schemas.result import Verdict
@@ -61,6 +62,73 @@ class Blow:
     """m/s, just before contact"""
     height: float
     """m, of the tip over the table"""
+
+
+class StrikeSource(Protocol):
+    """Where strikes are read from: a recording, or one that is still being written."""
+
+    @property
+    def path(self) -> Path:
+        """For messages."""
+        ...
+
+    @property
+    def manifest(self) -> SessionManifest:
+        """Of its first file."""
+        ...
+
+    @property
+    def plan(self) -> StrikePlan:
+        """The plan that was carried out."""
+        ...
+
+    @property
+    def object_spec(self) -> ObjectSpec:
+        """The object as the user described it."""
+        ...
+
+    @property
+    def shape_bytes(self) -> bytes | None:
+        """The object's shape file, None for a primitive."""
+        ...
+
+    def frame_meta(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
+        """One per frame that arrived, of the first camera."""
+        ...
+
+    def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
+        """Images by time, of the first camera."""
+        ...
+
+
+@dataclass(frozen=True)
+class StruckObject:
+    """What strikes are read with, beside the images."""
+
+    spec: ObjectSpec
+    """with its markers' masses"""
+    model: ObjectModel
+    plan: StrikePlan
+    """its edges as the object's file has them"""
+    sha256: str
+    bodies: tuple[Body, ...]
+    """as in Evidence"""
+    overridden: bool
+    """by an object file given afterwards"""
+
+
+@dataclass(frozen=True)
+class StrikeReading:
+    """What one strike showed."""
+
+    record: pb.StrikeRecord
+    motion: TipMotion
+    report: TrackingReport | None
+    """None where no marker could be followed"""
+    problem: TrackingError | None
+    """why"""
+    frames_lost: int
+    """in its window"""
 
 
 @dataclass(frozen=True)
@@ -111,17 +179,22 @@ def read_head(path: Path) -> RecordingHead:
         RecordingError: the file cannot be read.
     """
     with open_recording(path) as recording:
-        shape, rig = recording.shape_bytes, recording.attachments.get(RIG_ATTACHMENT)
-        return RecordingHead(
-            path,
-            recording.manifest,
-            recording.content_id or "",
-            tuple(record.strike_id for record in recording.strikes),
-            "" if shape is None else hashlib.sha256(shape).hexdigest(),
-            tuple(part.path.name for part in recording.parts),
-            recording.missing_parts,
-            None if rig is None else rig.decode(errors="replace"),
-        )
+        return head_of(recording)
+
+
+def head_of(recording: Recording) -> RecordingHead:
+    """What an open recording is."""
+    shape, rig = recording.shape_bytes, recording.attachments.get(RIG_ATTACHMENT)
+    return RecordingHead(
+        recording.path,
+        recording.manifest,
+        recording.content_id or "",
+        tuple(record.strike_id for record in recording.strikes),
+        "" if shape is None else hashlib.sha256(shape).hexdigest(),
+        tuple(part.path.name for part in recording.parts),
+        recording.missing_parts,
+        None if rig is None else rig.decode(errors="replace"),
+    )
 
 
 def placed_markers(spec: ObjectSpec) -> list[Marker]:
@@ -157,53 +230,87 @@ def read_evidence(
         PlanError: the plan is of another object.
         TrackingError: no strike's marker can be followed.
     """
-    path = head.path
-    with open_recording(path) as recording:
-        spec, shape_bytes, shape_name = recording.object_spec, recording.shape_bytes, recording.object_spec.shape.file or str(path)
-        _refuse_other_plan(recording)
-        if object_path is not None:
-            files = object_files(object_path)
-            spec, shape_bytes, shape_name = files.spec, files.shape_bytes, files.shape_name
-        model, plan = load_object_model(spec, shape_bytes, shape_name), recording.plan
-        if object_path is not None:
-            _refuse_other_shape(object_path, model, recording)
-            plan = corrected_plan(plan, recording.object_spec, spec, model)
-        own_hash = object_sha256(spec, shape_bytes)
-        bodies = tuple(bodies_of(spec, shape_bytes, shape_name)) if any(label.bodies for label in spec.labels or []) else ()
-        spec = as_struck(spec)
-        motions: list[TipMotion] = []
-        tracking: dict[str, TrackingReport] = {}
-        problems: list[TrackingError] = []
+    with open_recording(head.path) as recording:
+        struck = struck_object(recording, object_path)
+        markers = markers_of(struck.spec)
+        readings: list[StrikeReading] = []
         for done, record in enumerate(recording.strikes):
             if progress is not None:
                 progress(f"strike {record.strike_id}", done, len(head.strike_ids))
-            try:
-                motion, report = _strike(recording, plan, markers_of(spec), model, record)
-                tracking[record.strike_id] = report
-            except TrackingError as error:
-                problems.append(error)
-                motion = TipMotion(record.strike_id, record.plan_strike_id, Verdict.UNREADABLE, str(error), None, None, None, (), None)
-            motions.append(motion)
-        if problems and len(problems) == len(motions):
-            raise TrackingError(f"{path}: {problems[0]}")
-        return Evidence(
-            (head,),
-            spec,
-            model,
-            plan,
-            own_hash,
-            tuple(motions),
-            tracking,
-            object_path is not None,
-            {record.strike_id: _frames_lost(recording, record) for record in recording.strikes},
-            {
-                record.strike_id: Blow(record.tip_speed_m_s, record.impact_height_m)
-                for record in recording.strikes
-                if record.tip_speed_m_s > 0 and record.impact_height_m > 0
-            },
-            software_version(),
-            bodies=bodies,
-        )
+            readings.append(read_strike(recording, struck, markers, record))
+        return evidence_of(head, struck, readings)
+
+
+def struck_object(recording: StrikeSource, object_path: Path | None = None) -> StruckObject:
+    """The object of a recording, as it was struck.
+
+    Args:
+        recording: whose plan must be of its object.
+        object_path: use this object file instead of the recording's.
+
+    Raises:
+        RecordingError: it holds no plan.
+        ShapeError: the object's shape cannot be used.
+        PlanError: the plan is of another object.
+    """
+    spec, shape_bytes, shape_name = recording.object_spec, recording.shape_bytes, recording.object_spec.shape.file or str(recording.path)
+    _refuse_other_plan(recording)
+    if object_path is not None:
+        files = object_files(object_path)
+        spec, shape_bytes, shape_name = files.spec, files.shape_bytes, files.shape_name
+    model, plan = load_object_model(spec, shape_bytes, shape_name), recording.plan
+    if object_path is not None:
+        _refuse_other_shape(object_path, model, recording)
+        plan = corrected_plan(plan, recording.object_spec, spec, model)
+    own_hash = object_sha256(spec, shape_bytes)
+    bodies = tuple(bodies_of(spec, shape_bytes, shape_name)) if any(label.bodies for label in spec.labels or []) else ()
+    return StruckObject(as_struck(spec), model, plan, own_hash, bodies, object_path is not None)
+
+
+def read_strike(recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord) -> StrikeReading:
+    """Track the markers and fit the motion of one strike; a strike whose marker cannot be followed is a reading too.
+
+    Raises:
+        RecordingError: the file is damaged there.
+        PlanError: the plan does not hold the strike.
+    """
+    problem, report = None, None
+    try:
+        motion, report = _strike(recording, struck, markers, record)
+    except TrackingError as error:
+        problem = error
+        motion = TipMotion(record.strike_id, record.plan_strike_id, Verdict.UNREADABLE, str(error), None, None, None, (), None)
+    return StrikeReading(record, motion, report, problem, _frames_lost(recording, record))
+
+
+def evidence_of(head: RecordingHead, struck: StruckObject, readings: Sequence[StrikeReading]) -> Evidence:
+    """What all strikes of a recording showed.
+
+    Raises:
+        TrackingError: no strike's marker can be followed.
+    """
+    problems = [reading.problem for reading in readings if reading.problem is not None]
+    if problems and len(problems) == len(readings):
+        raise TrackingError(f"{head.path}: {problems[0]}")
+    records = [reading.record for reading in readings]
+    return Evidence(
+        (head,),
+        struck.spec,
+        struck.model,
+        struck.plan,
+        struck.sha256,
+        tuple(reading.motion for reading in readings),
+        {reading.record.strike_id: reading.report for reading in readings if reading.report is not None},
+        struck.overridden,
+        {reading.record.strike_id: reading.frames_lost for reading in readings},
+        {
+            record.strike_id: Blow(record.tip_speed_m_s, record.impact_height_m)
+            for record in records
+            if record.tip_speed_m_s > 0 and record.impact_height_m > 0
+        },
+        software_version(),
+        bodies=struck.bodies,
+    )
 
 
 def as_struck(spec: ObjectSpec) -> ObjectSpec:
@@ -214,13 +321,13 @@ def as_struck(spec: ObjectSpec) -> ObjectSpec:
     return spec.model_copy(update={"mass_kg": whole, "mass_includes_markers": True})
 
 
-def _frames_lost(recording: Recording, record: pb.StrikeRecord) -> int:
+def _frames_lost(recording: StrikeSource, record: pb.StrikeRecord) -> int:
     """Frames missing between the first and the last of the strike's window."""
     metas = recording.frame_meta(start_ns=record.window_start_ns + 1, end_ns=record.window_end_ns)
     return sum(meta.frames_lost_before for meta in metas)
 
 
-def _refuse_other_plan(recording: Recording) -> None:
+def _refuse_other_plan(recording: StrikeSource) -> None:
     own = object_sha256(recording.object_spec, recording.shape_bytes)
     if recording.plan.object_sha256 != own:
         raise PlanError(
@@ -229,7 +336,7 @@ def _refuse_other_plan(recording: Recording) -> None:
         )
 
 
-def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Recording) -> None:
+def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: StrikeSource) -> None:
     """A corrected object file keeps the body where it was: the plan's edges still lie on it."""
     tolerance = OVERRIDE_TOLERANCE * float(model.extent.max())
     strikes = recording.plan.strikes
@@ -243,9 +350,9 @@ def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Record
 
 
 def _strike(
-    recording: Recording, plan: StrikePlan, markers: list[Marker], model: ObjectModel, record: pb.StrikeRecord
+    recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
 ) -> tuple[TipMotion, TrackingReport]:
-    planned = next((strike for strike in plan.strikes if strike.id == record.plan_strike_id), None)
+    planned = next((strike for strike in struck.plan.strikes if strike.id == record.plan_strike_id), None)
     if planned is None:
         raise PlanError(
             f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r}, which its plan does not hold"
@@ -253,5 +360,5 @@ def _strike(
     camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers, planned.visible_markers)
-    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section_of(model, planned))
+    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section_of(struck.model, planned))
     return analyse_strike(report.tracks, markers, camera, task), report

@@ -51,6 +51,11 @@ class FollowedSeries:
         """The object's shape file, None for a primitive and before it was written."""
         return self._present.shape_bytes
 
+    @property
+    def finished(self) -> bool:
+        """Whether the writer ended the present file; another of the row may follow."""
+        return self._present.finished
+
     def poll(self) -> list[RecordedMessage]:
         """Messages written since the last call, in the order of the files; see FollowedRecording.poll."""
         found = self._present.poll()

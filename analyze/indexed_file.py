@@ -68,6 +68,11 @@ class IndexedFile:
     _indexes: dict[str, TopicIndex] = field(default_factory=dict)
     _whole: dict[int, memoryview] = field(default_factory=dict)
 
+    def release_memory(self) -> None:
+        """Let the system take back what it holds of the file; views are read from the file again when they are used."""
+        if isinstance(self.data.obj, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            self.data.obj.madvise(mmap.MADV_DONTNEED)
+
     def close(self) -> None:
         """Let go of the file, as far as no view is in use."""
         self._whole.clear()

@@ -31,6 +31,11 @@ class IndexedRow:
         self.files = tuple(files)
         self._indexes: dict[str, RowIndex] = {}
 
+    def release_memory(self) -> None:
+        """Let the system take back what it holds of the files."""
+        for file in self.files:
+            file.release_memory()
+
     def close(self) -> None:
         """Let go of the files, as far as no view is in use."""
         self._indexes.clear()

@@ -84,13 +84,17 @@ class Recording:
         """Attached files by name."""
         return {name: attachment.data for name, attachment in self._row.files[0].attachments.items()}
 
-    @cached_property
+    @property
     def plan(self) -> StrikePlan:
         """The plan that was carried out.
 
         Raises:
             RecordingError: there is none.
         """
+        return self._plan
+
+    @cached_property
+    def _plan(self) -> StrikePlan:
         attachment = self._row.files[0].attachments.get(PLAN_ATTACHMENT)
         if attachment is None:
             raise RecordingError(f"{self.path}: holds no {PLAN_ATTACHMENT}: record again with `acquire session`")
@@ -175,6 +179,10 @@ class Recording:
             except ContainerError as error:
                 raise RecordingError(f"{self.path}: image {message.sequence} at {message.log_time_ns}: {error}") from None
             yield ImageFrame(message.log_time_ns, message.sequence, image)
+
+    def release_memory(self) -> None:
+        """Let the system take back the memory that holds what was read; views stay valid, and are read again when they are used."""
+        self._row.release_memory()
 
     def close(self) -> None:
         """Let go of the files; images already given out stay valid."""

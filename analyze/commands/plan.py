@@ -93,7 +93,7 @@ def plan(
             page = output.with_name(f"{output.stem}-cards.html")
             write_cards(planned.plan, planned.model, planned.spec, page)
         if scenes is not None:
-            from analyze.replay_cards import write_card_scenes
+            from analyze.replay.cards import write_card_scenes
 
             write_card_scenes(planned.plan, planned.model, planned.spec, planned.camera, scenes)
     if as_json:

@@ -1,4 +1,4 @@
-"""What is made of the strikes: `analyze estimate`, `score`, `report` and `replay`."""
+"""What is made of the strikes: `analyze estimate`, `score` and `report`."""
 
 from __future__ import annotations
 
@@ -133,24 +133,3 @@ def _comparison(files: Sequence[Path], object_file: Path | None, exclude: tuple[
 
     found = compared(files, object_file, exclude)
     return _Page(lambda output: write_comparison(found, output), lambda: comparison_tables(found), lambda: comparison_json(found))
-
-
-@click.command()
-@click.argument("file", type=click.Path(path_type=Path))
-@with_estimate_options
-@click.option("--save", type=click.Path(path_type=Path), help="Write a .rrd instead of opening the viewer.")
-@click.option("--screenshot", type=click.Path(path_type=Path), help="Write a PNG of the view; needs no screen.")
-@one_line
-def replay(file: Path, object_file: Path | None, exclude: tuple[str, ...], save: Path | None, screenshot: Path | None) -> None:
-    """See what happened, in rerun."""
-    from analyze.file_row import row_of
-    from analyze.output_file import refuse_unwritable
-    from analyze.replay import replay_recording
-
-    for path in (save, screenshot):
-        if path is not None:
-            refuse_unwritable(path, *row_of(file).files)
-    replay_recording(file, estimated((file,), object_file, exclude), save, screenshot)
-    for path in (save, screenshot):
-        if path is not None:
-            click.echo(f"replay: {path}")

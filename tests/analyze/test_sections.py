@@ -7,9 +7,9 @@ import math
 import numpy as np
 import trimesh
 
-from analyze import replay_views
 from analyze.geometry.object_model import load_object_model
 from analyze.motion.strike import MotionSettings, analyse_motion
+from analyze.replay import views
 from analyze.sections import MeshSections, section_of
 from schemas.object_spec import Box, LengthUnit, MarkerSpec, ObjectSpec, Shape
 from tests.analyze.motion.rolling import RollingBody, as_tracked, draw_rolling
@@ -69,11 +69,11 @@ def test_a_replay_draws_it_rolling_as_it_was_fitted():
     spec, data, strike = moulded(body)
     motion, task = as_tracked(body, 1.2, math.radians(0.02), rng)
     found = analyse_motion(motion, task, MotionSettings())
-    fitted = replay_views.fitted_curves(found.angle, found.fit)
+    fitted = views.fitted_curves(found.angle, found.fit)
     assert np.degrees(np.std(fitted.residual)) < 0.03
     model = load_object_model(spec, data, "bowl.stl")
     strike = strike.model_copy(update={"p_world_object": [0.0, 0.0, body.b]})
-    R, p = replay_views.object_poses(strike, found.angle, section_of(model, strike))
+    R, p = views.object_poses(strike, found.angle, section_of(model, strike))
     lowest = (model.vertices @ R[:, 2].T + p[:, 2]).min(axis=0)
     tipping = (found.angle.theta > math.radians(1)) & (found.angle.theta < math.radians(75))
     assert np.abs(lowest[tipping]).max() < 5e-5, "it stays on the table"

@@ -191,7 +191,7 @@ def test_a_recording_that_is_none(tmp_path: Path, verb: str) -> None:
     assert names_in(tmp_path) == before
 
 
-@pytest.mark.parametrize("verb", ["estimate", "score", "report", "replay"])
+@pytest.mark.parametrize("verb", ["estimate", "score", "report"])
 @pytest.mark.parametrize("name", ["cut.mcap", "cut.mcap.part"])
 def test_a_recording_that_is_cut_short(tmp_path: Path, verb: str, name: str) -> None:
     whole = record(tmp_path / "whole.mcap", BLANK).read_bytes()
@@ -231,7 +231,7 @@ def test_recover_refuses_what_it_cannot_save_and_what_exists(tmp_path: Path) -> 
     assert names_in(tmp_path) == {"whole.mcap", "empty.mcap", "noise.mcap", "head.mcap"}
 
 
-@pytest.mark.parametrize("verb", ["estimate", "report", "replay"])
+@pytest.mark.parametrize("verb", ["estimate", "report"])
 def test_a_plan_of_another_object(tmp_path: Path, verb: str) -> None:
     path = record(tmp_path / "r.mcap", BLANK, plan=spec_and_plan(object_sha256="0" * 64)[1])
     assert re.search(r"r.mcap: its plan is of another object .*plan this object and record again", complaint(analyze, verb, path))

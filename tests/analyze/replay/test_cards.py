@@ -16,10 +16,10 @@ from analyze.object_files import object_files
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
 from analyze.planning.view import default_camera
-from analyze.replay import _viewer
-from analyze.replay_cards import STRIKE, card_text, log_scenes, write_card_scenes
+from analyze.replay.cards import STRIKE, card_text, log_scenes, write_card_scenes
+from analyze.replay.picture import showing
 
-CARTON = Path(__file__).parents[2] / "acquire" / "virtual" / "object_data" / "carton.toml"
+CARTON = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data" / "carton.toml"
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +103,7 @@ def test_a_place_that_cannot_be_written_gives_one_line(planned, tmp_path):
 @pytest.mark.slow
 def test_what_is_seen_is_not_blank(rrd, vulkan, tmp_path):
     picture = tmp_path / "c.png"
-    with _viewer(rrd) as client:
+    with showing(rrd) as client:
         client.set_time(STRIKE, sequence=1)
         time.sleep(1.5)
         client.save_screenshot(str(picture))

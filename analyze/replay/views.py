@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from analyze.geometry.rotations import matrix_from_vector
-from analyze.types import Array, CentreOfMass, EquiPlane, IntArray, MarkerTrack, MotionFit, Phases, TipAngle, TipMotion
-from schemas.result import Result, Verdict
-from schemas.strike_plan import PlannedStrike, StrikePlan
+from analyze.motion.fit_choice import MotionSettings
+from analyze.motion.sign_change import angular_acceleration
+from analyze.types import Array, CentreOfMass, EquiPlane, IntArray, MotionFit, Phases, TipAngle, TipMotion
+from schemas.result import Result
+from schemas.strike_plan import PlannedStrike
 
 if TYPE_CHECKING:
+    from analyze.estimation.voxel_map import VoxelMap
     from analyze.geometry.object_model import ObjectModel
     from analyze.motion.flank import Flank
     from analyze.pipeline import Estimate
@@ -36,27 +37,14 @@ class Region:
 
 
 @dataclass(frozen=True)
-class ReplayContent:
-    """Everything beside the recording itself that a replay draws. What is not known is left empty."""
+class Answer:
+    """What is drawn of an estimate."""
 
-    model: ObjectModel
-    plan: StrikePlan
-    motions: tuple[TipMotion, ...]
-    tracks: Mapping[str, tuple[MarkerTrack, ...]] = field(default_factory=dict)
-    """by strike id"""
-    result: Result | None = None
-    planes: tuple[EquiPlane, ...] = ()
-    com: CentreOfMass | None = None
-    regions: tuple[Region, ...] = ()
-
-    def planned(self, motion: TipMotion) -> PlannedStrike | None:
-        """The plan's entry for a strike."""
-        return next((strike for strike in self.plan.strikes if strike.id == motion.plan_strike_id), None)
-
-    def front(self) -> TipMotion | None:
-        """The strike that is shown first: a good one, else one that was fitted."""
-        fitted = [motion for motion in self.motions if motion.fit is not None and motion.angle is not None]
-        return next((motion for motion in fitted if motion.verdict is Verdict.GOOD), fitted[0] if fitted else None)
+    result: Result
+    planes: tuple[EquiPlane, ...]
+    com: CentreOfMass
+    regions: tuple[Region, ...]
+    voxels: VoxelMap | None = None
 
 
 @dataclass(frozen=True)
@@ -69,6 +57,8 @@ class Curves:
     """(n,) rad"""
     omega: Array
     """(n,) rad/s, central differences"""
+    alpha: Array
+    """(n,) rad/s^2, twice differentiated and smoothed as the paper's estimator has it"""
 
 
 @dataclass(frozen=True)
@@ -81,13 +71,15 @@ class FittedCurves:
     """(m,) rad"""
     omega: Array
     """(m,) rad/s"""
+    alpha: Array
+    """(m,) rad/s^2"""
     residual: Array
     """(m,) rad, measured - fitted"""
 
 
-def content_of(estimate: Estimate) -> ReplayContent:
+def answer_of(estimate: Estimate) -> Answer:
     """What an estimate has to show."""
-    evidence, distribution, cells = estimate.evidence, estimate.distribution, estimate.cells
+    distribution, cells = estimate.distribution, estimate.cells
     upper = cells.points @ distribution.border_normal > distribution.border_offset
     inside = cells.interior >= cells.wall
     members = (~inside, inside & upper, inside & ~upper)
@@ -95,40 +87,62 @@ def content_of(estimate: Estimate) -> ReplayContent:
         Region(name, float(mass), _thinned(cells.points[member]))
         for name, mass, member in zip(distribution.names, distribution.masses, members, strict=False)
     )
-    tracks = {strike: report.tracks for strike, report in evidence.tracking.items()}
-    return ReplayContent(evidence.model, evidence.plan, evidence.motions, tracks, estimate.result, estimate.planes, estimate.com, regions)
+    return Answer(estimate.result, estimate.planes, estimate.com, regions, estimate.voxels)
+
+
+def moment_of(motion: TipMotion | None) -> float:
+    """A moment [s since contact] that shows something: when the object stands on its edge."""
+    if motion is not None and motion.angle is not None and motion.phases is not None and motion.phases.stage_one is not None:
+        first, last = motion.phases.stage_one
+        time_ns = motion.angle.time_ns
+        return float(time_ns[min(last, len(time_ns) - 1)] - time_ns[first]) * 1e-9
+    return 0.2
 
 
 def curves(angle: TipAngle) -> Curves:
-    """Measured angle and rate."""
+    """Measured angle, rate and acceleration."""
+    if len(angle.time_ns) < 2:
+        return Curves(angle.time_ns, angle.theta, np.zeros_like(angle.theta), np.zeros_like(angle.theta))
     time = (angle.time_ns - angle.time_ns[0]).astype(np.float64) * 1e-9
-    omega = np.gradient(angle.theta, time) if len(time) > 1 else np.zeros_like(angle.theta)
-    return Curves(angle.time_ns, angle.theta, omega)
+    _, alpha = angular_acceleration(angle, MotionSettings().smoothing_points)
+    return Curves(angle.time_ns, angle.theta, np.gradient(angle.theta, time), alpha)
 
 
 def fitted_curves(angle: TipAngle, fit: MotionFit) -> FittedCurves | None:
     """The fit's own motion at the frames of its window, whatever its equation; None where it knows no k."""
     first, last = fit.window
     time_ns = angle.time_ns[first:last]
-    if fit.k is None or len(time_ns) < 2:
+    if fit.k is None or len(time_ns) < 3:
         return None
-    theta = angle.theta[first:last] - fit.residual
-    return FittedCurves(time_ns, theta, np.gradient(theta, (time_ns - time_ns[0]) * 1e-9), fit.residual)
+    theta, time = angle.theta[first:last] - fit.residual, (time_ns - time_ns[0]) * 1e-9
+    omega = np.gradient(theta, time, edge_order=2)
+    return FittedCurves(time_ns, theta, omega, np.gradient(omega, time, edge_order=2), fit.residual)
 
 
-def object_poses(planned: PlannedStrike, angle: TipAngle, flank: Flank | None = None) -> tuple[Array, Array]:
-    """R_world_object (n, 3, 3) and p_world_object (n, 3) m: the planned pose turned by theta about the pivot line, moved by slip.
+def at_fit(angle: TipAngle, fit: MotionFit, fitted: FittedCurves) -> TipAngle:
+    """The angle as fitted, at the frames of the fit's window; what the fit does not say of them is as measured."""
+    first, last = fit.window
+    return TipAngle(fitted.time_ns, fitted.theta, angle.sd[first:last], angle.off_axis[first:last], angle.slip[first:last], angle.zero_sd)
+
+
+def object_poses(
+    planned: PlannedStrike, angle: TipAngle, flank: Flank | None = None, rest: tuple[Array, Array] | None = None
+) -> tuple[Array, Array]:
+    """R_world_object (n, 3, 3) and p_world_object (n, 3) m: the rest pose turned by theta about the pivot line, moved by rolling and slip.
 
     Args:
         planned: how it lay.
         angle: how it turned; its slip is against rolling where it rolls.
         flank: that it rolls on, by which the line itself moves.
+        rest: R_world_object (3, 3) and p_world_object (3,) m at theta = 0; as planned where it is not given.
     """
-    R_rest, p_rest = np.array(planned.R_world_object), np.array(planned.p_world_object)
+    R_rest, p_rest = rest or (np.array(planned.R_world_object), np.array(planned.p_world_object))
     pivot = R_rest @ np.array(planned.pivot.point) + p_rest
     turn = matrix_from_vector(np.outer(angle.theta, [0.0, 1.0, 0.0]))
     moved = np.outer(angle.slip, [1.0, 0.0, 0.0])
-    if flank is not None:
+    if flank is None:  # it rolls on the edge's rounding, against which slip is measured
+        moved[:, 0] += planned.pivot.radius_m * angle.theta
+    else:
         along, over = flank.rolled(angle.theta)
         moved = moved + np.stack([along, np.zeros_like(along), over], axis=-1)
     return turn @ R_rest, turn @ (p_rest - pivot) + pivot + moved
@@ -175,51 +189,6 @@ def ellipsoid(covariance: Array, least: float) -> tuple[Array, Array]:
     return np.maximum(2.795 * np.sqrt(np.maximum(values, 0.0)), least), vectors
 
 
-def summary(result: Result | None, recording: Path) -> str:
-    """Markdown: the answer in a few lines."""
-    if result is None:
-        return f"# {recording.name}\n\nNothing was estimated."
-    used = sum(strike.used for strike in result.strikes)
-    lines = [f"# {recording.name}", "", f"**{used} of {len(result.strikes)} strikes used**", "", "| | value | 1 sd |", "|---|---:|---:|"]
-    centre, sd = result.centre_of_mass.value, result.centre_of_mass.sd
-    if isinstance(centre, list):
-        spread = sd if isinstance(sd, list) else [None] * 3
-        lines += [
-            f"| c {axis} | {1e3 * _number(c):.2f} mm | {_text(s, 1e3, '.2f')} |" for axis, c, s in zip("xyz", centre, spread, strict=False)
-        ]
-    for moment in result.moments:
-        lines.append(
-            f"| I edge {moment.axis_id} | {_text(moment.i_edge.value, 1e6, '.1f')} kg·mm² | {_text(moment.i_edge.sd, 1e6, '.1f')} |"
-        )
-    if result.regions is not None:
-        lines += [
-            f"| mass {r.name} | {_text(r.mass.value, 1e3, '.1f')} g | {_text(r.mass.sd, 1e3, '.1f')} |" for r in result.regions.regions
-        ]
-    lines += ["", *[f"- *{warning.text}*" for warning in result.warnings]]
-    return "\n".join(lines)
-
-
-def strike_text(motion: TipMotion) -> str:
-    """Markdown: one strike in a few lines."""
-    lines = [f"## {motion.strike_id}", f"**{motion.verdict.value.replace('_', ' ')}** {motion.reason}", ""]
-    for fit, used in ((motion.fit, "used"), *((other, "beside it") for other in motion.alternatives)):
-        if fit is not None:
-            sd = np.degrees(np.sqrt(fit.covariance[0, 0]))
-            k = "" if fit.k is None else f", k = {fit.k:.2f} ± {np.sqrt(fit.covariance[1, 1]):.2f} s⁻²"
-            lines.append(f"- `{fit.estimator}` ({used}): φ = {np.degrees(fit.phi):.3f}° ± {sd:.3f}°{k}")
-    if motion.energy_ratio is not None:
-        lines.append(f"- energy over what the tip needs: {motion.energy_ratio:.2f}")
-    return "\n".join(lines)
-
-
 def _thinned(points: Array) -> Array:
     """At most as many as a viewer draws easily, drawn at random: a regular grid would shimmer."""
     return np.random.default_rng(0).permutation(points)[:_MOST_POINTS]
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else float("nan")
-
-
-def _text(value: object, factor: float, form: str) -> str:
-    return format(factor * value, form) if isinstance(value, int | float) else "–"

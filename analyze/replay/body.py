@@ -1,0 +1,135 @@
+"""The object as it is drawn in space: its shape, and what is known of its inside, in its own frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import rerun as rr
+
+from analyze.geometry.rotations import wxyz_from_matrix
+from analyze.geometry.station import turned_camera
+from analyze.replay import views
+from analyze.replay.overlay import sharp_edges
+from analyze.replay.palette import BRIGHT, ORANGE, SKY, Colour
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from analyze.geometry.object_model import ObjectModel
+    from analyze.replay.views import Answer
+    from analyze.types import Array, CameraModel, Marker
+    from schemas.strike_plan import PlannedStrike, StrikePlan
+
+_REGION_COLOURS = (ORANGE, SKY)
+_LEAST_SEEN, _CROSS = 0.025, 0.12
+"""half axes of an ellipsoid that can be seen, and of the cross through it, in longest edges of the object"""
+_MOST_VOXELS = 4000
+
+
+@dataclass(frozen=True)
+class Body:
+    """What strikes are drawn with."""
+
+    model: ObjectModel
+    plan: StrikePlan
+    camera: CameraModel
+    markers: tuple[Marker, ...]
+
+    def planned(self, plan_strike_id: str) -> PlannedStrike | None:
+        """The plan's entry."""
+        return next((strike for strike in self.plan.strikes if strike.id == plan_strike_id), None)
+
+    def camera_of(self, planned: PlannedStrike) -> CameraModel:
+        """The camera as it stands in the frame that a strike is written down in."""
+        return turned_camera(self.camera, planned.heading_rad)
+
+
+def log_shape(stream: rr.RecordingStream, root: str, model: ObjectModel) -> None:
+    """Its surface, half transparent, and its edges."""
+    corners = model.vertices[model.faces].reshape(-1, 3)
+    normals = np.repeat(np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3]), 3, axis=0)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    mesh = rr.Mesh3D(
+        vertex_positions=corners,
+        triangle_indices=np.arange(len(corners)).reshape(-1, 3),
+        vertex_normals=normals,
+        albedo_factor=(190, 200, 215, 45),
+    )
+    stream.log(f"{root}/shape", mesh, static=True)
+    edges = rr.LineStrips3D(sharp_edges(model.vertices, model.faces), colors=[(175, 185, 200)], radii=[0.0004])
+    stream.log(f"{root}/edges", edges, static=True)
+
+
+def log_inside(
+    stream: rr.RecordingStream, root: str, model: ObjectModel, answer: Answer, colours: Mapping[str, Colour], strike_id: str | None = None
+) -> None:
+    """Equi-planes (of one strike, or of all), centre of mass with the ellipsoid that holds 95 %, regions.
+
+    Args:
+        stream: where to.
+        root: entity in the object's frame.
+        model: the exterior.
+        answer: what is known.
+        colours: of the strikes.
+        strike_id: whose equi-plane alone is drawn; None: all.
+    """
+    for plane in answer.planes:
+        if strike_id is not None and plane.strike_id != strike_id:
+            continue
+        cut = views.section(model, plane.point, plane.normal)
+        if len(cut) == 0:
+            continue
+        colour = colours.get(plane.strike_id, SKY)
+        quad = rr.Mesh3D(vertex_positions=cut, triangle_indices=views.fan(cut), albedo_factor=(*colour, 42))
+        border = rr.LineStrips3D([np.vstack([cut, cut[:1]])], colors=[colour], radii=[0.0004])
+        stream.log(f"{root}/planes{rr.new_entity_path([plane.strike_id])}", quad, border, static=True)
+    _centre(stream, root, model, answer, named=strike_id is None)
+    # the first region is the wall: the shape itself shows it
+    for region, colour in zip(answer.regions[1:], _REGION_COLOURS, strict=False):
+        points = rr.Points3D(region.points, colors=[colour], radii=[0.0007])
+        stream.log(f"{root}/regions{rr.new_entity_path([region.name])}", points, static=True)
+
+
+def _centre(stream: rr.RecordingStream, root: str, model: ObjectModel, answer: Answer, *, named: bool) -> None:
+    """The centre of mass, as large as it is uncertain, or as it must be to be seen."""
+    reach = float(model.extent.max())
+    half, axes = views.ellipsoid(answer.com.covariance, _LEAST_SEEN * reach)
+    ball = rr.Ellipsoids3D(
+        centers=[answer.com.position],
+        half_sizes=[half],
+        quaternions=[wxyz_from_matrix(axes)[[1, 2, 3, 0]]],
+        colors=[BRIGHT],
+        fill_mode="solid",
+        labels=["centre of mass"] if named else None,
+        show_labels=named,
+    )
+    stream.log(f"{root}/centre_of_mass", ball, static=True)
+    if named:
+        cross = answer.com.position + _CROSS * reach * np.stack([-np.eye(3), np.eye(3)], axis=1)
+        lines = rr.LineStrips3D(list(cross), colors=[BRIGHT], radii=[0.003 * reach])
+        stream.log(f"{root}/centre_of_mass/cross", lines, static=True)
+
+
+def log_voxels(stream: rr.RecordingStream, path: str, answer: Answer) -> None:
+    """Cells coloured by density: dark where there may be little, bright where there may be much."""
+    voxels = answer.voxels
+    if voxels is None:
+        return
+    shown = np.arange(len(voxels.points))[:: max(1, len(voxels.points) // _MOST_VOXELS)]
+    half = 0.42 * np.cbrt(voxels.volumes[shown])[:, None] * np.ones(3)
+    low, high = np.quantile(voxels.density, [0.02, 0.98])
+    colours = _shade((voxels.density[shown] - low) / max(high - low, 1e-9))
+    boxes = rr.Boxes3D(centers=voxels.points[shown], half_sizes=half, colors=colours, fill_mode="solid")
+    stream.log(path, boxes, static=True)
+
+
+def _shade(share: Array) -> NDArray[np.uint8]:
+    """Colours (n, 3) from dark blue to bright yellow (cividis' ends: lightness rises evenly) of shares (n,) 0 to 1."""
+    dark, middle, bright = np.array([10, 40, 100]), np.array([125, 124, 120]), np.array([253, 231, 55])
+    at = np.clip(share, 0.0, 1.0)[:, None]
+    colours = np.where(at < 0.5, dark + 2 * at * (middle - dark), middle + (2 * at - 1) * (bright - middle))
+    return np.asarray(colours, dtype=np.uint8)

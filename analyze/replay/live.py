@@ -1,0 +1,131 @@
+"""A recording that is still being written, as far as it has come: what was noted, strikes as they are recorded, their images."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+
+from analyze.errors import RecordingError
+from analyze.followed_series import FollowedSeries
+from analyze.indexed_file import RecordedMessage
+from analyze.types import ImageFrame
+from schemas import topics
+from schemas.object_spec import ObjectSpec
+from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import SessionManifest
+from schemas.strike_plan import StrikePlan
+
+_KEEP_NS = 120_000_000_000
+"""images are kept so long for a strike that may yet be told"""
+
+
+class LiveRecording:
+    """A growing recording. `poll`, then ask for what is there; images older than the strikes that were told are let go."""
+
+    def __init__(self, path: Path) -> None:
+        self._series = FollowedSeries(path)
+        self._images: deque[RecordedMessage] = deque()
+        self._metas: deque[pb.FrameMeta] = deque()
+        self._meta_ns: deque[int] = deque()
+        self.strikes: list[pb.StrikeRecord] = []
+        """as far as they are told"""
+
+    def __enter__(self) -> LiveRecording:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._series.close()
+
+    @property
+    def path(self) -> Path:
+        """Of the present file."""
+        return self._series.path
+
+    @property
+    def ready(self) -> bool:
+        """Whether its head was written."""
+        return self._series.manifest is not None and self._series.plan is not None
+
+    @property
+    def finished(self) -> bool:
+        """Whether the present file was ended; of a continuous recording another may follow."""
+        return self._series.finished
+
+    @property
+    def manifest(self) -> SessionManifest:
+        """Of the present file.
+
+        Raises:
+            RecordingError: it is not there yet.
+        """
+        if self._series.manifest is None:
+            raise RecordingError(f"{self.path}: ends before its manifest")
+        return self._series.manifest
+
+    @property
+    def plan(self) -> StrikePlan:
+        """The plan that is carried out.
+
+        Raises:
+            RecordingError: it is not there yet.
+        """
+        plan = self._series.plan
+        if plan is None:
+            raise RecordingError(f"{self.path}: ends before its plan")
+        return plan
+
+    @property
+    def object_spec(self) -> ObjectSpec:
+        """The object as the user described it."""
+        return self.manifest.object
+
+    @property
+    def shape_bytes(self) -> bytes | None:
+        """The object's shape file, None for a primitive."""
+        return self._series.shape_bytes
+
+    def poll(self) -> tuple[list[RecordedMessage], list[pb.StrikeRecord]]:
+        """Messages on small topics and strikes since the last call. Does not wait.
+
+        Raises:
+            RecordingError: what is there is damaged, or not a recording.
+        """
+        small: list[RecordedMessage] = []
+        strikes: list[pb.StrikeRecord] = []
+        camera = ""
+        for message in self._series.poll():
+            camera = camera or self.manifest.cameras[0].name
+            if message.topic == topics.raw_image(camera).name:
+                self._images.append(message)
+            elif message.topic == topics.frame_meta(camera).name:
+                self._metas.append(pb.FrameMeta.FromString(bytes(message.data)))
+                self._meta_ns.append(message.log_time_ns)
+            elif message.topic == topics.SESSION_STRIKE.name:
+                strikes.append(pb.StrikeRecord.FromString(bytes(message.data)))
+            else:
+                small.append(message)
+        self.strikes += strikes
+        while self._images and self._images[-1].log_time_ns - self._images[0].log_time_ns > _KEEP_NS:
+            self._images.popleft()
+        return small, strikes
+
+    def forget_until(self, time_ns: int) -> None:
+        """Let go of images up to then."""
+        while self._images and self._images[0].log_time_ns <= time_ns:
+            self._images.popleft()
+        while self._meta_ns and self._meta_ns[0] <= time_ns:
+            self._meta_ns.popleft()
+            self._metas.popleft()
+
+    def frame_meta(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
+        """One per frame that arrived, of the first camera."""
+        for time_ns, meta in zip(list(self._meta_ns), list(self._metas), strict=True):
+            if (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns):
+                yield meta
+
+    def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
+        """Images by time, of the first camera."""
+        for message in sorted(self._images, key=lambda each: each.log_time_ns):
+            if (start_ns is None or message.log_time_ns >= start_ns) and (end_ns is None or message.log_time_ns <= end_ns):
+                yield self._series.image(message)

@@ -1,0 +1,43 @@
+"""Colours of a replay: safe for colour-blind eyes (Okabe & Ito 2008), lightened for a dark ground."""
+
+Colour = tuple[int, int, int]
+"""red, green, blue"""
+
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY = (
+    (86, 160, 230),
+    (240, 170, 40),
+    (60, 190, 140),
+    (230, 100, 40),
+    (215, 130, 180),
+    (120, 200, 240),
+)
+CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
+BRIGHT = (255, 64, 54)
+GREY = (170, 178, 190)
+GROUND = (22, 25, 30)
+TABLE = (96, 82, 66)
+PHASES = {"rest": 0x5A6470FF, "strike": 0xE6642CFF, "stage_one": 0x3D8FDDFF, "stage_two": 0x2FA97BFF, "landing": 0xC878A8FF}
+STRIKER = {
+    "homed": 0x4A525CFF,
+    "armed": 0x5A6470FF,
+    "cocked": 0x7A6A3AFF,
+    "released": 0xE6642CFF,
+    "contact": 0x3D8FDDFF,
+    "missed": 0xB03A3AFF,
+    "caught": 0x2FA97BFF,
+    "verified": 0x2FA97BFF,
+    "disarmed": 0x4A525CFF,
+    "fault": 0xB03A3AFF,
+    "stopped": 0xB03A3AFF,
+}
+SESSION = {
+    "idle": 0x4A525CFF,
+    "placing": 0x7A6A3AFF,
+    "checking_pose": 0x8A7FD0FF,
+    "arming": 0x5A6470FF,
+    "striking": 0xE6642CFF,
+    "recording": 0x3D8FDDFF,
+    "judging": 0xC878A8FF,
+    "finished": 0x2FA97BFF,
+    "aborted": 0xB03A3AFF,
+}

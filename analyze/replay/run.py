@@ -1,0 +1,222 @@
+"""Replays a recording: what is sent, in which order.
+
+The first strike's images go out before anything that computes is loaded.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import rerun as rr
+
+from analyze.errors import RecordingError
+from analyze.followed import PART_SUFFIX
+from analyze.recording import Recording
+from analyze.replay.layout import ANSWER, SESSION_PAGE
+from analyze.replay.live import LiveRecording
+from analyze.replay.pictures import send_pictures, thinned
+from analyze.replay.place import STILL_S, Place, is_fresh
+from analyze.replay.sender import ReplayOptions, Sender
+from analyze.replay.session_scene import NOTED, send_health, send_note
+from analyze.replay.source import open_as_far_as_it_goes
+from analyze.replay.timelines import Timelines
+from analyze.replay.viewer import ReplayError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from analyze.indexed_file import RecordedMessage
+    from analyze.replay.target import Target
+    from schemas.proto import percuss_pb2 as pb
+    from schemas.session_manifest import SessionManifest
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """How it went."""
+
+    problems: list[str]
+    """what is wrong with the recording, a line each: what could not be read, else why there is no answer"""
+    moment_s: float
+    """since contact, that shows something"""
+
+
+APPLICATION = "percuss"
+Progress = Callable[[str, int, int], None]
+_POLL_S = 0.1
+_NEXT_FILE_S = 2.0
+"""within which a continuous recording's next file appears"""
+_LOOSE_RATE, _MOST_LOOSE = 5.0, 600
+"""Hz, and images, of a recording without strikes"""
+
+
+def replay_recording(place: Place, target: Target, options: ReplayOptions, progress: Progress) -> Replayed:
+    """Send a recording; of one that is still being written each strike as it is recorded.
+
+    Args:
+        place: where it lies.
+        target: where it is sent.
+        options: the user's.
+        progress: called with (text, done, total).
+
+    Raises:
+        RecordingError: there is nothing to be replayed.
+        ReplayError: the target does not take it.
+    """
+    if place.growing:
+        return _follow(place.path, target, options, progress)
+    recording, damage = open_as_far_as_it_goes(place.path)
+    with recording:
+        return _whole(recording, damage, target, options, progress)
+
+
+@dataclass(frozen=True)
+class _Show:
+    """A replay that has begun."""
+
+    stream: rr.RecordingStream
+    timelines: Timelines
+    sender: Sender
+
+
+def _begin(manifest: SessionManifest, path: Path, origin_ns: int, target: Target, options: ReplayOptions) -> _Show:
+    stream = rr.RecordingStream(APPLICATION, recording_id=manifest.recording_id)
+    target.connect(stream)
+    name = path.name.removesuffix(PART_SUFFIX).removesuffix(".mcap")
+    stream.send_recording_name(name)
+    timelines = Timelines(stream, origin_ns)
+    return _Show(stream, timelines, Sender(timelines, name, options))
+
+
+def _whole(recording: Recording, damage: str | None, target: Target, options: ReplayOptions, progress: Progress) -> Replayed:
+    records = recording.strikes
+    _refuse_unknown(recording, options)
+    origin_ns = min((record.window_start_ns for record in records), default=0) or _first_time(recording)
+    show = _begin(recording.manifest, recording.path, origin_ns, target, options)
+    if damage is not None:
+        show.sender.damage.append(damage)
+    show.sender.announce(records, more=False)
+    for done, record in enumerate(records):
+        progress(f"strike {record.strike_id}", done, len(records) + 1)
+        show.sender.pictures(recording, record)
+        if done == 0:
+            _notes(recording, show)
+            target.first_strike_sent(show.stream)
+        target.check()
+        show.sender.read(recording, record, more=False)
+        recording.release_memory()
+    if not records:
+        _loose_pictures(recording, show, options)
+        _notes(recording, show)
+    target.check()
+    return _end(recording, show, target, progress)
+
+
+def _follow(path: Path, target: Target, options: ReplayOptions, progress: Progress) -> Replayed:
+    show: _Show | None = None
+    damage: str | None = None
+    grown = time.monotonic()
+    with LiveRecording(path) as live:
+        while damage is None:
+            small, strikes = live.poll()
+            if show is None and live.ready and (small or strikes):
+                origin_ns = min([message.log_time_ns for message in small] or [strikes[0].window_start_ns])
+                show = _begin(live.manifest, live.path, origin_ns, target, options)
+                show.sender.announce([], more=True)
+            if show is not None:
+                _send_live(live, small, strikes, show, target, progress)
+            if small or strikes:
+                grown = time.monotonic()
+                continue
+            target.check()
+            count = len(live.strikes)
+            progress("waiting for the next strike", count, count + 1)
+            if live.finished and time.monotonic() - grown > _NEXT_FILE_S:
+                break
+            if not live.finished and not is_fresh(live.path):
+                damage = f"{live.path}: ends early: it has not grown for {STILL_S:.0f} s: `acquire recover {live.path} -o NEW.mcap`"
+            time.sleep(_POLL_S)
+        last = live.path
+    whole = last.with_suffix("") if last.suffix == PART_SUFFIX else last
+    recording, wrong = open_as_far_as_it_goes(whole if whole.exists() else last)
+    with recording:
+        if show is None:
+            return _whole(recording, damage or wrong, target, options, progress)
+        if (said := damage or wrong) is not None:
+            show.sender.damage.append(said)
+        return _end(recording, show, target, progress)
+
+
+def _send_live(
+    live: LiveRecording,
+    small: Sequence[RecordedMessage],
+    strikes: Sequence[pb.StrikeRecord],
+    show: _Show,
+    target: Target,
+    progress: Progress,
+) -> None:
+    for message in small:
+        if message.topic in NOTED:
+            send_note(show.timelines, message, live.strikes)
+    for record in strikes:
+        count = len(live.strikes)
+        progress(f"strike {record.strike_id}", count - 1, count)
+        show.sender.announce([record], more=True)
+        show.sender.pictures(live, record)
+        target.first_strike_sent(show.stream)
+        show.sender.read(live, record, more=True)
+        live.forget_until(record.window_end_ns)
+        target.first_strike_sent(show.stream)
+
+
+def _end(recording: Recording, show: _Show, target: Target, progress: Progress) -> Replayed:
+    from analyze.evidence import head_of
+
+    count = len(recording.strikes)
+    progress("estimating", count, count + 1)
+    try:
+        send_health(show.timelines, recording)
+    except RecordingError as error:
+        show.sender.damage.append(str(error))
+    show.sender.answer(head_of(recording))
+    target.sent(show.stream)
+    problems = show.sender.no_answer
+    if show.sender.damage:
+        problems = [f"{show.sender.damage[0]} (replayed as far as it can be read: {count} strikes)"]
+    return Replayed(problems, show.sender.moment())
+
+
+def _refuse_unknown(recording: Recording, options: ReplayOptions) -> None:
+    strikes = [record.strike_id for record in recording.strikes]
+    for strike_id in sorted(options.exclude - set(strikes)):
+        raise ReplayError(f"{recording.path}: no strike {strike_id!r} to exclude: its strikes are {', '.join(strikes) or 'none'}")
+    pages = [ANSWER, *strikes, SESSION_PAGE]
+    if options.page is not None and options.page not in pages:
+        raise ReplayError(f"{recording.path}: has no page {options.page!r}: choose one of {', '.join(pages)}")
+
+
+def _first_time(recording: Recording) -> int:
+    return min((topic.first_ns for topic in recording.topics() if topic.first_ns), default=0)
+
+
+def _notes(recording: Recording, show: _Show) -> None:
+    try:
+        for topic in NOTED:
+            for message in recording.messages(topic):
+                send_note(show.timelines, message, recording.strikes)
+    except RecordingError as error:
+        show.sender.damage.append(str(error))
+
+
+def _loose_pictures(recording: Recording, show: _Show, options: ReplayOptions) -> None:
+    """Images of a recording that was cut before its first strike was told."""
+    try:
+        frames = islice(thinned(recording.images(), _LOOSE_RATE), _MOST_LOOSE)
+        send_pictures(show.timelines, "/session/camera", frames, None, options.images)
+    except RecordingError as error:
+        show.sender.damage.append(str(error))

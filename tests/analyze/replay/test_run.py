@@ -1,0 +1,323 @@
+"""A recording replayed to a file: whole, cut, damaged, without an answer, and while it is still being written."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rerun as rr
+from click.testing import CliRunner
+from rerun.chunk import RrdReader
+
+from acquire.recorder.writer import McapWriter
+from analyze.cli import main
+from analyze.evidence import read_strike
+from analyze.recording import open_recording
+from analyze.replay.pictures import ImageChoice, send_pictures
+from analyze.replay.place import find
+from analyze.replay.run import replay_recording
+from analyze.replay.sender import ReplayOptions
+from analyze.replay.target import to_file
+from analyze.replay.timelines import Timelines
+from schemas import topics
+from schemas.document import canonical_json
+from schemas.session_manifest import MANIFEST_NAME
+
+SAMPLE = Path(__file__).parents[3] / "recordings" / "sample-1.0.mcap"
+TOPICS = [
+    topics.compressed_image("main"), topics.frame_meta("main"), topics.STRIKER_EVENT, topics.CLOCK_SAMPLE, topics.SESSION_STATE,
+    topics.SESSION_STRIKE, topics.LOG,
+]  # fmt: skip
+STRIKES = ["s1.1", "s2.2", "s3.1", "s4.1"]
+
+
+class Shown:
+    """What a .rrd holds, by entity."""
+
+    def __init__(self, path: Path) -> None:
+        self.chunks: dict[str, list] = {}
+        for chunk in RrdReader(path).stream().to_chunks():
+            self.chunks.setdefault(chunk.entity_path, []).append(chunk)
+
+    def rows(self, entity: str) -> int:
+        return sum(chunk.num_rows for chunk in self.chunks.get(entity, []) if not chunk.is_static)
+
+    def text(self, entity: str) -> str:
+        return self._cells(entity, "text")[-1]
+
+    def images(self, entity: str) -> list[bytes]:
+        return [bytes(blob) for blob in self._cells(entity, "blob")]
+
+    def _cells(self, entity: str, ending: str) -> list:
+        batches = [chunk.to_record_batch() for chunk in self.chunks[entity]]
+        return [row[0] for b in batches for name in b.schema.names if name.endswith(ending) for row in b.column(name).to_pylist()]
+
+
+def strike(name: str, part: str) -> str:
+    return f"/strike/{name}/{part}"
+
+
+def replay(path: Path, output: Path, options: ReplayOptions | None = None):
+    steps = []
+    with to_file(output) as target:
+        done = replay_recording(find(path), target, options or ReplayOptions(), lambda *step: steps.append(step))
+    return done, Shown(output), steps
+
+
+@pytest.fixture(scope="module")
+def read():
+    """What the sample's strikes showed when they were read first, by their ids."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def sample(read, tmp_path_factory):
+    def remembering(source, struck, markers, record):
+        read[record.strike_id] = read_strike(source, struck, markers, record)
+        return read[record.strike_id]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("analyze.evidence.read_strike", remembering)
+        return replay(SAMPLE, tmp_path_factory.mktemp("replay") / "sample.rrd")
+
+
+@pytest.fixture
+def read_before(sample, read, monkeypatch):
+    """Strikes are not tracked anew: their images are read, and what they showed is known."""
+
+    def known(source, struck, markers, record):
+        assert list(source.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns))
+        return read[record.strike_id]
+
+    monkeypatch.setattr("analyze.evidence.read_strike", known)
+
+
+def test_every_strike_has_its_images_curves_bands_and_pose(sample):
+    done, shown, _ = sample
+    assert not done.problems
+    assert 0.02 < done.moment_s < 0.6
+    for name in STRIKES:
+        assert 40 <= shown.rows(strike(name, "camera/image")) <= 46  # 0.74 s at 60 Hz
+        assert shown.rows(strike(name, "camera/tags")) == 89
+        assert shown.rows(strike(name, "camera/ghost")) > 20
+        for curve in ("theta", "omega", "alpha"):
+            assert shown.rows(strike(name, f"{curve}/measured")) == 89
+            assert 20 < shown.rows(strike(name, f"{curve}/fitted")) < 89
+        assert shown.rows(strike(name, "phases")) >= 4
+        assert shown.rows(strike(name, "theta/contact")) == 1
+        assert shown.rows(strike(name, "theta/passage")) == 1
+        assert "good" in shown.text(strike(name, "text"))
+        assert shown.chunks[strike(name, "camera/pivot")]
+
+
+def test_the_answer_and_the_session_have_their_pages(sample):
+    _, shown, _ = sample
+    assert "Centre of mass (" in shown.text("/summary")
+    assert "4 of 4 strikes used" in shown.text("/summary")
+    for entity in ("/result/centre_of_mass", "/result/voxels", "/result/planes/s1.1", "/result/shape"):
+        assert shown.chunks[entity], entity
+    assert "356 frames, **0 lost**" in shown.text("/session/text")
+    assert shown.rows("/session/state") == 31
+    assert shown.rows("/log/striker") == 36
+    assert shown.rows("/session/lost/frames") == 2
+    assert shown.rows("/session/clock/mapping") > 4
+
+
+def test_the_first_strike_goes_out_first(sample):
+    _, _, steps = sample
+    assert [text for text, _, _ in steps] == [*(f"strike {name}" for name in STRIKES), "estimating"]
+    assert all(done < total for _, done, total in steps)
+
+
+def test_images_are_thinned_jpeg_unless_more_is_asked(tmp_path):
+    found = {}
+    with open_recording(SAMPLE) as recording:
+        record = recording.strikes[0]
+        frames = list(recording.images(start_ns=record.window_start_ns, end_ns=record.window_start_ns + 200_000_000))
+    for choice in (ImageChoice(), ImageChoice(every_frame=True), ImageChoice(lossless=True)):
+        stream = rr.RecordingStream("test")
+        stream.save(tmp_path / "r.rrd")
+        assert send_pictures(Timelines(stream, 0), "/camera", frames, record.contact_time_ns, choice)
+        stream.flush()
+        stream.disconnect()
+        found[choice] = Shown(tmp_path / "r.rrd").images("/camera")
+    few, every, exact = found.values()
+    assert len(frames) == len(every) == 24
+    assert len(few) == len(exact) == 12
+    assert few[0] == every[0]
+    assert few[0][:2] == b"\xff\xd8"  # JPEG
+    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(exact[1], np.uint8), cv2.IMREAD_UNCHANGED), frames[2].image)
+
+
+# --- what is not whole ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """The sample with every message where a recorder would have put it: a strike is told once its images are there."""
+    path = tmp_path_factory.mktemp("recorded") / "session.mcap"
+    with open_recording(SAMPLE) as recording, McapWriter(path) as writer:
+        writer.metadata(MANIFEST_NAME, {"json": canonical_json(recording.manifest)})
+        for name, data in recording.attachments.items():
+            writer.attachment(name, "application/octet-stream", data)
+        known = {topic.name: topic for topic in TOPICS}
+        channels = {name: writer.add_topic(topic) for name, topic in known.items()}
+        messages = [message for name in known for message in recording.messages(name)]
+        for message in sorted(messages, key=lambda each: each.log_time_ns):
+            writer.write(channels[message.topic], message.log_time_ns, bytes(message.data), sequence=message.sequence)
+            if message.topic == topics.SESSION_STRIKE.name:
+                writer.flush()
+    return path.read_bytes()
+
+
+@pytest.mark.usefixtures("read_before")
+def test_a_cut_recording_is_replayed_up_to_the_cut_and_says_so(recorded, tmp_path):
+    path, output = tmp_path / "cut.mcap", tmp_path / "cut.rrd"
+    path.write_bytes(recorded[: int(len(recorded) * 0.7)])
+    done = CliRunner().invoke(main, ["replay", str(path), "--save", str(output)])
+    assert done.exit_code == 1
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"analyze: {path}: ends early: it was cut short")
+    assert "acquire recover" in line
+    assert "replayed as far as it can be read: 2 strikes" in line
+    assert done.stdout == f"replay: {output}\n"
+    shown = Shown(output)
+    assert shown.rows(strike("s2.2", "theta/fitted")) > 20
+    assert strike("s4.1", "camera/image") not in shown.chunks
+    assert "No answer" in shown.text("/summary")
+
+
+def test_a_recording_cut_before_its_first_strike_was_told_shows_its_images(tmp_path):
+    data = SAMPLE.read_bytes()
+    path, output = tmp_path / "cut.mcap", tmp_path / "cut.rrd"
+    path.write_bytes(data[: int(len(data) * 0.5)])
+    done = CliRunner().invoke(main, ["replay", str(path), "--save", str(output)])
+    assert done.exit_code == 1
+    assert "replayed as far as it can be read: 0 strikes" in done.stderr
+    assert Shown(output).rows("/session/camera") > 5
+
+
+@pytest.mark.usefixtures("read_before")
+def test_a_damaged_chunk_costs_its_images_and_is_told(tmp_path):
+    data = bytearray(SAMPLE.read_bytes())
+    with open_recording(SAMPLE) as recording:
+        record = recording.strikes[1]
+        frames = list(recording.messages("/camera/main/image", record.window_start_ns, record.window_end_ns))
+        middle = frames[60]
+        at = data.find(bytes(middle.data[200:400]))
+    data[at + 50] ^= 0xFF
+    path, output = tmp_path / "damaged.mcap", tmp_path / "damaged.rrd"
+    path.write_bytes(data)
+    done = CliRunner().invoke(main, ["replay", str(path), "--save", str(output)])
+    assert done.exit_code == 1
+    (line,) = done.stderr.splitlines()
+    assert "damaged" in line
+    assert "replayed as far as it can be read: 4 strikes" in line
+    shown = Shown(output)
+    assert 0 < shown.rows(strike("s2.2", "camera/image")) < 45
+    for name in ("s1.1", "s3.1", "s4.1"):
+        assert shown.rows(strike(name, "camera/image")) >= 40
+        assert shown.rows(strike(name, "theta/fitted")) > 20
+    assert "damaged" in shown.text("/summary")
+
+
+@pytest.mark.usefixtures("read_before")
+def test_too_few_strikes_are_still_replayed(tmp_path):
+    output = tmp_path / "few.rrd"
+    done = CliRunner().invoke(main, ["replay", str(SAMPLE), "--exclude", "s1.1", "--exclude", "s2.2", "--save", str(output)])
+    assert done.exit_code == 1
+    (line,) = done.stderr.splitlines()
+    assert "2 good strikes of 4, 3 are needed" in line
+    shown = Shown(output)
+    assert shown.rows(strike("s1.1", "theta/fitted")) > 20
+    assert "No answer" in shown.text("/summary")
+    assert "3 are needed" in shown.text("/summary")
+
+
+def test_an_object_that_cannot_be_read_leaves_the_images(tmp_path):
+    broken = tmp_path / "object.toml"
+    broken.write_text("name = 3", encoding="utf-8")
+    output = tmp_path / "r.rrd"
+    done = CliRunner().invoke(main, ["replay", str(SAMPLE), "--object", str(broken), "--save", str(output)])
+    assert done.exit_code == 1
+    assert "object.toml" in done.stderr
+    shown = Shown(output)
+    assert shown.rows(strike("s4.1", "camera/image")) >= 40
+    assert "cannot be read" in shown.text(strike("s4.1", "text"))
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (["--exclude", "s9.1"], "no strike 's9.1' to exclude: its strikes are s1.1, s2.2, s3.1, s4.1"),
+        (["--page", "s9.1"], "has no page 's9.1': choose one of answer, s1.1, s2.2, s3.1, s4.1, session"),
+        (["--save", "/nowhere/r.rrd"], "create it first"),
+    ],
+)
+def test_what_is_asked_wrongly_gives_one_line(more, says, tmp_path):
+    output = [] if "--save" in more else ["--save", str(tmp_path / "r.rrd")]
+    done = CliRunner().invoke(main, ["replay", str(SAMPLE), *more, *output])
+    assert done.exit_code == 1
+    (line,) = done.stderr.splitlines()
+    assert says in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_ways_of_looking_that_exclude_each_other_are_wrong_usage():
+    for more in (["--web", "--save", "r.rrd"], ["--no-browser"]):
+        assert CliRunner().invoke(main, ["replay", str(SAMPLE), *more]).exit_code == 2
+
+
+# --- a session that still runs ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("read_before")
+def test_a_running_session_is_followed_strike_by_strike(recorded, tmp_path, monkeypatch):
+    monkeypatch.setattr("analyze.replay.run._POLL_S", 0.02)
+    monkeypatch.setattr("analyze.replay.run._NEXT_FILE_S", 0.2)
+    data = recorded
+    part, whole = tmp_path / "live.mcap.part", tmp_path / "live.mcap"
+    part.write_bytes(data[:10_000])
+    seen = []
+
+    def write():
+        with part.open("ab") as stream:
+            for at in range(10_000, len(data), 500_000):
+                stream.write(data[at : at + 500_000])
+                stream.flush()
+                time.sleep(0.02)
+        part.rename(whole)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        output = tmp_path / "live.rrd"
+        with to_file(output) as target:
+            done = replay_recording(find(whole), target, ReplayOptions(), lambda text, *_: seen.append(text))
+    finally:
+        writer.join()
+    assert not done.problems
+    told = [text for text in seen if text.startswith("strike")]
+    assert told == [f"strike {name}" for name in STRIKES]
+    assert seen[-1] == "estimating"
+    shown = Shown(output)
+    for name in STRIKES:
+        assert shown.rows(strike(name, "camera/image")) >= 40
+        assert shown.rows(strike(name, "theta/fitted")) > 20
+    assert "4 of 4 strikes used" in shown.text("/summary")
+
+
+def test_a_session_that_died_is_told_once_its_file_stands_still(tmp_path, monkeypatch):
+    monkeypatch.setattr("analyze.replay.run._POLL_S", 0.02)
+    monkeypatch.setattr("analyze.replay.place.STILL_S", 0.3)
+    data = SAMPLE.read_bytes()
+    part = tmp_path / "dead.mcap.part"
+    part.write_bytes(data[: len(data) // 2])
+    done, shown, _ = replay(tmp_path / "dead.mcap", tmp_path / "dead.rrd")
+    (line,) = done.problems
+    assert "dead.mcap.part: ends early: it has not grown for" in line
+    assert shown.rows("/session/camera") or shown.chunks["/summary"]
