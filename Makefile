@@ -20,11 +20,20 @@ help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
 # A package counts as installed only when dpkg says so; nothing is asked of apt when all are.
+define install
+missing=$$(for p in $(1); do dpkg-query -W -f='$${Status}\n' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
+if [ -n "$$missing" ]; then echo "installing Debian packages:" $$missing; \
+  $(SUDO) apt-get update -q >/dev/null && DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -q --no-install-recommends $$missing >/dev/null; fi
+endef
+
 $(VENV)/.debian: Makefile
-	@missing=$$(for p in $(DEBIAN); do dpkg-query -W -f='$${Status}\n' $$p 2>/dev/null | grep -q 'ok installed' || echo $$p; done); \
-	if [ -n "$$missing" ]; then echo "installing Debian packages:" $$missing; \
-	  $(SUDO) apt-get update -q >/dev/null && DEBIAN_FRONTEND=noninteractive $(SUDO) apt-get install -y -q --no-install-recommends $$missing >/dev/null; fi
+	@$(call install,$(DEBIAN))
 	@mkdir -p $(VENV) && touch $@
+
+# Only tests need it.
+$(VENV)/.browser: $(VENV)/.debian
+	@$(call install,chromium)
+	@touch $@
 
 $(VENV)/.ready: $(VENV)/.debian requirements.lock pyproject.toml
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(VENV)
@@ -48,11 +57,11 @@ demo: setup  ## a whole session on the virtual rig, and its answer beside the tr
 COMPUTING := tests/analyze tests/schemas tests/test_architecture.py
 TIMED := tests/system tests/contracts tests/acquire
 
-test: setup  ## every test that needs no hardware
+test: setup $(VENV)/.browser  ## every test that needs no hardware
 	@$(BIN)/python -m pytest -n auto --dist loadfile --durations=12 $(COMPUTING)
 	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=12 $(TIMED)
 
-test-slow: setup  ## the tests that take longer: faults, whole sessions
+test-slow: setup $(VENV)/.browser  ## the tests that take longer: faults, whole sessions
 	@$(BIN)/python -m pytest -m 'slow and not hardware'
 
 lint: setup  ## format, lint, types

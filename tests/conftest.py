@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from _pytest.runner import runtestprotocol
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
 
 # How long an example takes says nothing on a machine that has other work.
 settings.register_profile("percuss", deadline=None)
@@ -71,3 +78,32 @@ def vulkan() -> None:
         found = any(Path("/usr/share/vulkan/icd.d").glob("*.json"))
     if not found:
         pytest.fail("no Vulkan device: run `make setup`, which installs mesa-vulkan-drivers")
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    """Debian's Chromium without a window. By module: while it lives no other event loop can run in this process."""
+    with _chromium([]) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def chromium_webgl() -> Iterator[Browser]:
+    """The same with WebGL, drawn in software."""
+    with _chromium(["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]) as browser:
+        yield browser
+
+
+@contextmanager
+def _chromium(arguments: list[str]) -> Iterator[Browser]:
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.fail("no Chromium: run `make test`, which installs Debian's chromium")
+    from playwright.sync_api import sync_playwright
+
+    # Its sandbox refuses to run as root.
+    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=[*arguments, *sandbox])
+        yield browser
+        browser.close()

@@ -1,0 +1,91 @@
+"""A page in a browser, and all that went wrong on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+DESKTOP = (1280, 900)
+PHONE = (390, 844)
+A4_PX = (703, 1032)
+"""within margins of 12 mm, at CSS's 96 px per inch"""
+PATIENCE_MS = 60_000
+LEAST_INK = 0.004
+"""of a plot's pixels, that differ from its background"""
+
+OVERFLOWING = """(scrolls) => [...document.querySelectorAll('main *:not(svg *)')].filter(each => {
+    const box = each.getBoundingClientRect();
+    return box.width > 0 && box.right > document.documentElement.clientWidth + 1 && !(scrolls && each.closest('.scroll, .views'));
+}).map(each => `${each.tagName} ${each.className.baseVal ?? each.className} reaches ${Math.round(each.getBoundingClientRect().right)}`)"""
+CUT_TEXT = """() => [...document.querySelectorAll('.card, .big')].filter(each => each.scrollWidth > each.clientWidth + 1)
+    .map(each => each.textContent.trim())"""
+PLOTS = """() => [...document.querySelectorAll('main svg, main img, canvas')].map(each => {
+    const box = each.getBoundingClientRect();
+    return {x: box.x + scrollX, y: box.y + scrollY, width: box.width, height: box.height,
+            missing: each.tagName === 'IMG' && !(each.complete && each.naturalWidth > 0)};
+})"""
+
+
+@dataclass
+class WatchedPage:
+    """The page, and its problems so far: errors on the console, exceptions, requests that failed or went where they should not."""
+
+    page: Page
+    problems: list[str] = field(default_factory=list)
+
+    def overflowing(self, scrolls: bool = True) -> list[str]:
+        """Elements beyond the right edge; with `scrolls` not those within a part that scrolls by itself."""
+        return self.page.evaluate(OVERFLOWING, scrolls)
+
+    def cut_text(self) -> list[str]:
+        """Text in cards that does not fit."""
+        return self.page.evaluate(CUT_TEXT)
+
+    def plots(self) -> int:
+        """How many there are."""
+        return len(self.page.evaluate(PLOTS))
+
+    def empty_plots(self) -> list[str]:
+        """Those that draw nothing, by their place on the page."""
+        boxes = self.page.evaluate(PLOTS)
+        picture = cv2.imdecode(np.frombuffer(self.page.screenshot(full_page=True), dtype=np.uint8), cv2.IMREAD_COLOR)
+        found = []
+        for number, box in enumerate(boxes, 1):
+            left, top, right, bottom = (int(v) for v in (box["x"], box["y"], box["x"] + box["width"], box["y"] + box["height"]))
+            if left >= picture.shape[1]:
+                continue  # in a part that scrolls by itself, or found by `overflowing`
+            part = picture[max(top, 0) : bottom, max(left, 0) : right]
+            if box["missing"] or part.size == 0 or ink(part) < LEAST_INK:
+                found.append(f"plot {number} of {len(boxes)} at {left}, {top}: {right - left} x {bottom - top} px")
+        return found
+
+
+def ink(picture: np.ndarray) -> float:
+    """Share of pixels (height, width, 3) that differ from the commonest colour."""
+    flat = picture.reshape(-1, 3).astype(np.int64) @ [1, 256, 65536]
+    return 1 - np.bincount(np.unique(flat, return_inverse=True)[1]).max() / len(flat)
+
+
+@contextmanager
+def watched(browser: Browser, size: tuple[int, int] = DESKTOP, allowed: tuple[str, ...] = ("file:", "data:")) -> Iterator[WatchedPage]:
+    """A new page of the browser; addresses that do not start as `allowed` are problems."""
+    context = browser.new_context(viewport={"width": size[0], "height": size[1]})
+    context.set_default_timeout(PATIENCE_MS)
+    found = WatchedPage(context.new_page())
+    found.page.on("console", lambda told: found.problems.append(f"console: {told.text}") if told.type in {"error", "warning"} else None)
+    found.page.on("pageerror", lambda error: found.problems.append(f"exception: {error}"))
+    found.page.on("requestfailed", lambda request: found.problems.append(f"failed: {request.url}: {request.failure}"))
+    found.page.on("response", lambda answer: found.problems.append(f"{answer.status}: {answer.url}") if answer.status >= 400 else None)
+    found.page.on("request", lambda asked: None if asked.url.startswith(allowed) else found.problems.append(f"asked for {asked.url}"))
+    try:
+        yield found
+    finally:
+        context.close()
