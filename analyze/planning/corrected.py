@@ -44,20 +44,23 @@ def corrected_pivot(pivot: Pivot, R_world_object: Array, before: ObjectSpec, giv
     if not math.isclose(pivot.radius_m, before.edge_radius_m, rel_tol=1e-6, abs_tol=1e-9):
         return pivot.model_copy(update={"sd_m": sd})
     tip, up = R_world_object[0], R_world_object[2]
-    lean = _lean(np.array(pivot.point), pivot.radius_m, tip, up, model)
+    lean = wall_lean(pivot, R_world_object, model) or 0.0
     more = given.edge_radius_m - before.edge_radius_m
     point = np.array(pivot.point) + more * (up - tip * (1 + math.sin(lean)) / math.cos(lean))
     return pivot.model_copy(update={"point": point.tolist(), "radius_m": given.edge_radius_m, "sd_m": sd})
 
 
-def _lean(point: Array, radius: float, tip: Array, up: Array, model: ObjectModel) -> float:
-    """Angle [rad] by which the normal of the face that the rounding touches, beside the table's, points upwards; 0 where there is none."""
-    planes = model.hull_planes
-    touches = np.abs(planes[:, :3] @ point + planes[:, 3] + radius) < TOUCHES * float(model.extent.max())
+def wall_lean(pivot: Pivot, R_world_object: Array, model: ObjectModel) -> float | None:
+    """Angle [rad] by which the normal of the face that rises from the edge, which the rounding touches too, points upwards.
+
+    None where no face ends at the edge, or one so flat that it hardly rises.
+    """
+    tip, up, planes = R_world_object[0], R_world_object[2], model.hull_planes
+    touches = np.abs(planes[:, :3] @ np.array(pivot.point) + planes[:, 3] + pivot.radius_m) < TOUCHES * float(model.extent.max())
     normals = planes[touches & (planes[:, :3] @ up > -0.999), :3]
     if not len(normals):
-        return 0.0
+        return None
     forward, height, aside = normals @ tip, normals @ up, normals @ np.cross(up, tip)
     best = int(np.argmax(forward / np.maximum(np.hypot(forward, aside), 1e-12)))
     lean = math.atan2(height[best], forward[best])
-    return lean if abs(lean) < STEEPEST_WALL else 0.0
+    return lean if abs(lean) < STEEPEST_WALL else None
