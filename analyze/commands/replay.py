@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -22,6 +23,7 @@ from schemas.command_line import PROBLEM
 @click.option("--page", metavar="PAGE", help="What stands in front: answer, session, or a strike's id.")
 @click.option("--every-frame", is_flag=True, help="Show every image of a strike; else 60 a second.")
 @click.option("--lossless", is_flag=True, help="Keep every pixel (PNG); else JPEG.")
+@click.option("--headless-port", type=int, hidden=True, help="The viewer without a screen, on this port: for measurements.")
 @one_line
 def replay(
     file: Path,
@@ -34,6 +36,7 @@ def replay(
     page: str | None,
     every_frame: bool,
     lossless: bool,
+    headless_port: int | None,
 ) -> None:
     """See what happened, in rerun; follows a session that still runs."""
     from analyze.progress import StrikeProgress
@@ -56,7 +59,9 @@ def replay(
             target = stack.enter_context(to_browser(size, lambda address: click.echo(f"replay: {address}"), open_browser=not no_browser))
         else:
             # The window opens while the rest is loaded.
-            target = stack.enter_context(to_window(size))
+            target = stack.enter_context(to_window(size, headless_port))
+        # What goes wrong is told by us, in one line.
+        os.environ.setdefault("RUST_LOG", "off")
         from analyze.replay.pictures import ImageChoice
         from analyze.replay.run import replay_recording
         from analyze.replay.sender import ReplayOptions

@@ -150,9 +150,9 @@ class ToFile:
 
 
 @contextmanager
-def to_window(recording_bytes: int) -> Iterator[ToViewer]:
-    """The viewer in a window, started at once."""
-    with native(recording_bytes) as viewer:
+def to_window(recording_bytes: int, headless_port: int | None = None) -> Iterator[ToViewer]:
+    """The viewer in a window, started at once; with a port for who asks it instead of looking, it draws to nowhere."""
+    with native(recording_bytes, headless=headless_port is not None, port=headless_port) as viewer:
         yield ToViewer(viewer)
 
 

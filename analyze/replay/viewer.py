@@ -83,15 +83,16 @@ class Viewer:
 
 
 @contextmanager
-def native(recording_bytes: int, files: Sequence[Path] = (), *, headless: bool = False) -> Iterator[Viewer]:
+def native(recording_bytes: int, files: Sequence[Path] = (), *, headless: bool = False, port: int | None = None) -> Iterator[Viewer]:
     """The viewer in a window of its own, or without any screen; it is gone with the context.
 
     Args:
         recording_bytes: size of what is replayed, for the memory limit.
         files: what it opens by itself.
         headless: draw to nowhere, for pictures.
+        port: that it listens on; None: any.
     """
-    port = _free_port()
+    port = port or _free_port()
     options = ["--hide-welcome-screen", "--memory-limit", _limit(recording_bytes), "--server-memory-limit", "64MB"]
     if headless:
         options += ["--headless", "--window-size", _PICTURE_SIZE]
@@ -121,7 +122,7 @@ def _started(arguments: list[str], port: int, web_port: int | None = None) -> It
             stderr=output,
             # a Ctrl-C on the terminal is ours: we end it when we are ready
             start_new_session=True,
-            env=os.environ | {"RERUN_ANALYTICS": "0", "DO_NOT_TRACK": "1"},
+            env={name: value for name, value in os.environ.items() if name != "RUST_LOG"},
         )
         try:
             yield Viewer(process, port, output, web_port)
