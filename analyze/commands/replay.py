@@ -75,9 +75,10 @@ def replay(
         for problem in replayed.problems:
             click.echo(f"analyze: {problem}", err=True)
         if isinstance(target, ToFile) and screenshot is not None:
+            from analyze.replay.layout import timeline_of
             from analyze.replay.picture import screenshot as take_picture
 
-            take_picture(target.output, screenshot, replayed.moment_s)
+            take_picture(target.output, screenshot, replayed.moment_s, timeline_of(page))
         if isinstance(target, ToViewer):
             with suppress(KeyboardInterrupt):  # all is shown: that is how it ends
                 target.wait()

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike, StrikePlan
 
 _REGION_COLOURS = (ORANGE, SKY)
-_LEAST_SEEN, _CROSS = 0.025, 0.12
+_LEAST_SEEN, _CROSS = 0.035, 0.12
 """half axes of an ellipsoid that can be seen, and of the cross through it, in longest edges of the object"""
 _MOST_VOXELS = 4000
 
@@ -104,14 +104,15 @@ def _centre(stream: rr.RecordingStream, root: str, model: ObjectModel, answer: A
         quaternions=[wxyz_from_matrix(axes)[[1, 2, 3, 0]]],
         colors=[BRIGHT],
         fill_mode="solid",
-        labels=["centre of mass"] if named else None,
-        show_labels=named,
     )
     stream.log(f"{root}/centre_of_mass", ball, static=True)
     if named:
         cross = answer.com.position + _CROSS * reach * np.stack([-np.eye(3), np.eye(3)], axis=1)
         lines = rr.LineStrips3D(list(cross), colors=[BRIGHT], radii=[0.003 * reach])
         stream.log(f"{root}/centre_of_mass/cross", lines, static=True)
+        above = answer.com.position + [0.0, 0.0, 2.2 * _CROSS * reach]
+        name = rr.Points3D([above], colors=[BRIGHT], radii=[0.0], labels=["centre of mass"], show_labels=True)
+        stream.log(f"{root}/centre_of_mass/name", name, static=True)
 
 
 def log_voxels(stream: rr.RecordingStream, path: str, answer: Answer) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import rerun.blueprint as rrb
 
 from analyze.replay.palette import GROUND
-from analyze.replay.timelines import SINCE_CONTACT, strike_path
+from analyze.replay.timelines import SESSION, SINCE_CONTACT, strike_path
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,6 +31,11 @@ class StrikePage:
     """"" while it is not known"""
 
 
+def timeline_of(page: str | None) -> str:
+    """The timeline that a page is seen on."""
+    return SESSION if page == SESSION_PAGE else SINCE_CONTACT
+
+
 def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None) -> rrb.Blueprint:
     """The pages.
 
@@ -48,7 +53,7 @@ def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None)
             _session(loose=not pages),
             active_tab=names.index(front) if front in names else 0,
         ),
-        rrb.TimePanel(timeline=SINCE_CONTACT, state="collapsed", playback_speed=0.1, loop_mode="all", play_state="paused"),
+        rrb.TimePanel(timeline=timeline_of(front), state="collapsed", playback_speed=0.1, loop_mode="all", play_state="paused"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         auto_layout=False,

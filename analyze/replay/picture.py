@@ -15,14 +15,14 @@ from analyze.replay.viewer import ReplayError, Viewer, native
 _LOADS_S, _SETTLES_S, _TRIES = 60.0, 1.5, 4
 
 
-def screenshot(rrd: Path, picture: Path, seconds_since_contact: float = 0.2) -> None:
-    """Write a PNG of the replay's front page at a moment (needs a Vulkan driver; Mesa's software one will do).
+def screenshot(rrd: Path, picture: Path, seconds: float = 0.2, timeline: str = SINCE_CONTACT) -> None:
+    """Write a PNG of the replay's front page at a moment on a timeline (needs a Vulkan driver; Mesa's software one will do).
 
     Raises:
         ReplayError: the viewer does not start, or shows nothing.
     """
     with showing(rrd) as client:
-        client.set_time(SINCE_CONTACT, duration=seconds_since_contact, play_state="paused")
+        client.set_time(timeline, duration=seconds, play_state="paused")
         # the viewer answers before its views have drawn what they loaded
         time.sleep(_SETTLES_S)
         _save(client, picture.resolve())

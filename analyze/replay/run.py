@@ -162,7 +162,10 @@ def _send_live(
 ) -> None:
     for message in small:
         if message.topic in NOTED:
-            send_note(show.timelines, message, live.strikes)
+            try:
+                send_note(show.timelines, message, live.strikes)
+            except RecordingError as error:
+                show.sender.damage.append(f"{live.path}: {error}")
     for record in strikes:
         count = len(live.strikes)
         progress(f"strike {record.strike_id}", count - 1, count)

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import rerun as rr
+from google.protobuf.message import DecodeError
 
+from analyze.errors import RecordingError
 from analyze.replay.palette import CYCLE, RED, SESSION, SKY, STRIKER
 from analyze.replay.timelines import contact_of, strike_path
 from schemas import topics
@@ -27,7 +29,18 @@ _TROUBLE = {pb.StrikerEvent.FAULT, pb.StrikerEvent.MISSED, pb.StrikerEvent.STOPP
 
 
 def send_note(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.StrikeRecord]) -> None:
-    """One message of a topic in `NOTED`: its text, and the band that it begins."""
+    """One message of a topic in `NOTED`: its text, or the band that it begins.
+
+    Raises:
+        RecordingError: it is not what its topic says.
+    """
+    try:
+        _note(timelines, message, records)
+    except (DecodeError, ValueError) as error:
+        raise RecordingError(f"message on {message.topic} at {message.log_time_ns} is damaged: {error}") from None
+
+
+def _note(timelines: Timelines, message: RecordedMessage, records: Sequence[pb.StrikeRecord]) -> None:
     inside = next((record for record in records if record.window_start_ns <= message.log_time_ns <= record.window_end_ns), None)
     contact = None if inside is None else contact_of(inside)
     level = rr.TextLogLevel.INFO
@@ -45,9 +58,8 @@ def send_note(timelines: Timelines, message: RecordedMessage, records: Sequence[
             timelines.band(f"{strike_path(inside.strike_id)}/striker", kind, message.log_time_ns, contact)
     elif message.topic == topics.SESSION_STATE.name:
         state = pb.SessionState.FromString(bytes(message.data))
-        name = pb.SessionState.State.Name(state.state).lower()
-        text, path = f"{name.replace('_', ' ')} {state.strike_id} {state.text}".strip(), "/log/session"
-        timelines.band("/session/state", name, message.log_time_ns, None)
+        timelines.band("/session/state", pb.SessionState.State.Name(state.state).lower(), message.log_time_ns, None)
+        return  # the log says it in words
     else:
         line = topics.LOG.message.FromString(bytes(message.data))
         text, path = str(getattr(line, "message", "")), "/log/text"
@@ -74,7 +86,10 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
         (message.log_time_ns, meta.frames_lost_before, meta.mapping_sd_ns)
         for message, meta in recording.decoded(topics.frame_meta(name).name, pb.FrameMeta)
     ]
-    words = ["Choose the timeline `session` below: it counts from the first strike's window.", ""]
+    words = [
+        "**Choose the timeline `session` at the bottom**: it counts from the first strike's window. Strikes have their own, `since_contact`.",
+        "",
+    ]
     if found:
         time_ns, lost, mapping = (np.array(column, dtype=np.int64) for column in zip(*found, strict=True))
         lost[0] = 0  # before the first frame
