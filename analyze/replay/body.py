@@ -110,7 +110,7 @@ def _centre(stream: rr.RecordingStream, root: str, model: ObjectModel, answer: A
         cross = answer.com.position + _CROSS * reach * np.stack([-np.eye(3), np.eye(3)], axis=1)
         lines = rr.LineStrips3D(list(cross), colors=[BRIGHT], radii=[0.003 * reach])
         stream.log(f"{root}/centre_of_mass/cross", lines, static=True)
-        above = answer.com.position + [0.0, 0.0, 2.2 * _CROSS * reach]
+        above = answer.com.position + np.array([0.0, 0.0, 2.2 * _CROSS * reach])
         name = rr.Points3D([above], colors=[BRIGHT], radii=[0.0], labels=["centre of mass"], show_labels=True)
         stream.log(f"{root}/centre_of_mass/name", name, static=True)
 

@@ -87,7 +87,7 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
         for message, meta in recording.decoded(topics.frame_meta(name).name, pb.FrameMeta)
     ]
     words = [
-        "**Choose the timeline `session` at the bottom**: it counts from the first strike's window. Strikes have their own, `since_contact`.",
+        "**Choose the timeline `session` at the bottom**: it counts from the first window. Strikes have their own, `since_contact`.",
         "",
     ]
     if found:

@@ -16,6 +16,7 @@ from schemas.session_manifest import MANIFEST_NAME
 
 SAMPLE = Path(__file__).parents[2] / "recordings" / "sample-1.0.mcap"
 STRIKES, SECONDS = 10, 600
+LAST_STRIKE = "s2.3"
 _PERIOD_NS = 8_333_333
 _BEFORE, _AFTER = 110, 64
 """frames at rest that are added to the sample's"""

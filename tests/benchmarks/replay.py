@@ -21,7 +21,7 @@ from pathlib import Path
 import rerun_cli
 from rerun.experimental import ViewerClient
 
-from tests.benchmarks.long_session import make_long_session
+from tests.benchmarks.long_session import LAST_STRIKE, make_long_session
 
 _POLL_S, _PATIENCE_S = 0.05, 600.0
 _RERUN = str(Path(rerun_cli.__file__).parent / "rerun")
@@ -74,8 +74,8 @@ def _first_strike(recording: Path) -> None:
         _say(f"  of CPU time until then: analyze {_cpu(process.pid):.1f} s, viewer {_cpu(viewer):.1f} s")
         _wait_for(client, "/strike/s1.1/theta/fitted", process)
         _say(f"its fit: {time.monotonic() - begun:.1f} s")
-        _wait_for(client, "/result/centre_of_mass", process)
-        time.sleep(1.0)
+        _wait_for(client, f"/strike/{LAST_STRIKE}/world/plumb", process)
+        time.sleep(2.0)
         _say(f"the answer: {time.monotonic() - begun:.1f} s")
         _say(f"peak memory: analyze {_peak(process.pid):.0f} MB, viewer {_peak(viewer):.0f} MB")
         process.send_signal(signal.SIGINT)
@@ -100,10 +100,14 @@ def _conversion(recording: Path, size: int) -> None:
 
 
 def _run(command: Sequence[str]) -> Spent:
-    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return Spent(time.monotonic() - begun, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    """The faster of two turns: the first may wait for the disk."""
+    turns: list[Spent] = []
+    for _ in range(2):
+        before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        turns.append(Spent(time.monotonic() - begun, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime))
+    return min(turns, key=lambda turn: turn.seconds)
 
 
 def _connected(port: int, process: subprocess.Popen[bytes]) -> ViewerClient:
