@@ -160,7 +160,7 @@ protos: setup  ## regenerate schemas/proto/percuss_pb2.py(.pyi)
 	@$(BIN)/python -m grpc_tools.protoc -I schemas/proto --python_out=schemas/proto --pyi_out=schemas/proto schemas/proto/percuss.proto
 
 lock: setup  ## resolve requirements.lock anew
-	@$(BIN)/uv pip compile -q --group dev --extra rig --extra virtual --extra export --generate-hashes --python-version 3.11 \
+	@$(BIN)/uv pip compile -q --group dev --extra rig --extra virtual --extra export --extra s3 --extra cluster --generate-hashes --python-version 3.11 \
 	  --no-emit-index-url --no-emit-find-links --no-header pyproject.toml -o requirements.lock
 
 clean:  ## remove the local environment

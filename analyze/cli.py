@@ -9,6 +9,7 @@ import os
 
 import click
 
+from analyze.commands.batch import batch, query
 from analyze.commands.camera import calibrate
 from analyze.commands.markers import register
 from analyze.commands.plan import plan
@@ -32,5 +33,22 @@ def main() -> None:
         os.environ.setdefault(name, "1")
 
 
-for _verb in (plan, estimate, score, report, replay, inspect, watch, print_tags, reproduce, calibrate, register, gravity, parts, export):
+for _verb in (
+    plan,
+    estimate,
+    score,
+    report,
+    replay,
+    inspect,
+    watch,
+    print_tags,
+    reproduce,
+    calibrate,
+    register,
+    gravity,
+    parts,
+    export,
+    batch,
+    query,
+):
     main.add_command(_verb)

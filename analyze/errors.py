@@ -3,12 +3,14 @@
     AnalyzeError
     ├── RecordingError          a file that cannot be read as a recording
     │   ├── RecordingCut        it ends early; `acquire recover` can save the rest
+    │   ├── RecordingForeign    it is no recording of ours
     │   └── RecordingVersion    written by another major schema version
     ├── ShapeError              a shape that is no closed body, has no unit, or cannot be read
     ├── PlanError               no set of strikes determines the centre of mass, or the plan is of another object
     ├── TrackingError           the marker is unknown, seen twice, or not seen
     ├── JoinError               recordings that are not of one object, or would count a strike twice
     ├── EstimationError         too few good strikes
+    ├── ArchiveError            an archive that cannot be listed, or a folder of results that cannot be used
     ├── CalibrationError        images that show no board, or views that do not determine the camera
     ├── ExportError             a body that cannot be written for a simulator, or is not read back as it was written
     └── OutputError             a file that cannot be written
@@ -27,6 +29,10 @@ class RecordingError(AnalyzeError):
 
 class RecordingCut(RecordingError):
     """The recording ends early."""
+
+
+class RecordingForeign(RecordingError):
+    """The file is no recording of ours."""
 
 
 class RecordingVersion(RecordingError):
@@ -63,6 +69,10 @@ class ExportError(AnalyzeError):
 
 class CalibrationError(AnalyzeError):
     """The camera cannot be calibrated with these images."""
+
+
+class ArchiveError(AnalyzeError):
+    """An archive or its results cannot be used."""
 
 
 class TagError(AnalyzeError):

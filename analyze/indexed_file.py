@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analyze.errors import RecordingCut, RecordingError
+from analyze.errors import RecordingCut, RecordingError, RecordingForeign
 from schemas import container
 from schemas.container import AttachmentRecord, ChannelRecord, ChunkRecord, ContainerError, MessageRecord
 
@@ -137,6 +137,10 @@ class IndexedFile:
         self._whole[number] = whole
         return whole
 
+    def forget_chunk(self, number: int) -> None:
+        """Let go of a chunk's messages; it is checked again when it is looked into again."""
+        self._whole.pop(number, None)
+
     @contextlib.contextmanager
     def guarded(self) -> Iterator[None]:
         """Whatever damaged bytes cause becomes one line."""
@@ -211,7 +215,7 @@ def _map(path: Path) -> memoryview:
     magic = container.MAGIC
     if bytes(data[: len(magic)]) != magic:
         data.release()
-        raise RecordingError(f"{path}: is not a recording: it does not begin like an MCAP file")
+        raise RecordingForeign(f"{path}: is not a recording: it does not begin like an MCAP file")
     return data
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from google.protobuf.message import DecodeError, Message
 
 from analyze import indexed_file
-from analyze.errors import RecordingCut, RecordingError
+from analyze.errors import RecordingCut, RecordingError, RecordingForeign
 from analyze.file_row import FileRow, row_of, whole_name
 from analyze.followed import FollowedRecording
 from analyze.image_message import decode_image
@@ -310,7 +310,7 @@ def _checked_manifest(file: IndexedFile) -> SessionManifest:
     """The file's manifest, if it and the attachments are those that were sealed."""
     entries = file.metadata.get(MANIFEST_NAME)
     if entries is None or "json" not in entries:
-        raise RecordingError(f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its manifest")
+        raise RecordingForeign(f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its manifest")
     manifest = parse_manifest(entries["json"], str(file.path))
     seal = file.metadata.get(SEAL_NAME, {})
     if seal.get("manifest_sha256", digest := hashlib.sha256(entries["json"].encode()).hexdigest()) != digest:

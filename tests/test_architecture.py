@@ -20,6 +20,9 @@ OWNERS = {
     "trimesh": {"analyze/geometry/mesh_files.py"},
     "laspy": {"analyze/geometry/cloud_files.py"},
     "manifold3d": {"analyze/geometry/mesh_repair.py"},
+    "distributed": {"analyze/batch/cluster.py"},
+    "duckdb": {"analyze/batch/query.py"},
+    "fsspec": {"analyze/batch/"},
     "mcap": {"acquire/recorder/", "analyze/recording.py"},
     # The second reads files back; no estimator does.
     "mujoco": {"acquire/virtual/", "analyze/export/read_back.py"},
@@ -73,6 +76,7 @@ CV2_ALLOWED = (
     "analyze/image_message.py",
     "analyze/replay/",
     "analyze/watch.py",
+    "analyze/batch",
     "analyze/results",
     "analyze/tags",
     "acquire/",

@@ -36,14 +36,7 @@ def session(
 
 def motion(strike: PlannedStrike, phi: float, k: float, sd_phi: float, sd_k: float, rng: np.random.Generator) -> TipMotion:
     """Rest, strike, both stages and the landing, with 0.05 deg of frame noise."""
-    omega = np.sqrt(2 * k * (1 - np.cos(phi)) * 1.05)
-    truth, theta, rate = [0.0] * 30, 0.0, omega
-    while theta < phi + 0.6 and len(truth) < 400:
-        for _ in range(20):
-            step = FRAME_S / 20
-            middle = rate + step / 2 * -k * np.sin(phi - theta)
-            theta, rate = theta + step * middle, rate - step * k * np.sin(phi - theta - step / 2 * rate)
-        truth.append(theta)
+    truth, omega = tipping(phi, k)
     passed = int(np.argmax(np.array(truth) > phi))
     landed = len(truth)
     truth += [truth[-1] + 0.01 * np.sin(i) for i in range(12)]
@@ -56,6 +49,19 @@ def motion(strike: PlannedStrike, phi: float, k: float, sd_phi: float, sd_k: flo
     fit = MotionFit("pivot_fit", phi, k, np.diag([sd_phi**2, sd_k**2]), 0.0, omega, int(time_ns[30]), 0.0, window, noise[33:landed])
     rough = MotionFit("sign_change", phi + rng.normal(0, 0.02), None, np.diag([0.02**2, 0.0]), 0.0, 0.0, 0, 0.0, window, np.zeros(0))
     return TipMotion(f"{strike.id}.1", strike.id, Verdict.GOOD, "", angle, phases, fit, (rough,), 1.05)
+
+
+def tipping(phi: float, k: float, energy: float = 1.05) -> tuple[list[float], float]:
+    """Theta [rad] at 120 frames per second until 0.6 rad past the balance, struck just after frame 29; the rate [rad/s] it begins with."""
+    omega = float(np.sqrt(2 * k * (1 - np.cos(phi)) * energy))
+    truth, theta, rate = [0.0] * 30, 0.0, omega
+    while theta < phi + 0.6 and len(truth) < 400:
+        for _ in range(20):
+            step = FRAME_S / 20
+            middle = rate + step / 2 * -k * np.sin(phi - theta)
+            theta, rate = theta + step * middle, rate - step * k * np.sin(phi - theta - step / 2 * rate)
+        truth.append(theta)
+    return truth, omega
 
 
 def object_spec(body: Body) -> ObjectSpec:

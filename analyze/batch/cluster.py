@@ -1,0 +1,71 @@
+"""The same work on a Dask cluster: every task has a worker process of its own, as on one machine (lane.py)."""
+
+from __future__ import annotations
+
+import atexit
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from analyze.batch.archive import Source
+from analyze.batch.lane import Lane, Limits
+from analyze.batch.request import DIED, Outcome, Request, failed
+from analyze.errors import ArchiveError
+
+if TYPE_CHECKING:
+    from analyze.batch.run import BatchOptions
+
+_CONNECTS_S = 20
+_mine = threading.local()
+
+
+@contextmanager
+def on_cluster(requests: Sequence[Request], options: BatchOptions) -> Iterator[Iterator[tuple[Source, Outcome]]]:
+    """Answers as they come; a task whose worker is lost is given to another one, by Dask.
+
+    Raises:
+        ArchiveError: Dask is not installed, or the scheduler does not answer.
+    """
+    try:
+        from distributed import Client, as_completed
+    except ImportError:
+        raise ArchiveError("--scheduler needs Dask distributed: install percuss[cluster]") from None
+    try:
+        client = Client(options.scheduler, timeout=_CONNECTS_S, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise ArchiveError(
+            f"{options.scheduler}: no Dask scheduler answers ({' '.join(str(error).split())}): start it, or check the address"
+        ) from None
+    limits = (options.limits.seconds, options.limits.memory_bytes)
+    futures = {
+        client.submit(_in_lane, request.json(), limits, key=f"percuss-{request.source.id}-{number}", pure=False): request
+        for number, request in enumerate(requests)
+    }
+
+    def come() -> Iterator[tuple[Source, Outcome]]:
+        for future in as_completed(list(futures), loop=client.loop):
+            request = futures[future]
+            if future.status == "error":
+                reason = f"{request.source.url}: {' '.join(str(future.exception()).split())}"
+                with Lane(Path(request.output), options.limits) as lane:
+                    yield request.source, failed(request, DIED, reason, 0.0, lane.scratch)
+            else:
+                yield request.source, Outcome(**future.result())
+
+    try:
+        yield come()
+    finally:
+        client.cancel(list(futures), force=True)
+        client.close()
+
+
+def _in_lane(told: dict[str, Any], limits: tuple[float, int]) -> dict[str, Any]:
+    """What a Dask worker does: plain values in and out."""
+    request = Request.of(told)
+    lane = getattr(_mine, "lane", None)
+    if lane is None:
+        lane = _mine.lane = Lane(Path(request.output), Limits(*limits))
+        atexit.register(lane.close)
+    return lane.analyse(request).json()

@@ -1,0 +1,137 @@
+"""What an archive's results say together: objects, how well they repeat, whether they drift, and why recordings gave nothing.
+
+Repeatability is the standard deviation of an answer from session to session of one object (ISO 5725-1, 3.14), here with whatever changed
+between them; beside it the sd that the answers stated. Drift is the slope of a weighted straight line over time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from analyze.types import Array
+
+_DAY_S = 86400.0
+QUANTITIES: tuple[tuple[str, str, str, float, str], ...] = (
+    ("centre of mass x", "com_x_m", "com_sd_x_m", 1e3, "mm"),
+    ("centre of mass y", "com_y_m", "com_sd_y_m", 1e3, "mm"),
+    ("centre of mass z", "com_z_m", "com_sd_z_m", 1e3, "mm"),
+    ("Ixx", "ixx_kg_m2", "ixx_sd_kg_m2", 1e7, "g cm²"),
+    ("Iyy", "iyy_kg_m2", "iyy_sd_kg_m2", 1e7, "g cm²"),
+    ("Izz", "izz_kg_m2", "izz_sd_kg_m2", 1e7, "g cm²"),
+)
+"""name, column, column of its sd, factor to the unit, unit"""
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """One quantity of one object over its sessions, in `unit`."""
+
+    object: str
+    object_sha256: str
+    quantity: str
+    unit: str
+    sessions: int
+    mean: float
+    """weighted by the stated sd"""
+    scatter: float
+    """sd from session to session; NaN of one session"""
+    stated: float
+    """median of the stated sd"""
+    chi_square: float
+    """of the sessions about their mean, per degree of freedom; far above 1: they scatter by more than they state"""
+    drift: float
+    """per day; NaN where the sessions do not span an hour"""
+    drift_sd: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Of all results of an archive."""
+
+    recordings: int
+    """distinct ones that gave results"""
+    failures: tuple[tuple[str, int, str], ...]
+    """kind, how many, one reason"""
+    repeated: tuple[Repeated, ...]
+    objects: tuple[tuple[str, str, int, int, int], ...]
+    """name, SHA-256, sessions, strikes recorded, strikes used"""
+
+
+def summarise(rows: pa.Table) -> Summary:
+    """Everything, from the table of recordings (`rows_of`)."""
+    told = rows.to_pylist()
+    good = [row for row in told if row["status"] == "ok"]
+    by_object: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in good:
+        by_object.setdefault((row["object"], row["object_sha256"]), []).append(row)
+    failures: dict[str, list[str]] = {}
+    for row in told:
+        if row["status"] != "ok":
+            failures.setdefault(row["failure"], []).append(row["reason"])
+    return Summary(
+        recordings=len(good),
+        failures=tuple((kind, len(reasons), reasons[0]) for kind, reasons in sorted(failures.items(), key=lambda item: -len(item[1]))),
+        repeated=tuple(found for key, sessions in sorted(by_object.items()) for found in _repeated(*key, sessions)),
+        objects=tuple(
+            (name, sha256, len(each), sum(row["strikes_recorded"] for row in each), sum(row["strikes_used"] for row in each))
+            for (name, sha256), each in sorted(by_object.items())
+        ),
+    )
+
+
+def _repeated(name: str, sha256: str, sessions: Sequence[dict[str, Any]]) -> Iterator[Repeated]:
+    for quantity, column, sd_column, factor, unit in QUANTITIES:
+        # A number that came from the shape repeats for nothing.
+        measured = [row for row in sessions if row.get(column.replace("_kg_m2", "_measured"), True) is not False and row["com_observed"]]
+        known = [(row[column], row[sd_column], _seconds(row["created"])) for row in measured if row[column] is not None and row[sd_column]]
+        if not known:
+            continue
+        value, sd, when = (np.array(column, dtype=np.float64) for column in zip(*known, strict=True))
+        weight = 1.0 / sd**2
+        mean = float(weight @ value / weight.sum())
+        many = len(value)
+        drift, drift_sd = _drift(value, sd, when)
+        yield Repeated(
+            object=name,
+            object_sha256=sha256,
+            quantity=quantity,
+            unit=unit,
+            sessions=many,
+            mean=factor * mean,
+            scatter=factor * float(value.std(ddof=1)) if many > 1 else math.nan,
+            stated=factor * float(np.median(sd)),
+            chi_square=float(weight @ (value - mean) ** 2) / (many - 1) if many > 1 else math.nan,
+            drift=factor * drift,
+            drift_sd=factor * drift_sd,
+        )
+
+
+def _drift(value: Array, sd: Array, when: Array) -> tuple[float, float]:
+    """Slope per day and its sd; NaN where there are too few sessions, or they are too near in time."""
+    known = np.isfinite(when)
+    value, sd, when = value[known], sd[known], when[known]
+    if len(when) < 3 or np.ptp(when) < 3600:
+        return math.nan, math.nan
+    days = (when - when.mean()) / _DAY_S
+    # At least as uncertain as the sessions scatter.
+    weight = 1.0 / sd**2
+    days = days - weight @ days / weight.sum()
+    slope = float(weight @ (days * value) / (weight @ days**2))
+    left = value - weight @ value / weight.sum() - slope * days
+    wider = max(1.0, float(weight @ left**2) / (len(when) - 2))
+    return slope, math.sqrt(wider / float(weight @ days**2))
+
+
+def _seconds(created: str | None) -> float:
+    try:
+        moment = datetime.fromisoformat(created or "")
+    except ValueError:
+        return math.nan
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

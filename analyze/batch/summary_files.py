@@ -1,0 +1,101 @@
+"""A summary printed, or written as HTML, CSV or Parquet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from io import BytesIO
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv as pc
+import pyarrow.parquet as pq
+from rich.console import Console
+from rich.table import Table
+
+from analyze.batch.summary import Repeated, Summary
+from analyze.errors import ArchiveError
+from analyze.output_file import write_bytes, write_text
+from analyze.results.page import page_environment
+
+SUFFIXES = (".html", ".csv", ".parquet")
+
+
+def render_summary(found: Summary) -> None:
+    """Print it."""
+    console = Console(highlight=False)
+    objects = Table(title="Objects", title_justify="left")
+    for heading in ("object", "", "sessions", "strikes", "used"):
+        objects.add_column(heading, justify="left" if heading in {"object", ""} else "right")
+    for name, sha256, sessions, strikes, used in found.objects:
+        objects.add_row(name, sha256[:8], str(sessions), str(strikes), str(used))
+    console.print(objects)
+    repeated = Table(title="From session to session", title_justify="left")
+    for heading in ("object", "quantity", "sessions", "mean", "scatter (1 sd)", "stated (1 sd)", "chi²/dof", "drift per day"):
+        repeated.add_column(heading, justify="left" if heading in {"object", "quantity"} else "right")
+    for each in found.repeated:
+        repeated.add_row(each.object, each.quantity, str(each.sessions), *cells(each))
+    console.print(repeated)
+    failures(console, found)
+
+
+def failures(console: Console, found: Summary) -> None:
+    """Print what gave nothing."""
+    if not found.failures:
+        console.print(f"{found.recordings} recordings, none failed")
+        return
+    table = Table(title="No result", title_justify="left")
+    table.add_column("why")
+    table.add_column("recordings", justify="right")
+    table.add_column("for example", overflow="fold")
+    for kind, many, example in found.failures:
+        table.add_row(kind, str(many), example)
+    console.print(table)
+
+
+def cells(each: Repeated) -> tuple[str, str, str, str, str]:
+    """Mean, scatter, stated sd, chi^2 and drift as people read them; – where there is none."""
+    digits = 3 if each.unit == "mm" else 1
+    drift = "–" if math.isnan(each.drift) else f"{each.drift:+.{digits}f} ± {1.96 * each.drift_sd:.{digits}f} {each.unit}"
+    return (
+        f"{each.mean:.{digits}f} {each.unit}",
+        _number(each.scatter, digits),
+        _number(each.stated, digits),
+        _number(each.chi_square, 1),
+        drift,
+    )
+
+
+def save_summary(found: Summary, path: Path) -> list[Path]:
+    """Write as the name's suffix says; the tables of objects and failures go beside that of repeatability, named after it.
+
+    Raises:
+        ArchiveError: another suffix.
+        OutputError: it cannot be written.
+    """
+    if path.suffix not in SUFFIXES:
+        raise ArchiveError(f"{path}: is none of {', '.join(SUFFIXES)}: name it so")
+    if path.suffix == ".html":
+        write_text(path, page_environment().get_template("archive.html").render(found=found, cells=cells))
+        return [path]
+    written: list[Path] = []
+    for name, rows in (
+        ("", [asdict(each) for each in found.repeated]),
+        ("-objects", [dict(zip(("object", "object_sha256", "sessions", "strikes", "used"), row, strict=True)) for row in found.objects]),
+        ("-failures", [dict(zip(("failure", "recordings", "example"), row, strict=True)) for row in found.failures]),
+    ):
+        if not rows:
+            continue
+        place = path.with_name(f"{path.stem}{name}{path.suffix}")
+        table, buffer = pa.Table.from_pylist(rows), BytesIO()
+        if path.suffix == ".csv":
+            pc.write_csv(table, buffer)
+        else:
+            pq.write_table(table, buffer)
+        write_bytes(place, buffer.getvalue())
+        written.append(place)
+    return written
+
+
+def _number(value: float, digits: int) -> str:
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"

@@ -1,0 +1,75 @@
+"""What a run shows: a bar with rate, remaining time and failures while it goes on, and what came of it at the end."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from analyze.batch.request import Outcome
+from analyze.batch.run import Report
+
+_SHOWN = 10
+
+
+class BatchProgress:
+    """Call with what became of a recording, how many are done, how many there are. On standard error; a line per failure in any case."""
+
+    def __init__(self, total: int) -> None:
+        self._console = Console(stderr=True)
+        self._failures = 0
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=28),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[rate]}"),
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+            TextColumn("[red]{task.fields[failures]}"),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal,
+        )
+        self._task = self._progress.add_task("analysing", total=max(total, 1), rate="", failures="")
+
+    def __call__(self, outcome: Outcome, done: int, total: int) -> None:
+        """Take in one more."""
+        if outcome.failure:
+            self._failures += 1
+            self._console.print(f"{outcome.failure}: {outcome.reason}", markup=False, highlight=False, soft_wrap=True)
+        speed = self._progress.tasks[0].finished_speed or self._progress.tasks[0].speed
+        self._progress.update(
+            self._task,
+            completed=done,
+            total=total,
+            rate=f"{60 * speed:.1f}/min" if speed else "",
+            failures=f"{self._failures} failed" if self._failures else "",
+        )
+
+    def __enter__(self) -> BatchProgress:
+        self._progress.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+        self._progress.stop()
+
+
+def render_report(report: Report, output: Path) -> None:
+    """Print what came of a run, in a few lines."""
+    console = Console(highlight=False, soft_wrap=True)
+    done = [outcome for outcome in report.outcomes if not outcome.failure]
+    known = sum(outcome.known for outcome in done)
+    text = f"{len(done) - known} analysed, {report.unchanged} unchanged"
+    if known:
+        text += f", {known} of known content"
+    console.print(f"{text}, {len(report.failures)} failed: {output}", markup=False)
+    for kind, many in Counter(outcome.failure for outcome in report.failures).most_common():
+        console.print(f"  {kind}: {many}", markup=False)
+    if report.failed_before:
+        console.print(f"{len(report.failed_before)} that failed before were not tried again: --only-failed does", markup=False)
+    if report.interrupted:
+        console.print("interrupted: what was finished stays; the same command goes on", markup=False)

@@ -1,0 +1,36 @@
+"""An archive of two recordings of one object and one broken file of each kind, and what a run over it gave."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from analyze.batch.archive import find_sources
+from analyze.batch.run import BatchOptions, run_batch, work_of
+from analyze.batch.settings import BatchSettings
+from tests.broken_files import KINDS, break_file
+from tests.quick_archive import body_of, quick_session
+
+
+@pytest.fixture(scope="session")
+def archive(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("archive")
+    (folder / "a").mkdir()
+    for number in range(2):
+        quick_session(folder / "a" / f"session-{number}.mcap", body_of(0), number, 3)
+    other = tmp_path_factory.mktemp("whole") / "other.mcap"
+    quick_session(other, body_of(0), 9, 3)
+    for kind in KINDS:
+        break_file(other, folder, kind)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def finished(archive, tmp_path_factory):
+    """(folder of the results, report of the run)"""
+    output = tmp_path_factory.mktemp("results") / "out"
+    output.mkdir()
+    settings, options = BatchSettings(), BatchOptions(jobs=2)
+    work = work_of(find_sources([str(archive)]), output, settings, options)
+    return output, run_batch(work, output, settings, options)

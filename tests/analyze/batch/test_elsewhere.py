@@ -1,0 +1,133 @@
+"""Archives in a bucket, and work on a cluster: servers on loopback, results as on one machine."""
+
+from __future__ import annotations
+
+import logging
+import os
+
+import pytest
+
+from analyze.batch.archive import find_sources
+from analyze.batch.query import rows_of
+from analyze.batch.run import BatchOptions, run_batch, work_of
+from analyze.batch.settings import BatchSettings
+from analyze.batch.sparse_copy import fetched_without_images
+from analyze.batch.table import STAMPS
+from analyze.errors import ArchiveError
+from analyze.recording import open_recording
+from tests.broken_files import break_file
+from tests.quick_archive import body_of, quick_session
+
+KINDS = ("empty", "text", "cut")
+OF_PLACE = ("url", "source_id", "size_bytes")
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    """Smaller than the one for all runs."""
+    folder = tmp_path_factory.mktemp("small")
+    (folder / "a").mkdir()
+    whole = quick_session(folder / "a" / "session-0.mcap", body_of(0), 0, 3).path
+    for kind in KINDS:
+        break_file(whole, folder, kind)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def finished(archive, tmp_path_factory):
+    output = tmp_path_factory.mktemp("results") / "out"
+    return output, run(str(archive), output)
+
+
+@pytest.fixture(scope="module")
+def bucket(archive):
+    """The archive behind an S3 server on loopback, as s3://archive."""
+    from moto.server import ThreadedMotoServer
+
+    logging.getLogger("werkzeug").setLevel(logging.ERROR)
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0)
+    server.start()
+    host, port = server.get_host_and_port()
+    told = {
+        "AWS_ACCESS_KEY_ID": "loopback", "AWS_SECRET_ACCESS_KEY": "loopback", "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+    }  # fmt: skip
+    before = {name: os.environ.get(name) for name in told}
+    os.environ.update(told)
+    import s3fs
+
+    system = s3fs.S3FileSystem(skip_instance_cache=True)
+    system.mkdir("archive")
+    system.put(str(archive) + "/", "archive/", recursive=True)
+    yield "s3://archive"
+    server.stop()
+    for name, value in before.items():
+        if value is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = value
+
+
+def numbers(output):
+    return sorted(
+        rows_of(output).drop_columns([*STAMPS, *OF_PLACE, "reason"]).to_pylist(), key=lambda row: (row["key"] or "", row["files"] or [])
+    )
+
+
+def failures(report):
+    return {outcome.url.rsplit("/", 1)[-1]: outcome.failure for outcome in report.outcomes}
+
+
+def run(place, output, **options):
+    output.mkdir()
+    chosen = BatchOptions(jobs=2, **options)
+    work = work_of(find_sources([place]), output, BatchSettings(), chosen)
+    return run_batch(work, output, BatchSettings(), chosen)
+
+
+def test_a_bucket_gives_the_same_results(bucket, finished, tmp_path):
+    report = run(bucket, tmp_path / "out")
+    assert failures(report) == failures(finished[1])
+    assert numbers(tmp_path / "out") == numbers(finished[0])
+    assert not list((tmp_path / "out" / "unfinished").iterdir())
+
+
+def test_small_topics_cost_few_bytes(bucket, archive, tmp_path, monkeypatch):
+    # Of a file as small as this one, to skip an image costs more than to read it.
+    monkeypatch.setattr("analyze.batch.sparse_copy._TOGETHER", 0)
+    monkeypatch.setattr("analyze.batch.sparse_copy._TAIL", 4096)
+    copy, fetched = fetched_without_images(f"{bucket}/a/session-0.mcap", tmp_path)
+    whole = archive / "a" / "session-0.mcap"
+    assert fetched < 0.05 * whole.stat().st_size
+    assert copy.stat().st_blocks * 512 < 0.2 * whole.stat().st_size
+    with open_recording(copy) as here, open_recording(whole) as there:
+        assert here.content_id == there.content_id
+        assert list(here.frame_meta()) == list(there.frame_meta())
+
+
+def test_a_bucket_that_is_not_there_is_one_line(bucket):
+    with pytest.raises(ArchiveError, match="s3://nowhere") as caught:
+        find_sources(["s3://nowhere/x"])
+    assert "\n" not in str(caught.value)
+
+
+def test_a_protocol_that_nobody_knows_is_one_line():
+    with pytest.raises(ArchiveError, match="nosuch"):
+        find_sources(["nosuch://a/b"])
+
+
+def test_a_cluster_gives_the_same_results(archive, finished, tmp_path):
+    from distributed import LocalCluster
+
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, host="127.0.0.1", dashboard_address=None, protocol="tcp://", silence_logs=50
+    ) as cluster:
+        report = run(str(archive), tmp_path / "out", scheduler=cluster.scheduler_address)
+    assert failures(report) == failures(finished[1])
+    assert numbers(tmp_path / "out") == numbers(finished[0])
+
+
+def test_no_scheduler_is_one_line(archive, tmp_path, monkeypatch):
+    monkeypatch.setattr("analyze.batch.cluster._CONNECTS_S", 0.5)
+    with pytest.raises(ArchiveError, match="no Dask scheduler"):
+        run(str(archive), tmp_path / "out", scheduler="tcp://127.0.0.1:9")

@@ -1,0 +1,178 @@
+"""Runs over an archive: everything accounted for, nothing done twice, nothing lost."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analyze.batch.archive import find_sources
+from analyze.batch.lane import Lane, LaneStoppedError, Limits
+from analyze.batch.ledger import Ledger
+from analyze.batch.query import ask, rows_of
+from analyze.batch.request import Request
+from analyze.batch.run import BatchOptions, run_batch, work_of
+from analyze.batch.settings import BatchSettings
+from analyze.batch.table import STAMPS
+from analyze.errors import ArchiveError
+from tests.broken_files import KINDS
+from tests.quick_archive import body_of
+
+
+def todo(archive, output, **options):
+    return work_of(find_sources([str(archive)]), output, BatchSettings(), BatchOptions(jobs=1, **options))
+
+
+def run_again(archive, output, **options):
+    return run_batch(todo(archive, output, **options), output, BatchSettings(), BatchOptions(jobs=1, **options))
+
+
+def plain(output):
+    """Rows without what two runs need not share."""
+    return sorted(rows_of(output).drop_columns([*STAMPS, "url"]).to_pylist(), key=lambda row: (row["key"] or "", row["source_id"]))
+
+
+@pytest.fixture
+def copied(finished, tmp_path):
+    """The results, to be changed."""
+    return Path(shutil.copytree(finished[0], tmp_path / "out"))
+
+
+def test_every_file_is_accounted_for(archive, finished):
+    output, report = finished
+    rows = {row["url"]: row for row in rows_of(output).to_pylist()}
+    assert len(report.outcomes) == len(rows) == 2 + len(KINDS)
+    for url, row in rows.items():
+        name = Path(url).name
+        expected = "" if name.startswith("session") else KINDS[name.removeprefix("broken-").split("-0.")[0]]
+        assert (row["failure"] or "") == expected, row["reason"]
+        assert row["status"] == ("failed" if expected else "ok")
+        if expected:
+            assert name in row["reason"]
+            assert "\n" not in row["reason"]
+
+
+def test_the_numbers_are_those_of_the_bodies(finished):
+    for row in rows_of(finished[0]).to_pylist():
+        if row["status"] == "ok":
+            centre = [row[f"com_{axis}_m"] for axis in "xyz"]
+            assert np.linalg.norm(np.subtract(centre, body_of(0).com)) < 3e-4
+            assert row["strikes_used"] == len(row["strikes"]) == 3
+            assert row["peak_memory_bytes"] > 1e7
+            assert json.loads(row["result_json"])["inputs"]["content_id"] == row["content_id"]
+
+
+def test_a_second_run_does_nothing(archive, finished):
+    work = todo(archive, finished[0])
+    assert not work.todo
+    assert len(work.unchanged) == 2 + len(KINDS)
+    assert len(work.failed_before) == len(KINDS)
+    assert {Path(source.url).name for source in todo(archive, finished[0], only_failed=True).todo} == {
+        Path(entry.url).name for entry in work.failed_before
+    }
+
+
+def test_a_file_that_is_touched_is_looked_into_and_its_row_stands(archive, copied, tmp_path):
+    moved = tmp_path / "archive"
+    shutil.copytree(archive / "a", moved)
+    before = {path.name: path.stat().st_mtime_ns for path in (copied / "recordings").iterdir()}
+    report = run_again(moved, copied)
+    assert [outcome.known for outcome in report.outcomes] == [True, True]
+    assert {path.name: path.stat().st_mtime_ns for path in (copied / "recordings").iterdir()} == before
+    assert rows_of(copied).num_rows == 2 + len(KINDS), "one row for each content, wherever it lies"
+
+
+def test_a_file_whose_content_changed_is_done_again_and_its_old_row_goes(archive, copied, tmp_path):
+    moved = tmp_path / "archive"
+    moved.mkdir()
+    shutil.copy(archive / "a" / "session-0.mcap", moved / "one.mcap")
+    run_again(moved, copied)
+    (moved / "one.mcap").write_bytes(b"")
+    report = run_again(moved, copied)
+    assert [outcome.failure for outcome in report.outcomes] == ["empty"]
+    shutil.copy(archive / "a" / "session-1.mcap", moved / "one.mcap")
+    assert [outcome.failure for outcome in run_again(moved, copied).outcomes] == [""]
+    assert not any(row["url"].endswith("one.mcap") and row["failure"] for row in rows_of(copied).to_pylist())
+
+
+def test_other_settings_are_another_result(archive, finished):
+    settings = dataclasses.replace(BatchSettings(), seed=1)
+    assert len(work_of(find_sources([str(archive)]), finished[0], settings, BatchOptions()).todo) == 2 + len(KINDS)
+
+
+def test_shards_are_disjoint_and_whole(archive, tmp_path):
+    parts = [{source.url for source in todo(archive, tmp_path, shard=(i, 3)).todo} for i in (1, 2, 3)]
+    assert sum(len(part) for part in parts) == len(set().union(*parts)) == 2 + len(KINDS)
+
+
+def test_a_ledger_that_ends_in_mid_line_loses_only_that_line(archive, copied):
+    ledger = copied / "ledger" / "all.jsonl"
+    ledger.write_bytes(ledger.read_bytes()[:-30])
+    work = todo(archive, copied)
+    assert len(work.todo) == 1
+    run_again(archive, copied)
+    assert not todo(archive, copied).todo
+
+
+def test_two_runs_at_a_time_are_refused(copied):
+    with Ledger(copied, "all", 1), pytest.raises(ArchiveError, match="another run"):
+        Ledger(copied, "all", 2)
+
+
+def test_too_long_and_too_large_are_rows_with_the_reason(archive, tmp_path):
+    for limits, failure in ((Limits(seconds=0.05), "time_limit"), (Limits(memory_bytes=200 << 20), "out_of_memory")):
+        output = tmp_path / failure
+        output.mkdir()
+        options = BatchOptions(jobs=1, limits=limits)
+        work = work_of(find_sources([str(archive / "a" / "session-0.mcap")]), output, BatchSettings(), options)
+        report = run_batch(work, output, BatchSettings(), options)
+        assert [outcome.failure for outcome in report.outcomes] == [failure], report.outcomes[0].reason
+        assert "raise --" in rows_of(output).to_pylist()[0]["reason"]
+
+
+def test_a_worker_that_dies_is_a_row_and_the_next_recording_is_done(archive, copied):
+    source = find_sources([str(archive / "a" / "session-0.mcap")])[0]
+    request = Request(source, dataclasses.replace(BatchSettings(), seed=9), str(copied))
+    with Lane(copied, Limits()) as lane:
+        lane._running().kill()
+        assert lane.analyse(request).failure in {"out_of_memory", "died"}
+        empty = find_sources([str(archive / "broken-empty-0.mcap")])[0]
+        assert lane.analyse(dataclasses.replace(request, source=empty)).failure == "empty"
+        lane.stop()
+        with pytest.raises(LaneStoppedError):
+            lane.analyse(request)
+    assert not list((copied / "unfinished").iterdir())
+
+
+def test_killed_at_once_the_next_run_finishes_it(archive, finished, tmp_path):
+    output = tmp_path / "out"
+    command = [sys.executable, "-m", "analyze", "batch", str(archive), "--out", str(output), "--jobs", "1"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    ends = time.monotonic() + 60
+    while not list(output.glob("failures/*.parquet")) and time.monotonic() < ends:
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    time.sleep(1.0)  # its worker notices within half a second
+    assert not subprocess.run(["pgrep", "-f", f"analyze.batch.child {output}"], capture_output=True, check=False).stdout
+    run_again(archive, output)
+    assert plain(output) == plain(finished[0])
+    assert not list((output / "unfinished").iterdir())
+
+
+def test_a_question_reaches_the_tables_and_nothing_else(finished):
+    answer = ask(finished[0], "select axis, count(*) as n from strikes group by axis order by axis").to_pylist()
+    assert [row["n"] for row in answer] == [2, 2, 2]
+    for sql in ("select * from read_csv('/etc/passwd')", "copy recordings to 'x.csv'", "install httpfs", "selec 1"):
+        with pytest.raises(ArchiveError) as caught:
+            ask(finished[0], sql)
+        assert "\n" not in str(caught.value)

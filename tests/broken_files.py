@@ -1,0 +1,86 @@
+"""Files that are no whole recording, of all kinds, made of a whole one."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from mcap.writer import Writer
+
+from acquire.recorder.writer import McapWriter
+from analyze.recording import open_recording
+from schemas import topics
+from schemas.document import canonical_json
+from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT
+
+KINDS = {
+    "empty": "empty",
+    "text": "foreign",
+    "other_mcap": "foreign",
+    "cut": "cut",
+    "head_only": "cut",
+    "wrong_byte": "damaged",
+    "no_strikes": "no_strikes",
+    "other_plan": "plan",
+    "part": "unfinished",
+    "newer": "other_version",
+}
+"""kind of file -> what its failure is called"""
+
+
+def break_file(whole: Path, folder: Path, kind: str, number: int = 0) -> Path:
+    """Write a broken one of that kind.
+
+    Args:
+        whole: a recording.
+        folder: where.
+        kind: a key of KINDS.
+        number: to tell several of a kind apart, in name and in what is broken.
+    """
+    path = folder / f"broken-{kind}-{number}.mcap"
+    data = whole.read_bytes()
+    match kind:
+        case "empty":
+            path.write_bytes(b"")
+        case "text":
+            path.write_text(f"not a recording {number}\n")
+        case "other_mcap":
+            with path.open("wb") as file:
+                writer = Writer(file)
+                writer.start()
+                writer.finish()
+        case "cut":
+            path.write_bytes(data[: len(data) // (2 + number % 3)])
+        case "head_only":
+            path.write_bytes(data[:20])
+        case "wrong_byte":
+            at = len(data) // 2 + 997 * number
+            path.write_bytes(data[:at] + bytes([data[at] ^ 0x55]) + data[at + 1 :])
+        case "no_strikes" | "other_plan" | "newer":
+            _without_strikes(whole, path, kind)
+        case "part":
+            path = path.with_name(path.name + ".part")
+            path.write_bytes(data[: len(data) // 3])
+        case _:
+            raise ValueError(kind)
+    return path
+
+
+def _without_strikes(whole: Path, path: Path, kind: str) -> None:
+    with open_recording(whole) as recording:
+        manifest, plan = recording.manifest, recording.attachments[PLAN_ATTACHMENT]
+        strikes = list(recording.messages("/session/strike"))
+    if kind == "other_plan":
+        plan = plan.replace(manifest.object_sha256.encode(), b"f" * 64)
+    known = manifest.model_copy(update={"hashes": {PLAN_ATTACHMENT: hashlib.sha256(plan).hexdigest()}})
+    text = canonical_json(known)
+    if kind == "newer":
+        text = text.replace('"schema_version":"1.', '"schema_version":"9.')
+    with McapWriter(path) as writer:
+        writer.metadata(MANIFEST_NAME, {"json": text})
+        writer.attachment(PLAN_ATTACHMENT, "application/json", plan)
+        clock, record = writer.add_topic(topics.CLOCK_SAMPLE), writer.add_topic(topics.SESSION_STRIKE)
+        writer.write(clock, 1_800_000_000_000_000_000, b"")
+        for message in strikes if kind == "other_plan" else []:
+            writer.write(record, message.log_time_ns, bytes(message.data))
+        writer.finish()
