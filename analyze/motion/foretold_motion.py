@@ -110,7 +110,7 @@ def foretold_motion(strike_id: str, angle: TipAngle, fit: MotionFit, told: Foret
     left[:, early] -= by[:, 2:4] @ _least_squares(by[early, 2:4], noise[early, early])
     by_body = left @ (by[:, :2] * np.array([1.0, told.k]))
     of_frames = left @ noise @ left.T
-    own_rows = own_by[:, :_PARAMETERS] * np.array([1.0, fit.k or told.k, 1.0, 1.0])
+    own_rows = own_by * np.array([1.0, fit.k or told.k, 1.0, 1.0])
     by_frames = np.asarray(np.linalg.pinv(own_rows.T @ np.linalg.solve(noise, own_rows), hermitian=True)[:2, :2], dtype=np.float64)
     body = told.covariance + _beyond(told.own, by_frames)
     offset, sd = seen - expected, np.sqrt(np.diag(of_frames) + np.einsum("ni,ij,nj->n", by_body, body, by_body))

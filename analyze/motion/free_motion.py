@@ -44,7 +44,7 @@ def jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
     window = slice(*fit.window)
     time = np.asarray((angle.time_ns[window] - fit.time0_ns) * 1e-9, dtype=np.float64)
     _, _, jacobian = trajectory(time, fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
-    index, size, gain = second_kick(time, fit.residual, angle.sd[window], jacobian[:, :4])
+    index, size, gain = second_kick(time, fit.residual, angle.sd[window], jacobian)
     return fit.window[0] + index, size, gain
 
 

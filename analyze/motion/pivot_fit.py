@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.motion.pendulum import first_guess, trajectory
+from analyze.motion.pendulum import first_guess, trajectory, trajectory_with_drag
 from analyze.motion.profile import Tip, profile_sd
 from analyze.types import MotionFit
 
@@ -94,9 +94,10 @@ def _pivot_fit(angle: TipAngle, window: tuple[int, int], estimator: str, size: i
     cut = sample(angle, window, size)
 
     def model(x: Array) -> tuple[Array, Array]:
-        drag = float(x[4]) if size == 5 else 0.0
-        theta, _, jacobian = trajectory(cut.time, float(x[0]), float(x[1]), float(x[2]), float(x[3]), drag)
-        return theta, jacobian[:, :size]
+        phi, k, theta0, omega0 = (float(each) for each in x[:4])
+        solved = trajectory(cut.time, phi, k, theta0, omega0) if size == 4 else None
+        theta, _, jacobian = solved or trajectory_with_drag(cut.time, phi, k, theta0, omega0, float(x[4]))
+        return theta, jacobian
 
     fitted = fit_model(cut, model, cut.guess[:size])
     return motion_fit(estimator, angle, window, cut, fitted, damping=float(fitted.parameters[4]) if size == 5 else 0.0)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
-from analyze.motion.pendulum import trajectory
+from analyze.motion.pendulum import trajectory, trajectory_with_drag
 
 if TYPE_CHECKING:
     from analyze.types import Array
@@ -84,15 +84,19 @@ def _sum_of_squares(tip: Tip, phi: float) -> float:
         k = math.exp(min(max(float(x[0]), math.log(_K_RANGE[0])), math.log(_K_RANGE[1])))
         return phi, k, float(x[1]), float(x[2]), float(x[3]) if len(x) == 4 else 0.0
 
+    columns = np.empty(0)
+
     def residual(x: Array) -> Array:
-        model, _, _ = trajectory(tip.time, *unpack(x))
+        nonlocal columns
+        phi, k, theta0, omega0, drag = unpack(x)
+        model, _, columns = (
+            trajectory_with_drag(tip.time, phi, k, theta0, omega0, drag) if len(x) == 4 else trajectory(tip.time, phi, k, theta0, omega0)
+        )
         return np.clip((tip.theta - model) * tip.weight, -1e6, 1e6)
 
     def jacobian(x: Array) -> Array:
-        phi_k = unpack(x)
-        _, _, columns = trajectory(tip.time, *phi_k)
         part = -columns[:, 1 : 1 + len(x)] * tip.weight[:, None]
-        part[:, 0] *= phi_k[1]
+        part[:, 0] *= unpack(x)[1]
         return np.clip(part, -1e9, 1e9)
 
     # scipy's own hints know only the names of built-in derivatives.

@@ -96,7 +96,7 @@ def _stretched(cut: Sample, fitted: Fitted) -> float:
 
     def model(x: Array) -> tuple[Array, Array]:
         theta, _, jacobian = trajectory(cut.time, float(x[0]), float(x[1]), float(x[2]), float(x[3]))
-        return theta, jacobian[:, :4]
+        return theta, jacobian
 
     believed, linear = (fit_model(hinge, model, x, profiled).covariance[0, 0] for profiled in (True, False))
     return max(1.0, math.sqrt(float(believed / linear)))

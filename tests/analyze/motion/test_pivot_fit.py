@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from analyze.errors import EstimationError
-from analyze.motion.pendulum import energy_ratio, trajectory
+from analyze.motion.pendulum import energy_ratio, trajectory, trajectory_with_drag
 from analyze.motion.pivot_fit import pivot_fit, pivot_fit_with_drag
 from analyze.motion.sign_change import sign_change
 from analyze.types import TipAngle
@@ -103,18 +104,18 @@ PLAIN = [(0.9, 0.02), (0.95, 0.03), (1.05, 0.2), (1.3, 0.2), (3.0, 0.03)]
 
 @pytest.fixture(scope="module")
 def plain():
-    return [draws(energy, noise_deg, 150, seed) for seed, (energy, noise_deg) in enumerate(PLAIN, 11)]
+    return [draws(energy, noise_deg, 100, seed) for seed, (energy, noise_deg) in enumerate(PLAIN, 11)]
 
 
 def test_phi_and_k_scatter_at_most_1_2_times_the_cramer_rao_bound(plain):
-    # Measured over 1000 draws: 0.97-1.04. The scatter of 150 draws is known to 6 %: the limit is three of these away.
+    # Measured over 1000 draws: 0.97-1.04. The scatter of 100 draws is known to 7 %: the limit is near three of these away.
     for of_one in plain:
         assert np.std(of_one.phi_error) < 1.2 * of_one.bound[0]
         assert np.std(of_one.k_error) < 1.2 * of_one.bound[1]
 
 
 def test_95_percent_intervals_hold_the_truth_in_90_to_98_percent(plain):
-    # 750 draws: 0.8 % of chance.
+    # 500 draws: 1 % of chance.
     assert 0.90 < np.mean([of_one.phi_inside for of_one in plain]) < 0.98
     assert 0.90 < np.mean([of_one.k_inside for of_one in plain]) < 0.98
 
@@ -132,8 +133,8 @@ def test_where_phi_is_hardly_determined_the_sd_says_so_and_no_more(energy, noise
 
 def test_a_hopeless_tip_is_known_to_be_one():
     # Cramer-Rao gives 15 deg here: most fits end far from the truth, and none may pass for usable (of 600 none did).
-    of_one = draws(0.6, 0.2, 60, seed=5)
-    assert np.mean(of_one.phi_inside) > 0.87
+    of_one = draws(0.6, 0.2, 30, seed=5)
+    assert np.mean(of_one.phi_inside) > 0.84  # 26 of 30: in 984 cases of 1000
     assert np.min(of_one.phi_sd) > np.radians(1.0)
 
 
@@ -173,7 +174,7 @@ def test_rocking_back_still_gives_phi_with_an_honest_sd():
 def test_drag_is_found_where_there_is_some():
     rng = np.random.default_rng(2)
     seconds = np.arange(80) / 120
-    theta, _, _ = trajectory(seconds, 0.28, 69.0, 0.02, 1.62, 0.05)
+    theta, _, _ = trajectory_with_drag(seconds, 0.28, 69.0, 0.02, 1.62, 0.05)
     n = len(theta)
     sd = 1e-5
     angle = TipAngle(np.rint(seconds * 1e9).astype(np.int64), theta + rng.normal(0, sd, n), np.full(n, sd), np.zeros(n), np.zeros(n))
@@ -182,16 +183,34 @@ def test_drag_is_found_where_there_is_some():
     assert fit.phi == pytest.approx(0.28, abs=2e-4)
 
 
-def test_derivatives_are_those_of_the_motion():
+@pytest.mark.parametrize(("motion", "drag"), [(trajectory, ()), (trajectory_with_drag, (0.03,))])
+def test_derivatives_are_those_of_the_motion(motion, drag):
     seconds = np.arange(40) / 120
-    x = np.array([0.3, 60.0, 0.02, 1.6, 0.03])
-    _, _, J = trajectory(seconds, *x)
-    for i, step in enumerate([1e-5, 1e-3, 1e-5, 1e-5, 1e-5]):
+    x = np.array([0.3, 60.0, 0.02, 1.6, *drag])
+    _, _, J = motion(seconds, *x)
+    assert J.shape == (40, len(x))
+    for i, step in enumerate([1e-5, 1e-3, 1e-5, 1e-5, 1e-5][: len(x)]):
         up, down = x.copy(), x.copy()
         up[i] += step
         down[i] -= step
-        numeric = (trajectory(seconds, *up)[0] - trajectory(seconds, *down)[0]) / (2 * step)
+        numeric = (motion(seconds, *up)[0] - motion(seconds, *down)[0]) / (2 * step)
         assert np.allclose(J[:, i], numeric, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("omega0", [1.6, 3.1, 6.0])
+def test_the_motion_is_solved_far_below_a_cameras_noise(omega0):
+    """At 120 frames per second and k = 100 rad/s^2, below, about and far above what carries it over the top, up to 80 degrees past it."""
+    seconds = np.arange(61) / 120
+
+    def rate(_, y):
+        return [y[1], 100.0 * np.sin(y[0]), y[3], 100.0 * np.cos(y[0]) * y[2]]
+
+    exact = solve_ivp(rate, (0.0, 0.5), [-0.3, omega0, 1.0, 0.0], t_eval=seconds, rtol=1e-11, atol=1e-13).y
+    below = exact[0] < 1.4
+    for theta, omega, by in (trajectory(seconds, 0.3, 100.0, 0.0, omega0), trajectory_with_drag(seconds, 0.3, 100.0, 0.0, omega0, 0.0)):
+        assert np.abs(theta - 0.3 - exact[0])[below].max() < 6e-6
+        assert np.abs(omega - exact[1])[below].max() < 6e-5
+        assert np.abs(by[:, 2] - exact[2])[below].max() < 2e-6 * np.abs(exact[2]).max()
 
 
 def test_energy_ratio_is_one_at_the_separatrix():
