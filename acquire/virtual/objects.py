@@ -118,11 +118,9 @@ def hull_with_edges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], N
     """Convex hull of points (n, 3): its corners (h, 3) and its edges (e, 2), coplanar facets merged."""
     hull = ConvexHull(points)
     normals = hull.equations[:, :3]
-    edges = set()
-    for facet, neighbours in enumerate(hull.neighbors):
-        for opposite, neighbour in enumerate(neighbours):
-            if neighbour > facet and normals[facet] @ normals[neighbour] < np.cos(np.radians(0.5)):
-                edges.add(tuple(sorted(int(v) for k, v in enumerate(hull.simplices[facet]) if k != opposite)))
+    bent = np.einsum("fi,fki->fk", normals, normals[hull.neighbors]) < np.cos(np.radians(0.5))
+    once = hull.neighbors > np.arange(len(normals))[:, None]
+    edges = {tuple(sorted(int(v) for v in np.delete(hull.simplices[facet], opposite))) for facet, opposite in np.argwhere(bent & once)}
     used = sorted({vertex for edge in edges for vertex in edge})
     renumber = {vertex: i for i, vertex in enumerate(used)}
     return points[used], np.array([[renumber[a], renumber[b]] for a, b in sorted(edges)])

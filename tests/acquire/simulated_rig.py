@@ -33,7 +33,7 @@ from acquire.virtual.objects import VirtualObject, load_object
 from acquire.virtual.operator import POSITION_SD_M, STAND_SD_M, YAW_SD_RAD
 from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, G_M_S2, TABLE_FRICTION
 from acquire.virtual.world import StrikerContact, World, WorldState
-from analyze.geometry.object_model import load_object_model
+from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion, verdict_of
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.planning import view
@@ -82,13 +82,24 @@ class Attempt:
     """as analysed"""
 
 
+thing_of = functools.cache(load_object)
+"""what a seed made of an object; nothing changes it"""
+
+
+@functools.cache
+def model_of(name: str) -> ObjectModel:
+    """The object's shape, as its file gives it."""
+    thing = thing_of(name, 1)
+    shape = thing.shape_file or ("", None)
+    return load_object_model(thing.spec, shape[1], shape[0])
+
+
 @functools.cache
 def plan_for(name: str, strikes: int = 9, striker: StrikerModel = STRIKER, most_axes: int | None = None) -> StrikePlan:
     """The plan that `analyze plan` makes of the object's files and a rig file that says this of the striker; nothing hidden enters."""
-    thing = load_object(name, 1)
+    thing = thing_of(name, 1)
     shape = thing.shape_file or ("", None)
-    model = load_object_model(thing.spec, shape[1], shape[0])
-    prepared = prepare(model, thing.spec, Bench(striker, view.default_camera(), TABLE_FRICTION[0]))
+    prepared = prepare(model_of(name), thing.spec, Bench(striker, view.default_camera(), TABLE_FRICTION[0]))
     return finish(prepared, object_sha256(thing.spec, shape[1]), Request(strikes, most_axes=most_axes))
 
 
@@ -203,7 +214,7 @@ class SimulatedRig:
         released = world.time_ns
         while world.time_ns < released + 2200 * MS:
             world.step_to(world.time_ns + 10 * MS)
-            theta = tip.theta(self._states[-1])
+            theta = float(tip.theta(self._states[-1:])[0])
             since = world.time_ns - (self._contacts[0].time_ns if self._contacts else world.time_ns)
             if theta > tip.phi + PAST_RAD or (since > 250 * MS and theta < BACK_RAD) or since > 1500 * MS:
                 break
@@ -227,7 +238,7 @@ class _Tip:
 
     def __init__(self, thing: VirtualObject, strike: PlannedStrike, rest: WorldState, yaw: float) -> None:
         self._thing, self._rest = thing, rest
-        self._R0 = _rotation(rest)
+        (self._R0,) = _rotations([rest])
         self._axis = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
         self._pivot, self._radius = np.array(strike.pivot.point), strike.pivot.radius_m
         arm = self._R0 @ (thing.body.com_object - self._pivot)
@@ -238,33 +249,37 @@ class _Tip:
         self._needed = weight * (reach - float(arm[2]))
         self._at_rest = weight * float((rest.p_world_object + self._R0 @ thing.body.com_object)[2])
 
-    def theta(self, state: WorldState) -> float:
-        """rad about the pivot axis since rest."""
-        return float(Rotation.from_matrix(_rotation(state) @ self._R0.T).as_rotvec() @ self._axis)
+    def theta(self, states: list[WorldState]) -> np.ndarray:
+        """(n,) rad about the pivot axis since rest."""
+        return Rotation.from_matrix(_rotations(states) @ self._R0.T).as_rotvec() @ self._axis
 
     def energy(self, states: list[WorldState]) -> float:
         """Median, on the way up, of kinetic and potential energy over what the top needs."""
-        theta = np.array([self.theta(state) for state in states])
-        if not len(theta) or theta.max() < math.radians(0.2):
+        if not states:
+            return 0.0
+        theta = self.theta(states)
+        if theta.max() < math.radians(0.2):
             return 0.0
         top = int(np.argmax(theta > self.phi)) if theta.max() > self.phi else int(np.argmax(theta))
-        return float(np.median([self._energy(state) for state in states[: max(top, 1)]]))
+        return float(np.median(self._energies(states[: max(top, 1)])))
 
-    def _energy(self, state: WorldState) -> float:
-        body, A = self._thing.body, _rotation(state)
+    def _energies(self, states: list[WorldState]) -> np.ndarray:
+        body, A = self._thing.body, _rotations(states)
         c = A @ body.com_object
-        v = state.linear_velocity + np.cross(state.angular_velocity, c)
-        w = A.T @ state.angular_velocity
-        kinetic = 0.5 * body.mass_kg * float(v @ v) + 0.5 * float(w @ body.inertia_com @ w)
-        height = float((state.p_world_object + c)[2])
+        turning = np.array([state.angular_velocity for state in states])
+        v = np.array([state.linear_velocity for state in states]) + np.cross(turning, c)
+        w = np.einsum("nij,ni->nj", A, turning)
+        kinetic = 0.5 * body.mass_kg * np.sum(v * v, axis=1) + 0.5 * np.einsum("ni,ij,nj->n", w, body.inertia_com, w)
+        height = np.array([state.p_world_object[2] for state in states]) + c[:, 2]
         return (kinetic + body.mass_kg * G_M_S2 * height - self._at_rest) / self._needed
 
     def motion(self, states: list[WorldState], rng: np.random.Generator) -> PlanarMotion:
         """What a camera on the axis would tell of these poses."""
         n = len(states)
-        turned = np.array([Rotation.from_matrix(_rotation(state) @ self._R0.T).as_rotvec() for state in states])
+        A = _rotations(states)
+        turned = Rotation.from_matrix(A @ self._R0.T).as_rotvec()
         start = self._rest.p_world_object + self._R0 @ self._pivot
-        moved = np.array([state.p_world_object + _rotation(state) @ self._pivot for state in states]) - start
+        moved = np.array([state.p_world_object for state in states]) + A @ self._pivot - start
         along = np.cross(self._axis, [0.0, 0.0, 1.0])
         theta = turned @ self._axis
         sd = np.full(n, ANGLE_SD)
@@ -282,6 +297,6 @@ class _Tip:
         )
 
 
-def _rotation(state: WorldState) -> np.ndarray:
-    w, x, y, z = state.q_world_object_wxyz
-    return Rotation.from_quat([x, y, z, w]).as_matrix()
+def _rotations(states: list[WorldState]) -> np.ndarray:
+    """(n, 3, 3)."""
+    return Rotation.from_quat(np.array([state.q_world_object_wxyz for state in states])[:, [1, 2, 3, 0]]).as_matrix()

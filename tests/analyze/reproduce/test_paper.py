@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,17 +16,35 @@ from analyze.reproduce.paper.published import published_centres, published_masse
 from analyze.reproduce.paper.record import Condition, SessionRecord, Source
 from analyze.reproduce.paper.scores import distance, metric
 from analyze.reproduce.paper.session import Sweeps, session_record
-from analyze.results.paper_page import write_page
 from tests.analyze.balanced_html import Balanced
 from tests.analyze.reproduce.theta_sessions import theta_session
 
-QUICK = Sweeps((0.0, 1.85), (0.0, 0.05), (5e-3,))
+SWEPT = Sweeps((0.0, 1.85), (0.0, 0.05), (5e-3,))
+NOT_SWEPT = Sweeps((0.0,))
+OBJECTS = {"carton": 9, "spray": 6, "juice": 6, "salt": 6, "parcel": 9}
+"""the paper's four and one outside its class, and how many strikes are planned on three axes"""
+
+
+each_object = pytest.mark.parametrize("name", OBJECTS)
+
+
+@cache
+def record_of(name: str) -> SessionRecord:
+    """One session of an object, of the carton with what the figures sweep; all tests look at these."""
+    return session_record(*theta_session(name, 1, OBJECTS[name]), Source.SIMULATED, SWEPT if name == "carton" else NOT_SWEPT)
 
 
 @pytest.fixture(scope="module")
-def records() -> list[SessionRecord]:
-    """One object of the paper's with everything that is swept, and the one outside its class."""
-    return [session_record(*theta_session(name, 1), Source.SIMULATED, sweeps) for name, sweeps in (("carton", QUICK), ("parcel", Sweeps()))]
+def drawn(tmp_path_factory) -> Path:
+    """The folder that the command leaves."""
+    folder = tmp_path_factory.mktemp("reproduced")
+    (folder / "sessions").mkdir()
+    for record in map(record_of, OBJECTS):
+        (folder / "sessions" / f"{record.name}.json").write_text(record.model_dump_json(), encoding="utf-8")
+    done = CliRunner().invoke(main, ["reproduce", "paper", "-o", str(folder)])
+    assert done.exit_code == 0, done.output
+    assert "centre of mass" in done.output.lower()
+    return folder
 
 
 def test_what_the_paper_printed_scores_as_it_prints():
@@ -37,30 +57,36 @@ def test_what_the_paper_printed_scores_as_it_prints():
     assert third.metric == pytest.approx(0.204, abs=0.001)
 
 
-def test_nine_strikes_on_three_axes_reach_the_targets(records):
-    for record in records:
-        assert record.axes == 3
-        assert record.strikes >= 9
-        assert distance(record.ours[Condition.EXACT], record) < 1e-3
-        assert distance(record.ours[Condition.DRAWN], record) < 3e-3
-        assert max(abs(axis.i_edge_off) for axis in record.ours[Condition.EXACT].moments) < 0.02
-        assert max(abs(axis.i_com_off) for axis in record.ours[Condition.EXACT].moments) < 0.08
-    carton = records[0]
+@each_object
+def test_strikes_on_three_axes_reach_the_targets(name):
+    record = record_of(name)
+    assert record.object == name
+    assert record.axes == 3
+    assert record.strikes >= OBJECTS[name]
+    assert distance(record.ours[Condition.EXACT], record) < 1e-3
+    assert distance(record.ours[Condition.DRAWN], record) < 3e-3
+    # 2 % + 2 mm/R is what must be reached, 8 % of the moment about c.
+    assert all(abs(axis.i_edge_off) < 0.02 + 2e-3 / axis.distance_m for axis in record.ours[Condition.EXACT].moments)
+    assert max(abs(axis.i_com_off) for axis in record.ours[Condition.EXACT].moments) < 0.08
+
+
+def test_the_cartons_masses_and_what_a_noisy_scan_leaves_of_its_centre():
+    carton = record_of("carton")
     assert metric(carton.ours[Condition.EXACT].masses_kg, carton) < 0.06
     assert carton.scan_noise_com[0].ours[0] < 3e-3
 
 
-def test_the_papers_method_on_the_same_strikes(records):
-    for record in records:
-        found = record.paper[Condition.EXACT]
-        assert len(found) == 3, "one result per round of three strikes"
-        assert all(distance(answer, record) < 2.5e-3 for answer in found), "with our angles, far finer than the paper's"
-        assert all(abs(axis.i_edge_off) < 0.1 for answer in found for axis in answer.moments)
+@each_object
+def test_the_papers_method_on_the_same_strikes(name):
+    record = record_of(name)
+    found = record.paper[Condition.EXACT]
+    assert len(found) == OBJECTS[name] // 3, "one result per round of three strikes"
+    assert all(distance(answer, record) < 2.5e-3 for answer in found), "with our angles, far finer than the paper's"
+    assert all(abs(axis.i_edge_off) < 0.1 for answer in found for axis in answer.moments)
 
 
-def test_the_page_the_tables_and_the_series(records, tmp_path):
-    page = write_page(records, tmp_path)
-    text = page.read_text(encoding="utf-8")
+def test_the_page_the_tables_and_the_series(drawn):
+    text = (drawn / "index.html").read_text(encoding="utf-8")
     balanced = Balanced()
     balanced.feed(text)
     assert not balanced.open
@@ -68,28 +94,22 @@ def test_the_page_the_tables_and_the_series(records, tmp_path):
         assert title in text
     assert text.count("<svg") == 6
     assert "nan" not in text.lower().replace("nanometre", "")
-    with (tmp_path / "table1.csv").open(encoding="utf-8") as file:
+    with (drawn / "table1.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
+    assert {row["object"] for row in rows if row["whose"] == "ours"} >= set(OBJECTS)
     assert {row["whose"] for row in rows if row["object"] == "carton"} >= {"ours", "the paper's method here", "naive: middle of the volume"}
-    names = {path.stem for path in tmp_path.glob("*.csv")}
+    names = {path.stem for path in drawn.glob("*.csv")}
     assert names >= {"targets", "table1", "table2", "honesty", "sessions", "fig6", "fig9a", "fig9b", "fig9c", "fig10a", "fig10b", "fig12"}
 
 
-def test_the_command_draws_the_page_from_what_sessions_gave(records, tmp_path):
-    folder = tmp_path / "sessions"
-    folder.mkdir()
-    for record in records:
-        (folder / f"{record.name}.json").write_text(record.model_dump_json(), encoding="utf-8")
-    done = CliRunner().invoke(main, ["reproduce", "paper", "-o", str(tmp_path)])
-    assert done.exit_code == 0, done.output
-    assert "centre of mass" in done.output.lower()
-    assert (tmp_path / "index.html").exists()
-    damaged = json.loads((folder / f"{records[0].name}.json").read_text(encoding="utf-8"))
-    damaged["angles"] = "none"
-    (folder / f"{records[0].name}.json").write_text(json.dumps(damaged), encoding="utf-8")
+def test_a_damaged_session_is_named_with_the_remedy(tmp_path):
+    carton = record_of("carton")
+    damaged = json.loads(carton.model_dump_json()) | {"angles": "none"}
+    (tmp_path / "sessions").mkdir()
+    (tmp_path / "sessions" / f"{carton.name}.json").write_text(json.dumps(damaged), encoding="utf-8")
     refused = CliRunner().invoke(main, ["reproduce", "paper", "-o", str(tmp_path)])
     assert refused.exit_code == 1
-    assert f"{records[0].name}.json" in refused.output
+    assert f"{carton.name}.json" in refused.output
     assert "analyse its recording again" in refused.output
 
 

@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from acquire import session as s
-from acquire.virtual.objects import load_object
 from analyze.evidence import Evidence, RecordingHead
-from analyze.geometry.object_model import load_object_model
 from schemas.object_spec import object_sha256
 from schemas.proto import percuss_pb2 as pb
-from tests.acquire.simulated_rig import SimulatedRig, plan_for
+from tests.acquire.simulated_rig import SimulatedRig, model_of, plan_for, thing_of
 from tests.analyze.simulated_session import manifest
 
 GRAVITY_TILT_SD = 5e-4
@@ -21,11 +19,10 @@ GRAVITY_TILT_SD = 5e-4
 
 def theta_session(name: str, seed: int, strikes: int = 9, axes: int = 3) -> tuple[Evidence, pb.TruthBody]:
     """One whole session: planned, struck until every strike is good, analysed; and the truth."""
-    thing = load_object(name, seed)
+    thing = thing_of(name, seed)
     plan = plan_for(name, strikes, most_axes=axes)
     attempts = SimulatedRig(thing, np.random.default_rng((seed, 0x7E7A))).run(s.SessionMachine(plan))
     shape = thing.shape_file or ("", None)
-    model = load_object_model(thing.spec, shape[1], shape[0])
     motions = tuple(attempt.motion for attempt in attempts)
     stated = manifest(thing.spec).model_copy(update={"gravity_tilt_sd_rad": GRAVITY_TILT_SD})
     head = RecordingHead(Path("r.mcap"), stated, "c" * 64, tuple(motion.strike_id for motion in motions), files=("r.mcap",))
@@ -42,4 +39,4 @@ def theta_session(name: str, seed: int, strikes: int = 9, axes: int = 3) -> tupl
         friction=thing.friction,
         seed=seed,
     )
-    return Evidence((head,), thing.spec, model, plan, sha256, motions), body
+    return Evidence((head,), thing.spec, model_of(name), plan, sha256, motions), body
