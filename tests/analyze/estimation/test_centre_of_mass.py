@@ -47,7 +47,7 @@ def test_exact_angles_give_the_exact_centre():
 def test_95_percent_intervals_hold_the_truth_in_90_to_98_percent(repeats):
     rng = np.random.default_rng(7)
     z = []
-    for _ in range(80):
+    for _ in range(50):
         com = centre_of_mass(planes(rng, repeats=repeats), ERRORS, PRIOR)
         z.append((com.position - BODY.com) / np.sqrt(np.diag(com.covariance)))
     z = np.array(z)

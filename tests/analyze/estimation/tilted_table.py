@@ -57,22 +57,26 @@ def seen_tips(laid: list[Laid], noise: float, rng: np.random.Generator) -> list[
     in_body = np.array([each.strike.pivot.direction for each in laid])
     about_c = np.einsum("ni,nij,nj->n", in_body, np.array([each.body.inertia for each in laid]), in_body)
 
-    def course(theta: Array) -> tuple[Array, Array]:
-        """c less its start (n, 3), and its derivative by theta."""
-        arm = _turned(start, line, theta)
-        return radius[:, None] * theta[:, None] * tip + arm - start, radius[:, None] * tip + np.cross(line, arm)
+    # Rodrigues' formula, once for all angles: what turns, and where it is a quarter turn later.
+    along = line * np.sum(start * line, axis=1, keepdims=True)
+    across, later, rolled = start - along, np.cross(line, start), radius[:, None] * tip
+
+    def course(theta: Array) -> Array:
+        """c less its start (n, 3)."""
+        return rolled * theta[:, None] + np.cos(theta)[:, None] * across + np.sin(theta)[:, None] * later - across
 
     def acceleration(theta: Array, rate: Array) -> Array:
-        _, by_theta = course(theta)
-        bend = -_across(_turned(start, line, theta), line)
+        cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
+        by_theta = rolled + cos * later - sin * across
+        bend = -(cos * across + sin * later)
         moment = about_c + mass * np.sum(by_theta**2, axis=1)
         by_moment = 2 * mass * np.sum(by_theta * bend, axis=1)
         return (np.sum(pull * by_theta, axis=1) - 0.5 * by_moment * rate**2) / moment
 
     grid = np.linspace(0, 1.4, 701)
-    work = np.array([np.sum(pull * course(np.full(n, each))[0], axis=1) for each in grid])
+    work = np.array([np.sum(pull * course(np.full(n, each)), axis=1) for each in grid])
     balance = grid[np.argmin(work, axis=0)]
-    moment = about_c + mass * np.sum(course(np.zeros(n))[1] ** 2, axis=1)
+    moment = about_c + mass * np.sum((rolled + later) ** 2, axis=1)
     theta, rate = np.zeros(n), np.sqrt(2 * ENERGY * -work.min(axis=0) / moment)
     h, path = FRAME_S / SUBSTEPS, [theta]
     for _ in range(FRAMES):
@@ -110,10 +114,6 @@ def _placed(laid: list[Laid]) -> tuple[Array, Array, Array]:
         tips.append(on_table @ np.array([1.0, 0.0, 0.0]))
         arms.append(_turned(arm[None], line[None], np.array([each.turned]))[0])
     return np.array(lines), np.array(tips), np.array(arms)
-
-
-def _across(arm: Array, line: Array) -> Array:
-    return arm - line * np.sum(arm * line, axis=-1, keepdims=True)
 
 
 def _turned(arm: Array, line: Array, theta: Array) -> Array:

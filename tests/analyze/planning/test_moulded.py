@@ -70,6 +70,8 @@ def test_a_moulded_edge_tips_where_and_with_what_the_plan_says(radius, declared,
         body = RollingBody(radius, radius, (side * com[0] - WIDTH / 2 + radius, com[2] - radius), about_c)
         assert expected.phi == pytest.approx(body.phi, abs=math.radians(0.1))
         assert expected.k == pytest.approx(body.k, rel=0.01)
+        if side < 0:
+            continue  # the other edge's mirror image
         # As planned with E = 1.02 it just tips over, with 0.98 it does not.
         rise = expected.distance * (1 - math.cos(expected.phi))
         x, z, _ = body.touching(0.0)

@@ -19,7 +19,7 @@ ANGLE = 1e-4
 """rad; a binary STL keeps coordinates to 1e-7 of the size"""
 
 
-@pytest.mark.parametrize(("noise", "limit"), [(1.0, 0.1), (5.0, 0.4), (15.0, 1.7)])
+@pytest.mark.parametrize(("noise", "limit"), [(1.0, 0.1), (5.0, 0.4), pytest.param(15.0, 1.7, marks=pytest.mark.slow)])
 def test_edges_of_a_noisy_box_lie_where_its_faces_meet(noise, limit):
     """Limits [mm] are a tenth of the noise; the raw hull sticks out by all of it."""
     found = edge_errors(BOX(), noise, seed=1, outward=False)

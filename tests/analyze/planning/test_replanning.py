@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,14 +32,25 @@ BENCH = Bench(StrikerModel(), default_camera(), 0.6)
 COM = np.array([0.004, -0.003, 0.012])
 
 
-def box(**more):
-    spec = spec_of({"box": {"size_m": [0.08, 0.06, 0.15]}}, markers=[FAR_TAG], edge_radius_m=0.001, edge_radius_sd_m=0.0002, **more)
+@cache
+def box():
+    spec = spec_of({"box": {"size_m": [0.08, 0.06, 0.15]}}, markers=[FAR_TAG], edge_radius_m=0.001, edge_radius_sd_m=0.0002)
     return load_object_model(spec, None, ""), spec
 
 
+@cache
+def prepared():
+    return prepare(*box(), BENCH)
+
+
+@cache
+def first_plan(strikes):
+    return finish(prepared(), "", Request(strikes))
+
+
+@cache
 def given_after(strikes):
-    model, spec = box()
-    first = make_plan(model, spec, "", BENCH.striker, strikes=strikes, friction=BENCH.friction)
+    first = first_plan(strikes)
     made = tuple(StrikeMade(strike.axis_id, strike.phi_measured_sd_rad, 0.005) for strike in first.strikes)
     directions = {strike.axis_id: np.array(strike.pivot.direction) for strike in first.strikes}
     return first, Given("so far", COM, np.array(first.predicted_com_covariance_m2), None, made, directions)
@@ -47,7 +59,7 @@ def given_after(strikes):
 def test_posterior_is_the_next_plans_prior():
     model, spec = box()
     first, given = given_after(6)
-    blind = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=BENCH.friction)
+    blind = first_plan(3)
     after = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=BENCH.friction, given=given)
     assert [strike.id for strike in after.strikes] == ["s7", "s8", "s9"]
     assert after.predicted_com_sd_m < first.predicted_com_sd_m
@@ -109,34 +121,29 @@ def test_an_edge_made_under_another_name_is_known_by_its_place():
 
 
 def test_target_is_met_with_the_fewest_strikes():
-    model, spec = box()
-    prepared = prepare(model, spec, BENCH)
-    found = strikes_for(prepared.information, 0.0004, 3)
+    found = strikes_for(prepared().information, 0.0004, 3)
     assert found is not None
     many, reached = found
     assert reached.com_rms <= 0.0004
-    plan = finish(prepared, "", Request(9, 0.0004))
+    plan = finish(prepared(), "", Request(9, 0.0004))
     assert len(plan.strikes) == many
     assert plan.prediction.target_reached
-    tighter = finish(prepared, "", Request(9, 0.0001))
+    tighter = finish(prepared(), "", Request(9, 0.0001))
     assert len(tighter.strikes) > many
 
 
 def test_target_out_of_reach_says_how_near_it_comes():
-    model, spec = box()
-    plan = finish(prepare(model, spec, BENCH), "", Request(9, 1e-6))
+    plan = finish(prepared(), "", Request(9, 1e-6))
     assert len(plan.strikes) == 9
     assert plan.prediction.target_reached is False
     assert "0.001 mm is out of reach: 36 strikes come to 0." in plan.prediction.advice
 
 
 def test_more_strikes_asked_for_may_be_used_for_the_target():
-    model, spec = box()
-    prepared = prepare(model, spec, BENCH)
-    usual, many = (choose(prepared.information, strikes).com_rms for strikes in (MOST_STRIKES, 2 * MOST_STRIKES))
+    usual, many = (choose(prepared().information, strikes).com_rms for strikes in (MOST_STRIKES, 2 * MOST_STRIKES))
     target = (usual + many) / 2
     assert many < target < usual
-    plan = finish(prepared, "", Request(2 * MOST_STRIKES, target))
+    plan = finish(prepared(), "", Request(2 * MOST_STRIKES, target))
     assert plan.prediction.target_reached
     assert plan.prediction.com_rms_m <= target
     assert MOST_STRIKES < len(plan.strikes) <= 2 * MOST_STRIKES
@@ -151,14 +158,14 @@ def test_whether_to_stop_does_not_hang_on_how_many_were_asked_for():
 
 def test_advice_to_stop_when_what_strikes_share_dominates():
     model, spec = box()
-    many = make_plan(model, spec, "", BENCH.striker, strikes=36, friction=0.6)
+    many = first_plan(36)
     assert many.prediction.stop
     assert "36 more would only bring 0." in many.prediction.advice
     assert "more strikes no longer pay; instead: " in many.prediction.advice
     again = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=0.6, given=given_after(36)[1])
     assert "the 36 strikes so far give c to 0." in again.prediction.advice
     assert "stop striking" in again.prediction.advice
-    few = make_plan(model, spec, "", BENCH.striker, strikes=4, friction=0.6)
+    few = first_plan(4)
     assert not few.prediction.stop
     sources = np.array(list(few.prediction.error_sources_m.values()))
     assert np.isclose(np.sqrt(np.sum(sources**2)), few.prediction.com_rms_m, rtol=1e-6)
@@ -209,8 +216,7 @@ def _attachment(recording: Path) -> bytes:
 
 def test_a_target_that_is_reached_already_is_said():
     model, spec = box()
-    prepared = prepare(model, spec, BENCH, Errors(), given_after(9)[1])
-    plan = finish(prepared, "", Request(target_com=0.01))
+    plan = finish(prepare(model, spec, BENCH, Errors(), given_after(9)[1]), "", Request(target_com=0.01))
     assert plan.prediction is not None
     assert plan.prediction.stop
     assert plan.prediction.advice.startswith("10 mm is reached already: stop. ")

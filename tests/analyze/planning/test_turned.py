@@ -55,6 +55,12 @@ def plan():
     return planned(ALL_ROUND, gravity=True)
 
 
+@pytest.fixture(scope="module")
+def short():
+    """Of three strikes, and the turned one."""
+    return planned(ALL_ROUND, strikes=3, gravity=True)
+
+
 def test_one_strike_more_of_an_edge_that_is_struck_anyway(plan):
     *usual, turned = plan.strikes
     assert len(usual) == 6
@@ -75,10 +81,8 @@ def test_the_card_says_so(plan):
     assert f"marker {turned.visible_markers[0]} towards the camera" in turned.card
 
 
-def test_the_printed_card_is_of_the_other_side():
-    model, spec = box(ALL_ROUND)
-    plan = make_plan(model, spec, "", BENCH.striker, strikes=3, friction=BENCH.friction, gravity=True)
-    *_, before, turned = cards(plan, model, spec)
+def test_the_printed_card_is_of_the_other_side(short):
+    *_, before, turned = cards(short, *box(ALL_ROUND))
     assert "striker and object on the other side of the line" in turned.change
     assert not turned.repeated
     assert turned.put_down.startswith(f"Tag {turned.strike.visible_markers[0]} faces the camera")
@@ -99,12 +103,11 @@ def test_what_is_predicted_is_what_the_estimate_then_says(plan):
     assert com.tilts[0].sd[0] < 0.1 * TILT
 
 
-def test_a_plan_that_goes_on_from_a_turned_strike_knows_the_tilt():
+def test_a_plan_that_goes_on_from_a_turned_strike_knows_the_tilt(short):
     """As the estimate does. Three edges do not cancel the tilt: taken for usual strikes they would leave it as it was stated."""
-    plan = planned(ALL_ROUND, strikes=3, gravity=True)
-    made = tuple(StrikeMade(each.axis_id, each.phi_measured_sd_rad, None, each.heading_rad) for each in plan.strikes)
+    made = tuple(StrikeMade(each.axis_id, each.phi_measured_sd_rad, None, each.heading_rad) for each in short.strikes)
     planes = []
-    for strike in plan.strikes:
+    for strike in short.strikes:
         fit = fit_of(strike.phi_predicted_rad, 60.0, max(np.sqrt(strike.phi_measured_sd_rad**2 - 5e-4**2), 1e-5), 0.3)
         planes.append(equiplane_from_fit(strike.id, strike, fit))
     half = np.array(SIZE) / 2
@@ -119,11 +122,10 @@ def test_a_plan_that_goes_on_from_a_turned_strike_knows_the_tilt():
     assert known.covariance([], [])[TILT_TERM, TILT_TERM] < (0.1 * TILT) ** 2
 
 
-def test_what_is_known_so_far_does_not_have_the_turned_strike_in_it():
-    first = planned(ALL_ROUND, strikes=3, gravity=True)
-    usual = [strike for strike in first.strikes if not strike.heading_rad]
+def test_what_is_known_so_far_does_not_have_the_turned_strike_in_it(short):
+    usual = [strike for strike in short.strikes if not strike.heading_rad]
     made = tuple(StrikeMade(each.axis_id, each.phi_measured_sd_rad, None) for each in usual)
-    so_far = Given("so far", np.zeros(3), np.array(first.predicted_com_covariance_m2), None, made)
+    so_far = Given("so far", np.zeros(3), np.array(short.predicted_com_covariance_m2), None, made)
     said = [planned(ALL_ROUND, strikes=1, given=so_far, gravity=gravity).prediction.advice for gravity in (False, True)]
     figures = [float(re.search(r"so far give c to ([\d.]+) mm", each).group(1)) for each in said]
     assert figures[0] == figures[1]

@@ -86,7 +86,7 @@ def plan_of_a_cut_box(name: str) -> StrikePlan:
     return planned(made[name](), name)[1]
 
 
-CUTS = ("sparse.xyz", "cut.xyz", "dense.xyz", "cut.stl", "ragged.stl")
+CUTS = ("sparse.xyz", "cut.xyz", pytest.param("dense.xyz", marks=pytest.mark.slow), "cut.stl", "ragged.stl")
 
 
 @pytest.mark.parametrize("name", CUTS)
@@ -150,7 +150,7 @@ def refusal(data: bytes, name: str) -> str:
     return line
 
 
-@pytest.mark.parametrize("level", [-0.3, -24.0, -34.0])
+@pytest.mark.parametrize("level", [-0.3, pytest.param(-24.0, marks=pytest.mark.slow), -34.0])
 def test_a_ball_without_its_bottom_is_part_of_a_ball(level):
     points = cloud(trimesh.creation.icosphere(5, 40.0), 6000)
     line = refusal(xyz(points[points[:, 2] > level]), "ball.xyz")
@@ -187,7 +187,10 @@ def stand(thickness: float) -> trimesh.Trimesh:
     return trimesh.boolean.union([plate, trimesh.creation.box((30, 30, 120), move((0, 0, 60)))])
 
 
-@pytest.mark.parametrize(("thickness", "noise"), [(16.0, 0.3), (8.0, 0.3), (8.0, 0.5), (4.0, 0.3)])
+@pytest.mark.parametrize(
+    ("thickness", "noise"),
+    [pytest.param(16.0, 0.3, marks=pytest.mark.slow), (8.0, 0.3), pytest.param(8.0, 0.5, marks=pytest.mark.slow), (4.0, 0.3)],
+)
 def test_the_edges_of_a_plate_under_a_stem(thickness, noise):
     """The plate's upper side is no face of the hull: what is seen of it must neither turn the walls nor carry the rim beyond the plate."""
     spec = thing("stand.xyz")

@@ -33,33 +33,40 @@ def short():
 
 
 @pytest.fixture(scope="module")
-def html(estimate):
-    return render_report(estimate, [STILL])
+def html(short):
+    return render_report(short, [STILL])
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """For what is written beside the plots: drawing them is nine tenths of a report's time."""
+    monkeypatch.setattr("analyze.results.report.svg", lambda figure: "<svg></svg>")
 
 
 def test_it_is_whole_and_loads_nothing_from_elsewhere(html):
     parser = Balanced()
     parser.feed(html)
     assert parser.open == []
-    assert parser.tags.count("svg") == 9 + 6  # three views, sources, influences, regions, voxels, moments, foretold; a plot per strike
+    assert parser.tags.count("svg") == 9 + 3  # three views, sources, influences, regions, voxels, moments, foretold; a plot per strike
     assert "script" not in parser.tags
     assert "link" not in parser.tags
     assert not re.search(r'(?:src|href)="(?!data:|#)', html)
 
 
-def test_it_holds_the_numbers(estimate, html):
+def test_it_holds_the_numbers(estimate, undrawn):
+    html = render_report(estimate, [STILL])
     for value in estimate.com.position:
         assert number(1e3 * value, 2) in html
     for region in estimate.result.regions.regions:
         assert f"{1e3 * region.mass.value:.1f}" in html
     for strike in estimate.result.strikes:
         assert strike.id in html
-        assert f"{np.degrees(strike.phi.value):.2f}" in html
+        assert f">{number(np.degrees(strike.phi.value), 3)}" in html
     assert estimate.result.inputs.content_id in html
     assert STILL.data_url in html
 
 
-def test_a_strike_that_is_not_foretold_is_marked_and_said_once(short):
+def test_a_strike_that_is_not_foretold_is_marked_and_said_once(short, undrawn):
     first, *others = short.foretold
     missed = replace(first, told=replace(first.told, sigmas=6.3))
     said = f"strike {first.told.strike_id}: φ is -1.50° off"
@@ -72,8 +79,8 @@ def test_a_strike_that_is_not_foretold_is_marked_and_said_once(short):
     assert page.count("φ is −1.50° off") == 1
 
 
-def test_the_same_estimate_gives_the_same_page(short):
-    assert render_report(short, [STILL]) == render_report(short, [STILL])
+def test_the_same_estimate_gives_the_same_page(short, html):
+    assert render_report(short, [STILL]) == html
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +102,7 @@ def truth_body():
     )
 
 
-def test_true_values_stand_beside_the_estimates(short, score):
+def test_true_values_stand_beside_the_estimates(short, score, undrawn):
     page = render_report(short, [], score)
     parser = Balanced()
     parser.feed(page)
@@ -134,13 +141,13 @@ def test_numbers_are_set_as_people_write_them():
     assert manifest_time("long ago") == "long ago"
 
 
-def test_a_name_cannot_break_the_page(short):
+def test_a_name_cannot_break_the_page(short, undrawn):
     spec = short.evidence.spec.model_copy(update={"name": "<script>x</script>"})
     evil = render_report(replace(short, evidence=replace(short.evidence, spec=spec)), [])
     assert "<script>" not in evil
 
 
-def test_nothing_half_written_is_left(short, tmp_path, monkeypatch):
+def test_nothing_half_written_is_left(short, undrawn, tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.results.report.stills", lambda *_: [])
     monkeypatch.setattr("analyze.output_file.os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "disk full")))
     with pytest.raises(OutputError, match="cannot be written: disk full"):
