@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
@@ -91,11 +92,21 @@ def _tree(path: Path) -> ast.Module:
 
 
 @cache
+def _name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@cache
+def _nodes(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(_tree(path)))
+
+
+@cache
 def _imports(path: Path) -> list[tuple[int, str]]:
     """(line, full name) of everything imported, also inside functions: of `from a import b` it is a.b, relative names are made whole."""
     package = path.relative_to(ROOT).parent.parts
     found = []
-    for node in ast.walk(_tree(path)):
+    for node in _nodes(path):
         if isinstance(node, ast.Import):
             found += [(node.lineno, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -117,12 +128,7 @@ def _within(name: str, *packages: str) -> bool:
 
 
 def _violations(rule) -> list[str]:
-    return [
-        f"{path.relative_to(ROOT)}:{line}: imports {module}"
-        for path in SOURCES
-        for line, module in _imports(path)
-        if rule(path.relative_to(ROOT).as_posix(), module)
-    ]
+    return [f"{_name(path)}:{line}: imports {module}" for path in SOURCES for line, module in _imports(path) if rule(_name(path), module)]
 
 
 def _top(module: str) -> str:
@@ -169,10 +175,11 @@ def test_a_pure_package_imports_only_what_is_listed(package):
 
 def test_the_estimators_are_pure():
     assert not [
-        f"{path.relative_to(ROOT)}:{node.lineno}: calls {_called(node)}"
+        f"{_name(path)}:{node.lineno}: calls {_called(node)}"
         for path in SOURCES
-        for node in ast.walk(_tree(path))
-        if path.relative_to(ROOT).as_posix().startswith(tuple(PURE)) and isinstance(node, ast.Call) and _called(node) in IMPURE_CALLS
+        if _name(path).startswith(tuple(PURE))
+        for node in _nodes(path)
+        if isinstance(node, ast.Call) and _called(node) in IMPURE_CALLS
     ]
 
 
@@ -205,9 +212,9 @@ def test_only_named_modules_use_opencv():
 def test_pickle_and_shells_are_not_used():
     assert not _violations(lambda path, module: _top(module) in {"pickle", "shelve", "marshal", "dill"})
     shells = [
-        f"{path.relative_to(ROOT)}:{node.lineno}: shell=True"
+        f"{_name(path)}:{node.lineno}: shell=True"
         for path in SOURCES
-        for node in ast.walk(_tree(path))
+        for node in _nodes(path)
         if isinstance(node, ast.keyword) and node.arg == "shell" and isinstance(node.value, ast.Constant) and node.value.value is True
     ]
     assert not shells
@@ -219,3 +226,22 @@ def test_no_file_is_called_utils():
 
 def test_every_module_says_what_it_is():
     assert not [str(p.relative_to(ROOT)) for p in SOURCES if ast.get_docstring(_tree(p)) is None]
+
+
+def test_colours_of_plots_stand_in_the_style_file_alone():
+    """A plot takes its colours by name from `analyze/results/style.py`; nothing and white are no colours."""
+    keywords = {"color", "colors", "facecolor", "facecolors", "edgecolor", "edgecolors", "ecolor", "mfc", "mec", "c", "cmap"}
+    found = []
+    for path in SOURCES:
+        if not _name(path).startswith("analyze/results/") or _name(path).endswith("/style.py"):
+            continue
+        for node in _nodes(path):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and re.fullmatch(r"#([0-9a-fA-F]{3,4}){1,2}", node.value):
+                found.append(f"{_name(path)}:{node.lineno}: {node.value}")
+            if isinstance(node, ast.keyword) and node.arg in keywords and isinstance(node.value, ast.Constant):
+                found += [f"{_name(path)}:{node.value.lineno}: {node.value.value}"] * (node.value.value not in {"none", "white"})
+    assert not found
+    # Nobody else draws plots; printed tags and boards are black on white.
+    assert not _violations(
+        lambda path, module: _top(module) == "matplotlib" and not path.startswith(("analyze/results/", "analyze/tags/pdf"))
+    )

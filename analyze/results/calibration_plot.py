@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from analyze.calibration.verdict import PIXEL_DOUBTED, PIXEL_REFUSED
 from analyze.output_file import write_bytes
-from analyze.results.style import BLUE, CYCLE, INK, MUTED, RED, style
+from analyze.results.style import BLUE, CYCLE, EMPTY, EMPTY_LINES, GOOD_TO_BAD, INK, MUTED, RED, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 LEVELS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """px"""
-_MAP = LinearSegmentedColormap.from_list("known", ["#0b6e4f", "#7cc6a4", "#f3f3e6", "#f0b27a", "#c0392b"])
 _ARROW = 0.06
 """of the image's width, for the longest usual residual"""
 
@@ -81,7 +80,7 @@ def _coverage(axes: Axes, found: Calibration) -> None:
 
 
 def _hatched(x: float, y: float, width: float, height: float) -> Rectangle:
-    return Rectangle((x - 0.5, y - 0.5), width, height, facecolor="#f4f5f6", edgecolor="#c9ced3", hatch="////", linewidth=0)
+    return Rectangle((x - 0.5, y - 0.5), width, height, facecolor=EMPTY, edgecolor=EMPTY_LINES, hatch="////", linewidth=0)
 
 
 def _known(figure: Figure, axes: Axes, found: Calibration) -> None:
@@ -92,7 +91,7 @@ def _known(figure: Figure, axes: Axes, found: Calibration) -> None:
         pixels.row,
         np.clip(value, LEVELS[0], LEVELS[-1]),
         norm=LogNorm(LEVELS[0], LEVELS[-1]),
-        cmap=_MAP,
+        cmap=GOOD_TO_BAD,
         shading="gouraud",
         rasterized=True,
     )

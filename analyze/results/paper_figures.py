@@ -14,7 +14,7 @@ from analyze.reproduce.paper import scores
 from analyze.reproduce.paper.published import OBJECTS, published_centres, published_masses
 from analyze.reproduce.paper.record import Condition, Sensitivity, SessionRecord
 from analyze.results.plots import PHASE_NAMES
-from analyze.results.style import BLUE, GREEN, GRID, INK, MUTED, ORANGE, PHASES, RED, SKY, plain, style
+from analyze.results.style import BLUE, BODY, GREEN, GRID, INK, MUTED, ORANGE, PHASES, RED, SKY, plain, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -216,7 +216,7 @@ def pictures_figure(records: Sequence[SessionRecord]) -> Figure | None:
 def _picture_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
     section = records[0].section
     if section is not None:
-        axes.add_patch(Polygon(1e3 * np.array(section.outline_m), facecolor="#f4f6f8", edgecolor=INK, lw=0.9))
+        axes.add_patch(Polygon(1e3 * np.array(section.outline_m), facecolor=BODY, edgecolor=INK, lw=0.9))
     paper = [a.com_m for a, _ in scores.answers(records, Condition.DRAWN, paper=True)]
     ours = [a.com_m for a, _ in scores.answers(records, Condition.DRAWN, paper=False)]
     true = [record.true_com_m for record in records]

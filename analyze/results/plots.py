@@ -10,7 +10,7 @@ from matplotlib.patches import Ellipse, Polygon
 from scipy.spatial import ConvexHull
 
 from analyze.estimation.equiplane import raised
-from analyze.results.style import BLUE, CYCLE, GREEN, INK, MUTED, ORANGE, PHASES, RED, plain, style
+from analyze.results.style import BLUE, BODY, CYCLE, GREEN, INK, MUTED, ORANGE, PHASES, RED, plain, style
 from analyze.types import Array, EquiPlane, TipMotion
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ def _projection(estimate: Estimate, com_true: Array | None, reach: float, view: 
         margins = {"left": 0.21, "right": 0.98, "top": 0.96, "bottom": 0.075, "hspace": 0.27}
         whole, close = figure.subplots(2, 1, height_ratios=(1.2, 1), gridspec_kw=margins)
         outline = vertices[:, view][ConvexHull(vertices[:, view]).vertices]
-        whole.add_patch(Polygon(1e3 * outline, facecolor="#f4f6f8", edgecolor=INK, lw=1.0))
+        whole.add_patch(Polygon(1e3 * outline, facecolor=BODY, edgecolor=INK, lw=1.0))
         for axes in (whole, close):
             _planes(axes, estimate.planes, (i, j))
             _centre(axes, com, estimate.com.covariance, (i, j))

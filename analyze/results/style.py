@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from analyze.errors import OutputError
@@ -26,6 +27,13 @@ RED = "#d55e00"
 PURPLE = "#cc79a7"
 SKY = "#56b4e9"
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
+
+BODY = "#f4f6f8"
+"""fill of an outline"""
+EMPTY, EMPTY_LINES = "#f4f5f6", "#c9ced3"
+"""hatched: nothing is known there"""
+DENSITY_MAP = "Blues"
+GOOD_TO_BAD = LinearSegmentedColormap.from_list("good to bad", ["#0b6e4f", "#7cc6a4", "#f3f3e6", "#f0b27a", "#c0392b"])
 
 PHASES = {"rest": "#eef1f4", "strike": "#fbe3d3", "stage_one": "#e1eefb", "stage_two": "#e0f3ec", "landing": "#f4e9f1"}
 """band colours behind a motion"""
@@ -64,6 +72,11 @@ def style() -> Iterator[None]:
     """Inside, figures look like ours; outside, matplotlib's settings are as before."""
     with mpl.rc_context(_SETTINGS):
         yield
+
+
+def use_style() -> None:
+    """From here on all figures look like ours, until the program ends: for a notebook, which draws them after they were made."""
+    mpl.rcParams.update(_SETTINGS)
 
 
 def plain(axes: Axes) -> None:

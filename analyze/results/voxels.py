@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from analyze.output_file import write_text
 from analyze.results.plots import VIEWS
-from analyze.results.style import style
+from analyze.results.style import DENSITY_MAP, style
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,7 +45,7 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
         figure = Figure(figsize=(7.4, 2.9), layout="constrained")
         panels = figure.subplots(1, 3)
         for axes, (across, up, name), (edges, image) in zip(panels, VIEWS, images, strict=True):
-            axes.pcolormesh(*edges, image.T, cmap="Blues", vmin=0.0, vmax=most, linewidth=0)
+            axes.pcolormesh(*edges, image.T, cmap=DENSITY_MAP, vmin=0.0, vmax=most, linewidth=0)
             axes.set_title(name)
             axes.set_aspect("equal")
             axes.set_xlabel(f"{'xyz'[across]} [mm]")
