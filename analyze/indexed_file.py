@@ -202,7 +202,13 @@ def _messages(records: memoryview) -> Iterator[tuple[int, MessageRecord]]:
             yield at, container.parse_message(body)
 
 
-def _map(path: Path) -> memoryview:
+def mapped(path: Path) -> memoryview:
+    """A file's bytes, mapped.
+
+    Raises:
+        RecordingCut: it is empty.
+        RecordingError: it is missing, cannot be read, or is no MCAP file.
+    """
     try:
         with path.open("rb") as file:
             data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
@@ -210,6 +216,10 @@ def _map(path: Path) -> memoryview:
         raise RecordingError(f"{path}: no such recording: check the path") from None
     except ValueError:  # mmap of nothing
         raise RecordingCut(f"{path}: is empty: nothing of this recording can be saved: record again") from None
+    except IsADirectoryError as error:
+        inside = sorted(file.name for file in path.glob("*.mcap"))  # ROS 2 keeps a bag in a folder
+        remedy = f": name a file in it, as {inside[0]}" if inside else ""
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}{remedy}") from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
     magic = container.MAGIC
@@ -226,7 +236,7 @@ def open_finished(path: Path) -> IndexedFile:
         RecordingCut: it ends early.
         RecordingError: it is missing, not MCAP, or damaged.
     """
-    file = IndexedFile(path, _map(path))
+    file = IndexedFile(path, mapped(path))
     try:
         with file.guarded():
             for opcode, _, body in container.walk(_summary(file)):
@@ -243,7 +253,7 @@ def open_cut(path: Path) -> IndexedFile:
     Raises:
         RecordingError: it is missing or not MCAP.
     """
-    file = IndexedFile(path, _map(path))
+    file = IndexedFile(path, mapped(path))
     for opcode, at, body in container.walk(file.data, len(container.MAGIC)):
         if opcode == container.DATA_END:
             break

@@ -6,41 +6,53 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
 
+from analyze.contents_inspected import inspect_contents, time_table
 from analyze.errors import RecordingCut, RecordingError
 from analyze.file_row import missing_text
+from analyze.mcap_contents import Progress, read_contents
 from analyze.planned_strikes import PlannedStrikes, planned_strikes
 from analyze.recording import Recording, TopicInfo, open_partial, open_recording
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import MANIFEST_NAME
 
 GAP_PERIODS = 1.5
 """a frame is missing where two images in a window are farther apart than this many frame periods"""
 
 
-def inspect_recording(path: Path) -> dict[str, Any]:
-    """Everything about a recording, ready for JSON. A recording that is cut short is inspected as far as it goes.
+def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str, Any]:
+    """Everything about a file, ready for JSON: of any MCAP file what it holds, of a recording how the session went besides.
+
+    One that is cut short is inspected as far as it goes.
+
+    Args:
+        path: the file.
+        progress: called with bytes walked and bytes in all.
 
     Raises:
-        RecordingError: it is missing, no recording, or damaged.
+        RecordingError: it is missing, no MCAP file, or a damaged recording.
     """
+    contents = read_contents(path, progress)
+    general = inspect_contents(contents)
+    if MANIFEST_NAME not in contents.metadata:
+        return general
     try:
         with open_recording(path) as recording:
-            return _describe(recording, complete=True)
+            return general | _describe(recording, general, complete=True)
     except RecordingCut:
         with open_partial(path) as recording:
-            return _describe(recording, complete=False)
+            return general | _describe(recording, general, complete=False)
 
 
-def _describe(recording: Recording, *, complete: bool) -> dict[str, Any]:
+def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) -> dict[str, Any]:
     manifest = recording.manifest
-    found = recording.topics()
-    times = [time for topic in found for time in (topic.first_ns, topic.last_ns) if time is not None and topic.count > 0]
-    return {
-        "path": str(recording.path),
+    encodings = {topic["name"]: topic for topic in general["topics"]}
+    found = [encodings.get(topic.name, {}) | _topic(recording, topic) for topic in recording.topics()]
+    begins = [topic["first_ns"] for topic in found if topic["count"]]
+    ends = [topic["last_ns"] for topic in found if topic["count"]]
+    session = {
+        "kind": "percuss",
         "bytes": sum(part.path.stat().st_size for part in recording.parts),
         "files": [{"path": str(part.path), "bytes": part.path.stat().st_size, "content_id": part.content_id} for part in recording.parts],
         "missing_files": list(recording.missing_parts),
@@ -56,9 +68,11 @@ def _describe(recording: Recording, *, complete: bool) -> dict[str, Any]:
             "mass_kg": manifest.object.mass_kg,
             "markers": [marker.name for marker in manifest.object.marker],
         },
-        "start_ns": min(times, default=None),
-        "duration_s": (max(times) - min(times)) * 1e-9 if times else 0.0,
-        "topics": [_topic(recording, topic) for topic in found],
+        "messages": sum(topic["count"] for topic in found),
+        "start_ns": min(begins, default=None),
+        "end_ns": max(ends, default=None),
+        "duration_s": (max(ends) - min(begins)) * 1e-9 if begins else 0.0,
+        "topics": found,
         "attachments": {name: len(data) for name, data in recording.attachments.items()},
         "cameras": [_camera(recording, camera.name, camera.frame_rate_hz) for camera in manifest.cameras],
         "clocks": _clocks(recording),
@@ -80,21 +94,38 @@ def _describe(recording: Recording, *, complete: bool) -> dict[str, Any]:
             if event.kind == pb.StrikerEvent.FAULT
         ],
     }
+    return session | {"health": general["health"] + _health(session)}
 
 
 def _topic(recording: Recording, topic: TopicInfo) -> dict[str, Any]:
-    times = recording.times(topic.name)
-    gaps = np.diff(times) * 1e-9
-    return {
-        "name": topic.name,
-        "schema": topic.schema,
-        "count": topic.count,
-        "first_ns": topic.first_ns,
-        "last_ns": topic.last_ns,
-        "rate_hz": float(len(gaps) / gaps.sum()) if len(gaps) and gaps.sum() > 0 else None,
-        "median_interval_s": float(np.median(gaps)) if len(gaps) else None,
-        "longest_gap_s": float(gaps.max()) if len(gaps) else None,
-    }
+    return {"name": topic.name, "schema": topic.schema, **time_table(recording.times(topic.name))}
+
+
+def _health(session: dict[str, Any]) -> list[str]:
+    """What went wrong in the session, a line each."""
+    path = session["files"][0]["path"]
+    found: list[str] = []
+    cut = [Path(file["path"]).name for file in session["files"] if file["content_id"] is None]
+    if len(session["files"]) > 1 and cut:
+        found.append(f"cut short: {', '.join(cut)}: `acquire recover` makes each whole again")
+    if session["missing_files"]:
+        found.append(f"not here: {missing_text(session['missing_files'])}")
+    if session["damaged_chunks"]:
+        found.append(f"{session['damaged_chunks']} damaged chunks are left out")
+    for camera in session["cameras"]:
+        if camera["lost"]:
+            found.append(f"camera {camera['name']}: {camera['lost']} of {camera['frames'] + camera['lost']} frames were lost")
+        if camera["meta_missing"]:
+            found.append(f"camera {camera['name']}: of {camera['meta_missing']} frames between its first and last nothing is kept")
+    missing = {strike["strike_id"]: strike["images_missing"] for strike in session["strikes"] if strike["images_missing"]}
+    if missing:
+        found.append("images missing: " + ", ".join(f"{count} of {name}" for name, count in missing.items()))
+    found += [f"striker fault: {fault['text']}" for fault in session["faults"]]
+    plan = session["plan"]
+    if plan is not None and plan["missing"]:
+        done = PlannedStrikes(tuple(plan["planned"]), tuple(plan["missing"]))
+        found.append(f"{done.text()}: `analyze plan OBJECT.toml --given {Path(path).name}` plans what is worth adding")
+    return found
 
 
 def _camera(recording: Recording, name: str, rate_hz: float) -> dict[str, Any]:
@@ -178,67 +209,3 @@ def _plan(recording: Recording) -> dict[str, Any] | None:
     except RecordingError:
         return None
     return {"planned": list(done.planned), "missing": list(done.missing)}
-
-
-def render_inspection(found: dict[str, Any], console: Console | None = None) -> None:
-    """Print what `inspect_recording` found, for people."""
-    console = console or Console()
-    plan = found["plan"]
-    done = None if plan is None else PlannedStrikes(tuple(plan["planned"]), tuple(plan["missing"]))
-    whole = "complete" if done is None or not done.missing else "the file is whole"
-    state = whole if found["complete"] else "[bold red]cut short[/]: `acquire recover` makes it whole again"
-    console.print(f"[bold]{found['path']}[/]  {found['bytes'] / 1e6:.1f} MB, {found['duration_s']:.1f} s, {state}", highlight=False)
-    if len(found["files"]) > 1:
-        console.print(f"in {len(found['files'])} files: {', '.join(Path(file['path']).name for file in found['files'])}", highlight=False)
-    if found["missing_files"]:
-        console.print(f"[bold red]not here[/]: {missing_text(found['missing_files'])}", highlight=False)
-    console.print(
-        f"object {found['object']['name']} ({found['object']['mass_kg'] * 1000:.1f} g), recorded {found['created']} "
-        f"by {found['software']}, schema {found['schema_version']}",
-        highlight=False,
-    )
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    # The name is what a reader copies: it stays whole where the terminal is narrow, the type gives way.
-    table.add_column("topic", no_wrap=True)
-    table.add_column("type", overflow="fold")
-    for heading in ("messages", "per second", "gap [s]"):
-        table.add_column(heading, justify="right")
-    for topic in found["topics"]:
-        kind = topic["schema"].rpartition(".")[2]
-        table.add_row(topic["name"], kind, str(topic["count"]), _number(topic["rate_hz"], ".2f"), _number(topic["longest_gap_s"], ".3f"))
-    console.print(table)
-    for camera in found["cameras"]:
-        delay_ms = None if camera["arrival_delay_s"] is None else camera["arrival_delay_s"] * 1e3
-        console.print(
-            f"camera {camera['name']}: {camera['frames']} frames at {_number(camera['rate_hz'], '.2f')} Hz "
-            f"(set {camera['nominal_rate_hz']:g}), {camera['lost']} lost, {camera['images']} images kept, "
-            f"arriving {_number(delay_ms, '.1f')} ms after mid-exposure",
-            highlight=False,
-        )
-    for clock in found["clocks"]:
-        console.print(
-            f"clock {clock['clock']}: {clock['samples']} samples, drift {_number(clock['drift_ppm'], '+.1f')} ppm, "
-            f"round trip {clock['round_trip_s'] * 1e6:.0f} us",
-            highlight=False,
-        )
-    if found["strikes"]:
-        strikes = Table("strike", "images", "missing", "speed [m/s]", "verdict", "reason", box=SIMPLE_HEAD, pad_edge=False)
-        for strike in found["strikes"]:
-            strikes.add_row(
-                strike["strike_id"],
-                str(strike["images"]),
-                str(strike["images_missing"]),
-                f"{strike['tip_speed_m_s']:.3f}",
-                strike["verdict"] or "-",
-                strike["verdict_text"],
-            )
-        console.print(strikes)
-    if done is not None:
-        remedy = f"`analyze plan OBJECT.toml --given {Path(found['path']).name}` plans what is worth adding"
-        console.print(f"[bold red]{done.text()}[/]: {remedy}" if done.missing else done.text(), highlight=False)
-    for fault in found["faults"]:
-        console.print(f"[bold red]striker fault[/]: {fault['text']}", highlight=False)
-
-
-def _number(value: float | None, layout: str) -> str:
-    return "-" if value is None else format(value, layout)

@@ -244,6 +244,22 @@ def parse_metadata(body: memoryview) -> MetadataRecord:
     return MetadataRecord(name, result)
 
 
+def parse_header(body: memoryview) -> tuple[str, str]:
+    """Body of a header record: profile and library."""
+    fields = _Fields(body, "header")
+    return fields.string(), fields.string()
+
+
+def parse_message_index(body: memoryview) -> tuple[int, list[tuple[int, int]]]:
+    """Body of a message index record: its channel, and log time [ns] and offset in the chunk of each message."""
+    fields = _Fields(body, "message index")
+    channel_id, size = fields.numbers("<HI")
+    entries = fields.take(size)
+    if size % 16:
+        raise ContainerError("message index record holds half an entry")
+    return channel_id, list(struct.iter_unpack("<QQ", entries))
+
+
 def walk(data: memoryview, start: int = 0) -> Iterator[tuple[int, int, memoryview]]:
     """Whole records from `start` on: (opcode, offset of the record, body). Ends at the first record that is not all there."""
     at = start

@@ -16,10 +16,13 @@ from analyze.commands.options import one_line
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
 def inspect(file: Path, as_json: bool) -> None:
-    """What is in a recording: topics, rates, gaps, session."""
-    from analyze.inspect import inspect_recording, render_inspection
+    """What is in a recording, or in any MCAP file: topics, rates, gaps, clocks, health, session."""
+    from analyze.inspect import inspect_recording
+    from analyze.inspection_table import render_inspection
+    from analyze.progress import StrikeProgress
 
-    found = inspect_recording(file)
+    with StrikeProgress() as progress:
+        found = inspect_recording(file, lambda done, total: progress("reading", done, total))
     if as_json:
         click.echo(json.dumps(found, allow_nan=False))
     else:

@@ -16,7 +16,8 @@ from rich.console import Console
 from analyze.cli import main as analyze
 from analyze.errors import RecordingCut
 from analyze.file_row import FileRow, row_of
-from analyze.inspect import inspect_recording, render_inspection
+from analyze.inspect import inspect_recording
+from analyze.inspection_table import render_inspection
 from analyze.recording import open_partial, open_recording, read_truth
 from schemas.document import SCHEMA_VERSION
 from schemas.result import Result

@@ -10,7 +10,8 @@ import pytest
 from rich.console import Console
 
 from analyze.errors import RecordingError
-from analyze.inspect import inspect_recording, render_inspection
+from analyze.inspect import inspect_recording
+from analyze.inspection_table import render_inspection
 from schemas.document import canonical_json
 from schemas.strike_plan import StrikePlan
 from tests import small_recording as small
