@@ -14,8 +14,8 @@ from rich.table import Table
 from analyze.file_row import missing_text
 from analyze.planned_strikes import PlannedStrikes
 
-WIDE, MEDIUM, NARROW = 96, 78, 58
-"""columns of a terminal from which a table shows all that it has, all but what is nice to know, and type or reason"""
+WIDE, NARROW = 96, 58
+"""columns of a terminal from which a table shows all that it has, and all but what is nice to know"""
 
 
 def render_inspection(found: dict[str, Any], console: Console | None = None) -> None:
@@ -124,15 +124,18 @@ def _strikes(strikes: Sequence[dict[str, Any]], width: int) -> Table:
     for heading in ("images", "missing", "m/s") if width >= NARROW else ("images",):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
-    if width >= MEDIUM:
-        table.add_column("reason", no_wrap=True, overflow="ellipsis")
+    # What stands before the reason is whole; the reason has the rest of the line.
+    room = width - max(len(strike["strike_id"]) for strike in strikes) - max(len(strike["verdict"] or "-") for strike in strikes) - 36
+    if room >= len("reason"):
+        table.add_column("reason")
     for strike in strikes:
         middle = [str(strike["images"]), str(strike["images_missing"]), f"{strike['tip_speed_m_s']:.3f}"]
+        reason = strike["verdict_text"] if len(strike["verdict_text"]) <= room else strike["verdict_text"][: room - 1] + "…"
         table.add_row(
             escape(strike["strike_id"]),
             *(middle if width >= NARROW else middle[:1]),
             escape(strike["verdict"] or "-"),
-            *([escape(strike["verdict_text"])] if width >= MEDIUM else []),
+            *([escape(reason)] if room >= len("reason") else []),
         )
     return table
 

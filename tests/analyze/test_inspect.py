@@ -61,7 +61,7 @@ def test_names_stay_whole_on_a_terminal_of_80_columns(tmp_path: Path) -> None:
     text = io.StringIO()
     render_inspection(found, Console(file=text, width=80))
     for topic in found["topics"]:
-        assert f" {topic['name']} " in text.getvalue()
+        assert f"\n{topic['name']} " in text.getvalue()
     assert "…" not in text.getvalue()
 
 
