@@ -127,9 +127,10 @@ def paint(camera, tags, look):
         x, y = project(camera, corners_of(size)[::-1] @ R.T + p).T
         turn = np.sign(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
         ends = FINE * (ends - low + 0.5) - 0.5
-        fine = np.zeros((FINE * height, FINE * width))
+        fine, beyond = np.zeros((FINE * height, FINE * width)), np.zeros((FINE * height, FINE * width + 1))
         for a, b, w in zip(ends[: len(start)], ends[len(start) :], turn * weight, strict=True):
-            add_border(fine, a, b, w)
+            add_border(fine, a, b, w, beyond)
+        fine += np.cumsum(beyond[:, :0:-1], axis=1)[:, ::-1]
         fine = cv2.GaussianBlur(fine, (0, 0), FINE * look.blur)
         image[low[1] : high[1], low[0] : high[0]] += fine.reshape(height, FINE, width, FINE).mean((1, 3))
     return image

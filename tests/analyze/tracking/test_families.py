@@ -44,7 +44,7 @@ def test_cells_that_may_be_wrong_follow_from_the_codes():
     assert wrong_cells(TagFamily.ARUCO_4X4_100) == 2
 
 
-@pytest.mark.parametrize("px", [60, 100])
+@pytest.mark.parametrize("px", [60, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("family", [TagFamily.APRILTAG_25H9, TagFamily.ARUCO_4X4_100, TagFamily.ARUCO_5X5_100, TagFamily.ARUCO_7X7_50])
 def test_corners_are_as_good_as_the_usual_familys(camera, family, px):
     rng, errors, sds = np.random.default_rng(px), [], []

@@ -99,7 +99,7 @@ def test_a_resting_tags_errors_are_as_independent_as_the_noise(camera):
     assert abs(memory) < 0.12
 
 
-@pytest.mark.parametrize("noise", [1.0, 4.0, 8.0])
+@pytest.mark.parametrize("noise", [1.0, pytest.param(4.0, marks=pytest.mark.slow), 8.0])
 def test_the_covariance_is_what_the_errors_show(camera, noise):
     """Normalised by each corner's own 2 x 2 covariance: 1 within 0.1, over 200 draws of noise at 10 places."""
     rng, pixels, squares = np.random.default_rng(int(noise)), pixel_map(camera), []
