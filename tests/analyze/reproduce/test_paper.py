@@ -81,9 +81,9 @@ def test_the_papers_method_on_the_same_strikes(name):
     record = record_of(name)
     found = record.paper[Condition.EXACT]
     assert len(found) == OBJECTS[name] // 3, "one result per round of three strikes"
-    assert all(distance(answer, record) < 4e-3 for answer in found), "with our angles, far finer than the paper's"
-    # About an edge near c equation (5) is of no use (of the juice bottle 67 times too large): what is differentiated twice is noise.
-    assert all(np.median([abs(axis.i_edge_off) for axis in answer.moments]) < 0.15 for answer in found)
+    assert all(distance(answer, record) < 3e-3 for answer in found), "with our angles, far finer than the paper's"
+    # Equation (5) differentiates 0.03 deg of noise twice: measured over these 37 strikes, 4 % and at most 10 %.
+    assert all(abs(axis.i_edge_off) < 0.15 for answer in found for axis in answer.moments)
 
 
 def test_the_page_the_tables_and_the_series(drawn):
