@@ -6,17 +6,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, Page, Route
 
 DESKTOP = (1280, 900)
 PHONE = (390, 844)
 A4_PX = (703, 1032)
 """within margins of 12 mm, at CSS's 96 px per inch"""
+HERE = ("file:", "data:")
 PATIENCE_MS = 60_000
 LEAST_INK = 0.004
 """of a plot's pixels, that differ from its background"""
@@ -49,6 +51,10 @@ class WatchedPage:
         """Text in cards that does not fit."""
         return self.page.evaluate(CUT_TEXT)
 
+    def picture(self) -> np.ndarray:
+        """What it shows, (height, width, 3)."""
+        return cv2.imdecode(np.frombuffer(self.page.screenshot(), dtype=np.uint8), cv2.IMREAD_COLOR)
+
     def plots(self) -> int:
         """How many there are."""
         return len(self.page.evaluate(PLOTS))
@@ -75,16 +81,42 @@ def ink(picture: np.ndarray) -> float:
 
 
 @contextmanager
-def watched(browser: Browser, size: tuple[int, int] = DESKTOP, allowed: tuple[str, ...] = ("file:", "data:")) -> Iterator[WatchedPage]:
-    """A new page of the browser; addresses that do not start as `allowed` are problems."""
+def watched(browser: Browser, size: tuple[int, int] = DESKTOP) -> Iterator[WatchedPage]:
+    """A new page of the browser, for files: all that it asks for elsewhere is a problem."""
+    with _page(browser, size) as found:
+        found.page.on("console", lambda told: found.problems.append(f"console: {told.text}") if told.type in {"error", "warning"} else None)
+        found.page.on("request", lambda asked: None if asked.url.startswith(HERE) else found.problems.append(f"asked for {asked.url}"))
+        yield found
+
+
+@contextmanager
+def watched_viewer(browser: Browser, size: tuple[int, int], elsewhere: set[str]) -> Iterator[WatchedPage]:
+    """A new page for rerun's web viewer, which logs thousands of lines: only its errors are kept.
+
+    It wants to call home; it does not get out, and the hosts it asked for are added to `elsewhere`.
+    """
+
+    def shut(route: Route) -> None:
+        elsewhere.add(urlsplit(route.request.url).netloc)
+        route.fulfill(status=204, headers={"access-control-allow-origin": "*"})
+
+    with _page(browser, size) as found:
+        found.page.context.route(lambda url: not url.startswith((*HERE, "blob:", "http://127.0.0.1:")), shut)
+        found.page.expose_function("problem", lambda text: found.problems.append(text))  # noqa: PLW0108 - no built-in is taken
+        found.page.add_init_script(
+            "console.debug = console.info = console.log = () => {}; console.error = (...told) => problem(`console: ${told}`)"
+        )
+        yield found
+
+
+@contextmanager
+def _page(browser: Browser, size: tuple[int, int]) -> Iterator[WatchedPage]:
     context = browser.new_context(viewport={"width": size[0], "height": size[1]})
     context.set_default_timeout(PATIENCE_MS)
     found = WatchedPage(context.new_page())
-    found.page.on("console", lambda told: found.problems.append(f"console: {told.text}") if told.type in {"error", "warning"} else None)
     found.page.on("pageerror", lambda error: found.problems.append(f"exception: {error}"))
     found.page.on("requestfailed", lambda request: found.problems.append(f"failed: {request.url}: {request.failure}"))
     found.page.on("response", lambda answer: found.problems.append(f"{answer.status}: {answer.url}") if answer.status >= 400 else None)
-    found.page.on("request", lambda asked: None if asked.url.startswith(allowed) else found.problems.append(f"asked for {asked.url}"))
     try:
         yield found
     finally:

@@ -1,0 +1,59 @@
+"""`analyze replay --web` in Debian's Chromium: rerun's viewer loads, takes the data and draws it, with no error."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.analyze.watched_page import watched_viewer
+
+SAMPLE = Path(__file__).parents[3] / "recordings" / "sample-1.0.mcap"
+SIZE = (800, 600)
+SCENE = (slice(100, 400), slice(20, 420))
+"""of the window's pixels, on the page with the answer: the body with its equi-planes"""
+COLOURED = 0.04
+"""of them are equi-planes', on a dark ground; of a strike's page, which comes before, nearly all are grey"""
+PATIENCE_S = 150.0
+"""on a computer that has other work; alone it takes a tenth"""
+RERUNS_OWN = {"fonts.googleapis.com", "tel.rerun.io", "app.rerun.io", "api.github.com"}
+"""hosts that rerun's web viewer asks for by itself: a font, telemetry, examples, its newest version"""
+
+
+def coloured_on_dark(picture: np.ndarray) -> float:
+    """Share of coloured pixels, 0 where the ground is light: rerun's welcome is."""
+    return float((np.ptp(picture, axis=2) > 30).mean()) if np.median(picture) < 60 else 0.0
+
+
+@pytest.fixture
+def address():
+    command = [sys.executable, "-m", "analyze", "replay", str(SAMPLE), "--web", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            told = process.stdout.readline()
+            yield told.removeprefix("replay: ").strip()
+        finally:
+            process.send_signal(signal.SIGINT)
+            assert process.wait(20) in {0, 130}  # 130: it was still sending
+
+
+@pytest.mark.timeout(240)
+def test_the_web_replay_draws_what_was_sent(chromium_webgl, address):
+    assert re.match(r"http://127\.0\.0\.1:\d+/", address)
+    elsewhere: set[str] = set()
+    with watched_viewer(chromium_webgl, SIZE, elsewhere) as shown:
+        shown.page.goto(address)
+        ends = time.monotonic() + PATIENCE_S
+        drawn = 0.0
+        while drawn < COLOURED and time.monotonic() < ends:
+            shown.page.wait_for_timeout(500)
+            drawn = coloured_on_dark(shown.picture()[SCENE])
+        assert drawn >= COLOURED, f"the viewer shows no equi-planes: {shown.problems}"
+        assert shown.problems == []
+        assert elsewhere <= RERUNS_OWN
