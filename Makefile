@@ -14,7 +14,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay protos lock clean
+.PHONY: help setup demo test test-slow lint format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-checks bench-batch protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -151,6 +151,14 @@ bench-energy: setup  ## the energy loop in the virtual rig's physics, 4 objects 
 
 bench-tools: setup  ## masses of real tools' parts from their moments, beside the truth and one density (TOOLS=folder) (two minutes)
 	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.workshop_tools --tools $(TOOLS)
+
+bench-checks: setup  ## how often the checks of the answer cry wolf, and whether they name a strike that is bad (ten minutes)
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.checks
+
+ARCHIVED ?= 200
+LARGE ?=
+bench-batch: setup  ## a run over an archive of ARCHIVED=200 sessions and 20 broken files: workers, kills, S3, cost (LARGE=session.mcap) (half an hour)
+	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.archive measure --sessions $(ARCHIVED) $(if $(LARGE),--large $(LARGE))
 
 SESSION ?=
 bench-tags: setup  ## tag angles and frames per second beside plain OpenCV; sessions' speed (SESSION=recordings/demo-carton-1.mcap) (four minutes)
