@@ -18,7 +18,7 @@ from analyze.motion.strike import StrikeTask, analyse_strike
 from analyze.object_files import object_files
 from analyze.planning.corrected import corrected_plan
 from analyze.recording import Recording, open_recording
-from analyze.sections import section_of
+from analyze.sections import landing_of, section_of
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.track import TrackingReport, track_markers
 from analyze.types import ImageFrame, Marker, TipMotion
@@ -360,5 +360,6 @@ def _strike(
     camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers, planned.visible_markers)
-    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section_of(struck.model, planned))
+    section, lands_at = section_of(struck.model, planned), landing_of(struck.model, planned)
+    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section, lands_at)
     return analyse_strike(report.tracks, markers, camera, task), report

@@ -1,4 +1,4 @@
-"""The section that an object rolls on in a strike, from its shape: its outline as seen along the pivot axis."""
+"""What an object's shape says of a strike: the section that it rolls on, its outline as seen along the pivot axis, and where it lands."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from analyze.errors import EstimationError, ShapeError
 from analyze.geometry import mesh_files
 from analyze.geometry.object_model import LINE_SD, load_object_model
 from analyze.motion.flank import from_outline
+from analyze.motion.landing import landing_angle
 from analyze.motion.rolling_choice import is_curved
 
 if TYPE_CHECKING:
@@ -33,17 +34,33 @@ def section_of(model: ObjectModel, planned: PlannedStrike) -> Flank | None:
         model: the object's exterior, in O.
         planned: how it lies, and its pivot.
     """
-    R_world_object = np.array(planned.R_world_object)
-    across = (model.hull_vertices - np.array(planned.pivot.point)) @ R_world_object[[0, 2]].T
-    try:
-        section = from_outline(across, np.zeros(2), planned.pivot.radius_m)
-    except EstimationError:
-        return None
-    if not is_curved(section, planned):
+    section = _across(model, planned)
+    if section is None or not is_curved(section, planned):
         return None
     # A mesh's flank is where the mesh is, a cloud's as well known as the edge that was fitted to it.
     place = math.hypot(LINE_SD, model.surface_sd) if model.cloud is None else planned.pivot.sd_m
     return replace(section, sd=math.hypot(section.sd, place))
+
+
+def landing_of(model: ObjectModel, planned: PlannedStrike) -> float | None:
+    """Angle [rad] from which on the shape's next face may touch; None where it rolls on a flank, or where no face is known.
+
+    Args:
+        model: the object's exterior, in O.
+        planned: how it lies, and its pivot.
+    """
+    section = _across(model, planned)
+    return None if section is None or is_curved(section, planned) else landing_angle(section, planned)
+
+
+def _across(model: ObjectModel, planned: PlannedStrike) -> Flank | None:
+    """The whole outline as seen along the pivot axis; None where it has no area."""
+    R_world_object = np.array(planned.R_world_object)
+    across = (model.hull_vertices - np.array(planned.pivot.point)) @ R_world_object[[0, 2]].T
+    try:
+        return from_outline(across, np.zeros(2), planned.pivot.radius_m)
+    except EstimationError:
+        return None
 
 
 class MeshSections:
@@ -61,10 +78,19 @@ class MeshSections:
 
     def of(self, planned: PlannedStrike) -> Flank | None:
         """As `section_of`; None too where the shape cannot be had."""
+        model = self._loaded()
+        return None if model is None else section_of(model, planned)
+
+    def lands_at(self, planned: PlannedStrike) -> float | None:
+        """As `landing_of`; None too where the shape cannot be had."""
+        model = self._loaded()
+        return None if model is None else landing_of(model, planned)
+
+    def _loaded(self) -> ObjectModel | None:
         if not self._asked:
             self._asked = True
             self._model = self._load()
-        return None if self._model is None else section_of(self._model, planned)
+        return self._model
 
     def _load(self) -> ObjectModel | None:
         name, data = self._spec.shape.file or "", self._shape_bytes()

@@ -178,7 +178,8 @@ class Observer:
             camera = turned_camera(self._camera, planned.heading_rad)
             report = track_markers(self._window(request), camera, self._markers, planned.visible_markers)
             section = None if self._sections is None else self._sections.of(planned)
-            task = StrikeTask(request.strike_id, planned, request.contact_time_ns, report.images_end_ns, section)
+            lands_at = None if self._sections is None else self._sections.lands_at(planned)
+            task = StrikeTask(request.strike_id, planned, request.contact_time_ns, report.images_end_ns, section, lands_at)
             motion = analyse_strike(report.tracks, self._markers, camera, task)
         except AnalyzeError as error:
             return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=str(error))

@@ -45,13 +45,14 @@ class Course:
     came_back: bool
 
 
-def find_course(angle: TipAngle, contact_time_ns: int, limits: WindowLimits) -> Course:
+def find_course(angle: TipAngle, contact_time_ns: int, limits: WindowLimits, lands_at: float | None = None) -> Course:
     """Read the course of a strike off theta(t).
 
     Args:
         angle: of the whole window, resting frames first.
         contact_time_ns: log_time of the contact as the striker felt it, 0 where it is not known.
         limits: guards.
+        lands_at: rad, from which on the shape's next face may touch, whether or not that slows the body; None: only the motion tells.
     """
     theta, n = angle.theta, len(angle.theta)
     threshold = np.maximum(_STARTED_RAD, 6.0 * angle.sd)
@@ -67,10 +68,19 @@ def find_course(angle: TipAngle, contact_time_ns: int, limits: WindowLimits) -> 
     released = min(struck + limits.guard_frames, n - 1)
     back = np.flatnonzero(theta[released:] < limits.above_rest)
     ended_back = released + int(back[0]) if len(back) else n
-    landed = _landing(angle, released)
+    landed = min(_landing(angle, released), _reached(angle, released, lands_at))
     ended = min(ended_back, landed)
     top = released + int(np.argmax(theta[released:ended])) if ended > released else released
     return Course(moved, released, top, ended, came_back=ended_back <= landed and len(back) > 0)
+
+
+def _reached(angle: TipAngle, released: int, lands_at: float | None) -> int:
+    """First frame after `released` at that angle [rad] or past it; one frame alone, before the last, may be a wrong reading."""
+    if lands_at is None:
+        return len(angle.theta)
+    past = angle.theta[released:] >= lands_at
+    stays = np.flatnonzero(past & np.append(past[1:], True))
+    return released + int(stays[0]) if len(stays) else len(angle.theta)
 
 
 def _landing(angle: TipAngle, released: int) -> int:

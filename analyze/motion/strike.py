@@ -47,6 +47,8 @@ class StrikeTask:
     """log_time of the last image, 0 where there is none; None = not known"""
     section: Flank | None = None
     """of the object across the pivot axis, as its shape has it; None = the plan's rounding is all that is known"""
+    lands_at: float | None = None
+    """rad, from which on the shape's next face may touch; None = not known, or what touches rolls on"""
 
 
 def placement_of(planned: PlannedStrike) -> Placement:
@@ -90,7 +92,7 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
         motion = against_rolling(motion, task.section, task.planned)
     angle = motion.angle
     frame_ns = float(np.median(np.diff(angle.time_ns))) if len(angle.time_ns) > 1 else 1.0
-    course = find_course(angle, task.contact_time_ns, settings.window)
+    course = find_course(angle, task.contact_time_ns, settings.window, task.lands_at)
     judgement = judge_motion(motion, course, frame_ns, task.images_end_ns, task.planned.phi_predicted_rad, settings.verdict)
     tipped = float(np.max(angle.theta[course.moved : course.ended], initial=0.0)) >= settings.verdict.not_moved
     if course.released is None or not tipped:

@@ -40,6 +40,7 @@ from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import Request, finish, prepare
+from analyze.sections import landing_of
 from analyze.types import TipAngle, TipMotion
 from schemas.object_spec import object_sha256
 from schemas.strike_plan import PlannedStrike, StrikePlan
@@ -155,6 +156,8 @@ class SimulatedRig:
 
     def __post_init__(self) -> None:
         self._arm = ServoArm(self.rng)
+        shape = self.thing.shape_file or ("", None)
+        self._model = load_object_model(self.thing.spec, shape[1], shape[0])
         self._states: list[WorldState] = []
         self._contacts: list[StrikerContact] = []
         self._world = World(self.thing, self._arm, on_tick=self._states.append, on_contact=self._contacts.append, arm_angle=-0.6)
@@ -226,7 +229,9 @@ class SimulatedRig:
         speed = before[-1].arm_velocity * ARM_LENGTH_M if before else 0.0
         motion = tip.motion(self._states[:: round(FRAME_NS / MS)], self.rng)
         heard = contact_ns + int(self.rng.normal(0.0, CONTACT_TIME_SD_NS)) if contact_ns else 0
-        found = analyse_motion(motion, StrikeTask(f"{strike.id}.{len(self.attempts) + 1}", strike, heard), MotionSettings())
+        lands_at = landing_of(self._model, strike)
+        task = StrikeTask(f"{strike.id}.{len(self.attempts) + 1}", strike, heard, lands_at=lands_at)
+        found = analyse_motion(motion, task, MotionSettings())
         verdict = verdict_of(found)
         energy = tip.energy([state for state in self._states if contact_ns and state.time_ns > contact_ns + 30 * MS])
         impulse = sum(contact.impulse_n_s for contact in self._contacts)

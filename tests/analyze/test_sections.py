@@ -1,19 +1,26 @@
-"""The section that an object rolls on, from its shape."""
+"""The section that an object rolls on, and the angle at which its next face lands, from its shape."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+import pytest
 import trimesh
 
 from analyze.geometry.object_model import load_object_model
 from analyze.motion.strike import MotionSettings, analyse_motion
+from analyze.planning.hypothesis import hypothesis
+from analyze.planning.pivots import pivot_axes
+from analyze.planning.stable_planes import resting_planes
 from analyze.replay import views
-from analyze.sections import MeshSections, section_of
+from analyze.sections import MeshSections, landing_of, section_of
 from schemas.object_spec import Box, LengthUnit, MarkerSpec, ObjectSpec, Shape
+from schemas.strike_plan import Pivot
+from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.motion.rolling import RollingBody, as_tracked, draw_rolling
 from tests.analyze.motion.tipping import planned
+from tests.analyze.planning.test_planes_and_pivots import hexagon
 
 BODY = RollingBody(0.04, 0.02, (-0.02, 0.06), 0.003)
 
@@ -91,3 +98,25 @@ def test_a_moulded_rounding_that_is_declared_too_is_the_meshs():
     np.testing.assert_allclose((along, over, radius), (body.a, 0.0, body.a), atol=5e-5)
     assert section.of_shape(0.4)
     assert section.sd < 1e-4, "the mesh knows it, whatever the plan's edge is known to"
+
+
+def test_the_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
+    spec, data = spec_of({"file": "b.stl", "unit": "mm"}, edge_radius_m=0.001), stl(hexagon(35, 80))
+    model, live = load_object_model(spec, data, "b.stl"), MeshSections(spec, lambda: data)
+    found = set()
+    for axis in pivot_axes(model, spec, resting_planes(model), hypothesis(model)):
+        pivot = Pivot(point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd)
+        strike = planned(0.001, 0.5).model_copy(update={"pivot": pivot, "R_world_object": axis.R_world_object.tolist()})
+        lands = landing_of(model, strike)
+        assert live.lands_at(strike) == lands
+        lengthwise = abs(float(axis.direction[2])) > 0.99
+        assert math.degrees(lands) == pytest.approx(58.8 if lengthwise else 88.9, abs=0.2), (
+            "a degree early, and what the surface may be off"
+        )
+        found.add(lengthwise)
+    assert found == {True, False}
+
+
+def test_what_rolls_on_a_flank_does_not_land():
+    spec, data, strike = moulded()
+    assert landing_of(load_object_model(spec, data, "bowl.stl"), strike) is None

@@ -23,7 +23,7 @@ from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
-from analyze.sections import section_of
+from analyze.sections import landing_of, section_of
 from analyze.types import TipMotion
 from schemas.object_spec import MarkerSpec, ObjectSpec, Shape, object_sha256
 from schemas.result import Verdict
@@ -232,7 +232,7 @@ def _strike(
         along = -off[0] * (cos - 1) - off[1] * sin + (planar.rho - planned.pivot.radius_m) * course.theta
         over = off[0] * sin - off[1] * (cos - 1)
         tracked = replace(tracked, angle=replace(tracked.angle, slip=tracked.angle.slip + along), lift=tracked.lift + over)
-        task = StrikeTask(f"{planned.id}.1", planned, T0, None, section_of(body.model, planned))
+        task = StrikeTask(f"{planned.id}.1", planned, T0, None, section_of(body.model, planned), landing_of(body.model, planned))
         motion = analyse(tracked, task, MotionSettings())
         if motion.verdict in (Verdict.GOOD, Verdict.ROCKED_BACK) and motion.fit is not None:
             break

@@ -11,7 +11,6 @@ import numpy as np
 from analyze.errors import EstimationError
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.paper import PaperRegions, paper_centre_of_mass, paper_edge_inertia, paper_regions
-from analyze.reproduce.paper.stage_two import stage_two
 from analyze.types import Array, EquiPlane, MotionFit, TipMotion
 from schemas.result import Verdict
 
@@ -68,10 +67,10 @@ def _answer(strikes: Sequence[_Struck], estimate: Estimate) -> PaperAnswer:
     weight = estimate.scale.mass * estimate.scale.gravity
     i_edge: dict[str, float] = {}
     for plane, each in zip(planes, strikes, strict=True):
-        angle, frames = each.motion.angle, stage_two(each.motion, each.planned, estimate.evidence.model)
-        if angle is None or frames is None:
+        angle, phases = each.motion.angle, each.motion.phases
+        if angle is None or phases is None or phases.stage_two is None:
             continue
-        found = paper_edge_inertia(angle, each.fit, frames, weight * distance_from(plane, com))
+        found = paper_edge_inertia(angle, each.fit, phases.stage_two, weight * distance_from(plane, com))
         if found is not None:
             i_edge[plane.axis_id] = found.i_edge
     return PaperAnswer(com, i_edge, regions_at(planes, com, i_edge, estimate))
