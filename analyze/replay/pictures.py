@@ -1,4 +1,8 @@
-"""Images of a strike: thinned and as JPEG, unless more is asked."""
+"""Images of a strike: thinned and as JPEG, unless more is asked.
+
+rerun 0.41 draws no encoded image at a negative time, which frames before the contact have: a few of them go along as plain images, under
+the others.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +21,12 @@ if TYPE_CHECKING:
 FRAME_RATE = 60.0
 """Hz, of what is shown of faster cameras"""
 _QUALITY = 82
+_MOST_BEFORE = 10
+"""plain images before the contact, where the object rests: each is as large as the camera's"""
 _BATCH = 24
 """images sent at once: few enough that the first are there soon"""
+_UNDER = -11.0
+"""images are drawn at -10"""
 _PNG_FAST = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 
 
@@ -51,9 +59,12 @@ def send_pictures(
     """
     choice = choice or ImageChoice()
     waiting: list[tuple[int, bytes]] = []
+    before: _Before | None = None
     count = 0
     try:
         for frame in frames if choice.every_frame else thinned(frames, FRAME_RATE):
+            before = before or _Before(timelines, f"{path}_before", frame, contact_ns, choice)
+            before.take(frame)
             waiting.append((frame.time_ns, _encoded(frame.image, choice)))
             count += 1
             if len(waiting) == _BATCH:
@@ -62,6 +73,25 @@ def send_pictures(
     finally:
         _send(timelines, path, waiting, contact_ns, choice)
     return count
+
+
+class _Before:
+    """Plain images until the contact."""
+
+    def __init__(self, timelines: Timelines, path: str, first: ImageFrame, contact_ns: int | None, choice: ImageChoice) -> None:
+        self._timelines, self._path, self._contact_ns = timelines, path, contact_ns
+        self._next_ns = first.time_ns
+        self._step_ns = 0 if contact_ns is None or choice.every_frame else max(0, contact_ns - first.time_ns) // _MOST_BEFORE
+        if contact_ns is not None and first.time_ns < contact_ns:
+            timelines.stream.log(path, rr.Image.from_fields(draw_order=_UNDER), static=True)
+
+    def take(self, frame: ImageFrame) -> None:
+        """Send it, if it is time for one."""
+        if self._contact_ns is None or not self._next_ns <= frame.time_ns < self._contact_ns:
+            return
+        self._next_ns = frame.time_ns + self._step_ns
+        self._timelines.at(frame.time_ns, self._contact_ns)
+        self._timelines.stream.log(self._path, rr.Image(frame.image))
 
 
 def _encoded(image: np.ndarray, choice: ImageChoice) -> bytes:

@@ -68,7 +68,7 @@ def _first_strike(recording: Path) -> None:
     process = subprocess.Popen([sys.executable, "-m", "analyze", "replay", str(recording), "--headless-port", str(port)])
     try:
         client = _connected(port, process)
-        _wait_for(client, "/strike/s1.1/camera/image", process)
+        _wait_for(client, "/strike/s1.1/camera/image_before", process)
         _say(f"first strike's images in the viewer: {time.monotonic() - begun:.1f} s after the command's start")
         viewer = _child(process.pid)
         _say(f"  of CPU time until then: analyze {_cpu(process.pid):.1f} s, viewer {_cpu(viewer):.1f} s")

@@ -102,6 +102,7 @@ def test_every_strike_has_its_images_curves_bands_and_pose(sample):
     assert 0.02 < done.moment_s < 0.6
     for name in STRIKES:
         assert 40 <= shown.rows(strike(name, "camera/image")) <= 46  # 0.74 s at 60 Hz
+        assert 5 <= shown.rows(strike(name, "camera/image_before")) <= 12  # which is all that is drawn before the contact
         assert shown.rows(strike(name, "camera/tags")) == 89
         assert shown.rows(strike(name, "camera/ghost")) > 20
         for curve in ("theta", "omega", "alpha"):
