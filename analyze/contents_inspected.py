@@ -74,6 +74,12 @@ def _topic(contents: McapContents, name: str) -> dict[str, Any]:
     }
 
 
+def disorder(topics: list[dict[str, Any]]) -> list[str]:
+    """Topics whose messages do not stand in the order of their times, a line each; where several programs write one, that is no fault."""
+    text = "{name}: {out_of_order} messages are older than the one before them"
+    return [text.format(**topic) for topic in topics if topic["out_of_order"]]
+
+
 def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
     """What is wrong, a line each."""
     recover = f"`acquire recover {contents.path} -o NEW.mcap`"
@@ -87,9 +93,6 @@ def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
         found.append(f"{contents.messages} messages are there, its statistics count {contents.stated_messages}")
     if contents.nameless:
         found.append(f"{contents.nameless} messages are on channels that the file does not describe")
-    found += [
-        f"{topic['name']}: {topic['out_of_order']} messages are older than the one before them" for topic in topics if topic["out_of_order"]
-    ]
     if any(topic["count"] and topic["first_ns"] < REAL_CLOCK_NS for topic in topics):
         found.append("times begin before the year 2000: simulated, or of a computer whose clock was not set")
     return found

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from analyze.contents_inspected import inspect_contents, time_table
+from analyze.contents_inspected import disorder, inspect_contents, time_table
 from analyze.errors import RecordingCut, RecordingError
 from analyze.file_row import missing_text
 from analyze.mcap_contents import Progress, read_contents
@@ -36,7 +36,7 @@ def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str,
     contents = read_contents(path, progress)
     general = inspect_contents(contents)
     if MANIFEST_NAME not in contents.metadata:
-        return general
+        return general | {"health": general["health"] + disorder(general["topics"])}
     try:
         with open_recording(path) as recording:
             return general | _describe(recording, general, complete=True)

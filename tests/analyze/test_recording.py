@@ -167,14 +167,14 @@ def test_whatever_the_bytes_are_the_only_error_is_a_recording_error(tmp_path: Pa
     source, rng = whole.read_bytes(), random.Random(7)
     path = tmp_path / "a.mcap"
     outcomes = {"read": 0, "refused": 0, "recovered": 0}
-    for turn in range(150):
+    for turn in range(80):
         path.write_bytes(_damaged(source, rng, turn))
         for read in (open_recording, open_partial):
             problem = _problem(lambda read=read: _touch(read(path)))
             outcomes["refused" if problem else "read"] += 1
         _problem(lambda: _follow(path))
         outcomes["recovered"] += _recovers(path, tmp_path / f"r{turn}.mcap")
-    assert outcomes["recovered"] > 100
+    assert outcomes["recovered"] > 53
     assert min(outcomes.values()) > 20
 
 

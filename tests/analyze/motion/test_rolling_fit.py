@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import mujoco
 import numpy as np
@@ -23,6 +24,7 @@ SECTIONS = [(0.005, 0.005), (0.015, 0.015), (0.04, 0.04), (0.04, 0.02), (0.025, 
 FLANKS = pytest.mark.parametrize(("a", "b"), SECTIONS)
 
 
+@cache
 def strike(a, b, energy, noise_deg, seed=1):
     rng = np.random.default_rng([seed, round(1e4 * a), round(1e4 * b)])
     while True:
