@@ -110,6 +110,7 @@ def _projection(estimate: Estimate, com_true: Array | None, reach: float, view: 
             axes.set_xlabel(f"{'xyz'[i]} [mm]")
             axes.set_ylabel(f"{'xyz'[j]} [mm]")
         close.plot(*(1e3 * estimate.com_paper.position[list(view)]), "D", color=ORANGE, ms=5, zorder=4)
+        _axis_names(whole, estimate.planes, (i, j), com)
         close.set_aspect("equal")
         plain(whole)
         margin = 0.12 * np.ptp(vertices, axis=0).max()
@@ -136,6 +137,29 @@ def _planes(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int]) ->
         colour = CYCLE[names.index(plane.axis_id) % len(CYCLE)]
         axes.plot(line[:, 0], line[:, 1], color=colour, lw=0.9, alpha=0.75, zorder=2)
         axes.plot(*line[0], "o", color=colour, ms=3.5, zorder=3)
+
+
+def _axis_names(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int], com: Array) -> None:
+    """Each pivot axis's name beside its dot, away from the middle: colours alone do not tell."""
+    depth = 3 - view[0] - view[1]
+    named = {plane.axis_id: plane for plane in planes if abs(plane.direction[depth]) >= 0.9}
+    taken: list[Array] = []
+    for name, plane in sorted(named.items()):
+        place = 1e3 * plane.point[list(view)]
+        right, up = place - 1e3 * com[list(view)] > 0
+        # Edges that lie behind one another share a dot.
+        below = sum(float(np.linalg.norm(place - other)) < 4.0 for other in taken)
+        taken.append(place)
+        axes.annotate(
+            name,
+            tuple(place),
+            (4 if right else -4, (4 if up else -4) + (9 if up else -9) * below),
+            textcoords="offset points",
+            ha="left" if right else "right",
+            va="bottom" if up else "top",
+            fontsize=7,
+            color=INK,
+        )
 
 
 def _centre(axes: Axes, com: Array, covariance: Array, view: tuple[int, int]) -> None:
