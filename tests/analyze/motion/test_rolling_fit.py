@@ -57,7 +57,7 @@ def test_a_box_has_corners_and_a_bevel_is_told_from_a_curve():
 
 
 @FLANKS
-@pytest.mark.parametrize("energy", [1.05, 1.5])
+@pytest.mark.parametrize("energy", [1.05, pytest.param(1.5, marks=pytest.mark.slow)])
 def test_without_noise_phi_and_k_are_exact(a, b, energy):
     seen = strike(a, b, energy, 1e-4)
     fit = rolling_fit(seen.angle, seen.window, section_of_body(seen.body))
