@@ -51,6 +51,14 @@ def profile_figure(records: Sequence[SessionRecord]) -> Figure | None:
             if (span := profile.phases.get(name)) is not None and span[1] - span[0] > LABELLED:
                 middle = (float(seconds[span[0]]) + float(seconds[min(span[1], len(seconds) - 1)])) / 2
                 panels[0].annotate(_PHASE_WORDS[name], (middle, 1.02), xycoords=("data", "axes fraction"), ha="center", color=MUTED)
+        for name, label in (("stage_one", "t₁"), ("stage_two", "t₂"), ("landing", "t₃")):
+            if (span := profile.phases.get(name)) is None or span[0] >= len(seconds):
+                continue
+            for axes in panels:
+                axes.axvline(float(seconds[span[0]]), color=INK, lw=0.8)
+            panels[0].annotate(
+                label, (float(seconds[span[0]]), 0.04), xycoords=("data", "axes fraction"), xytext=(3, 0), textcoords="offset points"
+            )
         panels[0].axhline(np.degrees(profile.phi_true_rad), color=RED, lw=0.9, ls=(0, (4, 3)))
         text = f"φ = {np.degrees(profile.phi_rad):.2f}°, in truth {np.degrees(profile.phi_true_rad):.2f}°"
         panels[0].annotate(text, (0.01, np.degrees(profile.phi_true_rad)), xycoords=("axes fraction", "data"), color=RED, va="bottom")

@@ -13,9 +13,11 @@ from matplotlib.figure import Figure
 
 from analyze.output_file import write_text
 from analyze.reproduce.paper import scores
+from analyze.reproduce.paper.moments_table import moments_table
+from analyze.reproduce.paper.published import published_centres, published_masses
 from analyze.reproduce.paper.record import SessionRecord
 from analyze.reproduce.paper.tables import Table, Value, all_tables
-from analyze.reproduce.paper.targets import targets, targets_table
+from analyze.reproduce.paper.targets import missed, targets, targets_table
 from analyze.results.csv_table import csv_text
 from analyze.results.page import drawn, page_environment
 from analyze.results.paper_figures import angles_figure, pictures_figure, profile_figure, results_figure, scan_figure, sensitivity_figure
@@ -36,7 +38,7 @@ _FIGURES: tuple[tuple[Callable[[Sequence[SessionRecord]], Figure | None], str, s
         "Fig. 6: profile of one strike",
         (
             "Angle, rate and acceleration of a carton's tip; derivatives are plain differences over five frames, which is what the "
-            "sign change is read from. The dashed line is the truth."
+            "sign change is read from. The dashed line is the truth. t1: the striker has let go; t2: the balance; t3: the next face lands."
         ),
     ),
     (
@@ -84,6 +86,8 @@ def write_page(records: Sequence[SessionRecord], folder: Path) -> Path:
         OutputError: a file cannot be written.
     """
     tables = [targets_table(records), *all_tables(records)]
+    if (moments := moments_table(records)).rows:
+        tables.insert(3, moments)
     for table in tables:
         write_text(folder / f"{table.name}.csv", csv_text([column.name for column in table.columns], table.rows))
     for name, headings, rows in _series(records):
@@ -100,6 +104,7 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
     ours = scores.designed(records)
     return environment.get_template("paper.html").render(
         lead=summary(records),
+        missed=missed(records),
         sources=[f"{count} × {source}" for source, count in sorted(Counter(record.source.value for record in records).items())],
         seeds=len({record.seed for record in ours}),
         sessions=len(records),
@@ -111,7 +116,7 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
 def summary(records: Sequence[SessionRecord]) -> str:
     """In two sentences."""
     lines = {each.quantity: each for each in targets(records)}
-    missed = [each.quantity for each in lines.values() if each.verdict == "missed"]
+    not_reached = [each.quantity for each in lines.values() if each.verdict == "missed"]
     exact = next(each for name, each in lines.items() if "calibration exact" in name)
     drawn = lines["the same with calibration errors drawn"]
     masses = lines["region masses, the paper's metric"]
@@ -122,7 +127,7 @@ def summary(records: Sequence[SessionRecord]) -> str:
         f"{np.median(drawn.values):.2f} mm with calibration errors drawn), where the paper printed 12.5 mm; "
         f"region masses off by {np.median(masses.values):.1f} %, where it printed 11.5 %."
     )
-    return f"{text} Missed: {'; '.join(missed)}." if missed else f"{text} No target is missed."
+    return f"{text} Missed: {'; '.join(not_reached)}." if not_reached else f"{text} No target is missed."
 
 
 def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequence[Sequence[Value]]]]:
@@ -159,9 +164,23 @@ def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequ
         for whose, answers in (("ours", [r.ours[condition]]), ("paper", r.paper.get(condition, [])))
         for answer in answers
     ]
+    found.append(("fig11", ["object", "seed", "calibration", "whose", "error of c [m]", "paper's metric"], _results(mine)))
     axes = ["x [m]", "y [m]", "z [m]"]
     found.append(("fig12", ["object", "seed", "calibration", "whose", *axes, *(f"true {name}" for name in axes)], list(points)))
     return found
+
+
+def _results(records: Sequence[SessionRecord]) -> list[tuple[Value, ...]]:
+    """Every dot of Fig. 11, and the paper's printed ones: its tables of c and of masses each have their own."""
+    rows: list[tuple[Value, ...]] = [(each.object, None, None, "printed", each.distance_m, None) for each in published_centres()]
+    rows += [(each.object, None, None, "printed", None, each.metric) for each in published_masses()]
+    for record in scores.within_class(records):
+        for condition in record.ours:
+            for whose, answers in (("ours", [record.ours[condition]]), ("paper", record.paper.get(condition, []))):
+                for answer in answers:
+                    metric = None if answer.masses_kg is None else scores.metric(answer.masses_kg, record)
+                    rows.append((record.object, record.seed, condition.value, whose, scores.distance(answer, record), metric))
+    return rows
 
 
 def _cell(value: Value, digits: int | None) -> str:

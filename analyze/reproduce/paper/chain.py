@@ -27,6 +27,8 @@ class PaperAnswer:
     """(3,) m, in O"""
     i_edge: dict[str, float]
     """kg m^2 by axis, eq. (5)"""
+    left_out: dict[str, float]
+    """by axis: part of stage two's frames that eq. (5) leaves out"""
     regions: PaperRegions | None
     """None: no border and no I within dI gives three positive masses with the right sum"""
 
@@ -66,14 +68,15 @@ def _answer(strikes: Sequence[_Struck], estimate: Estimate) -> PaperAnswer:
     com = paper_centre_of_mass(planes, estimate.cells).position
     weight = estimate.scale.mass * estimate.scale.gravity
     i_edge: dict[str, float] = {}
+    left_out: dict[str, float] = {}
     for plane, each in zip(planes, strikes, strict=True):
         angle, phases = each.motion.angle, each.motion.phases
         if angle is None or phases is None or phases.stage_two is None:
             continue
         found = paper_edge_inertia(angle, each.fit, phases.stage_two, weight * distance_from(plane, com))
         if found is not None:
-            i_edge[plane.axis_id] = found.i_edge
-    return PaperAnswer(com, i_edge, regions_at(planes, com, i_edge, estimate))
+            i_edge[plane.axis_id], left_out[plane.axis_id] = found.i_edge, found.left_out
+    return PaperAnswer(com, i_edge, left_out, regions_at(planes, com, i_edge, estimate))
 
 
 def regions_at(planes: Sequence[EquiPlane], com: Array, i_edge: dict[str, float], estimate: Estimate) -> PaperRegions | None:

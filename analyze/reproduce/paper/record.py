@@ -41,6 +41,9 @@ class AxisMoment(Document):
     i_edge_sd: float = Field(description="relative, as stated")
     i_com_off: float
     i_com_sd: float
+    i_edge_kg_m2: float | None = Field(default=None, description="in truth")
+    corrected_off: float | None = Field(default=None, description="relative error of the paper's corrected moment about the edge (3.3.2)")
+    left_out: float | None = Field(default=None, description="part of stage two's frames that eq. (5) leaves out")
 
 
 class Answer(Document):

@@ -166,6 +166,7 @@ def _moments(estimate: Estimate, body: pb.TruthBody) -> list[AxisMoment]:
                 i_edge_sd=axis.i_edge_sd / about_edge,
                 i_com_off=axis.i_com / about_com - 1,
                 i_com_sd=axis.i_com_sd / about_com,
+                i_edge_kg_m2=about_edge,
             )
         )
     return found
@@ -181,6 +182,7 @@ def _by_paper(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> An
         R = distance_from(plane, com)
         about_com = float(plane.direction @ tensor @ plane.direction)
         about_edge = about_com + body.mass_kg * (R + plane.edge_radius) ** 2
+        corrected = None if answer.regions is None else answer.regions.corrected_i_edge.get(axis_id)
         less = found - body.mass_kg * distance_from(plane, answer.com) ** 2
         moments.append(
             AxisMoment(
@@ -190,6 +192,9 @@ def _by_paper(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> An
                 i_edge_sd=0.0,
                 i_com_off=less / about_com - 1,
                 i_com_sd=0.0,
+                i_edge_kg_m2=about_edge,
+                corrected_off=None if corrected is None else corrected / about_edge - 1,
+                left_out=answer.left_out[axis_id],
             )
         )
     regions = answer.regions

@@ -46,7 +46,7 @@ def table1(records: Sequence[SessionRecord]) -> Table:
     rows: list[tuple[Value, ...]] = []
     of_paper = published_centres()
     ours = scores.designed(records)
-    for name in _objects(ours):
+    for name in objects_of(ours):
         mine = [record for record in ours if record.object == name]
         printed = [each for each in of_paper if each.object == name]
         if printed:
@@ -97,7 +97,7 @@ def table2(records: Sequence[SessionRecord]) -> Table:
     rows: list[tuple[Value, ...]] = []
     of_paper = published_masses()
     ours = scores.designed(records)
-    for name in _objects(ours):
+    for name in objects_of(ours):
         mine = [record for record in ours if record.object == name]
         printed = [each for each in of_paper if each.object == name]
         if printed:
@@ -173,7 +173,7 @@ def own_choice(records: Sequence[SessionRecord]) -> Table:
     """The paper's own strikes."""
     rows: list[tuple[Value, ...]] = []
     ours = scores.designed(records)
-    for name in _objects(ours):
+    for name in objects_of(ours):
         found = [record.own_choice for record in ours if record.object == name and record.own_choice is not None]
         if not found:
             continue
@@ -257,7 +257,7 @@ def sessions(records: Sequence[SessionRecord]) -> Table:
     )
 
 
-def _objects(records: Iterable[SessionRecord]) -> list[str]:
+def objects_of(records: Iterable[SessionRecord]) -> list[str]:
     """The paper's in its order, others after them."""
     there = {record.object for record in records}
     return [name for name in OBJECTS if name in there] + sorted(there - set(OBJECTS))

@@ -10,12 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from markupsafe import escape
 
 from analyze.cli import main
 from analyze.reproduce.paper.published import published_centres, published_masses
 from analyze.reproduce.paper.record import Condition, SessionRecord, Source
 from analyze.reproduce.paper.scores import distance, metric
 from analyze.reproduce.paper.session import Sweeps, session_record
+from analyze.reproduce.paper.targets import missed
 from tests.analyze.balanced_html import Balanced
 from tests.analyze.reproduce.theta_sessions import theta_session
 
@@ -100,7 +102,34 @@ def test_the_page_the_tables_and_the_series(drawn):
     assert {row["object"] for row in rows if row["whose"] == "ours"} >= set(OBJECTS)
     assert {row["whose"] for row in rows if row["object"] == "carton"} >= {"ours", "the paper's method here", "naive: middle of the volume"}
     names = {path.stem for path in drawn.glob("*.csv")}
-    assert names >= {"targets", "table1", "table2", "honesty", "sessions", "fig6", "fig9a", "fig9b", "fig9c", "fig10a", "fig10b", "fig12"}
+    assert names >= {"targets", "table1", "table2", "moments", "honesty", "sessions"}
+    assert names >= {"fig6", "fig9a", "fig9b", "fig9c", "fig10a", "fig10b", "fig11", "fig12"}
+
+
+def test_the_papers_moments_stand_beside_ours_and_the_truth(drawn):
+    with (drawn / "moments.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["object"] for row in rows} == set(OBJECTS)
+    carton = [row for row in rows if row["object"] == "carton"]
+    assert len(carton) == 3
+    assert all(0.0 < float(row["in truth, median [g m²]"]) < 2.0 for row in carton)
+    assert all(0.0 <= float(row["frames left out [%]"]) < 80.0 for row in carton)
+    corrected = [float(row["corrected I: off, median [%]"]) for row in carton if row["corrected I: off, median [%]"]]
+    assert corrected
+    assert max(corrected) < 15.0
+
+
+def test_a_missed_target_says_why(drawn):
+    text = (drawn / "index.html").read_text(encoding="utf-8")
+    names = [record_of(name) for name in OBJECTS]
+    for quantities, reason in missed(names):
+        assert len(reason) > 40
+        assert str(escape(quantities)) in text
+    salt = record_of("salt")
+    near = salt.model_copy(update={"naive_kg": {"surface": [salt.true_masses_kg[0] + 1e-5, *salt.true_masses_kg[1:]]}})
+    why = dict(missed([near]))["region masses over the best naive answer's, salt"]
+    assert "“surface” happens to be nearly right" in why
+    assert "% of its mass is in its wall" in why
 
 
 def test_a_damaged_session_is_named_with_the_remedy(tmp_path):
