@@ -94,6 +94,8 @@ class _Doubtful(Exception):
 def _refuse_false_counts(data: bytes, suffix: str) -> None:
     if suffix == "ply":
         refuse_false_ply_counts(data)
+    elif suffix == "stl":
+        _refuse_neither_stl(data)
     elif suffix == "3mf":
         with ZipFile(BytesIO(data)) as archive:
             unpacked = sum(item.file_size for item in archive.infolist())
@@ -101,6 +103,13 @@ def _refuse_false_counts(data: bytes, suffix: str) -> None:
             raise _Doubtful(f"unpacks to {unpacked / 1e6:.0f} MB from {len(data) / 1e6:.1f} MB: no mesh packs so well: export it anew")
     elif suffix in ("glb", "gltf"):
         _refuse_false_accessors(data, suffix)
+
+
+def _refuse_neither_stl(data: bytes) -> None:
+    """Raise ValueError if an STL that is not binary, by its size, is no text either: a guess at its alphabet would find some."""
+    count = int.from_bytes(data[80:84], "little")
+    if data and len(data) != 84 + 50 * count and b"\0" in data:
+        raise ValueError("neither binary nor text")
 
 
 def refuse_false_ply_counts(data: bytes) -> None:
