@@ -190,7 +190,7 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
             *filling_warnings(filling),
         ],
         table_tilt=table_tilts(inertial.com, evidence),
-        verdict=assessment(inertial, checks, foretold, agreed.estimators),
+        verdict=assessment(inertial, distribution, checks, foretold, agreed.estimators),
         parts=parts,
         foretold=foretold,
         filling=filling,

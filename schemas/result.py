@@ -22,6 +22,7 @@ class Quantity(Document):
     observed: bool = True
     unobserved_direction: list[float] | None = None
     source: Literal["measured", "prior", "given"] = "measured"
+    """of several numbers: that of the weakest; what a Result says beside it (`inertia_measured`) is entry by entry"""
 
 
 class Verdict(enum.Enum):
@@ -281,8 +282,10 @@ class Result(Document):
     centre_of_mass: Quantity
     centre_of_mass_paper: Quantity | None = None
     moments: list[AxisMoment]
-    inertia: Quantity
-    inertia_measured: list[list[bool]] | None = None
+    inertia: Quantity = Field(description="about the centre of mass; its source is prior as soon as one entry is, see inertia_measured")
+    inertia_measured: list[list[bool]] | None = Field(
+        default=None, description="entry by entry: the strikes measured it, or else the shape's prior stands; older results have none"
+    )
     regions: Regions | None
     regions_paper: Regions | None = None
     verdict: list[str] | None = Field(default=None, description="in words: what to trust, to doubt, to repeat; older results have none")

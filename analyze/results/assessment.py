@@ -14,15 +14,21 @@ if TYPE_CHECKING:
     from analyze.estimation.agreement import EstimatorsApart
     from analyze.estimation.checks import Checks
     from analyze.foretold import ForetoldStrike
-    from analyze.types import InertialParameters
+    from analyze.types import Array, InertialParameters, MassDistribution
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 OUTSIDE = 2.0
 """sd outside the hull from which c cannot be believed"""
+TRUSTED, DETERMINED = 0.1, 0.3
+"""of the mass, half the 95 % interval of the least known region: up to which they are to be trusted, from which they are not determined"""
 
 
 def assessment(
-    inertial: InertialParameters, checks: Checks, foretold: Sequence[ForetoldStrike], apart: Sequence[EstimatorsApart] = ()
+    inertial: InertialParameters,
+    distribution: MassDistribution,
+    checks: Checks,
+    foretold: Sequence[ForetoldStrike],
+    apart: Sequence[EstimatorsApart] = (),
 ) -> list[str]:
     """Sentences, most important first; each begins with trust, doubt or repeat."""
     com = inertial.com
@@ -35,10 +41,17 @@ def assessment(
         found.append(f"trust the centre of mass, to {worst:.1f} mm: {told} of {len(foretold)} strikes move as the others foretell")
     if not wrong and (measured := _entries(inertial, measured=True)):
         found.append(f"trust {measured} of the tensor: strikes measured them")
+    regions = regions_text(distribution, inertial.mass)
+    if com.observed and not wrong and regions.startswith("trust"):
+        found.append(regions)
     if not com.observed:
         found.append("doubt the centre of mass along the direction that is named as open: it comes from the shape")
     if prior := _entries(inertial, measured=False):
         found.append(f"doubt {prior} of the tensor: they come from the shape")
+    if regions.startswith("doubt"):
+        found.append(regions)
+    elif not com.observed:
+        found.append("doubt the region masses: they rest on the centre of mass, part of which comes from the shape")
     if checks.outside > OUTSIDE:
         found.append(
             "doubt everything: the centre of mass lies outside the shape's hull; check the shape's unit and how the object was placed"
@@ -50,6 +63,26 @@ def assessment(
     found += [f"doubt strike {each.strike_id}: {apart_text(each)}; look at its motion" for each in apart]
     found += [f"repeat strike {each.told.strike_id}: {missed_text(each)}" for each in missed]
     return found
+
+
+def regions_text(distribution: MassDistribution, mass: float) -> str:
+    """What the masses of wall and filling are worth."""
+    if not distribution.explained:
+        ends = _ranges(distribution.names, distribution.limits)
+        return f"doubt the region masses: no even shell with two even parts has these moments; whatever fills it: {ends}"
+    half = 0.5 * np.diff(distribution.intervals, axis=1)[:, 0]
+    worst = int(np.argmax(half))
+    share, name = float(half[worst]) / mass, distribution.names[worst]
+    if share > DETERMINED:
+        return f"doubt the region masses: the moments do not determine them: {_ranges(distribution.names, distribution.intervals)}"
+    known = f"± {1e3 * half[worst]:.2g} g of the {name} at most, {100 * share:.0f} % of all"
+    if share > TRUSTED:
+        return f"doubt the region masses: they are known roughly only, {known}; more axes tell more"
+    return f"trust the region masses, if it is an even shell with two even parts: {known}"
+
+
+def _ranges(names: Sequence[str], ends: Array) -> str:
+    return ", ".join(f"{name} {1e3 * low:.3g} to {1e3 * high:.3g} g" for name, (low, high) in zip(names, ends, strict=True))
 
 
 def gravity_text(checks: Checks) -> str:

@@ -66,7 +66,7 @@ def com_quantity(com: CentreOfMass) -> Quantity:
 
 
 def inertia_quantity(parameters: InertialParameters) -> Quantity:
-    """Tensor about c, axes of O. `observed` only if every entry was measured; the sd is per entry, rows joined."""
+    """Tensor about c, axes of O. `observed`, and measured by its source, only if every entry was; the sd is per entry, rows joined."""
     sd = parameters.inertia_sd
     every = bool(parameters.measured.all())
     return Quantity(
@@ -79,7 +79,7 @@ def inertia_quantity(parameters: InertialParameters) -> Quantity:
         ],
         frame="O",
         observed=every,
-        source="measured" if parameters.measured.any() else "prior",
+        source="measured" if every else "prior",
     )
 
 

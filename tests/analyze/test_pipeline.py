@@ -152,6 +152,9 @@ def test_the_verdict_says_what_to_trust_and_which_strike_to_repeat(evidence, est
     words = estimate.result.verdict
     assert words[0].startswith("trust the centre of mass, to ")
     assert not any(each.startswith("repeat") for each in words)
+    assert len([each for each in words if "the region masses" in each]) == 1
+    every = np.array(estimate.result.inertia_measured).all()
+    assert estimate.result.inertia.source == ("measured" if every else "prior")
     assert all(each.holds for each in estimate.foretold)
     # Of one strike's frames many may be outside at once: they share the error of its phi.
     assert np.mean([each.motion.outside for each in estimate.foretold]) < 0.15
