@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from analyze.commands.options import one_line
+from schemas.command_line import NumberRange
 
 if TYPE_CHECKING:
     from analyze.batch.run import BatchOptions
@@ -59,9 +60,7 @@ class _Shard(click.ParamType):
 @click.option("--only-failed", is_flag=True, help="Try those again that gave nothing, and nothing else.")
 @click.option("--verify", is_flag=True, help="Read every recording and compare its content with its seal.")
 @click.option("--object", "object_file", type=click.Path(path_type=Path), help="Use this object file instead of the recordings'.")
-@click.option(
-    "--time-limit", type=click.FloatRange(min=0, min_open=True), default=900.0, show_default=True, metavar="S", help="Per recording."
-)
+@click.option("--time-limit", type=NumberRange(0, min_open=True), default=900.0, show_default=True, metavar="S", help="Per recording.")
 @click.option("--memory-limit", type=_Bytes(), default="4G", show_default=True, help="Per worker; 0: none.")
 @click.option("--scheduler", default="", metavar="ADDRESS", help="Work on this Dask cluster; the results' folder must be the workers' too.")
 @click.option("--shard", type=_Shard(), default="1/1", help="The i-th part of n, for array jobs.")
