@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from analyze.results.style import svg
 from analyze.results.summary import DEGREES, GRAM_CM2, open_interval, with_interval
@@ -47,9 +47,10 @@ def number(value: float, digits: int) -> str:
     return f"{0.0:.{digits}f}" if float(text) == 0 else text.replace("-", "−")
 
 
-def typeset(sentence: str) -> str:
-    """With typographic minus signs."""
-    return re.sub(r"(?<![\w.-])-(?=\d)", "−", sentence)
+def typeset(sentence: str) -> Markup:
+    """With typographic minus signs, and commands, which stand between backticks, as code."""
+    told = str(escape(re.sub(r"(?<![\w.-])-(?=\d)", "−", sentence)))
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", told))  # noqa: S704 - escaped above
 
 
 def sentence(text: str) -> str:
