@@ -32,7 +32,7 @@ class _Bytes(click.ParamType):
         unit = text[-1:] if text[-1:] in {"K", "M", "G"} else ""
         try:
             return int(float(text.removesuffix(unit)) * _UNITS[unit])
-        except ValueError:
+        except (ValueError, OverflowError):
             self.fail(f"{value!r} is no size: write 4G or 800M", param, ctx)
 
 

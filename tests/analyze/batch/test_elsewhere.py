@@ -116,6 +116,7 @@ def test_a_protocol_that_nobody_knows_is_one_line():
         find_sources(["nosuch://a/b"])
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_same_results(archive, finished, tmp_path):
     from distributed import LocalCluster
 

@@ -153,6 +153,7 @@ def test_a_worker_that_dies_is_a_row_and_the_next_recording_is_done(archive, cop
     assert not list((copied / "unfinished").iterdir())
 
 
+@pytest.mark.slow
 def test_killed_at_once_the_next_run_finishes_it(archive, finished, tmp_path):
     output = tmp_path / "out"
     command = [sys.executable, "-m", "analyze", "batch", str(archive), "--out", str(output), "--jobs", "1"]
