@@ -53,9 +53,8 @@ demo: setup  ## a whole session on the virtual rig, and its answer beside the tr
 	@$(BIN)/analyze report $(DEMO_FILE) -o $(DEMO_FILE:.mcap=.html)
 	@$(BIN)/analyze replay $(DEMO_FILE) --save $(DEMO_FILE:.mcap=.rrd)
 
-# What only computes runs on all cores, long files first, lest one core ends alone. What keeps time with devices mostly waits for them, the longest of it (whole sessions) first.
-LONGEST := tests/analyze/reproduce tests/analyze/replay tests/analyze/batch tests/analyze/results tests/analyze/calibration tests/analyze/planning
-COMPUTING := $(LONGEST) tests/analyze tests/schemas tests/test_architecture.py
+# What only computes runs on all cores, long files first (tests/conftest.py), lest one core ends alone. What keeps time with devices mostly waits for them, the longest of it (whole sessions) first.
+COMPUTING := tests/analyze tests/schemas tests/test_architecture.py
 TIMED := tests/system tests/contracts tests/acquire
 
 test: setup $(VENV)/.browser  ## every test that needs no hardware

@@ -36,6 +36,25 @@ STALL_NS = 10_000_000
 ATTEMPTS = 4
 
 
+LONGEST = (
+    "reproduce/test_paper.py",
+    "replay/test_in_browser.py",
+    "batch/test_run.py",
+    "batch/test_elsewhere.py",
+    "replay/test_run.py",
+    "results/",
+)
+"""of the tests that compute: begun first, so that no core works on one of them when the others have nothing left"""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first; else in their order."""
+    places = {
+        item: next((i for i, name in enumerate(LONGEST) if f"analyze/{name}" in item.path.as_posix()), len(LONGEST)) for item in items
+    }
+    items.sort(key=places.__getitem__)
+
+
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
     """A test whose simulated arm stood still, because this computer had no time for its thread, has tested nothing: it is run again.
 
