@@ -25,8 +25,8 @@ _SURFACE = 3.0
 """1 sigma of the edge's place, up to which it may be the surface's error"""
 _NEAR = math.radians(1.0)
 """before the landing: what a frame's exposure, its angle's error and another rounding of the two edges may make of it"""
-_FACE = 2.0
-"""1 sigma of the surface at the face's far end, by which it may lie on the table earlier"""
+_FACE = 1.0
+"""1 sigma of the edge's place at the face's far end, by which it may lie on the table earlier; most of it moves both ends alike"""
 _LIFTED = math.radians(1.0)
 """from which on no part of the face that it stood on touches"""
 

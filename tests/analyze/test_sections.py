@@ -110,7 +110,7 @@ def test_the_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
         lands = landing_of(model, strike)
         assert live.lands_at(strike) == lands
         lengthwise = abs(float(axis.direction[2])) > 0.99
-        assert math.degrees(lands) == pytest.approx(58.8 if lengthwise else 88.9, abs=0.2), (
+        assert math.degrees(lands) == pytest.approx(58.9 if lengthwise else 88.9, abs=0.2), (
             "a degree early, and what the surface may be off"
         )
         found.add(lengthwise)
