@@ -170,6 +170,24 @@ def test_killed_at_once_the_next_run_finishes_it(archive, finished, tmp_path):
     assert not list((output / "unfinished").iterdir())
 
 
+@pytest.mark.slow
+def test_ctrl_c_keeps_what_was_finished_and_leaves_no_process(archive, finished, tmp_path):
+    output = tmp_path / "out"
+    command = [sys.executable, "-m", "analyze", "batch", str(archive), "--out", str(output), "--jobs", "2"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    ends = time.monotonic() + 60
+    while not list(output.glob("failures/*.parquet")) and time.monotonic() < ends:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGINT)
+    printed, _ = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert "interrupted: what was finished stays" in printed
+    assert not subprocess.run(["pgrep", "-f", f"analyze.batch.child {output}"], capture_output=True, check=False).stdout
+    assert not list((output / "unfinished").iterdir())
+    run_again(archive, output)
+    assert plain(output) == plain(finished[0])
+
+
 def test_a_question_reaches_the_tables_and_nothing_else(finished):
     answer = ask(finished[0], "select axis, count(*) as n from strikes group by axis order by axis").to_pylist()
     assert [row["n"] for row in answer] == [2, 2, 2]
