@@ -234,7 +234,7 @@ def kills(archive: Path, folder: Path, sessions: int) -> None:
     console.print(f"Dask, one of two workers killed: {printed.strip() or said.strip()}; results {_same(output, whole)}")
 
 
-def bucket(archive: Path, folder: Path, large: Path | None) -> None:
+def bucket(folder: Path) -> None:
     """The part through an S3 server on loopback, and what small topics cost."""
     from moto.server import ThreadedMotoServer
 
@@ -254,11 +254,10 @@ def bucket(archive: Path, folder: Path, large: Path | None) -> None:
     taken, _ = batch("s3://archive/part", folder / "bucket-out")
     same = numbers(folder / "bucket-out", "url", "source_id") == numbers(folder / "one-0", "url", "source_id")
     console.print(f"S3: {taken:.1f} s, results {'the same' if same else 'DIFFER'}")
-    if large is not None:
-        system.put(str(large), "archive/large.mcap")
-        _, fetched = fetched_without_images("s3://archive/large.mcap", folder)
-        size = large.stat().st_size
-        console.print(f"S3: small topics of {large.name}: {fetched / 1e6:.2f} of {size / 1e6:.0f} MB read ({100 * fetched / size:.2f} %)")
+    largest = max((folder / "part").iterdir(), key=lambda path: path.stat().st_size)
+    _, fetched = fetched_without_images(f"s3://archive/part/{largest.name}", folder)
+    size = largest.stat().st_size
+    console.print(f"S3: small topics of one recording: {fetched / 1e6:.2f} of {size / 1e6:.1f} MB read ({100 * fetched / size:.1f} %)")
     server.stop()
 
 
@@ -317,8 +316,7 @@ def make(folder: Path, sessions: int, broken: int) -> None:
 @click.option("--sessions", default=200, show_default=True)
 @click.option("--broken", default=20, show_default=True)
 @click.option("--archive", "given", type=click.Path(path_type=Path), help="Made before by `make`.")
-@click.option("--large", type=click.Path(path_type=Path, exists=True), help="A recording of a session, for what its small topics cost.")
-def measure(sessions: int, broken: int, given: Path | None, large: Path | None) -> None:
+def measure(sessions: int, broken: int, given: Path | None) -> None:
     """Everything."""
     with tempfile.TemporaryDirectory(prefix="percuss-archive-") as name:
         folder = Path(name)
@@ -331,7 +329,7 @@ def measure(sessions: int, broken: int, given: Path | None, large: Path | None) 
         second_run(folder)
         workers(archive, folder, 24)
         kills(archive, folder, 24)
-        bucket(archive, folder, large)
+        bucket(folder)
         growth(folder)
         shutil.rmtree(folder / "part", ignore_errors=True)
 
