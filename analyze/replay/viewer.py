@@ -9,6 +9,7 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -27,6 +28,8 @@ LOOPBACK = "127.0.0.1"
 _STARTS_S, _ENDS_S = 30.0, 5.0
 _LEAST_MEMORY = 2 << 30
 _PICTURE_SIZE = "1680x1050"
+_SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+_WITHOUT = "look at it with --web, write a file with --save or a picture with --screenshot"
 
 
 class ReplayError(AnalyzeError):
@@ -78,7 +81,7 @@ class Viewer:
         last = [line for line in self.output.read().decode(errors="replace").splitlines() if line.strip()][-1:]
         return (
             f"rerun's viewer ended with code {self.process.returncode} {' '.join(last)}: no screen, or no Vulkan driver "
-            "(mesa-vulkan-drivers)? look at it with --web, write a file with --save or a picture with --screenshot"
+            f"(mesa-vulkan-drivers)? {_WITHOUT}"
         )
 
 
@@ -91,7 +94,12 @@ def native(recording_bytes: int, files: Sequence[Path] = (), *, headless: bool =
         files: what it opens by itself.
         headless: draw to nowhere, for pictures.
         port: that it listens on; None: any.
+
+    Raises:
+        ReplayError: there is no screen for a window.
     """
+    if not headless and sys.platform == "linux" and not any(os.environ.get(name) for name in _SCREENS):
+        raise ReplayError(f"no screen here (none of {', '.join(_SCREENS)} is set): {_WITHOUT}")
     port = port or _free_port()
     options = ["--hide-welcome-screen", "--memory-limit", _limit(recording_bytes), "--server-memory-limit", "64MB"]
     if headless:

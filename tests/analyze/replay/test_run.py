@@ -23,6 +23,7 @@ from analyze.replay.run import replay_recording
 from analyze.replay.sender import ReplayOptions
 from analyze.replay.target import to_file
 from analyze.replay.timelines import Timelines
+from analyze.replay.viewer import ReplayError, native
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME
@@ -322,3 +323,11 @@ def test_a_session_that_died_is_told_once_its_file_stands_still(tmp_path, monkey
     (line,) = done.problems
     assert "dead.mcap.part: ends early: it has not grown for" in line
     assert shown.rows("/session/camera") or shown.chunks["/summary"]
+
+
+def test_without_a_screen_one_line_says_what_to_do_instead(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(ReplayError, match=r"no screen here .*--web") as caught, native(1):
+        pass
+    assert "\n" not in str(caught.value)
