@@ -21,7 +21,7 @@ from analyze.replay.pictures import ImageChoice, send_pictures
 from analyze.replay.place import find
 from analyze.replay.run import replay_recording
 from analyze.replay.sender import ReplayOptions
-from analyze.replay.target import to_file
+from analyze.replay.target import ToViewer, to_file
 from analyze.replay.timelines import Timelines
 from analyze.replay.viewer import ReplayError, native
 from schemas import topics
@@ -328,6 +328,8 @@ def test_a_session_that_died_is_told_once_its_file_stands_still(tmp_path, monkey
 def test_without_a_screen_one_line_says_what_to_do_instead(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(ReplayError, match=r"no screen here .*--web") as caught, native(1):
-        pass
+    with native(1) as viewer:
+        viewer.process.wait(20)
+        with pytest.raises(ReplayError, match=r"^no screen here .*--web") as caught:
+            ToViewer(viewer).check()
     assert "\n" not in str(caught.value)
