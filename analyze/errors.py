@@ -12,6 +12,7 @@
     ├── EstimationError         too few good strikes
     ├── ArchiveError            an archive that cannot be listed, or a folder of results that cannot be used
     ├── CalibrationError        images that show no board, or views that do not determine the camera
+    ├── ImportRefused           a video, folder of images or file of others that cannot become a recording
     ├── ExportError             a body that cannot be written for a simulator, or is not read back as it was written
     └── OutputError             a file that cannot be written
 
@@ -65,6 +66,10 @@ class OutputError(AnalyzeError):
 
 class ExportError(AnalyzeError):
     """A body cannot be written for a simulator as asked, or is not read back as it was written."""
+
+
+class ImportRefused(AnalyzeError):
+    """What another camera recorded cannot become a recording as asked."""
 
 
 class CalibrationError(AnalyzeError):

@@ -14,9 +14,11 @@ PACKAGES = ("acquire", "analyze", "schemas")
 SOURCES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py") if "_pb2" not in p.name)
 
 OWNERS = {
+    "av": {"analyze/importing/", "analyze/compressed_video.py"},
     "gi": {"acquire/camera/aravis_library.py"},
     "dynamixel_sdk": {"acquire/striker/"},
     "serial": {"acquire/striker/"},
+    "rosbags": {"analyze/importing/"},
     "rerun": {"analyze/replay/"},
     "trimesh": {"analyze/geometry/mesh_files.py"},
     "laspy": {"analyze/geometry/cloud_files.py"},
