@@ -17,7 +17,7 @@ from analyze.estimation.inertia import parameters_of, shape_prior
 from analyze.estimation.joint import Moments, solve_joint
 from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.markers import can_subtract, without_markers
-from analyze.estimation.paper import PaperCentre, PaperRegions, paper_centre_of_mass, paper_regions
+from analyze.estimation.paper import PaperCentre, PaperRegions, paper_axis_inertia, paper_centre_of_mass, paper_regions
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
 from analyze.estimation.sensitivity import Sensitivity, sensitivity
 from analyze.estimation.stated import ComPrior, Scale, SystematicErrors, TiltPrior
@@ -34,7 +34,7 @@ from analyze.results.summary import render_summary
 from analyze.results.tilt import table_tilts
 from analyze.results.warnings import result_warnings
 from analyze.too_few import too_few
-from analyze.types import CentreOfMass, EquiPlane, InertialParameters, MassDistribution, TipMotion
+from analyze.types import Array, CentreOfMass, EquiPlane, InertialParameters, MassDistribution, MotionFit, TipMotion
 from analyze.walls import regions_of
 from schemas.document import sha256_text
 from schemas.result import JoinedRecording, Result, ResultInputs, Verdict
@@ -162,13 +162,12 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
     distribution = regions_of(spec, model, cells, inertial, np.random.default_rng(options.seed))
     # The sign change needs a passage over the balance; strikes that rocked back serve only where there are no others.
     over = [motion for motion in used if motion.verdict is Verdict.GOOD]
-    by_sign_change = tuple(_paper_plane(evidence.planned(motion), motion) for motion in (over if len(over) >= LEAST_STRIKES else used))
+    followed = over if len(over) >= LEAST_STRIKES else used
+    by_sign_change = tuple(_paper_plane(evidence.planned(motion), motion) for motion in followed)
     com_paper = paper_centre_of_mass(by_sign_change, cells)
+    regions_paper = _paper_regions(by_sign_change, followed, com_paper.position, scale, cells)
     agreed = Agreements(recordings_agree, centres_apart(com_paper, by_sign_change, whole.com, prior), estimators_apart(used))
     com_paper = replace(com_paper, position=com_paper.position + com.position - whole.com.position)
-    one_per_axis = {plane.axis_id: plane for plane in planes}
-    about_edges = {axis.axis_id: axis.i_edge for axis in inertial.axes}
-    regions_paper = paper_regions(list(one_per_axis.values()), com, about_edges, inertial.mass, cells)
     parts = _parts(evidence, cells, inertial, options)
     label = filling_label(evidence)
     filled = filling_of(evidence, cells, measured_moments(inertial), np.random.default_rng(options.seed))
@@ -274,8 +273,27 @@ def _plane(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> 
 
 def _paper_plane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
     """By the paper's sign change of the acceleration, where it was found."""
-    found = next((fit for fit in motion.alternatives if fit.estimator == "sign_change"), None)
+    found = _sign_change(motion)
     return equiplane(motion.strike_id, planned, motion) if found is None else equiplane_from_fit(motion.strike_id, planned, found)
+
+
+def _sign_change(motion: TipMotion) -> MotionFit | None:
+    return next((fit for fit in motion.alternatives if fit.estimator == "sign_change"), None)
+
+
+def _paper_regions(
+    planes: Sequence[EquiPlane], motions: Sequence[TipMotion], com: Array, scale: Scale, cells: Cells
+) -> PaperRegions | None:
+    """By the paper's own angles, centre of mass and moments about the edges (means of its strikes), of the body with its markers."""
+    moments: dict[str, list[float]] = {}
+    for plane, motion in zip(planes, motions, strict=True):
+        fit = _sign_change(motion) or motion.fit
+        found = None if fit is None else paper_axis_inertia(plane, motion, fit, com, scale.mass * scale.gravity)
+        if found is not None:
+            moments.setdefault(plane.axis_id, []).append(found.i_edge)
+    one_per_axis = {plane.axis_id: plane for plane in planes}
+    about_edges = {axis_id: float(np.mean(each)) for axis_id, each in moments.items()}
+    return paper_regions(list(one_per_axis.values()), com, about_edges, scale.mass, cells)
 
 
 def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:

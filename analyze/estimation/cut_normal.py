@@ -57,10 +57,16 @@ def log_between(low: Array, high: Array) -> Array:
         return log_far + np.log1p(-np.exp(np.minimum(log_ndtr(near) - log_far, 0.0)))
 
 
+EMPTY = (0.25, 0.25)
+"""prior probability that the second share is nothing, and that the third is: air on one side of a filling, as in most containers"""
+
+
 @dataclass(frozen=True)
 class Shares:
     """Normal distributions (b) of two shares (u, v) of a whole whose third is the rest, cut off where one of the three is negative.
 
+    Beforehand the second share is nothing, or the third, with the probabilities EMPTY, and what is not nothing is spread evenly: over all
+    shares that can be (a triangle), or over all that leave one of them nothing (two of its sides).
     The density of u with v integrated out is known at places that hold all of it.
     """
 
@@ -75,15 +81,36 @@ class Shares:
 
     @property
     def log_mass(self) -> Array:
-        """(b,) logarithm of the integral over all possible shares."""
+        """(b,) logarithm of the prior's integral, times exp(-(w - mean).precision.(w - mean) / 2), over all possible shares."""
+        return np.logaddexp.reduce(self._log_parts, axis=0)
+
+    @property
+    def _log_parts(self) -> Array:
+        """(3, b) of that: nothing empty, the second share, the third."""
         top = self.log_density.max(axis=1)
         step = self.places[:, 1] - self.places[:, 0]
         weight = np.exp(self.log_density - top[:, None])
         weight[:, [0, -1]] *= 0.5
-        return top + np.log(weight.sum(axis=1) * step)
+        # The triangle's area is a half.
+        inside = np.log(2 * (1 - sum(EMPTY))) + top + np.log(weight.sum(axis=1) * step)
+        return np.stack([inside, *(np.log(prior) + side.log_mass for prior, side in zip(EMPTY, self._sides, strict=True))])
+
+    @property
+    def _sides(self) -> tuple[_Side, _Side]:
+        """Second share nothing: (u, 0). Third: (u, 1 - u)."""
+        return _Side.of(self, np.array([0.0, 0.0]), np.array([1.0, 0.0])), _Side.of(self, np.array([0.0, 1.0]), np.array([1.0, -1.0]))
 
     def draw(self, rng: np.random.Generator) -> Array:
         """One draw (b, 3) each."""
+        parts = self._log_parts
+        kind = np.argmax(parts + rng.gumbel(size=parts.shape), axis=0)
+        second_empty, third_empty = (side.draw(rng) for side in self._sides)
+        nothing = np.zeros(len(kind))
+        found = self._draw_inside(rng)
+        found = np.where((kind == 1)[:, None], np.stack([second_empty, nothing, 1.0 - second_empty], axis=1), found)
+        return np.where((kind == 2)[:, None], np.stack([third_empty, 1.0 - third_empty, nothing], axis=1), found)
+
+    def _draw_inside(self, rng: np.random.Generator) -> Array:
         density = np.exp(self.log_density - self.log_density.max(axis=1, keepdims=True))
         between = np.cumsum(density[:, 1:] + density[:, :-1], axis=1)
         level = rng.uniform(size=len(between)) * between[:, -1]
@@ -98,6 +125,36 @@ class Shares:
         middle, sd = _second_given_first(self.mean, self.precision, u[:, None])
         v = draw_cut(middle[:, 0], sd, np.zeros(len(u)), 1.0 - u, rng)
         return np.stack([u, v, 1.0 - u - v], axis=1)
+
+
+@dataclass(frozen=True)
+class _Side:
+    """The distributions on one side of the triangle, by the first share u."""
+
+    mean: Array
+    """(b,)"""
+    sd: Array
+    log_peak: Array
+    """(b,) logarithm of the density at the mean"""
+
+    @classmethod
+    def of(cls, of: Shares, start: Array, along: Array) -> _Side:
+        """(u, v) = start + u along, both (2,)."""
+        off = of.mean - start
+        towards = np.einsum("i,bij,bj->b", along, of.precision, off)
+        size = np.einsum("i,bij,j->b", along, of.precision, along)
+        mean = towards / size
+        left = off - mean[:, None] * along
+        return cls(mean, 1.0 / np.sqrt(size), -0.5 * np.einsum("bi,bij,bj->b", left, of.precision, left))
+
+    @property
+    def log_mass(self) -> Array:
+        """(b,) logarithm of the integral from 0 to 1."""
+        return self.log_peak + np.log(np.sqrt(2 * np.pi) * self.sd) + log_between(-self.mean / self.sd, (1.0 - self.mean) / self.sd)
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """(b,) of u."""
+        return draw_cut(self.mean, self.sd, np.zeros(len(self.mean)), np.ones(len(self.mean)), rng)
 
 
 def shares(mean: Array, precision: Array) -> Shares:

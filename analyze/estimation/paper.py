@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyze.estimation.cells import Cells
-from analyze.types import Array, CentreOfMass, EquiPlane, MotionFit, TipAngle
+from analyze.types import Array, EquiPlane, MotionFit, TipAngle, TipMotion
 
 ERR = np.radians(1.85)
 """the paper's scatter of ang(t2), Fig. 9(a)"""
@@ -98,6 +98,27 @@ class PaperInertia:
     """part of stage two's samples too near balance, or with alpha <= 0"""
 
 
+def paper_axis_inertia(plane: EquiPlane, motion: TipMotion, fit: MotionFit, com: Array, weight: float) -> PaperInertia | None:
+    """I about a strike's edge by eq. (5), R measured to the paper's own centre of mass; None where stage two is too short.
+
+    Args:
+        plane: of the strike.
+        motion: its theta(t).
+        fit: gives phi.
+        com: (3,) m, in O.
+        weight: m*g [N].
+    """
+    if motion.angle is None or motion.phases is None or motion.phases.stage_two is None:
+        return None
+    return paper_edge_inertia(motion.angle, fit, motion.phases.stage_two, weight * distance_from(plane, com))
+
+
+def distance_from(plane: EquiPlane, point: Array) -> float:
+    """R [m], of a point (3,) from the plane's pivot."""
+    arm = point - plane.point
+    return float(np.linalg.norm(arm - plane.direction * (arm @ plane.direction)))
+
+
 def paper_edge_inertia(angle: TipAngle, fit: MotionFit, stage_two: tuple[int, int], moment: float) -> PaperInertia | None:
     """I_edge by eq. (5) with alpha from theta differentiated twice; None where stage two is too short.
 
@@ -134,9 +155,7 @@ class PaperRegions:
     """per axis: the moment whose solution came closest to c [kg m^2]"""
 
 
-def paper_regions(
-    planes: Sequence[EquiPlane], com: CentreOfMass, i_edge: dict[str, float], mass: float, cells: Cells
-) -> PaperRegions | None:
+def paper_regions(planes: Sequence[EquiPlane], com: Array, i_edge: dict[str, float], mass: float, cells: Cells) -> PaperRegions | None:
     """Region masses by a sweep of the border plane and of I; None where no solution is positive.
 
     Readings where the paper is open: m_j is a region's mass (its sums are divided by N_j); the three parallel axes pass through the pivot,
@@ -145,7 +164,7 @@ def paper_regions(
 
     Args:
         planes: one per axis.
-        com: section 4's, taken as ground truth.
+        com: (3,) m, taken as ground truth.
         i_edge: per axis [kg m^2].
         mass: kg.
         cells: the body.
@@ -154,8 +173,7 @@ def paper_regions(
     found = [
         solution
         for plane in planes
-        if plane.axis_id in i_edge
-        and (solution := _axis_solution(plane, com.position, i_edge[plane.axis_id], mass, cells, sweep)) is not None
+        if plane.axis_id in i_edge and (solution := _axis_solution(plane, com, i_edge[plane.axis_id], mass, cells, sweep)) is not None
     ]
     if not found:
         return None

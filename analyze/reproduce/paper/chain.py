@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.estimation.paper import PaperRegions, paper_centre_of_mass, paper_edge_inertia, paper_regions
+from analyze.estimation.paper import PaperRegions, paper_axis_inertia, paper_centre_of_mass, paper_regions
 from analyze.types import Array, EquiPlane, MotionFit, TipMotion
 from schemas.result import Verdict
 
@@ -70,10 +68,7 @@ def _answer(strikes: Sequence[_Struck], estimate: Estimate) -> PaperAnswer:
     i_edge: dict[str, float] = {}
     left_out: dict[str, float] = {}
     for plane, each in zip(planes, strikes, strict=True):
-        angle, phases = each.motion.angle, each.motion.phases
-        if angle is None or phases is None or phases.stage_two is None:
-            continue
-        found = paper_edge_inertia(angle, each.fit, phases.stage_two, weight * distance_from(plane, com))
+        found = paper_axis_inertia(plane, each.motion, each.fit, com, weight)
         if found is not None:
             i_edge[plane.axis_id], left_out[plane.axis_id] = found.i_edge, found.left_out
     return PaperAnswer(com, i_edge, left_out, regions_at(planes, com, i_edge, estimate))
@@ -81,14 +76,7 @@ def _answer(strikes: Sequence[_Struck], estimate: Estimate) -> PaperAnswer:
 
 def regions_at(planes: Sequence[EquiPlane], com: Array, i_edge: dict[str, float], estimate: Estimate) -> PaperRegions | None:
     """Eqs. (8), (9) and 3.3.2 for a centre of mass (3,) and moments about the edges [kg m^2]."""
-    placed = replace(estimate.com, position=com)
-    return paper_regions(planes, placed, i_edge, estimate.scale.mass, estimate.cells) if i_edge else None
-
-
-def distance_from(plane: EquiPlane, point: Array) -> float:
-    """R [m], of a point (3,) from the plane's pivot."""
-    arm = point - plane.point
-    return float(np.linalg.norm(arm - plane.direction * (arm @ plane.direction)))
+    return paper_regions(planes, com, i_edge, estimate.scale.mass, estimate.cells) if i_edge else None
 
 
 def refuse_empty(estimate: Estimate, name: str) -> None:

@@ -21,11 +21,6 @@ def designed(records: Iterable[SessionRecord]) -> list[SessionRecord]:
     return [record for record in records if record.method is PlanMethod.OURS]
 
 
-def by_paper(records: Iterable[SessionRecord]) -> list[SessionRecord]:
-    """Sessions on the paper's own choice of strikes."""
-    return [record for record in records if record.method is PlanMethod.PAPER]
-
-
 def within_class(records: Iterable[SessionRecord]) -> list[SessionRecord]:
     """Of the paper's four objects: a shell and two even parts."""
     return [record for record in records if record.object in OBJECTS]

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from analyze.estimation.paper import distance_from
 from analyze.pipeline import Estimate, estimate_evidence
-from analyze.reproduce.paper.chain import PaperAnswer, distance_from, paper_answers, refuse_empty
+from analyze.reproduce.paper.chain import PaperAnswer, paper_answers, refuse_empty
 from analyze.reproduce.paper.miscalibrated import miscalibrated
 from analyze.reproduce.paper.own_choice import own_choice
 from analyze.reproduce.paper.record import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import log_ndtr
 
-from analyze.estimation.cut_normal import draw_cut, log_between, shares, shortest
+from analyze.estimation.cut_normal import EMPTY, draw_cut, log_between, shares, shortest
 
 CASES = {
     "inside": ((0.3, 0.3), ((100.0, 20.0), (20.0, 60.0))),
@@ -17,22 +17,27 @@ CASES = {
 
 
 def on_a_grid(mean, precision, n=1500):
-    """Logarithm of the integral over the triangle, means and sd of both shares."""
+    """Logarithm of the prior's integral over the triangle and two of its sides, means and sd of both shares, the sides' parts."""
     places = (np.arange(n) + 0.5) / n
-    u, v = np.meshgrid(places, places, indexing="ij")
+    u, v = (grid.ravel() for grid in np.meshgrid(places, places, indexing="ij"))
+    inside = u + v < 1
+    u, v = np.concatenate([u[inside], places, places]), np.concatenate([v[inside], 0 * places, 1 - places])
+    kind = np.concatenate([0 * u[: inside.sum()], 0 * places + 1, 0 * places + 2])
+    prior = np.choose(kind.astype(int), [2 * (1 - sum(EMPTY)) / n**2, EMPTY[0] / n, EMPTY[1] / n])
     off = np.stack([u - mean[0], v - mean[1]], axis=-1)
-    exponent = np.where(u + v < 1, -0.5 * np.einsum("...i,ij,...j", off, np.array(precision), off), -np.inf)
-    weight = np.exp(exponent - exponent.max())
-    mass = float(exponent.max() + np.log(weight.sum() / n**2))
+    exponent = -0.5 * np.einsum("...i,ij,...j", off, np.array(precision), off)
+    weight = prior * np.exp(exponent - exponent.max())
+    mass = float(exponent.max() + np.log(weight.sum()))
     weight /= weight.sum()
     middle = np.array([(weight * u).sum(), (weight * v).sum()])
-    return mass, middle, np.sqrt([(weight * (u - middle[0]) ** 2).sum(), (weight * (v - middle[1]) ** 2).sum()])
+    sd = np.sqrt([(weight * (u - middle[0]) ** 2).sum(), (weight * (v - middle[1]) ** 2).sum()])
+    return mass, middle, sd, [weight[kind == 1].sum(), weight[kind == 2].sum()]
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_mass_and_draws_are_those_of_the_cut_distribution(case):
     mean, precision = CASES[case]
-    mass, middle, sd = on_a_grid(mean, precision)
+    mass, middle, sd, empty = on_a_grid(mean, precision)
     found = shares(np.tile(mean, (20_000, 1)), np.tile(precision, (20_000, 1, 1)))
     assert found.log_mass[0] == pytest.approx(mass, abs=0.05)
     draws = found.draw(np.random.default_rng(1))
@@ -40,6 +45,7 @@ def test_mass_and_draws_are_those_of_the_cut_distribution(case):
     assert draws.min() >= 0
     assert draws[:, :2].mean(axis=0) == pytest.approx(middle, abs=0.05 * sd.max())
     assert draws[:, :2].std(axis=0) == pytest.approx(sd, rel=0.05)
+    assert (draws[:, 1:] == 0).mean(axis=0) == pytest.approx(empty, abs=0.015)
 
 
 def test_forty_sigmas_beyond_the_bounds_there_is_still_a_spread():

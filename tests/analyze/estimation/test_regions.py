@@ -133,7 +133,7 @@ def test_the_papers_sweep_leaves_the_border_open_even_when_everything_is_exact()
         + body.mass * np.sum(np.cross(body.com - plane.point, plane.direction) ** 2)
         for plane in planes
     }
-    found = paper_regions(planes, given.com, i_edge, body.mass, body.cells)
+    found = paper_regions(planes, given.com.position, i_edge, body.mass, body.cells)
     assert np.abs(found.masses - body.regions).mean() / body.mass < 0.15
     assert set(found.corrected_i_edge) == set(i_edge)
 
