@@ -70,7 +70,7 @@ def analyse(request: Request, scratch: Path) -> Outcome:
         try:
             if source.size == 0:
                 raise RecordingCut(f"{source.url}: is empty: nothing of this recording can be saved: record again")
-            with _at_hand(source, scratch) as path:
+            with _at_hand(source, scratch, whole=request.verify) as path:
                 head = read_head(path)
                 files, key = list(head.files), key_of(head.content_id, request.settings)
                 if request.verify:
@@ -126,9 +126,9 @@ def _failure(error: Exception, source: Source) -> dict[str, str]:
 
 
 @contextmanager
-def _at_hand(source: Source, scratch: Path) -> Iterator[Path]:
+def _at_hand(source: Source, scratch: Path, *, whole: bool) -> Iterator[Path]:
     if source.is_local:
         yield Path(source.url)
         return
-    with sparse_copies(source, scratch) as path:
+    with sparse_copies(source, scratch, whole=whole) as path:
         yield path

@@ -53,6 +53,11 @@ class _Remote:
     fetched: int = 0
     """bytes"""
 
+    def fetch_all(self) -> None:
+        """Bring all of it here."""
+        self.copy.touch()
+        self.fetch([(0, self.size)])
+
     def fetch(self, ranges: Sequence[tuple[int, int]]) -> None:
         """Bring [start, stop) ranges here, near ones together."""
         with self.copy.open("r+b") as file:
@@ -67,32 +72,46 @@ class _Remote:
 
 
 @contextmanager
-def sparse_copies(source: Source, folder: Path) -> Iterator[Path]:
+def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Iterator[Path]:
     """The recording's first file as a path; removed at the end.
+
+    Args:
+        source: what lies in the bucket.
+        folder: where its copies are.
+        whole: fetch every byte, as its seal needs it.
 
     Raises:
         RecordingError: it cannot be fetched, or is damaged.
     """
     copies: list[Path] = []
     try:
-        remotes: list[tuple[_Remote, list[_Chunk], dict[int, str]]] = []
+        remotes: list[tuple[_Remote, list[_Chunk]]] = []
         for each in source.files:
             system, path = url_to_fs(each.url)
             copy = folder / each.url.rsplit("/", 1)[-1]
             copies.append(copy)
             remote = _Remote(system, path, each.size, copy)
-            remotes.append((remote, *_without_images(remote, each.url)))
-        with open_recording(copies[0]) as recording:
-            windows = [(strike.window_start_ns, strike.window_end_ns) for strike in recording.strikes]
-        for remote, chunks, _ in remotes:
-            wanted = [chunk for chunk in chunks if any(chunk.start_ns <= end and chunk.end_ns >= start for start, end in windows)]
-            remote.fetch([(chunk.offset, chunk.end) for chunk in wanted])
+            if whole:
+                remote.fetch_all()
+                continue
+            remotes.append((remote, _without_images(remote, each.url)))
+        if not whole:
+            _fetch_windows(copies[0], remotes)
         yield copies[0]
     except FileNotFoundError:
         raise RecordingError(f"{source.url}: is gone: it was removed or renamed meanwhile") from None
     finally:
         for copy in copies:
             copy.unlink(missing_ok=True)
+
+
+def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[_Chunk]]]) -> None:
+    """The images of the strikes' windows; `first` is the copy of the first file, all but images there."""
+    with open_recording(first) as recording:
+        windows = [(strike.window_start_ns, strike.window_end_ns) for strike in recording.strikes]
+    for remote, chunks in remotes:
+        wanted = [chunk for chunk in chunks if any(chunk.start_ns <= end and chunk.end_ns >= start for start, end in windows)]
+        remote.fetch([(chunk.offset, chunk.end) for chunk in wanted])
 
 
 def fetched_without_images(url: str, folder: Path) -> tuple[Path, int]:
@@ -103,8 +122,8 @@ def fetched_without_images(url: str, folder: Path) -> tuple[Path, int]:
     return remote.copy, remote.fetched
 
 
-def _without_images(remote: _Remote, url: str) -> tuple[list[_Chunk], dict[int, str]]:
-    """Fetch all but image chunks; these chunks, and the topics by channel."""
+def _without_images(remote: _Remote, url: str) -> list[_Chunk]:
+    """Fetch all but image chunks; these chunks."""
     with remote.copy.open("wb") as file:
         file.truncate(remote.size)
     magic = len(container.MAGIC)
@@ -129,7 +148,7 @@ def _without_images(remote: _Remote, url: str) -> tuple[list[_Chunk], dict[int, 
             for channel, at in chunk.indexes.items():
                 file.seek(at)
                 file.write(struct.pack("<BQHI", container.MESSAGE_INDEX, 6, channel, 0))
-    return of_images, topics
+    return of_images
 
 
 def _summary_start(remote: _Remote, url: str) -> int:

@@ -11,7 +11,7 @@ from analyze.batch.archive import find_sources
 from analyze.batch.query import rows_of
 from analyze.batch.run import BatchOptions, run_batch, work_of
 from analyze.batch.settings import BatchSettings
-from analyze.batch.sparse_copy import fetched_without_images
+from analyze.batch.sparse_copy import fetched_without_images, sparse_copies
 from analyze.batch.table import STAMPS
 from analyze.errors import ArchiveError
 from analyze.recording import open_recording
@@ -103,6 +103,12 @@ def test_small_topics_cost_few_bytes(bucket, archive, tmp_path, monkeypatch):
     with open_recording(copy) as here, open_recording(whole) as there:
         assert here.content_id == there.content_id
         assert list(here.frame_meta()) == list(there.frame_meta())
+
+
+def test_to_verify_it_all_of_a_recording_is_fetched(bucket, archive, tmp_path):
+    """Also what lies outside the strikes' windows, which an analysis leaves where it is."""
+    with sparse_copies(find_sources([f"{bucket}/a"])[0], tmp_path, whole=True) as path:
+        assert path.read_bytes() == (archive / "a" / "session-0.mcap").read_bytes()
 
 
 def test_a_bucket_that_is_not_there_is_one_line(bucket):
