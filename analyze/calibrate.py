@@ -175,6 +175,8 @@ def toml_entries(answer: CalibrationAnswer) -> Mapping[str, str]:
     T = answer.world_camera
     if T is not None:
         entries["T_world_camera"] = _matrix(T, 8)
+    if answer.rig is not None and answer.rig.camera.calibration.line_time_s:  # of the sensor, not of the lens
+        entries["line_time_s"] = repr(answer.rig.camera.calibration.line_time_s)
     return entries | {"rms_px": f"{answer.calibration.rms_px:.4f}"}
 
 

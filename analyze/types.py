@@ -30,6 +30,8 @@ class CameraModel:
     T_world_camera: Array
     """(4, 4)"""
     model: LensModel = LensModel.PINHOLE
+    line_time_s: float = 0.0
+    """by which each row is read later than the row above; a frame's time is that of its middle row"""
 
 
 @dataclass(frozen=True)

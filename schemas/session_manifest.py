@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from typing import Any
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
 from schemas.document import SCHEMA_VERSION, Document, Matrix3, Matrix4, check_pose
 from schemas.object_spec import ObjectSpec
@@ -37,6 +37,12 @@ class CameraCalibrationSpec(Document):
     K: Matrix3 = Field(description="focal lengths and middle of the image in pixels, 3 x 3")
     distortion: list[float] = Field(default=[0.0] * 5, min_length=4, max_length=8)
     T_world_camera: Matrix4 = Field(description="the camera's pose, 4 x 4, in metres")
+    line_time_s: float = Field(
+        default=0.0,
+        ge=-1e-3,
+        le=1e-3,
+        description="by which a rolling shutter reads each row later than the row above; 0, all rows at once, is not written",
+    )
     rms_px: float | None = None
 
     @field_validator("T_world_camera")
@@ -53,6 +59,13 @@ class CameraCalibrationSpec(Document):
                 "--model fisheye, or leave `model` out"
             )
         return self
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written = write(self)
+        if not self.line_time_s:
+            del written["line_time_s"]
+        return written
 
 
 class LevelReading(Document):

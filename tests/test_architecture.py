@@ -19,6 +19,7 @@ OWNERS = {
     "dynamixel_sdk": {"acquire/striker/"},
     "serial": {"acquire/striker/"},
     "rosbags": {"analyze/importing/"},
+    "ruamel": {"analyze/importing/calibrations.py"},
     "rerun": {"analyze/replay/"},
     "trimesh": {"analyze/geometry/mesh_files.py"},
     "laspy": {"analyze/geometry/cloud_files.py"},

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analyze.calibrate import read_rig
+from analyze.importing.calibrations import SUFFIXES, read_calibration
 from schemas.session_manifest import CameraCalibrationSpec
 
 
@@ -21,11 +22,13 @@ class CameraFile:
 
 
 def read_camera(path: Path) -> CameraFile:
-    """A rig file, or what `analyze calibrate -o` wrote.
+    """A rig file, what `analyze calibrate -o` wrote, or a calibration of OpenCV, Kalibr or ROS (YAML, JSON).
 
     Raises:
-        CalibrationError: the file is missing or no TOML.
+        CalibrationError: the file is missing, not valid, or holds no lens of a kind that is read.
         DocumentError: it holds an entry that cannot be used.
     """
+    if path.suffix.lower() in SUFFIXES:
+        return CameraFile(path, *read_calibration(path))
     rig, place = read_rig(path)
     return CameraFile(path, rig.camera.calibration, place is not None)

@@ -38,6 +38,7 @@ def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
         distortion=np.array(spec.distortion, dtype=float),
         T_world_camera=np.array(spec.T_world_camera, dtype=float),
         model=spec.model,
+        line_time_s=spec.line_time_s,
     )
 
 
