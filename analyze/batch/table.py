@@ -144,4 +144,7 @@ def _numbers(value: object, count: int = 3) -> list[float | None]:
 
 
 def _matrix(value: object) -> list[list[float | None]]:
-    return [_numbers(row) for row in value] if isinstance(value, list) else [[None] * 3] * 3
+    """3 x 3 of rows, or of nine numbers row by row, as a result has a tensor's sd."""
+    if not isinstance(value, list):
+        return [[None] * 3] * 3
+    return [_numbers(row) for row in (value if isinstance(value[0], list) else (value[0:3], value[3:6], value[6:9]))]

@@ -67,6 +67,10 @@ def test_the_numbers_are_those_of_the_bodies(finished):
             centre = [row[f"com_{axis}_m"] for axis in "xyz"]
             assert np.linalg.norm(np.subtract(centre, body_of(0).com)) < 3e-4
             assert row["strikes_used"] == len(row["strikes"]) == 3
+            for strike in row["strikes"]:
+                assert strike["verdict"] == "good"
+                assert None not in (strike["phi_rad"], strike["phi_sd_rad"], strike["k_per_s2"], strike["k_sd_per_s2"])
+            assert all(0 < row[f"{name}_sd_kg_m2"] < 1e-4 for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
             assert row["peak_memory_bytes"] > 1e7
             assert json.loads(row["result_json"])["inputs"]["content_id"] == row["content_id"]
 
