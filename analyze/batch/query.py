@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import count
 from pathlib import Path
 
 import duckdb
@@ -39,12 +40,30 @@ def ask(output: Path, sql: str) -> pa.Table:
     with connected(rows_of(output)) as connection:
         try:
             relation = connection.sql(sql)
+            # What the question asks for is only computed here.
+            return _SCHEMALESS if relation is None else _plain(relation.to_arrow_table())
         except duckdb.Error as error:
             raise ArchiveError(f"query: {' '.join(str(error).split())}") from None
-        return SCHEMALESS if relation is None else relation.to_arrow_table()
 
 
-SCHEMALESS = pa.table({})
+_SCHEMALESS = pa.table({})
+
+
+def _plain(answer: pa.Table) -> pa.Table:
+    """With names that differ (two tables joined may share some), and sums of integers as integers, which DuckDB gives as decimals."""
+    names: list[str] = []
+    for name in answer.column_names:
+        free = (f"{name}_{again}" if again else name for again in count())
+        names.append(next(each for each in free if each not in names))
+    columns = [_of_decimals(column) if pa.types.is_decimal(column.type) else column for column in answer.columns]
+    return pa.table(columns, names=names)
+
+
+def _of_decimals(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    try:
+        return column.cast(pa.int64())
+    except pa.ArrowInvalid:
+        return column.cast(pa.float64())
 
 
 def connected(recordings: pa.Table) -> duckdb.DuckDBPyConnection:

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 from rich.console import Console
 from rich.table import Table
 
+from analyze.batch.answer import plain_console
 from analyze.batch.summary import Repeated, Summary
 from analyze.errors import ArchiveError
 from analyze.output_file import write_bytes, write_text
@@ -23,7 +24,7 @@ SUFFIXES = (".html", ".csv", ".parquet")
 
 def render_summary(found: Summary) -> None:
     """Print it."""
-    console = Console(highlight=False)
+    console = plain_console()
     objects = Table(title="Objects", title_justify="left")
     for heading in ("object", "", "sessions", "strikes", "used"):
         objects.add_column(heading, justify="left" if heading in {"object", ""} else "right")

@@ -1,0 +1,98 @@
+"""What questions and summaries give: numbers of rows that are made here, no recording."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pyarrow.csv as pc
+import pytest
+
+from analyze.batch.answer import print_answer, save_answer
+from analyze.batch.ledger import Entry, Ledger
+from analyze.batch.query import ask, rows_of
+from analyze.batch.summary import summarise
+from analyze.batch.summary_files import render_summary, save_summary
+from analyze.batch.table import write_row
+from analyze.errors import ArchiveError
+
+DAYS, SCATTER_M, DRIFT_M = 12, 2e-4, 5e-5
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Twelve sessions of one object, a day apart, whose centre of mass drifts, and a recording that gave nothing."""
+    output = tmp_path_factory.mktemp("results")
+    rng = np.random.default_rng(3)
+    for name in ("recordings", "failures"):
+        (output / name).mkdir()
+    with Ledger(output, "all", 1) as ledger:
+        for day in range(DAYS):
+            numbers = {f"com_{axis}_m": 0.01 + rng.normal(0, SCATTER_M) for axis in "xy"} | {"com_z_m": 0.02 + DRIFT_M * day}
+            row = numbers | {
+                "status": "ok", "key": f"k{day}", "url": f"/runs[a]/{day}.mcap", "object": "tea [box]", "object_sha256": "a" * 64,
+                "created": f"2026-01-{1 + day:02d}T08:00:00+00:00", "com_observed": True, "strikes_recorded": 4, "strikes_used": 3,
+                **{f"com_sd_{axis}_m": SCATTER_M for axis in "xyz"},
+                "ixx_kg_m2": 2e-4, "ixx_sd_kg_m2": 1e-6, "ixx_measured": True,
+                "iyy_kg_m2": 2e-4, "iyy_sd_kg_m2": 1e-6, "iyy_measured": False,
+            }  # fmt: skip
+            write_row(row, output / "recordings" / f"k{day}.parquet")
+            ledger.add([Entry(row["url"], f"s{day}", "", "", f"k{day}", "", "", [])])
+        failure = {"url": "/x.mcap", "status": "failed", "failure": "cut", "reason": "/runs[a]/x.mcap: ends early"}
+        write_row(failure, output / "failures" / "sx.parquet")
+        ledger.add([Entry("/x.mcap", "sx", "", "", "", "cut", failure["reason"], [])])
+    return output
+
+
+def test_a_summary_says_how_the_answers_repeat_and_drift(results):
+    found = summarise(rows_of(results))
+    assert found.recordings == DAYS
+    assert found.objects == (("tea [box]", "a" * 64, DAYS, 4 * DAYS, 3 * DAYS),)
+    assert found.failures == (("cut", 1, "/runs[a]/x.mcap: ends early"),)
+    by_name = {each.quantity: each for each in found.repeated}
+    assert set(by_name) == {"centre of mass x", "centre of mass y", "centre of mass z", "Ixx"}, (
+        "what came from the shape repeats for nothing"
+    )
+    assert by_name["centre of mass z"].drift == pytest.approx(1e3 * DRIFT_M)
+    assert by_name["centre of mass x"].scatter == pytest.approx(1e3 * SCATTER_M, rel=0.6)
+    assert by_name["centre of mass x"].mean == pytest.approx(10.0, abs=0.2)
+    assert by_name["Ixx"].mean == pytest.approx(2000.0)
+    assert by_name["Ixx"].stated == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".html", ".parquet"])
+def test_a_summary_is_written(results, tmp_path, suffix):
+    for path in save_summary(summarise(rows_of(results)), tmp_path / f"s{suffix}"):
+        assert path.stat().st_size
+
+
+def test_what_is_printed_is_what_is_there(results, capsys):
+    render_summary(summarise(rows_of(results)))
+    printed = capsys.readouterr().out
+    assert "tea [box]" in printed
+    assert "/runs[a]/x.mcap: ends early" in printed
+    print_answer(ask(results, "select '[red]:smile:' as x"), "table")
+    assert "[red]:smile:" in capsys.readouterr().out
+
+
+def test_a_question_that_fails_while_it_is_answered_is_one_line(results):
+    with pytest.raises(ArchiveError, match="Conversion Error") as caught:
+        ask(results, "select cast(object as int) from recordings where status = 'ok'")
+    assert "\n" not in str(caught.value)
+
+
+def test_columns_of_one_name_are_told_apart(results):
+    answer = ask(results, "select a.key, b.key from recordings a join recordings b using (key) order by 1 limit 1")
+    assert answer.to_pylist() == [{"key": "k0", "key_1": "k0"}]
+
+
+def test_an_answer_as_json_and_csv(results, tmp_path, capsys):
+    sql = "select sum(strikes_used) as n, 'nan'::double as x, [1, 2] as l, interval 3 days as i, '\\xAA'::blob as b from recordings"
+    answer = ask(results, sql)
+    print_answer(answer, "json")
+    told = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert (told["n"], told["x"], told["l"]) == (3 * DAYS, None, [1, 2])
+    save_answer(answer, tmp_path / "a.csv")
+    row = pc.read_csv(tmp_path / "a.csv").to_pylist()[0]
+    assert row["n"] == 3 * DAYS
+    assert row["l"] == "[1, 2]"
