@@ -33,6 +33,7 @@ from analyze.results.document import build_result, result_json
 from analyze.results.summary import render_summary
 from analyze.results.tilt import table_tilts
 from analyze.results.warnings import result_warnings
+from analyze.stated_times import borne_out, felt, frame_times, stated_scale
 from analyze.too_few import too_few
 from analyze.types import Array, CentreOfMass, EquiPlane, InertialParameters, MassDistribution, MotionFit, TipMotion
 from analyze.walls import regions_of
@@ -147,10 +148,10 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         raise EstimationError(too_few(LEAST_STRIKES, evidence.motions, usable, options.exclude, evidence.plan))
     planes = equiplanes(evidence, used, options.estimator)
     systematic, prior = systematic_errors(evidence), ComPrior.from_bounds(model.bounds[0], model.bounds[1])
-    # Of several places the worst known g: to share it is safe, to average it would not be.
-    gravity_sd = max(recording.manifest.g_sd_m_s2 for recording in evidence.recordings)
-    scale = Scale(spec.mass_kg, spec.mass_sd_kg, evidence.manifest.g_m_s2, gravity_sd)
+    scale = stated_scale(evidence)
     cells = cells_from_voxels(voxelise(model, (model.volume / CELLS) ** (1 / 3), wall_thickness(spec, model)))
+    times = frame_times(evidence, planes, systematic, prior, Moments(scale, shape_prior(cells)), cells)
+    planes, scale = borne_out(evidence, planes, scale, times)
     moments = Moments(scale, shape_prior(cells))
     solution = solve_joint(planes, systematic, prior, moments)
     whole = parameters_of(solution, prior, scale)
@@ -180,19 +181,20 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         excluded=options.exclude,
         planes=planes,
         inertial=inertial,
-        scale=scale,
+        scale=felt(scale, solution),
         distribution=distribution,
         com_paper=com_paper,
         distribution_paper=regions_paper,
         warnings=[
-            *result_warnings(evidence, options, planes, inertial, distribution, agreed, parts, checks, foretold),
+            *result_warnings(evidence, options, planes, inertial, distribution, agreed, parts, checks, foretold, times),
             *filling_warnings(filling),
         ],
         table_tilt=table_tilts(inertial.com, evidence),
-        verdict=assessment(inertial, distribution, checks, foretold, agreed.estimators),
+        verdict=assessment(inertial, distribution, checks, foretold, agreed.estimators, times),
         parts=parts,
         foretold=foretold,
         filling=filling,
+        frame_times=times or None,
     )
     moves = sensitivity(solution, systematic, prior, whole, inertial)
     return Estimate(

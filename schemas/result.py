@@ -68,6 +68,8 @@ class WarningCode(enum.Enum):
     GRAVITY_DISAGREES = "gravity_disagrees"
     FILLING_TURNS_WITH_IT = "filling_turns_with_it"
     FILLING_UNEXPLAINED = "filling_unexplained"
+    FRAME_RATE_WRONG = "frame_rate_wrong"
+    FRAME_RATE_UNCHECKED = "frame_rate_unchecked"
 
 
 class ResultWarning(Document):
@@ -241,6 +243,23 @@ class TableTilt(Document):
     towards_y: Quantity
 
 
+class FrameTimes(Document):
+    """Where a recording's frames have their times from that no clock of a rig gave, and what its strikes say of the frame rate.
+
+    Ratios are of the true rate to the stated one.
+    """
+
+    recording: int = Field(ge=1, description="its number, by the time at which they began")
+    source: str = Field(description="as the manifest's `time_source`")
+    sd_s: float = Field(ge=0, description="of a frame's time against the others'")
+    frame_rate_hz: float = Field(description="as stated")
+    contact_sd_s: float | None = Field(description="of a strike's contact, which only the motion's onset shows; null: of no strike")
+    rate_limits: list[float] | None = Field(description="least and greatest ratio that any filling of the shape allows; null: none found")
+    rate_ratio: Quantity | None = Field(description="as axes at different distances from the centre of mass tell it; null: none do")
+    possible: bool = Field(description="the stated rate can be the true one")
+    likely_rate_hz: float | None = Field(description="where it cannot: the usual rate that can; null: several or none")
+
+
 class JoinedRecording(Document):
     """One of several recordings that a result is of."""
 
@@ -295,6 +314,9 @@ class Result(Document):
     parts: Parts | None = Field(default=None, description="where the object file labels them; else not written")
     filling: Filling | None = Field(default=None, description="where the object file has a part that fills it; else not written")
     table_tilt: list[TableTilt] | None = Field(default=None, description="one per levelling; older results have none, and none is written")
+    frame_times: list[FrameTimes] | None = Field(
+        default=None, description="of recordings whose times come from a file's time stamps; else not written"
+    )
 
     @model_serializer(mode="wrap")
     def _as_read(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -302,7 +324,7 @@ class Result(Document):
         written: dict[str, Any] = write(self)
         if self.table_tilt is None:
             del written["table_tilt"]
-        for later in ("parts", "verdict", "parameters_covariance", "filling"):
+        for later in ("parts", "verdict", "parameters_covariance", "filling", "frame_times"):
             if getattr(self, later) is None:
                 del written[later]
         return written

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.results.agreements import apart_text
+from analyze.results.frame_times import wrong_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from analyze.estimation.checks import Checks
     from analyze.foretold import ForetoldStrike
     from analyze.types import Array, InertialParameters, MassDistribution
+    from schemas.result import FrameTimes
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 OUTSIDE = 2.0
@@ -29,21 +31,28 @@ def assessment(
     checks: Checks,
     foretold: Sequence[ForetoldStrike],
     apart: Sequence[EstimatorsApart] = (),
+    times: Sequence[FrameTimes] = (),
 ) -> list[str]:
     """Sentences, most important first; each begins with trust, doubt or repeat."""
     com = inertial.com
     missed = [each for each in foretold if not each.holds]
-    wrong = checks.outside > OUTSIDE or bool(checks.impossible) or not checks.gravity.agrees
+    wrong_rate = [each for each in times if not each.possible]
+    # Times that are not true make impossible moments and another gravity: told by their cause, and the answer goes without them.
+    told = not wrong_rate
+    wrong = checks.outside > OUTSIDE or (told and (bool(checks.impossible) or not checks.gravity.agrees))
     found: list[str] = []
     if com.observed and not wrong:
         worst = 1.96e3 * float(np.sqrt(np.linalg.eigvalsh(com.covariance)[-1]))
-        told = len(foretold) - len(missed)
-        found.append(f"trust the centre of mass, to {worst:.1f} mm: {told} of {len(foretold)} strikes move as the others foretell")
+        held = len(foretold) - len(missed)
+        found.append(f"trust the centre of mass, to {worst:.1f} mm: {held} of {len(foretold)} strikes move as the others foretell")
     if not wrong and (measured := _entries(inertial, measured=True)):
         found.append(f"trust {measured} of the tensor: strikes measured them")
     regions = regions_text(distribution, inertial.mass)
     if com.observed and not wrong and regions.startswith("trust"):
         found.append(regions)
+    found += [
+        f"doubt the frame rate: {wrong_text(each)}; this answer goes without it, and is less sure than it could be" for each in wrong_rate
+    ]
     if not com.observed:
         found.append("doubt the centre of mass along the direction that is named as open: it comes from the shape")
     if prior := _entries(inertial, measured=False):
@@ -56,9 +65,9 @@ def assessment(
         found.append(
             "doubt everything: the centre of mass lies outside the shape's hull; check the shape's unit and how the object was placed"
         )
-    if checks.impossible:
+    if checks.impossible and told:
         found.append(f"doubt the moments: no body of this shape has those about {', '.join(checks.impossible)}; check mass, unit and shape")
-    if not checks.gravity.agrees:
+    if not checks.gravity.agrees and told:
         found.append(f"doubt everything: {gravity_text(checks)}")
     found += [f"doubt strike {each.strike_id}: {apart_text(each)}; look at its motion" for each in apart]
     found += [f"repeat strike {each.told.strike_id}: {missed_text(each)}" for each in missed]

@@ -21,6 +21,7 @@ from schemas.result import (
     AxisMoment,
     Filling,
     ForetoldResult,
+    FrameTimes,
     PartResult,
     Parts,
     Quantity,
@@ -158,6 +159,7 @@ def build_result(
     parts: PartMasses | None = None,
     foretold: Sequence[ForetoldStrike] = (),
     filling: Filling | None = None,
+    frame_times: list[FrameTimes] | None = None,
 ) -> Result:
     """The Result document. `planned` goes with `motions`; `planes` are of the strikes used, in the same order."""
     place = {plane.strike_id: index for index, plane in enumerate(planes)}
@@ -197,6 +199,7 @@ def build_result(
             parameters_covariance=inertial.covariance.tolist(),
             parts=None if parts is None else parts_document(parts),
             filling=filling,
+            frame_times=frame_times,
         )
     )
 

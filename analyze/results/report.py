@@ -16,6 +16,7 @@ from markupsafe import Markup
 from analyze.output_file import write_text
 from analyze.recording import open_recording
 from analyze.results.foretold_plot import foretold_figure
+from analyze.results.frame_times import frame_time_lines
 from analyze.results.page import drawn, manifest_time, number, page_environment, signed
 from analyze.results.plots import moments_figure, projection_figures, regions_figure, strike_figure
 from analyze.results.sensitivity_plot import influence_figure, source_rows, sources_figure, told_in_words
@@ -89,7 +90,7 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
             missed=[each for each in estimate.foretold if not each.holds],
             filling=[] if result.filling is None else filling_rows(result.filling),
             strikes=_strike_plots(estimate),
-            tilts=tilt_lines(result),
+            tilts=[*tilt_lines(result), *frame_time_lines(result.frame_times, len(estimate.evidence.recordings) > 1)],
             sources=drawn(sources_figure(rows, half)),
             sources_told=told_in_words(rows),
             influences=drawn(influence_figure(estimate.sensitivity)),

@@ -9,6 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from analyze.results.frame_times import frame_time_lines
 from analyze.results.tilt import tilt_lines
 from schemas.result import Filling, Parts, Quantity, Result
 
@@ -32,7 +33,7 @@ def render_summary(estimate: Estimate, console: Console | None = None) -> None:
         elif len(recording.files) > 1:
             console.print(f"in {len(recording.files)} files: {', '.join(recording.files)}")
     console.print(f"centre of mass (x, y, z) = {com_text(result.centre_of_mass)}")
-    for line in tilt_lines(result):
+    for line in [*tilt_lines(result), *frame_time_lines(result.frame_times, len(recordings) > 1)]:
         console.print(line)
     console.print()
     console.print(_strikes(result))

@@ -13,9 +13,10 @@ from analyze.motion.contact import ContactErrors
 from analyze.planned_strikes import planned_strikes
 from analyze.results.agreements import Agreements
 from analyze.results.assessment import OUTSIDE, gravity_text, missed_text
+from analyze.results.frame_times import unchecked_text, wrong_text
 from analyze.results.tilt import TILT_REMEDY, assumed_tilt
 from analyze.types import EquiPlane, InertialParameters, MassDistribution, TipMotion
-from schemas.result import ResultWarning, Verdict, WarningCode
+from schemas.result import FrameTimes, ResultWarning, Verdict, WarningCode
 from schemas.session_manifest import TimeSource
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ def result_warnings(
     parts: PartMasses | None,
     checks: Checks,
     foretold: Sequence[ForetoldStrike],
+    times: Sequence[FrameTimes] = (),
 ) -> list[ResultWarning]:
     """All warnings, in a fixed order."""
     found: list[ResultWarning] = []
@@ -79,9 +81,17 @@ def result_warnings(
     if checks.outside > OUTSIDE:
         text = f"the centre of mass lies outside the shape's hull, by {checks.outside:.1f} sd: check the shape's unit and the placements"
         warn(WarningCode.CENTRE_OUTSIDE_SHAPE, text)
-    if checks.impossible:
+    wrong_rate = [each for each in times if not each.possible]
+    for each in times:
+        whose = f"recording {each.recording}: " if several else ""
+        if not each.possible:
+            warn(WarningCode.FRAME_RATE_WRONG, whose + wrong_text(each))
+        elif each.rate_ratio is None:
+            warn(WarningCode.FRAME_RATE_UNCHECKED, whose + unchecked_text(each))
+    # Times that are not true make impossible moments and another gravity: told once, by their cause.
+    if checks.impossible and not wrong_rate:
         warn(WarningCode.MOMENT_IMPOSSIBLE, f"no mass within the shape has the moments measured about {_names(checks.impossible)}")
-    if not checks.gravity.agrees:
+    if not checks.gravity.agrees and not wrong_rate:
         warn(WarningCode.GRAVITY_DISAGREES, gravity_text(checks))
     for each in foretold:
         if not each.holds:
@@ -152,7 +162,7 @@ def result_warnings(
             text = f"the labelled parts do not explain the moments ({parts.misfit:.1f} times their sd): a part is missing, or not uniform"
             warn(WarningCode.REGIONS_UNCERTAIN, text)
     for source in dict.fromkeys(recording.manifest.time_source for recording in evidence.recordings):
-        if source is not TimeSource.DEVICE_MAPPED:
+        if source is TimeSource.HOST_ARRIVAL:
             warn(WarningCode.POOR_FIT, f"frame times come from {source.value}: k is less certain than it looks")
     return found
 

@@ -19,18 +19,28 @@ FRAME_S = 1 / 120
 
 
 def session(
-    body: Body, rng: np.random.Generator, repeats: int = 2, sd_phi: float = 4e-4, sd_k: float = 2e-3, tilt: float = 0.0
+    body: Body,
+    rng: np.random.Generator,
+    repeats: int = 2,
+    sd_phi: float = 4e-4,
+    sd_k: float = 2e-3,
+    tilt: float = 0.0,
+    slow: float = 1.0,
+    time_source: TimeSource = TimeSource.DEVICE_MAPPED,
 ) -> Evidence:
-    """Strikes on six axes of `body`; phi and k drawn with these errors, tilt [rad] of the table added to all."""
+    """Strikes on six axes of `body`; phi and k drawn with these errors, tilt [rad] of the table added to all, times stretched by `slow`."""
     spec = object_spec(body)
     strikes = [planned_strike(body, *axis, repeat) for axis in SIX_AXES for repeat in range(repeats)]
     motions = []
     for strike in strikes:
         phi, k = tip(body, strike)
+        k /= slow**2
         motions.append(motion(strike, phi + tilt + rng.normal(0, sd_phi), k * (1 + rng.normal(0, sd_k)), sd_phi, sd_k * k, rng))
     plan = StrikePlan(object_name=spec.name, object_sha256=object_sha256(spec, None), strikes=strikes)
     model = load_object_model(spec, None, spec.name)
-    head = RecordingHead(Path("r.mcap"), manifest(spec), "c" * 64, tuple(motion.strike_id for motion in motions), files=("r.mcap",))
+    head = RecordingHead(
+        Path("r.mcap"), manifest(spec, time_source), "c" * 64, tuple(motion.strike_id for motion in motions), files=("r.mcap",)
+    )
     return Evidence((head,), spec, model, plan, object_sha256(spec, None), tuple(motions))
 
 
@@ -78,7 +88,7 @@ def object_spec(body: Body) -> ObjectSpec:
     )
 
 
-def manifest(spec: ObjectSpec) -> SessionManifest:
+def manifest(spec: ObjectSpec, time_source: TimeSource = TimeSource.DEVICE_MAPPED) -> SessionManifest:
     """Of a rig with one camera and a table level to 0.05 deg."""
     calibration = CameraCalibrationSpec(
         width=656, height=492, K=[[1430, 0, 328], [0, 1430, 246], [0, 0, 1]], T_world_camera=np.eye(4).tolist()
@@ -88,7 +98,7 @@ def manifest(spec: ObjectSpec) -> SessionManifest:
         created="2026-01-01T00:00:00Z",
         software="percuss 0.1.0",
         wall_anchor_ns=0,
-        time_source=TimeSource.DEVICE_MAPPED,
+        time_source=time_source,
         time_source_sd_ns=10_000,
         g_m_s2=GRAVITY,
         g_sd_m_s2=1e-3,

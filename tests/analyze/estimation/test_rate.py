@@ -1,0 +1,89 @@
+"""What strikes say of the frame rate: bounds by the shape, and the rate itself by parallel axes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analyze.estimation.equiplane import equiplane_from_fit
+from analyze.estimation.inertia import shape_prior
+from analyze.estimation.joint import Moments, solve_joint
+from analyze.estimation.rate import rate_bounds, rate_check
+from analyze.estimation.stated import ComPrior, Scale, SystematicErrors
+from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, box_body, fit_of, planned_strike, tip
+
+SIZE = np.array((0.08, 0.06, 0.15))
+CORNERS = np.stack(np.meshgrid(*[(-s / 2, s / 2) for s in SIZE]), axis=-1).reshape(-1, 3)
+PRIOR = ComPrior.from_bounds(-SIZE / 2, SIZE / 2)
+ERRORS = SystematicErrors(gravity_tilt_sd=1e-3, edge_radius_sd=2e-4)
+UPRIGHT = SIX_AXES[:3]
+
+
+def body_of(seed, even=False):
+    rng = np.random.default_rng(seed)
+    masses = (0.02, 0.012, 0.012) if even else tuple(rng.uniform(0.004, 0.03, 3))
+    border, normal = (0.0, (0.0, 0.0, 1.0)) if even else (rng.uniform(-0.02, 0.02), tuple(rng.normal(size=3)))
+    return box_body(tuple(SIZE.tolist()), masses, border, normal, pitch=0.01 if even else 0.0125)
+
+
+def check_of(body, rate, axes=SIX_AXES, seed=0):
+    """Of strikes whose times are stated at 1/`rate` of the true frame rate."""
+    rng = np.random.default_rng(seed)
+    planes = []
+    for axis in axes:
+        for repeat in range(2):
+            strike = planned_strike(body, *axis, repeat)
+            phi, k = tip(body, strike)
+            fit = fit_of(phi + rng.normal(0, 7e-4), k / rate**2 * (1 + rng.normal(0, 3e-3)), 5e-4, 3e-3 * k / rate**2)
+            planes.append(equiplane_from_fit(strike.id, strike, fit))
+    moments = Moments(Scale(body.mass, 1e-4, GRAVITY, 1e-3), shape_prior(body.cells))
+    return rate_check(planes, ERRORS, PRIOR, moments, np.vstack([body.points, CORNERS])), planes
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_240_taken_for_30_is_found_whatever_is_inside(seed):
+    body = body_of(seed)
+    right, _ = check_of(body, 1.0, seed=seed)
+    assert right.possible
+    wrong, _ = check_of(body, 8.0, seed=seed)
+    assert not wrong.possible
+    assert 4 < wrong.low < 8 < wrong.high < 16
+
+
+@pytest.mark.parametrize("rate", [0.5, 4 / 3, 2.0])
+def test_so_is_a_rate_that_is_less_wrong(rate):
+    found, _ = check_of(body_of(1), rate)
+    assert not found.possible
+    assert found.low < rate < found.high
+
+
+def test_parallel_axes_with_different_arms_tell_it_whatever_the_filling():
+    off = []
+    for seed in range(6):
+        found, _ = check_of(body_of(seed), 1.2, seed=seed)
+        if found.told is not None:
+            off.append((found.told.ratio - 1.2) / found.told.sd)
+            assert abs(found.told.ratio / 1.2 - 1) < 0.05
+    assert len(off) >= 4
+    assert 0.2 < np.sqrt(np.mean(np.square(off))) < 2.0
+
+
+def test_a_centred_mass_struck_upright_leaves_only_the_bounds():
+    found, _ = check_of(body_of(0, even=True), 1.0, UPRIGHT)
+    assert found.told is None
+    assert found.low < 0.95
+    assert found.high > 1.05
+
+
+def test_an_axis_known_badly_bounds_nothing():
+    body = body_of(0)
+    _, planes = check_of(body, 1.0)
+    points = np.vstack([body.points, CORNERS])
+    scale = Scale(body.mass, 1e-4, GRAVITY, 1e-3)
+    vague = [replace(plane, sd_k=plane.k) for plane in planes]
+    assert rate_bounds(solve_joint(vague, ERRORS, PRIOR), scale, points) is None
+    some = solve_joint([*vague[:-2], *planes[-2:]], ERRORS, PRIOR)
+    low, high = rate_bounds(some, scale, points)
+    assert low < 1 < high
