@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
+import os
 import re
-from collections.abc import Iterable, Sequence
+import stat
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from glob import glob
+from pathlib import Path
 from typing import Any
 
 import fsspec
@@ -69,24 +73,28 @@ def find_sources(places: Sequence[str], exclude: Sequence[str] = ()) -> list[Sou
 
     Args:
         places: files, folders (with all below), globs; local or with a protocol that fsspec knows (`s3://bucket/folder`).
-        exclude: globs; what matches one, by its whole place or its name alone, is left out.
+        exclude: globs; what matches one is left out: by its whole place, its name, or any folders and names below the place that it
+            was found in ("tests", "2025/*", "*-test.mcap").
 
     Raises:
         ArchiveError: a place does not exist, cannot be listed, or holds no recording.
     """
     found: dict[str, dict[str, Any]] = {}
     for place in places:
-        listed = _listed(place)
+        root, listed = _listed(place, exclude)
         if not listed:
             raise ArchiveError(f"{place}: holds no recording (*.mcap): check the path")
-        found.update(listed)
-    kept = {url: info for url, info in found.items() if not _excluded(url, exclude)}
+        found.update({url: info for url, info in listed.items() if not _excluded(url, root, exclude)})
+    kept = found
     # A file still being written, or cut, stands for itself only while the whole one is not there.
     kept = {url: info for url, info in kept.items() if not (url.endswith(PART_SUFFIX) and url.removesuffix(".part") in kept)}
     return [_source(urls, kept) for urls in _rows(sorted(kept))]
 
 
-def _listed(place: str) -> dict[str, dict[str, Any]]:
+def _listed(place: str, exclude: Sequence[str]) -> tuple[str, dict[str, dict[str, Any]]]:
+    """The folder that was named (of a glob the last one without its signs), and what recordings may lie there, by place."""
+    if not place.strip():
+        raise ArchiveError("a place is empty: name a folder, a glob or s3://bucket/folder")
     try:
         system, path = url_to_fs(place)
     except ImportError as error:
@@ -95,35 +103,83 @@ def _listed(place: str) -> dict[str, dict[str, Any]]:
         raise ArchiveError(f"{place}: {protocol}:// needs {package}: {' '.join(str(error).split())}") from None
     except ValueError as error:
         raise ArchiveError(f"{place}: {' '.join(str(error).split())}: give a path, or s3://bucket/folder") from None
+    is_local = "file" in _protocols(system)
     try:
-        if any(sign in path for sign in "*?["):
-            entries = system.glob(path, detail=True)
-            assert isinstance(entries, dict)  # noqa: S101 - with detail it is
-            files = {name: info for name, info in entries.items() if info["type"] == "file"}
-            for name, info in entries.items():
-                if info["type"] == "directory":
-                    files.update(system.find(name, detail=True))
-        elif system.isdir(path):
-            files = system.find(path, detail=True)
+        if any(sign in path for sign in "*?[") and not system.exists(path):
+            # The folder that we are in may have such signs in its own name.
+            pattern = str(Path(place).expanduser()) if is_local and "://" not in place else path
+            root = re.split(r"[*?\[]", pattern, maxsplit=1)[0].rpartition("/")[0]
+            if is_local:
+                root = str(Path(root).absolute())
+                places = [str(Path(each).absolute()) for each in glob(pattern, recursive=True)]  # noqa: PTH207 - Path's knows no links
+            else:
+                places = [str(each) for each in system.glob(path)]
         elif system.exists(path):
-            files = {path: system.info(path)}
-            return {_full(system, name): info for name, info in files.items()}
+            root, places = path, [path]
         else:
             raise ArchiveError(f"{place}: no such file or folder: check the path")
-    except PermissionError:
-        raise ArchiveError(f"{place}: may not be read: check its permissions, or the credentials") from None
+        files: dict[str, dict[str, Any]] = {}
+        for each in places:
+            if not system.isdir(each):
+                files[each] = _local(each) if is_local else system.info(each)
+            elif is_local:
+                files.update({name: _local(name) for name in _walked(each, root, exclude)})
+            else:
+                files.update(system.find(each, detail=True))
+    except PermissionError as error:
+        where = error.filename if is_local and error.filename else place
+        raise ArchiveError(f"{where}: may not be read: check its permissions, or the credentials, or leave it out with --exclude") from None
     except (OSError, ValueError) as error:
         raise ArchiveError(f"{place}: cannot be listed: {' '.join(str(error).split())}") from None
-    return {_full(system, name): info for name, info in files.items() if name.endswith((SUFFIX, PART_SUFFIX))}
+    # Of whatever name a file is that was named itself.
+    wanted = {name: info for name, info in files.items() if [name] == places == [path] or name.endswith((SUFFIX, PART_SUFFIX))}
+    return _full(system, root), {_full(system, name): info for name, info in wanted.items() if info["type"] == "file"}
+
+
+def _walked(folder: str, root: str, exclude: Sequence[str]) -> Iterator[str]:
+    """Every file below a folder of this machine; links are followed, none in a circle."""
+
+    def refuse(error: OSError) -> None:
+        if not isinstance(error, FileNotFoundError):  # removed meanwhile
+            raise error
+
+    seen: set[tuple[int, int]] = set()
+    for place, folders, names in os.walk(folder, onerror=refuse, followlinks=True):
+        about = Path(place).stat()
+        if (about.st_dev, about.st_ino) in seen:
+            folders.clear()
+            continue
+        seen.add((about.st_dev, about.st_ino))
+        folders[:] = [each for each in folders if not _excluded(f"{place}/{each}", root, exclude)]
+        yield from (f"{place}/{name}" for name in names if name.endswith((SUFFIX, PART_SUFFIX)))
+
+
+def _local(path: str) -> dict[str, Any]:
+    """Of what a link points to; a link that points nowhere is a file that cannot be reached."""
+    try:
+        about = Path(path).stat()
+    except OSError:
+        about = Path(path).lstat()
+    kind = "file" if stat.S_ISREG(about.st_mode) or stat.S_ISLNK(about.st_mode) else "other"
+    return {"size": about.st_size, "mtime": about.st_mtime_ns, "type": kind}
 
 
 def _full(system: fsspec.AbstractFileSystem, name: str) -> str:
-    protocols = system.protocol if isinstance(system.protocol, tuple) else (system.protocol,)
-    return name if "file" in protocols or "local" in protocols else str(system.unstrip_protocol(name))
+    return name if "file" in _protocols(system) else str(system.unstrip_protocol(name))
 
 
-def _excluded(url: str, exclude: Sequence[str]) -> bool:
-    return any(fnmatch.fnmatch(url, pattern) or fnmatch.fnmatch(url.rsplit("/", 1)[-1], pattern) for pattern in exclude)
+def _protocols(system: fsspec.AbstractFileSystem) -> tuple[str, ...]:
+    return system.protocol if isinstance(system.protocol, tuple) else (system.protocol,)
+
+
+def _excluded(url: str, root: str, exclude: Sequence[str]) -> bool:
+    if not exclude:
+        return False
+    folder = f"{root.rstrip('/')}/"
+    parts = url.removeprefix(folder).split("/") if url.startswith(folder) else []
+    below = ["/".join(parts[i:j]) for i in range(len(parts)) for j in range(i + 1, len(parts) + 1)]
+    tried = [url, url.rsplit("/", 1)[-1], *below]
+    return any(fnmatch.fnmatch(each, pattern.removeprefix("./").rstrip("/")) for pattern in exclude for each in tried)
 
 
 def _rows(urls: list[str]) -> list[list[str]]:
