@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import socket
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from analyze.batch.archive import Source
 from analyze.batch.lane import Lane, Limits
 from analyze.batch.request import DIED, Outcome, Request, failed
+from analyze.batch.settings import analysis_version
 from analyze.errors import ArchiveError
 
 if TYPE_CHECKING:
@@ -38,17 +40,22 @@ def on_cluster(requests: Sequence[Request], options: BatchOptions) -> Iterator[I
         raise ArchiveError(
             f"{options.scheduler}: no Dask scheduler answers ({' '.join(str(error).split())}): start it, or check the address"
         ) from None
-    limits = (options.limits.seconds, options.limits.memory_bytes)
+    limits, version = (options.limits.seconds, options.limits.memory_bytes), analysis_version()
     futures = {
-        client.submit(_in_lane, request.json(), limits, key=f"percuss-{request.source.id}-{number}", pure=False): request
+        client.submit(_in_lane, request.json(), limits, version, key=f"percuss-{request.source.id}-{number}", pure=False): request
         for number, request in enumerate(requests)
     }
 
     def come() -> Iterator[tuple[Source, Outcome]]:
         for future in as_completed(list(futures), loop=client.loop):
             request = futures[future]
+            if future.status not in {"error", "finished"}:
+                raise ArchiveError(f"{options.scheduler}: lost: start the scheduler again; the same command goes on")
             if future.status == "error":
-                reason = f"{request.source.url}: {' '.join(str(future.exception()).split())}"
+                error = future.exception()
+                if isinstance(error, ArchiveError):
+                    raise error
+                reason = f"{request.source.url}: {' '.join(str(error).split())}"
                 with Lane(Path(request.output), options.limits) as lane:
                     yield request.source, failed(request, DIED, reason, 0.0, lane.scratch)
             else:
@@ -61,11 +68,17 @@ def on_cluster(requests: Sequence[Request], options: BatchOptions) -> Iterator[I
         client.close()
 
 
-def _in_lane(told: dict[str, Any], limits: tuple[float, int]) -> dict[str, Any]:
-    """What a Dask worker does: plain values in and out."""
+def _in_lane(told: dict[str, Any], limits: tuple[float, int], version: str) -> dict[str, Any]:
+    """What a Dask worker does: plain values in and out. It stays for the next run, which may write elsewhere, within other limits."""
+    if version != analysis_version():
+        raise ArchiveError(f"{socket.gethostname()}: its worker has another version of Percuss: install this one there, and start it again")
     request = Request.of(told)
-    lane = getattr(_mine, "lane", None)
-    if lane is None:
+    lane: Lane | None = getattr(_mine, "lane", None)
+    if lane is None or _mine.wanted != (request.output, limits) or not lane.scratch.exists():
+        if lane is not None:
+            atexit.unregister(lane.close)
+            lane.close()
         lane = _mine.lane = Lane(Path(request.output), Limits(*limits))
+        _mine.wanted = (request.output, limits)
         atexit.register(lane.close)
     return lane.analyse(request).json()

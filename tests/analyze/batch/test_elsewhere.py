@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import logging
 import os
+import threading
 
 import pytest
 
-from analyze.batch.archive import find_sources
+from analyze.batch import cluster
+from analyze.batch.archive import Source, SourceFile, find_sources
 from analyze.batch.query import rows_of
+from analyze.batch.request import Outcome, Request
 from analyze.batch.run import BatchOptions, run_batch, work_of
-from analyze.batch.settings import BatchSettings
+from analyze.batch.settings import BatchSettings, analysis_version
 from analyze.batch.sparse_copy import fetched_without_images, sparse_copies
 from analyze.batch.table import STAMPS
 from analyze.errors import ArchiveError
@@ -138,3 +141,31 @@ def test_no_scheduler_is_one_line(archive, tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.batch.cluster._CONNECTS_S", 0.5)
     with pytest.raises(ArchiveError, match="no Dask scheduler"):
         run(str(archive), tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+
+
+def test_a_workers_lane_is_of_the_run_that_asks(tmp_path, monkeypatch):
+    closed = []
+
+    class FakeLane:
+        def __init__(self, output, limits):
+            self.scratch, self.limits = output, limits
+            output.mkdir(exist_ok=True)
+
+        def analyse(self, request):
+            return Outcome(request.source.url, "", seconds=self.limits.seconds, reason=str(self.scratch))
+
+        def close(self):
+            closed.append(self.scratch)
+
+    monkeypatch.setattr(cluster, "Lane", FakeLane)
+    monkeypatch.setattr(cluster, "_mine", threading.local())
+    one, two = (Request(Source((SourceFile("/x.mcap", 1, ""),)), BatchSettings(), str(tmp_path / name)).json() for name in ("one", "two"))
+    here = analysis_version()
+    assert cluster._in_lane(one, (1.0, 0), here)["reason"] == str(tmp_path / "one")
+    assert cluster._in_lane(two, (1.0, 0), here)["reason"] == str(tmp_path / "two"), "another folder"
+    assert cluster._in_lane(two, (2.0, 0), here)["seconds"] == 2.0, "other limits"
+    (tmp_path / "two").rmdir()
+    cluster._in_lane(two, (2.0, 0), here)
+    assert closed == [tmp_path / "one", tmp_path / "two", tmp_path / "two"]
+    with pytest.raises(ArchiveError, match="another version of Percuss"):
+        cluster._in_lane(one, (1.0, 0), "older")
