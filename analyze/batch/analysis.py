@@ -58,8 +58,10 @@ def analyse(request: Request, scratch: Path) -> Outcome:
 
     Raises:
         OutputError: the results cannot be written.
+        ArchiveError: the object file is not the one that the run began with.
     """
     source, output = request.source, Path(request.output)
+    request.settings.refuse_changed_object()
     start = time.monotonic()
     common = {
         "url": source.url, "size_bytes": source.size, "source_id": source.id, "settings": request.settings.digest,
@@ -79,7 +81,7 @@ def analyse(request: Request, scratch: Path) -> Outcome:
                     return Outcome(source.url, source.id, key, seconds=time.monotonic() - start, known=True, own_files=files)
                 columns = {**_answer(head, request.settings), "status": "ok", "key": key}
         except Exception as error:
-            columns = {"status": "failed", **_failure(error, source), "files": files, "key": None}
+            columns = {"status": "failed", **_failure(error, source, scratch), "files": files, "key": None}
             key = ""
     stamps = {
         "seconds": time.monotonic() - start,
@@ -108,15 +110,18 @@ class _NoStrikes(EstimationError):
     """A recording in which nothing was struck."""
 
 
-def _failure(error: Exception, source: Source) -> dict[str, str]:
-    text = " ".join(str(error).split())
+def _failure(error: Exception, source: Source, scratch: Path) -> dict[str, str]:
+    # What was fetched into the scratch folder is gone when somebody reads this.
+    text = " ".join(str(error).split()).replace(f"{scratch}/", source.url.rpartition("/")[0] + "/")
     if isinstance(error, _NoStrikes):
         kind = _NO_STRIKES
     elif isinstance(error, MemoryError) or (isinstance(error, cv2.error) and "memory" in text.lower()):
         kind, text = OUT_OF_MEMORY, f"{source.url}: more memory was needed than a worker may have: raise --memory-limit"
     else:
         kind = next((name for each, name in _KINDS if isinstance(error, each)), "defect")
-    if source.size == 0:
+    if source.is_local and not Path(source.url).exists():
+        kind, text = "unreachable", f"{source.url}: is not there: it was removed meanwhile, or is a link to what is not there"
+    elif source.files[0].size == 0:
         kind = "empty"
     elif source.url.endswith(PART_SUFFIX) and kind == "cut":
         kind = "unfinished"

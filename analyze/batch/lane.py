@@ -47,7 +47,7 @@ class Lane:
         self._limits = limits
         (output / SCRATCH).mkdir(parents=True, exist_ok=True)
         self._scratch = Path(tempfile.mkdtemp(prefix=f"{socket.gethostname()}-{os.getpid()}-", dir=output / SCRATCH))
-        self._errors = (self._scratch / "errors").open("w+b")
+        self._errors = (self._scratch / "errors").open("a+b", buffering=0)
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = False
 
@@ -61,6 +61,7 @@ class Lane:
         start = time.monotonic()
         process = self._running()
         assert process.stdin is not None  # noqa: S101 - a pipe
+        self._errors.truncate(0)  # what was printed over another recording says nothing on this one
         try:
             process.stdin.write(json.dumps(request.json()).encode() + b"\n")
             process.stdin.flush()

@@ -8,7 +8,7 @@ import shutil
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -92,7 +92,7 @@ def work_of(sources: Sequence[Source], output: Path, settings: BatchSettings, op
         else:
             unchanged.append(entry)
             # Files named alike that are no part of its recording have entries of their own.
-            for other in source.others(entry.own_files):
+            for other in source.others(entry.own_files) if entry.own_files else []:
                 own = known.get(other.url)
                 if own is None or own.source_id != other.id:
                     todo.append(other)
@@ -117,6 +117,7 @@ def run_batch(work: Work, output: Path, settings: BatchSettings, options: BatchO
             (output / folder).mkdir(exist_ok=True)
         _forget_scratch(output)
         known = read_ledgers(output)
+        _forget_gone(output, known.values())
         pending, total = list(work.todo), len(work.todo)
         try:
             while pending:
@@ -126,7 +127,7 @@ def run_batch(work: Work, output: Path, settings: BatchSettings, options: BatchO
                     for source, outcome in answers:
                         _supersede(known, source, outcome, settings, output, ledger)
                         outcomes.append(outcome)
-                        others = [] if outcome.failure else source.others(outcome.own_files)
+                        others = source.others(outcome.own_files) if outcome.own_files else []
                         pending += others
                         total += len(others)
                         if told is not None:
@@ -179,7 +180,8 @@ def _working(requests: Sequence[Request], output: Path, options: BatchOptions) -
         for lane in lanes:
             lane.stop()
         for thread in threads:
-            thread.join()
+            if thread.ident is not None:  # it was started
+                thread.join()
         for lane in lanes:
             lane.close()
 
@@ -197,6 +199,13 @@ def _supersede(known: dict[str, Entry], source: Source, outcome: Outcome, settin
         (output / FAILURES / f"{before.source_id}.parquet").unlink(missing_ok=True)
     if before.key and before.key != entry.key and all(other.key != before.key for other in known.values()):
         (output / ROWS / f"{before.key}.parquet").unlink(missing_ok=True)
+
+
+def _forget_gone(output: Path, known: Iterable[Entry]) -> None:
+    """Remove the rows of files that gave nothing and are no more, as a `.part` that was recovered. Results stay, wherever recordings go."""
+    for entry in known:
+        if entry.failure and "://" not in entry.url and not os.path.lexists(entry.url):
+            (output / FAILURES / f"{entry.source_id}.parquet").unlink(missing_ok=True)
 
 
 def _forget_scratch(output: Path) -> None:

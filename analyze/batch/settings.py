@@ -10,10 +10,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from analyze.errors import ArchiveError
+
 _ROOT = Path(__file__).resolve().parent.parent.parent
 _PACKAGES = ("analyze", "schemas")
 _OF_NO_MATTER = ("analyze/batch", "analyze/cards", "analyze/commands", "analyze/replay", "analyze/reproduce", "analyze/results/templates")
 """what shows results, or asks for them"""
+_BUT = ("analyze/batch/analysis.py", "analyze/batch/sparse_copy.py", "analyze/batch/table.py")
+"""of these what makes rows"""
 _LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "trimesh")
 
 
@@ -35,9 +39,35 @@ class BatchSettings:
         told = {name: value for name, value in asdict(self).items() if name != "object_path"}
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
+    @classmethod
+    def of_object(cls, path: Path) -> BatchSettings:
+        """With an object file instead of the recordings' own.
+
+        Raises:
+            AnalyzeError: it cannot be read.
+        """
+        return cls(object_path=str(path.resolve()), object_sha256=_sha256_of(path))
+
+    def refuse_changed_object(self) -> None:
+        """The object file must be the one whose hash names the results.
+
+        Raises:
+            ArchiveError: it was changed meanwhile.
+            AnalyzeError: it cannot be read.
+        """
+        if self.object_path and _sha256_of(Path(self.object_path)) != self.object_sha256:
+            raise ArchiveError(f"{self.object_path}: was changed while the run went on: start it again")
+
     def json(self) -> dict[str, Any]:
         """As plain values."""
         return asdict(self)
+
+
+def _sha256_of(path: Path) -> str:
+    from analyze.object_files import object_files  # a run over an archive that did not change needs none
+
+    files = object_files(path)
+    return hashlib.sha256(path.read_bytes() + (files.shape_bytes or b"")).hexdigest()
 
 
 @cache
@@ -47,7 +77,7 @@ def analysis_version() -> str:
     for package in _PACKAGES:
         for path in sorted((_ROOT / package).rglob("*.py")):
             name = path.relative_to(_ROOT).as_posix()
-            if not name.startswith(_OF_NO_MATTER):
+            if name in _BUT or not name.startswith(_OF_NO_MATTER):
                 digest.update(f"{name}\n".encode() + path.read_bytes())
     for library in _LIBRARIES:
         digest.update(f"{library} {version(library)}\n".encode())

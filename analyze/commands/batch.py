@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
+import signal
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from analyze.batch.run import BatchOptions
 
 _OUTPUT = Path("results")
+_MOST = 1 << 62
 _UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30}
 
 
@@ -30,10 +32,12 @@ class _Bytes(click.ParamType):
             return value
         text = str(value).upper().removesuffix("IB").removesuffix("B")
         unit = text[-1:] if text[-1:] in {"K", "M", "G"} else ""
-        try:
-            return int(float(text.removesuffix(unit)) * _UNITS[unit])
-        except (ValueError, OverflowError):
+        size = -1
+        with suppress(ValueError, OverflowError):
+            size = int(float(text.removesuffix(unit)) * _UNITS[unit])
+        if not 0 <= size <= _MOST:
             self.fail(f"{value!r} is no size: write 4G or 800M", param, ctx)
+        return size
 
 
 class _Shard(click.ParamType):
@@ -97,13 +101,7 @@ def batch(
     from analyze.batch.settings import BatchSettings
 
     refuse_as_output(output)
-    settings = BatchSettings()
-    if object_file is not None:
-        from analyze.object_files import object_files
-
-        files = object_files(object_file)
-        content = object_file.read_bytes() + (files.shape_bytes or b"")
-        settings = BatchSettings(object_path=str(object_file.resolve()), object_sha256=hashlib.sha256(content).hexdigest())
+    settings = BatchSettings() if object_file is None else BatchSettings.of_object(object_file)
     options = BatchOptions(
         limits=Limits(time_limit, memory_limit), only_failed=only_failed, verify=verify, shard=shard, scheduler=scheduler,
         **({} if jobs is None else {"jobs": jobs}),
@@ -121,6 +119,8 @@ def _run(work: Any, output: Path, settings: Any, options: BatchOptions) -> None:
     from analyze.batch.run import run_batch
     from analyze.batch.table_of_run import BatchProgress, render_report
 
+    # A cluster ends what has no time left so; its host may never come back to remove what is half done.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     with BatchProgress(len(work.todo)) as progress:
         report = run_batch(work, output, settings, options, progress)
     render_report(report, output)

@@ -108,6 +108,28 @@ def test_a_file_whose_content_changed_is_done_again_and_its_old_row_goes(archive
     assert not any(row["url"].endswith("one.mcap") and row["failure"] for row in rows_of(copied).to_pylist())
 
 
+def test_a_file_named_like_one_that_gave_nothing_is_done_too_and_what_is_gone_is_no_failure(archive, copied, tmp_path):
+    moved = tmp_path / "archive"
+    moved.mkdir()
+    (moved / "box.mcap").write_bytes(b"")
+    shutil.copy(archive / "a" / "session-0.mcap", moved / "box-2026.mcap")
+    report = run_again(moved, copied)
+    assert [(Path(each.url).name, each.failure) for each in report.outcomes] == [("box.mcap", "empty"), ("box-2026.mcap", "")]
+    assert not todo(moved, copied).todo
+    (moved / "box.mcap").unlink()
+    run_again(moved, copied)
+    assert not any(row["url"].endswith("box.mcap") for row in rows_of(copied).to_pylist())
+
+
+def test_an_object_file_that_changes_under_way_is_refused(tmp_path):
+    path = shutil.copy("docs/examples/teabox.toml", tmp_path)
+    settings = BatchSettings.of_object(Path(path))
+    settings.refuse_changed_object()
+    Path(path).write_text(Path(path).read_text() + "# changed")
+    with pytest.raises(ArchiveError, match="was changed while the run went on"):
+        settings.refuse_changed_object()
+
+
 def test_other_settings_are_another_result(archive, finished):
     settings = dataclasses.replace(BatchSettings(), seed=1)
     assert len(work_of(find_sources([str(archive)]), finished[0], settings, BatchOptions()).todo) == 2 + len(KINDS)
