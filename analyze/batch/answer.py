@@ -74,7 +74,10 @@ def _csv(answer: pa.Table) -> bytes:
 def _flat(column: pa.ChunkedArray) -> Any:
     """Lists and structures as JSON, intervals and bytes as text: a CSV file has none of them."""
     if pa.types.is_nested(column.type):
-        return pa.array([None if value is None else json.dumps(_finite(value), default=str) for value in column.to_pylist()], pa.string())
+        return pa.array(
+            [None if value is None else json.dumps(_finite(value), default=str, ensure_ascii=False) for value in column.to_pylist()],
+            pa.string(),
+        )
     if pa.types.is_interval(column.type) or pa.types.is_binary(column.type):
         return pa.array([None if value is None else str(value) for value in column.to_pylist()], pa.string())
     return column
@@ -94,4 +97,4 @@ def _shown(value: object) -> str:
         return "–"
     if isinstance(value, float):
         return f"{value:.{_DIGITS}g}"
-    return json.dumps(value, default=str) if isinstance(value, list | dict) else str(value)
+    return json.dumps(value, default=str, ensure_ascii=False) if isinstance(value, list | dict) else str(value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from io import BytesIO
 from pathlib import Path
 
@@ -20,6 +20,10 @@ from analyze.output_file import write_bytes, write_text
 from analyze.results.page import page_environment
 
 SUFFIXES = (".html", ".csv", ".parquet")
+_TYPES = {"str": pa.string(), "int": pa.int64(), "float": pa.float64()}
+_REPEATED = [(each.name, _TYPES[str(each.type)]) for each in fields(Repeated)]
+_OBJECTS = [("object", pa.string()), ("object_sha256", pa.string()), *((name, pa.int64()) for name in ("sessions", "strikes", "used"))]
+_FAILURES = [("failure", pa.string()), ("recordings", pa.int64()), ("example", pa.string())]
 
 
 def render_summary(found: Summary) -> None:
@@ -80,15 +84,14 @@ def save_summary(found: Summary, path: Path) -> list[Path]:
         write_text(path, page_environment().get_template("archive.html").render(found=found, cells=cells))
         return [path]
     written: list[Path] = []
-    for name, rows in (
-        ("", [asdict(each) for each in found.repeated]),
-        ("-objects", [dict(zip(("object", "object_sha256", "sessions", "strikes", "used"), row, strict=True)) for row in found.objects]),
-        ("-failures", [dict(zip(("failure", "recordings", "example"), row, strict=True)) for row in found.failures]),
+    for name, columns, rows in (
+        ("", _REPEATED, [asdict(each) for each in found.repeated]),
+        ("-objects", _OBJECTS, [dict(zip(dict(_OBJECTS), row, strict=True)) for row in found.objects]),
+        ("-failures", _FAILURES, [dict(zip(dict(_FAILURES), row, strict=True)) for row in found.failures]),
     ):
-        if not rows:
-            continue
+        # Without rows it is written too: what a summary before this one left must not be taken for its own.
         place = path.with_name(f"{path.stem}{name}{path.suffix}")
-        table, buffer = pa.Table.from_pylist(rows), BytesIO()
+        table, buffer = pa.Table.from_pylist(rows, pa.schema(columns)), BytesIO()
         if path.suffix == ".csv":
             pc.write_csv(table, buffer)
         else:

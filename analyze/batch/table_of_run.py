@@ -12,7 +12,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from analyze.batch.request import Outcome
 from analyze.batch.run import Report
 
-_SHOWN = 10
+_SPEED_OF_S = 3600
+"""a recording may take minutes: a rate of the last half minute, as is usual, would have none to count"""
 
 
 class BatchProgress:
@@ -32,6 +33,7 @@ class BatchProgress:
             TextColumn("[red]{task.fields[failures]}"),
             console=self._console,
             transient=True,
+            speed_estimate_period=_SPEED_OF_S,
             disable=not self._console.is_terminal,
         )
         self._task = self._progress.add_task("analysing", total=max(total, 1), rate="", failures="")
