@@ -8,9 +8,8 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
+from analyze.batch.gathered import read_results
 from analyze.batch.ledger import read_ledgers
-from analyze.batch.request import FAILURES, ROWS
-from analyze.batch.table import read_rows
 from analyze.errors import ArchiveError
 
 LISTS = ("strikes", "moments", "regions", "warnings")
@@ -18,7 +17,7 @@ LISTS = ("strikes", "moments", "regions", "warnings")
 
 
 def rows_of(output: Path) -> pa.Table:
-    """Every recording's row, in the order of their places; of one that lies in several places once.
+    """Every recording's row, in the order of their places, those that failed last; of one that lies in several places once.
 
     Raises:
         ArchiveError: there are no results.
@@ -26,9 +25,12 @@ def rows_of(output: Path) -> pa.Table:
     entries = read_ledgers(output)
     if not entries:
         raise ArchiveError(f"{output}: holds no results: run `analyze batch PATH --out {output}` first")
-    names = dict.fromkeys(f"{ROWS}/{entry.key}" if entry.key else f"{FAILURES}/{entry.source_id}" for _, entry in sorted(entries.items()))
-    paths = [output / f"{name}.parquet" for name in names]
-    return read_rows([path for path in paths if path.exists()])
+    ordered = [entry for _, entry in sorted(entries.items())]
+    return read_results(
+        output,
+        list(dict.fromkeys(entry.key for entry in ordered if entry.key)),
+        list(dict.fromkeys(entry.source_id for entry in ordered if not entry.key)),
+    )
 
 
 def ask(output: Path, sql: str) -> pa.Table:

@@ -103,9 +103,17 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
     Raises:
         OutputError: it cannot be written.
     """
-    table = pa.Table.from_pylist([dict(row)], schema=SCHEMA)
+    write_rows(pa.Table.from_pylist([dict(row)], schema=SCHEMA), path)
+
+
+def write_rows(rows: pa.Table, path: Path) -> None:
+    """Write them into one file.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
     buffer = BytesIO()
-    pq.write_table(table, buffer, compression="zstd")
+    pq.write_table(rows, buffer, compression="zstd")
     write_bytes(path, buffer.getvalue())
 
 

@@ -214,6 +214,19 @@ def test_ctrl_c_keeps_what_was_finished_and_leaves_no_process(archive, finished,
     assert plain(output) == plain(finished[0])
 
 
+def test_rows_that_were_gathered_are_those_that_lie_alone(copied, monkeypatch):
+    alone = rows_of(copied)
+    monkeypatch.setattr("analyze.batch.gathered._AGAIN", 1)
+    assert rows_of(copied).equals(alone)
+    for path in (copied / "recordings").iterdir():
+        path.write_bytes(b"gathered by now")
+    assert rows_of(copied).equals(alone)
+    (copied / "gathered.parquet").write_bytes(b"damaged")
+    for path in (copied / "recordings").iterdir():
+        path.unlink()
+    assert rows_of(copied).num_rows == len(KINDS), "what is in neither place is not there"
+
+
 def test_a_question_reaches_the_tables_and_nothing_else(finished):
     answer = ask(finished[0], "select axis, count(*) as n from strikes group by axis order by axis").to_pylist()
     assert [row["n"] for row in answer] == [2, 2, 2]
