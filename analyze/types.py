@@ -62,7 +62,7 @@ class MarkerTrack:
 
     marker_id: int | str
     time_ns: IntArray
-    """(n,)"""
+    """(n,) of the frames, unless `late_ns` says otherwise"""
     corners_px: Array
     """(n, 4, 2), OpenCV order: top-left, top-right, bottom-right, bottom-left of the marker"""
     corner_sd_px: Array
@@ -73,6 +73,13 @@ class MarkerTrack:
     """(n, 3) m"""
     frames_total: int
     """frames in the window, found or not"""
+    late_ns: IntArray | None = None
+    """(n,) of a rolling shutter: by how much `time_ns`, at which the corners were where they are said to be, is later than the frame's"""
+
+    @property
+    def frame_ns(self) -> IntArray:
+        """(n,) times of the images that it was found in."""
+        return self.time_ns if self.late_ns is None else self.time_ns - self.late_ns
 
 
 @dataclass(frozen=True)

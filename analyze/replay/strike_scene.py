@@ -69,7 +69,7 @@ def send_strike_inside(timelines: Timelines, motion: TipMotion, body: Body, answ
 
 def _tags(timelines: Timelines, root: str, contact_ns: int, tracks: Sequence[MarkerTrack]) -> None:
     """Outlines of the tags as they were found, with the corner that the code calls its first."""
-    rows = sorted((int(time_ns), number, i) for number, track in enumerate(tracks) for i, time_ns in enumerate(track.time_ns))
+    rows = sorted((int(time_ns), number, i) for number, track in enumerate(tracks) for i, time_ns in enumerate(track.frame_ns))
     if not rows:
         return
     # rerun's pixels begin at their corner, ours are centred on integers

@@ -140,9 +140,15 @@ def stills(estimate: Estimate) -> list[Still]:
             nearest = int(np.argmin(np.abs(motion.angle.theta - plane.phi)))
             moment = int(motion.angle.time_ns[nearest])
             caption = f"strike {plane.strike_id} at θ\u00a0=\u00a0{DEGREES * motion.angle.theta[nearest]:.1f}°"
-            frames = opened[evidence.recording_of(plane.strike_id).content_id].images(start_ns=moment, end_ns=moment)
+            shown = _frame_at(report.tracks, moment)
+            frames = opened[evidence.recording_of(plane.strike_id).content_id].images(start_ns=shown, end_ns=shown)
             found.extend(Still(plane.axis_id, caption, _outlined(frame.image, report.tracks, moment)) for frame in frames)
     return found
+
+
+def _frame_at(tracks: tuple[MarkerTrack, ...], time_ns: int) -> int:
+    """Time of the image in which markers were seen at `time_ns`."""
+    return next((int(track.frame_ns[where[0]]) for track in tracks if len(where := np.flatnonzero(track.time_ns == time_ns))), time_ns)
 
 
 def _outlined(image: Any, tracks: tuple[MarkerTrack, ...], time_ns: int) -> str:

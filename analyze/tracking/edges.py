@@ -25,7 +25,7 @@ _HALF_BAND = 4
 """rows (or columns) taken on either side of the edge"""
 _REACH_PX = 2.6
 """pixels farther than this from the edge carry no information on its place"""
-_END_MARGIN_PX = 2.6
+END_MARGIN_PX = 2.6
 """stretch left out at each end, where the blurred corner bends the edge"""
 _END_MARGIN_BLURS = 3.4
 """the same in units of the blur, where that is more: at s = 2 px it costs 0.008 px otherwise"""
@@ -132,13 +132,13 @@ def find_square(image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array
     Returns:
         The square, or None where an edge leaves the image, is too short, or does not look like one.
     """
-    band = _band(image.shape, pixels, corners_ideal, corners_raw, _END_MARGIN_PX)
+    band = _band(image.shape, pixels, corners_ideal, corners_raw, END_MARGIN_PX)
     found = None if band is None else _fit(image, band, _START)
     if found is None:
         return None
     moved = found.square.corners - corners_ideal
-    margin = max(_END_MARGIN_PX, _END_MARGIN_BLURS * found.square.blur)
-    if float(np.max(np.abs(moved))) < _RESTART_PX and margin < 1.3 * _END_MARGIN_PX:
+    margin = max(END_MARGIN_PX, _END_MARGIN_BLURS * found.square.blur)
+    if float(np.max(np.abs(moved))) < _RESTART_PX and margin < 1.3 * END_MARGIN_PX:
         return found
     # The band of pixels was laid around a poor start and may miss part of the edge, or the blur is larger than thought.
     band = _band(image.shape, pixels, found.square.corners, corners_raw + moved, margin)

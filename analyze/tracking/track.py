@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from analyze.tracking.camera_model import distort, pixel_map, undistort
 from analyze.tracking.edges import find_again, find_square
 from analyze.tracking.marker import Sighting, detect, families_of, is_marker, of_another_family
 from analyze.tracking.pose import choose_by_motion, solve_poses
+from analyze.tracking.rolling_shutter import at_one_time
 from analyze.types import MarkerTrack
 from schemas.tags import family_and_id, name_order
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from analyze.tracking.edges import Square, SquareFit
-    from analyze.types import Array, CameraModel, ImageFrame, Marker
+    from analyze.types import Array, CameraModel, ImageFrame, IntArray, Marker
 
 _FULL_SCANS = 2
 """first frames that are searched completely, for markers that should not be there"""
@@ -31,6 +32,8 @@ _LOOKED_FOR = 8
 """frames that a lost marker is looked for near its last place; one that has turned away would cost a search in every frame"""
 _NEAR_PX = 1.2
 """a fit that moved farther than this from its start is not trusted without OpenCV's reading"""
+_LONGEST_READING = 1.05
+"""of the time between two frames: no sensor reads its rows for longer"""
 
 
 @dataclass(frozen=True)
@@ -148,9 +151,10 @@ class MarkerFollower:
         """Tracks of all markers that were found, with poses.
 
         Raises:
-            TrackingError: only markers that the object does not carry were seen.
+            TrackingError: only markers that the object does not carry were seen, or the camera's line time is none of these frames.
         """
-        tracks = tuple(track for path in self._paths.values() if (track := self._track(path)) is not None)
+        late = self._lateness()
+        tracks = tuple(track for path in self._paths.values() if (track := self._track(path, late)) is not None)
         unknown = tuple(sorted((i for i, times in self._unknown.items() if times >= min(2, self.frames_total)), key=name_order))
         known = ", ".join(str(i) for i in sorted(self._known, key=name_order)) or "none"
         if not tracks and not unknown and self._first is not None and (other := of_another_family(self._first, self._families)) is not None:
@@ -226,25 +230,55 @@ class MarkerFollower:
             path.corners_raw.append(seen.corners_raw)
             path.sd.append(seen.fit.square.sd)
 
-    def _track(self, path: _Path) -> MarkerTrack | None:
+    def _lateness(self) -> dict[int, float]:
+        """By how much [s] the middle of the markers in view is read later than the middle row, by frame; none of a global shutter."""
+        if not self._camera.line_time_s:
+            return {}
+        rows: dict[int, list[float]] = {}
+        for path in self._paths.values():
+            for time_ns, corners in zip(path.time_ns, path.corners_raw, strict=True):
+                rows.setdefault(time_ns, []).append(float(corners[:, 1].mean()))
+        reading_s = abs(self._camera.line_time_s) * self._camera.height
+        apart_s = 1e-9 * float(np.median(np.diff(sorted(rows)))) if len(rows) > 1 else reading_s
+        if reading_s > _LONGEST_READING * apart_s:
+            raise TrackingError(
+                f"line_time_s says that an image is read in {1000 * reading_s:.1f} ms, but one comes every {1000 * apart_s:.1f} ms: "
+                "correct it, or the frame rate"
+            )
+        return {time_ns: self._late(float(np.mean(found))) for time_ns, found in rows.items()}
+
+    def _late(self, row: Any) -> Any:
+        """By how much [s] a row is read later than the middle row, of which a frame's time is."""
+        return self._camera.line_time_s * (row - 0.5 * (self._camera.height - 1))
+
+    def _track(self, path: _Path, late: dict[int, float]) -> MarkerTrack | None:
         if not path.time_ns:
             return None
-        solved = solve_poses(np.array(path.corners_ideal), path.marker.size, self._camera.K)
+        raw, ideal = np.array(path.corners_raw), np.array(path.corners_ideal)
+        late_ns: IntArray | None = None
+        if late:
+            common_s = np.array([late[time_ns] for time_ns in path.time_ns])
+            since_s: Array = 1e-9 * (np.array(path.time_ns, dtype=np.int64) - path.time_ns[0]).astype(np.float64)
+            ideal = at_one_time(since_s, ideal, self._late(raw[..., 1]), common_s, float(np.median(path.sd)))
+            raw, late_ns = distort(self._camera, ideal), np.rint(1e9 * common_s).astype(np.int64)
+        solved = solve_poses(ideal, path.marker.size, self._camera.K)
         kept = [i for i, pair in enumerate(solved) if pair is not None]
         pairs = [pair for pair in solved if pair is not None]
         if not kept:
             return None
-        time_ns = np.array(path.time_ns, dtype=np.int64)[kept]
+        late_ns = None if late_ns is None else late_ns[kept]
+        time_ns = np.array(path.time_ns, dtype=np.int64)[kept] + (0 if late_ns is None else late_ns)
         sd = np.array(path.sd)[kept]
         chosen = choose_by_motion(pairs, time_ns.astype(float), sd)
         return MarkerTrack(
             marker_id=path.marker.id,
             time_ns=time_ns,
-            corners_px=np.array(path.corners_raw)[kept],
+            corners_px=raw[kept],
             corner_sd_px=sd,
             R_camera_marker=np.array([pair.R_camera_marker[c] for pair, c in zip(pairs, chosen, strict=True)]),
             p_camera_marker=np.array([pair.p_camera_marker[c] for pair, c in zip(pairs, chosen, strict=True)]),
             frames_total=self.frames_total,
+            late_ns=late_ns,
         )
 
 

@@ -112,7 +112,7 @@ def add_border(image, start, end, weight, beyond=None):
     image[top:bottom, left:right] -= signed * np.diff(np.diff(over, axis=0), axis=1)
 
 
-def paint(camera, tags, look):
+def paint(camera, tags, look, project=project):
     """The image (height, width) without noise. tags: list of (id, size, R_camera_marker, p_camera_marker), none hiding another."""
     image = np.full((camera.height, camera.width), float(look.background))
     for marker_id, size, R, p in tags:
@@ -136,8 +136,8 @@ def paint(camera, tags, look):
     return image
 
 
-def render(camera, tags, rng, **look):
+def render(camera, tags, rng, project=project, **look):
     """The image as a camera gives it, uint8. tags as `paint`, look as `Look`."""
     look = Look(**look)
-    image = paint(camera, tags, look)
+    image = paint(camera, tags, look, project)
     return np.clip(np.rint(image + rng.normal(0, look.noise, image.shape)), 0, 255).astype(np.uint8)
