@@ -129,7 +129,9 @@ def _listed(place: str, exclude: Sequence[str]) -> tuple[str, dict[str, dict[str
     except PermissionError as error:
         where = error.filename if is_local and error.filename else place
         raise ArchiveError(f"{where}: may not be read: check its permissions, or the credentials, or leave it out with --exclude") from None
-    except (OSError, ValueError) as error:
+    except ArchiveError:
+        raise
+    except Exception as error:  # every protocol's library has its own: no network, no credentials
         raise ArchiveError(f"{place}: cannot be listed: {' '.join(str(error).split())}") from None
     # Of whatever name a file is that was named itself.
     wanted = {name: info for name, info in files.items() if [name] == places == [path] or name.endswith((SUFFIX, PART_SUFFIX))}

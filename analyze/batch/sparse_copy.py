@@ -53,6 +53,11 @@ class _Remote:
     fetched: int = 0
     """bytes"""
 
+    @property
+    def url(self) -> str:
+        """For messages: with its protocol."""
+        return self.path if "://" in self.path else str(self.system.unstrip_protocol(self.path))
+
     def fetch_all(self) -> None:
         """Bring all of it here."""
         self.copy.touch()
@@ -62,13 +67,24 @@ class _Remote:
         """Bring [start, stop) ranges here, near ones together."""
         with self.copy.open("r+b") as file:
             for start, stop in _joined(ranges):
-                data = self.system.cat_file(self.path, start=start, end=stop)
+                data = self._bytes(start, stop)
                 assert isinstance(data, bytes)  # noqa: S101 - of one path it is
                 if len(data) != stop - start:
-                    raise RecordingCut(f"{self.path}: ends early: it changed while it was read: try again")
+                    raise RecordingCut(f"{self.url}: ends early: it changed while it was read: try again")
                 file.seek(start)
                 file.write(data)
                 self.fetched += len(data)
+
+    def _bytes(self, start: int, stop: int) -> object:
+        try:
+            return self.system.cat_file(self.path, start=start, end=stop)
+        except MemoryError:
+            raise
+        except FileNotFoundError:
+            raise OSError(f"{self.url}: is gone: it was removed or renamed meanwhile") from None
+        except Exception as error:  # every protocol's library has its own
+            text = " ".join(str(error).split())
+            raise OSError(f"{self.url}: cannot be fetched: {text}: try again with --only-failed") from None
 
 
 @contextmanager
@@ -81,7 +97,8 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
         whole: fetch every byte, as its seal needs it.
 
     Raises:
-        RecordingError: it cannot be fetched, or is damaged.
+        OSError: it cannot be fetched.
+        RecordingError: it is damaged.
     """
     copies: list[Path] = []
     try:
@@ -98,8 +115,6 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
         if not whole:
             _fetch_windows(copies[0], remotes)
         yield copies[0]
-    except FileNotFoundError:
-        raise RecordingError(f"{source.url}: is gone: it was removed or renamed meanwhile") from None
     finally:
         for copy in copies:
             copy.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ import threading
 import pytest
 
 from analyze.batch import cluster
+from analyze.batch.analysis import analyse
 from analyze.batch.archive import Source, SourceFile, find_sources
 from analyze.batch.query import rows_of
 from analyze.batch.request import Outcome, Request
@@ -123,6 +124,27 @@ def test_a_bucket_that_is_not_there_is_one_line(bucket):
 def test_a_protocol_that_nobody_knows_is_one_line():
     with pytest.raises(ArchiveError, match="nosuch"):
         find_sources(["nosuch://a/b"])
+
+
+class Deaf:
+    """A bucket's file system whose network is down, in words of its own."""
+
+    protocol = "s3"
+
+    def __getattr__(self, name):
+        raise RuntimeError("could not connect\nto the endpoint")
+
+
+def test_a_network_that_is_down_is_no_defect(tmp_path, monkeypatch):
+    monkeypatch.setattr("analyze.batch.archive.url_to_fs", lambda place: (Deaf(), place))
+    with pytest.raises(ArchiveError, match="s3://a/b: cannot be listed: could not connect to the endpoint"):
+        find_sources(["s3://a/b"])
+    monkeypatch.setattr("analyze.batch.sparse_copy.url_to_fs", lambda place: (Deaf(), place))
+    (tmp_path / "failures").mkdir()
+    request = Request(Source((SourceFile("s3://a/b.mcap", 100, "etag"),)), BatchSettings(), str(tmp_path))
+    outcome = analyse(request, tmp_path)
+    assert outcome.failure == "unreachable", outcome.reason
+    assert outcome.reason == "s3://a/b.mcap: cannot be fetched: could not connect to the endpoint: try again with --only-failed"
 
 
 @pytest.mark.slow
