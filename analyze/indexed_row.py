@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,9 +75,48 @@ class IndexedRow:
         first = 0 if start_ns is None else int(np.searchsorted(index.time_ns, start_ns, "left"))
         last = len(index.time_ns) if end_ns is None else int(np.searchsorted(index.time_ns, end_ns, "right"))
         for at in range(first, last):
-            file = self.files[int(index.file[at])]
-            message = file.message(file.index(topic), int(index.number[at]))
-            yield RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
+            yield self._message(topic, index, at)
+
+    def as_written(
+        self, topic: str, start_ns: int | None, end_ns: int | None, begins: Callable[[RecordedMessage], bool]
+    ) -> Iterator[RecordedMessage]:
+        """What it takes to decode a range of a video, in the order in which it was written: times need not rise.
+
+        Args:
+            topic: of the video.
+            start_ns: of the range; None for the first.
+            end_ns: of the range, included; None for the last.
+            begins: whether a decoder may begin with a message; the last that does and is no later than the range is the first given out.
+
+        Raises:
+            RecordingError: a file is damaged.
+        """
+        index = self.index(topic)
+        first = 0 if start_ns is None else int(np.searchsorted(index.time_ns, start_ns, "left"))
+        last = len(index.time_ns) if end_ns is None else int(np.searchsorted(index.time_ns, end_ns, "right"))
+        if first >= last:
+            return
+        order = self._written(topic, index)
+        wanted = np.flatnonzero((order >= first) & (order < last))
+        begin, end = int(wanted[0]), int(wanted[-1])
+        while begin > 0 and not (order[begin] <= first and begins(self._message(topic, index, int(order[begin])))):
+            begin -= 1
+        for at in order[begin : end + 1]:
+            yield self._message(topic, index, int(at))
+
+    def _message(self, topic: str, index: RowIndex, at: int) -> RecordedMessage:
+        file = self.files[int(index.file[at])]
+        message = file.message(file.index(topic), int(index.number[at]))
+        return RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
+
+    def _written(self, topic: str, index: RowIndex) -> NDArray[np.intp]:
+        """(n,) places in the index in the order of the files' bytes."""
+        chunk, offset = np.empty_like(index.number), np.empty_like(index.number)
+        for number, file in enumerate(self.files):
+            own = index.file == number
+            chunk[own] = file.index(topic).chunk[index.number[own]]
+            offset[own] = file.index(topic).offset[index.number[own]]
+        return np.lexsort((offset, chunk, index.file))
 
     def first_times(self, topic: str) -> list[int]:
         """Time of the topic's first message in each file that has one [ns]."""

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 from google.protobuf.message import DecodeError, Message
 
-from analyze import indexed_file
+from analyze import compressed_video, indexed_file
 from analyze.errors import RecordingCut, RecordingError, RecordingForeign
 from analyze.file_row import FileRow, row_of, whole_name
 from analyze.followed import FollowedRecording
@@ -168,17 +168,31 @@ class Recording:
     def images(self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
         """Images by time, of the first camera where none is named; uncompressed ones are read-only views into the file.
 
+        Of a video a range is decoded from the last keyframe before it on.
+
         Raises:
             RecordingError: the file is damaged, or an image is of a kind that is not read.
         """
         topic = topics.raw_image(camera or self.camera).name
         schema = self._row.schema_of(topic)
+        if schema == compressed_video.SCHEMA:
+            yield from self._video(topic, start_ns, end_ns)
+            return
         for message in self.messages(topic, start_ns, end_ns):
             try:
                 image = decode_image(schema, message.data)
             except ContainerError as error:
                 raise RecordingError(f"{self.path}: image {message.sequence} at {message.log_time_ns}: {error}") from None
             yield ImageFrame(message.log_time_ns, message.sequence, image)
+
+    def _video(self, topic: str, start_ns: int | None, end_ns: int | None) -> Iterator[ImageFrame]:
+        """Images of a video: decoded from the last keyframe before the range on."""
+        try:
+            for frame in compressed_video.decoded(self._row.as_written(topic, start_ns, end_ns, compressed_video.may_begin)):
+                if (start_ns is None or frame.time_ns >= start_ns) and (end_ns is None or frame.time_ns <= end_ns):
+                    yield frame
+        except ContainerError as error:
+            raise RecordingError(f"{self.path}: {topic}: {error}") from None
 
     def release_memory(self) -> None:
         """Let the system take back the memory that holds what was read; views stay valid, and are read again when they are used."""

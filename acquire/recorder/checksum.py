@@ -1,4 +1,4 @@
-"""CRC-32 (IEEE) of image messages, each pixel read once: the only import of deflate (libdeflate).
+"""CRC-32 (IEEE) of image messages, each pixel read once (libdeflate).
 
 A chunk's CRC covers the message head as well as the data, the content id's only the data. Both follow from the image's own CRC: a CRC
 is linear, so the CRC of A and B together is that of A, taken on over as many zeros as B has bytes, XOR that of B.

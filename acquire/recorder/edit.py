@@ -12,9 +12,9 @@ from pydantic import ValidationError
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
 from acquire.recorder.rewrite import Layout, Rewriter, mapped, read_layout
-from acquire.recorder.summary import ChunkEntry
 from schemas import container
 from schemas.container import ContainerError, ContentHash
+from schemas.container_summary import ChunkEntry
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
 from schemas.topics import TRUTH_PREFIX, Topic
 

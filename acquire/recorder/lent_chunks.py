@@ -15,9 +15,9 @@ from acquire.page_memory import PAGE
 from acquire.recorder.checksum import joined
 from acquire.recorder.data_file import LentRun
 from acquire.recorder.messages import LentImage
-from acquire.recorder.summary import pack_chunk_of_one
 from schemas import container
 from schemas.container import Buffer
+from schemas.container_summary import pack_chunk_of_one
 
 _ZEROS: Final = bytes(2 * PAGE)
 _HEADS: Final = container.CHUNK_HEAD + container.MESSAGE_HEAD

@@ -14,9 +14,9 @@ from acquire.page_memory import PAGE
 from acquire.recorder import atomic
 from acquire.recorder.edit import copy_chunk
 from acquire.recorder.rewrite import Rewriter, mapped, read_layout, refuse_folder
-from acquire.recorder.summary import ChunkEntry
 from schemas import container
 from schemas.container import ContainerError, ContentHash
+from schemas.container_summary import ChunkEntry
 from schemas.document import sha256_text
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME
 

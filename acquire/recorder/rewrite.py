@@ -14,9 +14,9 @@ from pathlib import Path
 
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
-from acquire.recorder.summary import Summary, pack_chunk, pack_topic
 from schemas import container
 from schemas.container import Buffer, ChannelRecord, ContainerError
+from schemas.container_summary import Summary, pack_chunk, pack_topic
 from schemas.topics import Topic
 
 CHUNK_BYTES = 1 << 20

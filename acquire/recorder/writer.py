@@ -24,9 +24,9 @@ from acquire.recorder.direct_file import DirectFile
 from acquire.recorder.lent_chunks import pack_lent
 from acquire.recorder.messages import DiskBehind, ImageMessage, LentImage, SmallMessage
 from acquire.recorder.page_cache_file import PageCacheFile
-from acquire.recorder.summary import Summary, pack_chunk, pack_topic
 from schemas import container
 from schemas.container import Buffer, ContentHash
+from schemas.container_summary import Summary, pack_chunk, pack_topic
 from schemas.document import sha256_text
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME
 from schemas.topics import Topic

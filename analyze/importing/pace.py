@@ -1,0 +1,104 @@
+"""From a container's time stamps to times: its clock, slow motion undone, frames that are missing."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+import numpy as np
+
+_NEAR = 0.5
+"""of the median interval, by which one may differ and still be one frame's"""
+_MISSED = 1.6
+"""intervals between two frames from which on one is missing between them"""
+_REMEMBERED = 15
+"""intervals that say what the rate is now: a phone's changes with the light"""
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How a stream counts time.
+
+    A slow-motion file plays what was captured at 240 frames a second at 30, say: `slowed` is 8 then, and its times are divided by it.
+    """
+
+    first: int
+    """smallest stamp"""
+    unit: Fraction
+    """seconds of one step of the stamps, as the file plays"""
+    interval_s: float
+    """between two frames, as they were captured"""
+    slowed: Fraction = Fraction(1)
+
+    def time_ns(self, stamp: int) -> int:
+        """Time since the first frame, as it was captured [ns]."""
+        return round((stamp - self.first) * self.unit / self.slowed * 10**9)
+
+    def stamp(self, time_ns: int) -> int:
+        """The last stamp that is not after `time_ns`."""
+        return self.first + int(Fraction(time_ns, 10**9) * self.slowed / self.unit)
+
+    @property
+    def sd_ns(self) -> int:
+        """1 sigma of a time: a stamp is rounded to a whole step."""
+        return max(1, round(float(self.unit / self.slowed) * 1e9 / 12**0.5))
+
+
+def pace_of(stamps: Sequence[int], unit: Fraction, said_hz: Fraction | None, capture_hz: float | None) -> Pace | None:
+    """Read off the stamps of a stream's first frames; None where they are fewer than two.
+
+    Args:
+        stamps: in any order.
+        unit: seconds of one step.
+        said_hz: the frame rate that the container tells.
+        capture_hz: the true one, where the container plays slower than was captured; None: the stamps are true.
+    """
+    rising = np.unique(np.asarray(stamps, dtype=np.int64))
+    if len(rising) < 2:
+        return None
+    gaps = np.diff(rising)
+    median = float(np.median(gaps))
+    interval_s = float(np.mean(gaps[np.abs(gaps - median) <= _NEAR * median])) * float(unit)
+    if said_hz and abs(interval_s * float(said_hz) - 1) < 2e-3:
+        interval_s = float(1 / said_hz)
+    slowed = Fraction(1) if capture_hz is None else Fraction(interval_s * capture_hz).limit_denominator(100_000)
+    return Pace(int(rising[0]), unit, interval_s / float(slowed), slowed)
+
+
+@dataclass
+class Missing:
+    """Finds frames that are missing between others. Feed times that rise."""
+
+    interval_ns: float
+    """between two frames, to begin with"""
+    frames: int = 0
+    places: int = 0
+    longest_ns: int = 0
+    longest_at_ns: int = 0
+    _last_ns: int | None = None
+    _recent: deque[int] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+
+    def before(self, time_ns: int) -> int:
+        """How many are missing between the frame before and this one."""
+        last, self._last_ns = self._last_ns, time_ns
+        if last is None:
+            return 0
+        gap = time_ns - last
+        usual = float(np.median(self._recent)) if len(self._recent) == _REMEMBERED else self.interval_ns
+        self._recent.append(gap)
+        if gap < _MISSED * usual:
+            return 0
+        missing = round(gap / usual) - 1
+        self.frames, self.places = self.frames + missing, self.places + 1
+        if gap > self.longest_ns:
+            self.longest_ns, self.longest_at_ns = gap, last
+        return missing
+
+    def remark(self, name: str) -> str | None:
+        """In one line; None where none is missing."""
+        if not self.frames:
+            return None
+        where = f"in {self.places} places, the longest" if self.places > 1 else "once:"
+        return f"{name}: {self.frames} frames are missing {where} {self.longest_ns * 1e-9:.3f} s from {self.longest_at_ns * 1e-9:.3f} s on"

@@ -1,0 +1,249 @@
+"""A video file as a source: any codec that FFmpeg reads, grey values by their own time stamps; H.264 and H.265 as they are, too.
+
+Images are given out as the sensor has them. A file's note of how the camera was held is not followed, as it is not in a calibration's
+images: the lens belongs to the sensor, and how the camera was held is in its place in W.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import datetime
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Self, cast
+
+import av
+from av.container import InputContainer
+from av.error import FFmpegError
+
+from analyze.annex_b import VideoFormat, holds_parameter_sets, is_annex_b
+from analyze.compressed_video import grey_values
+from analyze.errors import ImportRefused
+from analyze.importing.pace import Pace, pace_of
+from analyze.importing.source import TimedImage
+from schemas.container import Buffer
+from schemas.session_manifest import TimeSource
+
+_KEPT = {"h264": VideoFormat.H264, "hevc": VideoFormat.H265}
+_LOOKED_AT = 1000
+"""frames from which the pace is read off"""
+_FILTER = {VideoFormat.H264: "h264_mp4toannexb", VideoFormat.H265: "hevc_mp4toannexb"}
+
+
+@dataclass(frozen=True)
+class AccessUnit:
+    """A coded picture as it stands in the file, with start codes; a key one brings its parameter sets."""
+
+    time_ns: int
+    """since the source's start, of the picture; in the order of decoding these need not rise"""
+    key: bool
+    data: Buffer
+
+
+class VideoSource:
+    """A video file.
+
+    Args:
+        path: of the file.
+        capture_hz: rate at which it was captured, where it plays slower; None: its time stamps are true.
+
+    Raises:
+        ImportRefused: it is no video, cannot be decoded, or has no time stamps.
+    """
+
+    def __init__(self, path: Path, capture_hz: float | None = None) -> None:
+        self.path = path
+        self.name = path.name
+        self.time_source = TimeSource.CONTAINER_PTS
+        self._remarks: dict[str, str] = {}
+        with closing(self._open()) as container:
+            stream = _video_stream(container, path)
+            self.codec = stream.codec_context.name
+            self.pace = self._pace(container, stream, capture_hz)
+            self.frame_count = stream.frames or None
+            self.wall_start_ns = _wall_start(container)
+        with closing(self._open()) as container:
+            frame = self._first_frame(container)
+            self.width, self.height = frame.width, frame.height
+            self._note_turn(frame.rotation)
+            if frame.interlaced_frame:
+                raise ImportRefused(f"{path}: is interlaced: every image holds two moments: film with a progressive mode")
+
+    @property
+    def keeps(self) -> VideoFormat | None:
+        """The format in which it can be kept as it is; None where it can not."""
+        return _KEPT.get(self.codec)
+
+    @property
+    def time_sd_ns(self) -> int:
+        """1 sigma of a frame's time, by the step of the file's stamps."""
+        return self.pace.sd_ns
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """See FrameSource."""
+        return tuple(self._remarks.values())
+
+    def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
+        """See FrameSource."""
+        decoded, damaged, last_ns = 0, 0, -1
+        with closing(self._open()) as container:
+            stream = _video_stream(container, self.path)
+            stream.thread_type = "AUTO"
+            if start_ns:
+                container.seek(self.pace.stamp(start_ns), stream=stream)
+            for packet in self._packets(container, stream):
+                try:
+                    frames = packet.decode()
+                except FFmpegError:
+                    damaged += 1
+                    continue
+                for frame in cast("list[av.VideoFrame]", frames):
+                    decoded += 1
+                    if frame.is_corrupt or frame.pts is None:
+                        damaged += 1
+                        continue
+                    time_ns = self.pace.time_ns(frame.pts)
+                    if start_ns is not None and time_ns < start_ns:
+                        continue
+                    if end_ns is not None and time_ns > end_ns:
+                        return
+                    if time_ns <= last_ns:
+                        raise ImportRefused(
+                            f"{self.path}: its time stamps do not rise at {time_ns * 1e-9:.3f} s: film again, or repair them"
+                        )
+                    self._refuse_other_size(frame)
+                    last_ns = time_ns
+                    yield TimedImage(time_ns, grey_values(frame))
+        if damaged:
+            self._remarks["damaged"] = f"{self.name}: {damaged} frames cannot be decoded and are left out"
+        if start_ns is None and end_ns is None:
+            self._note_count(decoded)
+
+    def access_units(self) -> Iterator[AccessUnit]:
+        """Coded pictures in the order in which they are decoded, from the first key picture on.
+
+        Raises:
+            ImportRefused: a picture has no time stamp, or the file is none that can be kept.
+        """
+        if self.keeps is None:
+            raise ImportRefused(f"{self.path}: {self.codec} is not kept as it is")
+        seen = 0
+        with closing(self._open()) as container:
+            stream = _video_stream(container, self.path)
+            start = bytes(stream.codec_context.extradata or b"")
+            turn = None if is_annex_b(start) else av.BitStreamFilterContext(_FILTER[self.keeps], stream)
+            for packet in self._packets(container, stream):
+                if packet.dts is None and not packet.size:  # the end
+                    continue
+                if packet.pts is None:
+                    raise ImportRefused(f"{self.path}: a frame has no time stamp: put it into a container that has them (MP4, Matroska)")
+                seen += 1
+                key, time_ns = packet.is_keyframe, self.pace.time_ns(packet.pts)
+                for whole in [packet] if turn is None else turn.filter(packet):
+                    data: Buffer = memoryview(whole)
+                    if key and turn is None and not holds_parameter_sets(self.keeps, data):
+                        data = start + bytes(data)
+                    yield AccessUnit(time_ns, key, data)
+        self._note_count(seen)
+
+    def close(self) -> None:
+        """Nothing is open between two readings."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    # --- the file -------------------------------------------------------------------------------------------------
+
+    def _open(self) -> InputContainer:
+        try:
+            return av.open(str(self.path))
+        except FileNotFoundError:
+            raise ImportRefused(f"{self.path}: no such file: check the path") from None
+        except IsADirectoryError:
+            raise ImportRefused(f"{self.path}: is a folder: name a video, or a folder of images with its CSV of times") from None
+        except (FFmpegError, OSError) as error:
+            cut = ": an MP4 file that was cut short has no index: film again, or repair it first" if self.path.suffix in _INDEXED else ""
+            raise ImportRefused(f"{self.path}: is no video that can be read ({error.strerror}){cut}") from None
+
+    def _packets(self, container: InputContainer, stream: av.VideoStream) -> Iterator[av.Packet]:
+        """The stream's packets; a file that ends early ends them."""
+        packets = container.demux(stream)
+        while True:
+            try:
+                packet = next(packets)
+            except StopIteration:
+                return
+            except FFmpegError:
+                self._note_cut("")
+                return
+            if packet.is_corrupt:
+                self._note_cut("")
+                continue
+            yield packet
+
+    def _pace(self, container: InputContainer, stream: av.VideoStream, capture_hz: float | None) -> Pace:
+        stamps: list[int] = []
+        for packet in self._packets(container, stream):
+            if packet.pts is not None:
+                stamps.append(packet.pts)
+            if len(stamps) >= _LOOKED_AT:
+                break
+        said = stream.average_rate
+        pace = pace_of(stamps, Fraction(stream.time_base or 1), Fraction(said) if said else None, capture_hz)
+        if pace is None:
+            why = "holds no two frames with time stamps: film again, or put it into a container that has them (MP4, Matroska)"
+            raise ImportRefused(f"{self.path}: {why}")
+        return pace
+
+    def _first_frame(self, container: InputContainer) -> av.VideoFrame:
+        try:
+            for frame in container.decode(_video_stream(container, self.path)):
+                return frame
+        except FFmpegError as error:
+            raise ImportRefused(f"{self.path}: its {self.codec} cannot be decoded ({error.strerror}): film again") from None
+        raise ImportRefused(f"{self.path}: holds no image that can be decoded")
+
+    def _refuse_other_size(self, frame: av.VideoFrame) -> None:
+        if (frame.width, frame.height) != (self.width, self.height):
+            sizes = f"from {self.width} x {self.height} to {frame.width} x {frame.height}"
+            raise ImportRefused(f"{self.path}: its images change {sizes}: film again without changing lens or mode")
+
+    def _note_turn(self, degrees: int) -> None:
+        if degrees % 360:
+            self._remarks["turned"] = (
+                f"{self.name}: is shown turned by {degrees % 360} deg; the images are taken as the sensor has them, "
+                f"{self.width} x {self.height}, as a calibration must be"
+            )
+
+    def _note_count(self, frames: int) -> None:
+        if self.frame_count and frames < self.frame_count:
+            self._note_cut(f": {frames} of {self.frame_count} frames are there")
+
+    def _note_cut(self, what: str) -> None:
+        self._remarks["cut"] = f"{self.name}: is cut short{what or ''}; what is there is imported"
+
+
+_INDEXED = {".mp4", ".mov", ".m4v", ".3gp"}
+
+
+def _video_stream(container: InputContainer, path: Path) -> av.VideoStream:
+    if not container.streams.video:
+        raise ImportRefused(f"{path}: holds no video: name the file that does")
+    return container.streams.video[0]
+
+
+def _wall_start(container: InputContainer) -> int | None:
+    """When it was filmed, as the file says it [ns since 1970]."""
+    try:
+        said = datetime.fromisoformat(str(container.metadata.get("creation_time", "")))
+    except ValueError:
+        return None
+    wall_ns = round(said.timestamp()) * 10**9
+    return wall_ns if wall_ns > 0 else None  # a camera without a clock says 1970, or 1904
