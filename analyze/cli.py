@@ -11,6 +11,7 @@ import click
 
 from analyze.commands.batch import batch, query
 from analyze.commands.camera import calibrate
+from analyze.commands.import_ import import_
 from analyze.commands.markers import register
 from analyze.commands.plan import plan
 from analyze.commands.published import reproduce
@@ -44,6 +45,7 @@ for _verb in (
     print_tags,
     reproduce,
     calibrate,
+    import_,
     register,
     gravity,
     parts,

@@ -89,7 +89,7 @@ class ManifestCamera(Document):
     model: str = ""
     serial: str = ""
     frame_rate_hz: float = Field(gt=0)
-    exposure_us: float = Field(gt=0)
+    exposure_us: float | None = Field(default=None, gt=0, description="None: not known, as of an imported video")
     calibration: CameraCalibrationSpec
 
 

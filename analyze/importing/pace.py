@@ -96,6 +96,10 @@ class Missing:
             self.longest_ns, self.longest_at_ns = gap, last
         return missing
 
+    def pause(self) -> None:
+        """What follows does not follow on what came before."""
+        self._last_ns = None
+
     def remark(self, name: str) -> str | None:
         """In one line; None where none is missing."""
         if not self.frames:

@@ -1,0 +1,130 @@
+"""A folder of images with a CSV of their times as a source: what a high-speed camera's own program leaves."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from decimal import Decimal, InvalidOperation
+from itertools import pairwise
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyze.errors import ImportRefused
+from analyze.image_message import image_of_file
+from analyze.importing.source import TimedImage
+from schemas.session_manifest import TimeSource
+
+_NAME, _TIME = "name", "time_s"
+_NEEDED = f"{_NAME},{_TIME}"
+
+
+class ImageFolder:
+    """Images of a folder, in the order of their times.
+
+    Args:
+        folder: with the images.
+        times: CSV with the columns `name` and `time_s`; None: the only one in the folder.
+
+    Raises:
+        ImportRefused: the CSV is missing or not understood, or an image that it names is not there.
+    """
+
+    def __init__(self, folder: Path, times: Path | None = None) -> None:
+        self.path = folder
+        self.name = folder.name
+        self.time_source = TimeSource.CONTAINER_PTS
+        self.wall_start_ns: int | None = None
+        self._csv = times or _only_csv(folder)
+        self._images = _read_times(self._csv, folder)
+        self.frame_count: int | None = len(self._images)
+        self.time_sd_ns = _step_ns(self._csv)
+        first = self._read(self._images[0][1])
+        self.height, self.width = first.shape
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """See FrameSource."""
+        return ()
+
+    def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
+        """See FrameSource."""
+        for time_ns, path in self._images:
+            if (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns):
+                image = self._read(path)
+                if image.shape != (self.height, self.width):
+                    sizes = f"{image.shape[1]} x {image.shape[0]}, the first {self.width} x {self.height}"
+                    raise ImportRefused(f"{path}: has {sizes}: leave it out of {self._csv.name}")
+                yield TimedImage(time_ns, image)
+
+    def close(self) -> None:
+        """Nothing is open between two readings."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _read(self, path: Path) -> NDArray[np.uint8]:
+        try:
+            image = image_of_file(path.read_bytes())
+        except OSError as error:
+            raise ImportRefused(f"{path}: cannot be read: {error.strerror}: check what {self._csv.name} names") from None
+        if image is None:
+            raise ImportRefused(f"{path}: is no image that can be read: leave it out of {self._csv.name}")
+        return image
+
+
+def _only_csv(folder: Path) -> Path:
+    found = sorted(folder.glob("*.csv"))
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        raise ImportRefused(f"{folder}: nothing says when its images were taken: put a CSV with the columns {_NEEDED} into it")
+    raise ImportRefused(f"{folder}: holds {len(found)} CSV files: say which has the times: --times {found[0]}")
+
+
+def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
+    """(time since the first [ns], image), by time."""
+    found: list[tuple[Decimal, Path]] = []
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            rows = csv.DictReader(file)
+            if not {_NAME, _TIME} <= set(rows.fieldnames or ()):
+                raise ImportRefused(f"{path}: has the columns {','.join(rows.fieldnames or ()) or 'none'}: it needs {_NEEDED}")
+            for row in rows:
+                time_s = _seconds(row[_TIME])
+                if time_s is None:
+                    raise ImportRefused(f"{path}: line {rows.line_num}: {_TIME} {row[_TIME]!r} is no number of seconds")
+                found.append((time_s, folder / str(row[_NAME])))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ImportRefused(f"{path}: cannot be read as CSV ({error}): it needs the columns {_NEEDED}") from None
+    found.sort()
+    if len(found) < 2:
+        raise ImportRefused(f"{path}: names {len(found)} images: a strike has more")
+    start = found[0][0]
+    timed = [(round((time_s - start) * 10**9), image) for time_s, image in found]
+    for (earlier, _), (later, image) in pairwise(timed):
+        if later <= earlier:
+            raise ImportRefused(f"{path}: two images have the same time, one is {image.name}: correct it")
+    return timed
+
+
+def _seconds(text: str | None) -> Decimal | None:
+    """To the nanosecond, also of seconds since 1970."""
+    try:
+        value = Decimal((text or "").strip())
+    except InvalidOperation:
+        return None
+    return value if value.is_finite() else None
+
+
+def _step_ns(path: Path) -> int:
+    """1 sigma of the times by the digits they are written with."""
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        digits = max((len(row[_TIME].partition(".")[2]) for row in csv.DictReader(file) if "e" not in row[_TIME].lower()), default=9)
+    return max(1, round(10.0 ** (9 - digits) / 12**0.5))

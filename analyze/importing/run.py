@@ -1,0 +1,209 @@
+"""`analyze import`: what other cameras filmed is looked through, told strike by strike, and written as a recording of ours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from itertools import islice, pairwise
+from pathlib import Path
+
+import numpy as np
+
+from analyze.annex_b import VideoFormat
+from analyze.errors import ImportRefused
+from analyze.evidence import placed_markers
+from analyze.importing.camera_file import CameraFile, read_camera
+from analyze.importing.onsets import OnsetFinder
+from analyze.importing.open_source import SourceOptions, open_source
+from analyze.importing.place import CameraPlace, CameraView, placed_by, view_of
+from analyze.importing.source import FrameSource
+from analyze.importing.video import VideoSource
+from analyze.importing.windows import Film, StrikeWindow, one_each, split
+from analyze.object_files import ObjectFiles, object_files
+from analyze.tracking.camera_model import camera_from_spec
+from analyze.types import ImageFrame
+from schemas.document import read_text
+from schemas.session_manifest import CameraCalibrationSpec
+from schemas.strike_plan import StrikePlan, parse_strike_plan
+
+_RATE_FRAMES = 60
+"""from which the frame rate is read off"""
+_TOLD_EVERY = 50
+"""frames between two looks of the progress bar"""
+_INTO_MOTION_NS = 600_000_000
+"""of a strike, that places the camera: a tag that turns tells its two possible poses apart"""
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """What is to be imported."""
+
+    sources: tuple[Path, ...]
+    object_path: Path
+    plan_path: Path
+    camera_path: Path
+    strikes: tuple[str, ...] = ()
+    """ids of the plan's strikes, in the order of the sources, or of the strikes in the only one"""
+    whole: bool = False
+    """each source is a strike's window as it is: nothing is looked for"""
+    source: SourceOptions = field(default_factory=SourceOptions)
+
+
+@dataclass(frozen=True)
+class Import:
+    """All that is known before anything is written. Use it in a `with` statement."""
+
+    options: ImportOptions
+    object: ObjectFiles
+    object_text: str
+    plan: StrikePlan
+    plan_text: str
+    camera: CameraFile
+    sources: tuple[FrameSource, ...]
+    films: tuple[Film, ...]
+    windows: tuple[StrikeWindow, ...]
+    was_split: bool
+    """one source for all strikes, told apart by what is seen"""
+    rate_hz: float
+    calibration: CameraCalibrationSpec
+    place: CameraPlace | None
+    """how well the camera is placed, where the resting object did it"""
+    _open: ExitStack
+
+    @property
+    def kept(self) -> tuple[VideoSource, ...] | None:
+        """The sources where all are videos that are kept as they are; None where one is not."""
+        videos = tuple(source for source in self.sources if isinstance(source, VideoSource) and source.keeps is not None)
+        return videos if len(videos) == len(self.sources) else None
+
+    @property
+    def formats(self) -> str:
+        """How the images are stored, for people."""
+        if self.kept is None:
+            return "images as they are decoded, of the strikes' windows"
+        names = {VideoFormat.H264: "H.264", VideoFormat.H265: "H.265"}
+        return " and ".join(sorted({names[video.keeps] for video in self.kept if video.keeps is not None})) + ", kept as it is"
+
+    def remarks(self) -> list[str]:
+        """What is to be said of the sources, as far as they were read."""
+        return [remark for source in self.sources for remark in source.remarks]
+
+    def __enter__(self) -> Import:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+
+def prepare(options: ImportOptions, progress: Progress = lambda _text, _done, _total: None) -> Import:
+    """Look through the sources and tell which of their images are which strike.
+
+    Raises:
+        ImportRefused: a source cannot be read or is of another camera, or which strike is which cannot be told.
+        ShapeError, DocumentError, CalibrationError: the object's, the plan's or the camera's file cannot be used.
+        TrackingError: the images show another object.
+    """
+    files, object_text = object_files(options.object_path), read_text(options.object_path)
+    plan_text = read_text(options.plan_path)
+    plan = parse_strike_plan(plan_text, str(options.plan_path))
+    if plan.object_sha256 != files.sha256:
+        raise ImportRefused(f"{options.plan_path}: was made for another object than {files.spec.name!r}: make it anew with `analyze plan`")
+    camera = read_camera(options.camera_path)
+    planned = [strike.id for strike in plan.strikes]
+    with ExitStack() as stack:
+        sources = tuple(stack.enter_context(open_source(path, options.source)) for path in options.sources)
+        for source in sources:
+            _refuse_other_camera(source, camera)
+        splits = len(sources) == 1 and not options.whole and len(options.strikes) != 1 and len(planned) > 1
+        if options.whole:
+            films = tuple(Film(path) for path in options.sources)
+        else:
+            markers = [marker.name for marker in files.spec.marker]
+            films = tuple(_look_through(path, source, markers, progress) for path, source in zip(options.sources, sources, strict=True))
+        windows = split(films[0], planned, options.strikes) if splits else one_each(films, planned, options.strikes)
+        if not windows:
+            raise ImportRefused("nothing is left to be imported: every source is left out")
+        place = None if camera.placed else _place(files, plan, camera, sources, windows, progress)
+        calibration = camera.calibration
+        if place is not None:
+            calibration = calibration.model_copy(update={"T_world_camera": place.T_world_camera.tolist()})
+        return Import(
+            options,
+            files,
+            object_text,
+            plan,
+            plan_text,
+            camera,
+            sources,
+            films,
+            windows,
+            splits,
+            _rate(sources[0]),
+            calibration,
+            place,
+            stack.pop_all(),
+        )
+
+
+def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
+    spec = camera.calibration
+    if (source.width, source.height) != (spec.width, spec.height):
+        turned = " (a calibration is of the sensor's image, however it is turned for display)" if spec.width == source.height else ""
+        raise ImportRefused(
+            f"{source.name}: has {source.width} x {source.height} px, {camera.path} is of {spec.width} x {spec.height}{turned}: "
+            "calibrate in the mode that the strikes were filmed in"
+        )
+
+
+def _look_through(path: Path, source: FrameSource, markers: Sequence[int | str], progress: Progress) -> Film:
+    finder = OnsetFinder(markers)
+    onsets, last_ns = [], None
+    for number, frame in enumerate(source.frames()):
+        if number % _TOLD_EVERY == 0:
+            progress(f"looking through {source.name}", number, source.frame_count or number)
+        last_ns = frame.time_ns
+        if (onset := finder.add(frame)) is not None:
+            onsets.append(onset)
+    if not finder.ever_seen:
+        names = ", ".join(str(name) for name in markers) or "none"
+        raise ImportRefused(f"{path}: no tag of the object ({names}) is seen in it: film nearer, sharper or with more light")
+    return Film(path, tuple(onsets), last_ns)
+
+
+def _rate(source: FrameSource) -> float:
+    """Frames per second as they were captured."""
+    times = [frame.time_ns for frame in islice(source.frames(), _RATE_FRAMES)]
+    gaps = [later - earlier for earlier, later in pairwise(times)]
+    if not gaps:
+        raise ImportRefused(f"{source.name}: holds one image: a strike has more")
+    return 1e9 / float(np.median(gaps))
+
+
+def _place(
+    files: ObjectFiles,
+    plan: StrikePlan,
+    camera: CameraFile,
+    sources: Sequence[FrameSource],
+    windows: Sequence[StrikeWindow],
+    progress: Progress,
+) -> CameraPlace:
+    lens, markers = camera_from_spec(camera.calibration), placed_markers(files.spec)
+    views: list[CameraView] = []
+    for number, window in enumerate(windows):
+        progress("placing the camera", number, len(windows))
+        if window.onset is None:
+            continue
+        planned = next(strike for strike in plan.strikes if strike.id == window.plan_strike_id)
+        frames = _numbered(sources[window.film], window.start_ns, window.onset.time_ns + _INTO_MOTION_NS)
+        view = view_of(frames, window.onset.time_ns, lens, markers, planned, window.strike_id)
+        if view is not None:
+            views.append(view)
+    return placed_by(views)
+
+
+def _numbered(source: FrameSource, start_ns: int | None, end_ns: int) -> Iterator[ImageFrame]:
+    for number, frame in enumerate(source.frames(start_ns, end_ns)):
+        yield ImageFrame(frame.time_ns, number, frame.image)

@@ -1,0 +1,249 @@
+"""Writes what was prepared: kept videos whole and as they are coded, of everything else the images of the strikes' windows."""
+
+from __future__ import annotations
+
+import hashlib
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+
+from analyze.importing import image_messages
+from analyze.importing.kept import numbered
+from analyze.importing.pace import Missing
+from analyze.importing.run import Import
+from analyze.importing.source import FrameSource
+from analyze.importing.video import VideoSource
+from analyze.importing.windows import StrikeWindow
+from analyze.importing.writer import Message, RecordingWriter
+from schemas import topics
+from schemas.document import sha256_text
+from schemas.proto import percuss_pb2 as pb
+from schemas.rig import RigConfig
+from schemas.session_manifest import (
+    OBJECT_ATTACHMENT,
+    PLAN_ATTACHMENT,
+    SHAPE_ATTACHMENT_PREFIX,
+    LensModel,
+    ManifestCamera,
+    SessionManifest,
+    TimeSource,
+)
+from schemas.software import software_version
+
+CAMERA = "main"
+CAMERA_ATTACHMENT_PREFIX = "camera/"
+_NO_DATE_NS = 946_684_800 * 10**9
+"""2000-01-01: where no source says when it was filmed; the same source then gives the same content id"""
+_BETWEEN_NS = 1_000_000_000
+"""between a source's last image and the next one's first"""
+_CHUNK_BYTES = 1 << 26
+"""of a video without key pictures"""
+_TOLD_EVERY = 100
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Written:
+    """A recording that was imported."""
+
+    path: Path
+    content_id: str
+    size: int
+    """bytes"""
+    images: int
+    strikes: int
+    remarks: tuple[str, ...]
+    """of frames that are missing, files that end early"""
+
+
+@dataclass
+class _Seen:
+    """Log times of a strike's first and last image."""
+
+    first_ns: int | None = None
+    last_ns: int = 0
+
+    def add(self, log_time_ns: int) -> None:
+        self.first_ns = log_time_ns if self.first_ns is None else min(self.first_ns, log_time_ns)
+        self.last_ns = max(self.last_ns, log_time_ns)
+
+
+class _Session:
+    """One recording while it is written: counts frames over all sources, and lays these one after the other on one clock."""
+
+    def __init__(self, prepared: Import, writer: RecordingWriter, progress: Progress) -> None:
+        self._prepared, self._writer, self._progress = prepared, writer, progress
+        self.anchor_ns = prepared.sources[0].wall_start_ns or _NO_DATE_NS
+        self._at_ns = self.anchor_ns
+        """log time of the source's start"""
+        self._end_ns = self.anchor_ns
+        self._sequence = 0
+        self.images = 0
+        self.remarks: list[str] = []
+        self._seen = [_Seen() for _ in prepared.windows]
+        self._image_topic = topics.raw_image(CAMERA) if prepared.kept is None else topics.compressed_video(CAMERA)
+        self._meta_topic = topics.frame_meta(CAMERA)
+
+    def write(self) -> None:
+        """All sources, then the strikes."""
+        writer, prepared = self._writer, self._prepared
+        writer.head(_manifest(prepared, self.anchor_ns), _attachments(prepared))
+        calibration = topics.camera_calibration(CAMERA)
+        writer.add_topics(calibration, self._image_topic, self._meta_topic, topics.SESSION_STRIKE, topics.LOG)
+        writer.small(calibration, self.anchor_ns, _calibration_message(prepared).SerializeToString())
+        for number, source in enumerate(prepared.sources):
+            windows = [(seen, window) for seen, window in zip(self._seen, prepared.windows, strict=True) if window.film == number]
+            if not windows:
+                continue
+            missing = Missing(1e9 / prepared.rate_hz)
+            if prepared.kept is None:
+                self._images(source, windows, missing)
+            else:
+                self._video(prepared.kept[number], windows, missing)
+            if (remark := missing.remark(source.name)) is not None:
+                self.remarks.append(remark)
+            self._at_ns = self._end_ns + _BETWEEN_NS
+        for seen, window in zip(self._seen, prepared.windows, strict=True):
+            self._strike(seen, window)
+
+    def _images(self, source: FrameSource, windows: list[tuple[_Seen, StrikeWindow]], missing: Missing) -> None:
+        for seen, window in windows:
+            missing.pause()
+            for frame in source.frames(window.start_ns, window.end_ns):
+                log_time_ns = self._at_ns + frame.time_ns
+                self._tell(source)
+                parts = image_messages.raw_image(CAMERA, log_time_ns, frame.image)
+                self._writer.chunk(self._image_topic, [Message(log_time_ns, self._sequence, parts)])
+                self._meta(self._sequence, log_time_ns, missing.before(frame.time_ns))
+                seen.add(log_time_ns)
+                self._sequence += 1
+
+    def _video(self, video: VideoSource, windows: list[tuple[_Seen, StrikeWindow]], missing: Missing) -> None:
+        if video.keeps is None:
+            return
+        first, chunk, size = self._sequence, list[Message](), 0
+        metas: dict[int, int] = {}
+        told = 0
+        for unit, number, _ in numbered(video.access_units(), video.name):
+            log_time_ns = self._at_ns + unit.time_ns
+            if chunk and (unit.key or size > _CHUNK_BYTES):
+                self._writer.chunk(self._image_topic, chunk)
+                chunk, size = [], 0
+            parts = image_messages.video(CAMERA, log_time_ns, video.keeps, unit.data)
+            chunk.append(Message(log_time_ns, first + number, parts))
+            size += len(unit.data)
+            metas[number] = unit.time_ns
+            while told in metas:
+                self._tell(video)
+                time_ns = metas.pop(told)
+                self._meta(first + told, self._at_ns + time_ns, missing.before(time_ns))
+                for seen, window in windows:
+                    if (window.start_ns is None or time_ns >= window.start_ns) and (window.end_ns is None or time_ns <= window.end_ns):
+                        seen.add(self._at_ns + time_ns)
+                told += 1
+        self._writer.chunk(self._image_topic, chunk)
+        self._sequence = first + told
+
+    def _meta(self, sequence: int, log_time_ns: int, lost: int) -> None:
+        camera = self._prepared.calibration
+        meta = pb.FrameMeta(
+            sequence=sequence,
+            device_time_ns=log_time_ns - self._at_ns,
+            host_time_ns=log_time_ns - self.anchor_ns,
+            mid_exposure_host_ns=log_time_ns - self.anchor_ns,
+            frames_lost_before=lost,
+            image_recorded=True,
+            width=camera.width,
+            height=camera.height,
+        )
+        self._writer.small(self._meta_topic, log_time_ns, meta.SerializeToString(), sequence)
+        self._end_ns = max(self._end_ns, log_time_ns)
+        self.images += 1
+
+    def _tell(self, source: FrameSource) -> None:
+        if self.images % _TOLD_EVERY == 0:
+            total = sum(each.frame_count or 0 for each in self._prepared.sources) if self._prepared.kept else self.images
+            self._progress(f"writing {source.name}", self.images, max(total, self.images))
+
+    def _strike(self, seen: _Seen, window: StrikeWindow) -> None:
+        planned = next(strike for strike in self._prepared.plan.strikes if strike.id == window.plan_strike_id)
+        if seen.first_ns is None:
+            self.remarks.append(f"strike {window.strike_id}: has no images and is left out")
+            return
+        record = pb.StrikeRecord(
+            strike_id=window.strike_id,
+            plan_strike_id=window.plan_strike_id,
+            attempt=window.attempt,
+            window_start_ns=seen.first_ns,
+            window_end_ns=seen.last_ns,
+            R_world_object=[value for row in planned.R_world_object for value in row],
+            p_world_object=planned.p_world_object,
+        )
+        self._writer.small(topics.SESSION_STRIKE, seen.last_ns, record.SerializeToString())
+
+
+def write(prepared: Import, output: Path, progress: Progress = lambda _text, _done, _total: None) -> Written:
+    """Write the recording; on failure nothing is left.
+
+    Raises:
+        OutputError: it exists already, or cannot be written.
+        ImportRefused: a source cannot be read to its end.
+    """
+    with RecordingWriter(output) as writer:
+        session = _Session(prepared, writer, progress)
+        session.write()
+        content_id = writer.finish()
+        remarks = tuple(dict.fromkeys([*prepared.remarks(), *session.remarks]))
+        return Written(output, content_id, writer.size, session.images, len(prepared.windows), remarks)
+
+
+def _manifest(prepared: Import, anchor_ns: int) -> SessionManifest:
+    known = prepared.sources[0].wall_start_ns is not None
+    created = datetime.fromtimestamp(anchor_ns * 1e-9, UTC) if known else datetime.now(UTC)
+    kinds = {source.time_source for source in prepared.sources}
+    rig = RigConfig.model_fields
+    files = prepared.object
+    return SessionManifest(
+        recording_id=str(uuid.uuid4()),
+        created=created.isoformat(timespec="seconds"),
+        software=software_version(),
+        wall_anchor_ns=anchor_ns,
+        time_source=kinds.pop() if len(kinds) == 1 else TimeSource.CONTAINER_PTS,
+        time_source_sd_ns=max(source.time_sd_ns for source in prepared.sources),
+        g_m_s2=rig["g_m_s2"].default,
+        g_sd_m_s2=rig["g_sd_m_s2"].default,
+        gravity_tilt_sd_rad=rig["gravity_tilt_sd_rad"].default,
+        cameras=[ManifestCamera(name=CAMERA, frame_rate_hz=prepared.rate_hz, calibration=prepared.calibration)],
+        object=files.spec,
+        object_sha256=files.sha256,
+        plan_sha256=sha256_text(prepared.plan_text),
+        hashes={name: hashlib.sha256(data).hexdigest() for name, _, data in _attachments(prepared)},
+    )
+
+
+def _attachments(prepared: Import) -> list[tuple[str, str, bytes]]:
+    files = prepared.object
+    found = [
+        (OBJECT_ATTACHMENT, "application/toml", prepared.object_text.encode()),
+        (PLAN_ATTACHMENT, "application/json", prepared.plan_text.encode()),
+        (CAMERA_ATTACHMENT_PREFIX + prepared.camera.path.name, "text/plain", prepared.camera.path.read_bytes()),
+    ]
+    if files.shape_bytes is not None:
+        found.append((SHAPE_ATTACHMENT_PREFIX + Path(files.shape_name).name, "application/octet-stream", files.shape_bytes))
+    return found
+
+
+def _calibration_message(prepared: Import) -> CameraCalibration:
+    spec = prepared.calibration
+    message = CameraCalibration(frame_id=CAMERA, width=spec.width, height=spec.height)
+    message.distortion_model = "kannala_brandt" if spec.model is LensModel.FISHEYE else "plumb_bob"
+    message.D.extend(spec.distortion)
+    message.K.extend(value for row in spec.K for value in row)
+    message.P.extend(value for row in spec.K for value in (*row, 0.0))
+    message.R.extend([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    return message

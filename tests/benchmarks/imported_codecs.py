@@ -1,0 +1,152 @@
+"""The same virtual strikes recorded live, and imported from what other cameras write: phi and the centre of mass beside each other.
+
+Each strike window of a virtual rig's recording becomes a file, with the images' own times: H.264 visually lossless and as a phone writes
+it (with B-frames and without), FFV1, MJPEG, a folder of PNG. `python -m tests.benchmarks.imported_codecs FILE.mcap` prints the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import tempfile
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import click
+import cv2
+import numpy as np
+
+from analyze.importing.run import ImportOptions, prepare
+from analyze.importing.write import write
+from analyze.pipeline import Estimate, estimate_recording
+from analyze.recording import open_recording, read_truth
+from analyze.types import ImageFrame
+from schemas.session_manifest import OBJECT_ATTACHMENT, PLAN_ATTACHMENT, RIG_ATTACHMENT
+
+MICROSECONDS = Fraction(1, 1_000_000)
+
+
+def film(path: Path, codec: str, pixels: str, options: dict[str, str], frames: Iterable[ImageFrame], rate: int) -> None:
+    """Encode images with their own times."""
+    with av.open(str(path), "w", options={"video_track_timescale": "1000000"} if path.suffix == ".mp4" else {}) as container:
+        stream = None
+        start_ns = 0
+        for frame in frames:
+            if stream is None:
+                stream = container.add_stream(codec, rate=rate, options=options)
+                stream.height, stream.width = frame.image.shape
+                stream.pix_fmt = pixels
+                stream.codec_context.time_base = MICROSECONDS
+                start_ns = frame.time_ns
+            picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame.image), format="gray").reformat(format=pixels)
+            picture.pts, picture.time_base = (frame.time_ns - start_ns) // 1000, MICROSECONDS
+            container.mux(stream.encode(picture))
+        if stream is not None:
+            container.mux(stream.encode(None))
+
+
+def png_folder(path: Path, frames: Iterable[ImageFrame]) -> None:
+    """PNG images with a CSV of their times."""
+    path.mkdir()
+    with (path / "times.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["name", "time_s"])
+        for number, frame in enumerate(frames):
+            cv2.imwrite(str(path / f"{number:05d}.png"), frame.image)
+            rows.writerow([f"{number:05d}.png", f"{frame.time_ns * 1e-9:.9f}"])
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way of filming."""
+
+    name: str
+    suffix: str
+    make: Callable[[Path, Iterable[ImageFrame]], None]
+
+
+def _video(codec: str, pixels: str, rate: int, **options: str) -> Callable[[Path, Iterable[ImageFrame]], None]:
+    return lambda path, frames: film(path, codec, pixels, options, frames, rate)
+
+
+def ways(rate: int) -> list[Way]:
+    """H.264 as good as lossless and as phones write it, what measuring cameras write, images."""
+    fast = {"preset": "veryfast", "g": str(rate)}
+    return [
+        Way("H.264 crf 12", ".mp4", _video("libx264", "yuv420p", rate, crf="12", bf="0", **fast)),
+        Way("H.264 crf 28", ".mp4", _video("libx264", "yuv420p", rate, crf="28", bf="0", **fast)),
+        Way("H.264 crf 28, B-frames", ".mp4", _video("libx264", "yuv420p", rate, crf="28", bf="3", **fast)),
+        Way("FFV1", ".mkv", _video("ffv1", "gray", rate)),
+        Way("MJPEG q 3", ".mkv", _video("mjpeg", "yuvj420p", rate, qmin="3", qmax="3")),
+        Way("PNG folder", "", png_folder),
+    ]
+
+
+def strikes_of(recording_path: Path, way: Way, folder: Path) -> tuple[list[Path], list[str]]:
+    """A file per strike, and which planned strike each is."""
+    files, planned = [], []
+    with open_recording(recording_path) as recording:
+        for record in recording.strikes:
+            path = folder / f"{record.strike_id}{way.suffix}"
+            way.make(path, recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns))
+            recording.release_memory()
+            files.append(path)
+            planned.append(record.plan_strike_id)
+    return files, planned
+
+
+def attached(recording_path: Path, folder: Path) -> tuple[Path, Path, Path]:
+    """Object, plan and rig file of a recording."""
+    with open_recording(recording_path) as recording:
+        names = (OBJECT_ATTACHMENT, PLAN_ATTACHMENT, RIG_ATTACHMENT)
+        for name in names:
+            (folder / name).write_bytes(recording.attachments[name])
+    first, second, third = (folder / name for name in names)
+    return first, second, third
+
+
+def _row(name: str, live: Estimate, other: Estimate, truth: np.ndarray, ratio: str) -> str:
+    def phis(estimate: Estimate) -> dict[str, float]:
+        return {motion.strike_id: motion.fit.phi for motion in estimate.evidence.motions if motion.fit is not None}
+
+    mine, theirs = phis(live), phis(other)
+    off = np.degrees([theirs[key] - mine[key] for key in mine if key in theirs])
+    com = np.array(other.result.centre_of_mass.value)
+    moved = 1000 * np.linalg.norm(com - np.array(live.result.centre_of_mass.value))
+    verdicts = sum(motion.verdict.value == "good" for motion in other.evidence.motions)
+    median, worst = (np.median(np.abs(off)), np.max(np.abs(off))) if len(off) else (np.nan, np.nan)
+    error = 1000 * np.linalg.norm(com - truth)
+    return f"| {name} | {verdicts} | {median:.4f} | {worst:.4f} | {moved:.3f} | {error:.3f} | {ratio} |"
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("recording", type=Path)
+    parser.add_argument("--only", help="a part of the names of the ways to be tried")
+    arguments = parser.parse_args()
+    live = estimate_recording(arguments.recording)
+    truth = np.array(read_truth(arguments.recording).body.com_object)
+    rate = round(live.evidence.manifest.cameras[0].frame_rate_hz)
+    click.echo("| | good strikes | phi off live, median, deg | worst | c off live, mm | c off truth, mm | recording / file |")
+    click.echo("|---|---|---|---|---|---|---|")
+    click.echo(_row("live", live, live, truth, ""))
+    for way in ways(rate):
+        if arguments.only and arguments.only not in way.name:
+            continue
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            object_path, plan_path, rig_path = attached(arguments.recording, folder)
+            files, planned = strikes_of(arguments.recording, way, folder)
+            output = folder / "imported.mcap"
+            with prepare(ImportOptions(tuple(files), object_path, plan_path, rig_path, tuple(planned), whole=True)) as prepared:
+                written = write(prepared, output)
+            size = sum(file.stat().st_size for path in files for file in (path.rglob("*") if path.is_dir() else [path]))
+            click.echo(_row(way.name, live, estimate_recording(output), truth, f"{written.size / size:.2f}"))
+
+
+if __name__ == "__main__":
+    main()
