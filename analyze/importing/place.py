@@ -93,8 +93,8 @@ def placed_by(views: Sequence[CameraView]) -> CameraPlace:
     if turned[worst] > APART_RAD or shifted[worst] > APART_M:
         raise ImportRefused(
             f"strike {views[worst].strike_id}: the camera seems to stand {math.degrees(turned[worst]):.0f} deg and "
-            f"{1000 * shifted[worst]:.0f} mm from where the other strikes show it: the object lay otherwise than planned, or the camera was "
-            "moved: leave that strike out (--strike -), or place the camera by the board (`analyze calibrate --table`)"
+            f"{1000 * shifted[worst]:.0f} mm from where the other strikes show it: the object lay otherwise than planned, or the camera "
+            "was moved: leave that strike out (--strike -), or place the camera by the board (`analyze calibrate --table`)"
         )
     mean = transform(nearest_rotation(R.mean(axis=0)), p.mean(axis=0))
     apart_rad = float(np.sqrt(np.mean(angle_between(R, mean[:3, :3]) ** 2)))

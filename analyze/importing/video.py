@@ -65,6 +65,7 @@ class VideoSource:
             self.pace = self._pace(container, stream, capture_hz)
             self.frame_count = stream.frames or None
             self.wall_start_ns = _wall_start(container)
+            self._said_s = _said_seconds(container, self.pace)
         with closing(self._open()) as container:
             frame = self._first_frame(container)
             self.width, self.height = frame.width, frame.height
@@ -121,7 +122,7 @@ class VideoSource:
         if damaged:
             self._remarks["damaged"] = f"{self.name}: {damaged} frames cannot be decoded and are left out"
         if start_ns is None and end_ns is None:
-            self._note_count(decoded)
+            self._note_count(decoded, last_ns)
 
     def access_units(self) -> Iterator[AccessUnit]:
         """Coded pictures in the order in which they are decoded, from the first key picture on.
@@ -131,7 +132,7 @@ class VideoSource:
         """
         if self.keeps is None:
             raise ImportRefused(f"{self.path}: {self.codec} is not kept as it is")
-        seen = 0
+        seen, last_ns = 0, 0
         with closing(self._open()) as container:
             stream = _video_stream(container, self.path)
             start = bytes(stream.codec_context.extradata or b"")
@@ -143,12 +144,13 @@ class VideoSource:
                     raise ImportRefused(f"{self.path}: a frame has no time stamp: put it into a container that has them (MP4, Matroska)")
                 seen += 1
                 key, time_ns = packet.is_keyframe, self.pace.time_ns(packet.pts)
+                last_ns = max(last_ns, time_ns)
                 for whole in [packet] if turn is None else turn.filter(packet):
                     data: Buffer = memoryview(whole)
                     if key and turn is None and not holds_parameter_sets(self.keeps, data):
                         data = start + bytes(data)
                     yield AccessUnit(time_ns, key, data)
-        self._note_count(seen)
+        self._note_count(seen, last_ns)
 
     def close(self) -> None:
         """Nothing is open between two readings."""
@@ -222,9 +224,11 @@ class VideoSource:
                 f"{self.width} x {self.height}, as a calibration must be"
             )
 
-    def _note_count(self, frames: int) -> None:
+    def _note_count(self, frames: int, last_ns: int) -> None:
         if self.frame_count and frames < self.frame_count:
             self._note_cut(f": {frames} of {self.frame_count} frames are there")
+        elif self._said_s is not None and last_ns * 1e-9 < self._said_s:
+            self._note_cut(f" at {last_ns * 1e-9:.2f} s")
 
     def _note_cut(self, what: str) -> None:
         self._remarks["cut"] = f"{self.name}: is cut short{what or ''}; what is there is imported"
@@ -237,6 +241,15 @@ def _video_stream(container: InputContainer, path: Path) -> av.VideoStream:
     if not container.streams.video:
         raise ImportRefused(f"{path}: holds no video: name the file that does")
     return container.streams.video[0]
+
+
+def _said_seconds(container: InputContainer, pace: Pace) -> float | None:
+    """Time by which, as the file says, the last frame is over, and which the last one reaches surely where it is there."""
+    if container.duration is None:
+        return None
+    # A sound track may go on for a moment.
+    slack_s = 2.5 * pace.interval_s if len(container.streams) == 1 else 1.0
+    return container.duration / av.time_base / float(pace.slowed) - slack_s
 
 
 def _wall_start(container: InputContainer) -> int | None:

@@ -1,0 +1,200 @@
+"""From films to a recording that is read as one of ours."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from analyze.cli import main
+from analyze.errors import ImportRefused, OutputError
+from analyze.evidence import read_evidence, read_head
+from analyze.importing.open_source import SourceOptions
+from analyze.importing.run import ImportOptions, prepare
+from analyze.importing.video import VideoSource
+from analyze.importing.write import write
+from analyze.recording import Recording, open_recording
+from analyze.verify import refuse_changed_content
+from schemas.result import Verdict
+from schemas.session_manifest import TimeSource
+from tests.analyze.importing.filmed import PHI, RATE, REST, T_WORLD_CAMERA, K, film, picture, setting, tip
+
+STEP_US = 10**6 // RATE
+
+
+def imported(folder: Path, *sources: Path, strikes=(), placed=True, planned=("s1",), **options) -> Path:
+    output = folder / "imported.mcap"
+    with prepare(ImportOptions(sources, *setting(folder, planned, placed=placed), strikes, **options)) as prepared:
+        write(prepared, output)
+    return output
+
+
+def _images(recording: Recording, start_ns=None, end_ns=None) -> list[tuple[int, np.ndarray]]:
+    return [(frame.time_ns, frame.image) for frame in recording.images(start_ns=start_ns, end_ns=end_ns)]
+
+
+@pytest.mark.parametrize("b_frames", ["0", "3"])
+@pytest.mark.parametrize("codec", ["libx264", "libx265"])
+def test_h264_and_h265_are_kept_and_read_back(tmp_path, codec, b_frames):
+    more = {"x265-params": "log-level=none:keyint=20"} if codec == "libx265" else {"g": "20"}
+    path = film(tmp_path / "a.mp4", tip(), codec=codec, bf=b_frames, preset="ultrafast", **more)
+    with VideoSource(path) as source:
+        expected = [(frame.time_ns, frame.image.copy()) for frame in source.frames()]
+    file = imported(tmp_path, path, whole=True)
+    refuse_changed_content(file)
+    with open_recording(file) as recording:
+        assert recording.topics()[1].schema == "foxglove.CompressedVideo"
+        every = _images(recording)
+        assert len(every) == len(expected)
+        start = every[0][0]
+        assert [time - start for time, _ in every] == [time for time, _ in expected]
+        assert all(np.array_equal(one[1], other[1]) for one, other in zip(every, expected, strict=True))
+        middle = _images(recording, every[33][0], every[37][0])
+        assert [time for time, _ in middle] == [time for time, _ in every[33:38]]
+        assert all(np.array_equal(one[1], other[1]) for one, other in zip(middle, every[33:38], strict=True))
+        [alone] = _images(recording, every[50][0], every[50][0])
+        assert np.array_equal(alone[1], every[50][1])
+        metas = list(recording.frame_meta())
+        assert [meta.sequence for meta in metas] == list(range(len(every)))
+        assert recording.manifest.time_source is TimeSource.CONTAINER_PTS
+        assert recording.manifest.time_source_sd_ns == 289
+        assert recording.manifest.cameras[0].frame_rate_hz == pytest.approx(RATE, rel=1e-4)
+        [strike] = recording.strikes
+        assert (strike.window_start_ns, strike.window_end_ns) == (every[0][0], every[-1][0])
+        assert strike.contact_time_ns == 0
+
+
+def test_a_film_is_analysed_like_a_recording_of_ours(tmp_path):
+    file = imported(tmp_path, film(tmp_path / "a.mp4", tip(), crf="10"))
+    [motion] = read_evidence(read_head(file)).motions
+    assert motion.verdict is Verdict.GOOD, motion.reason
+    assert motion.fit is not None
+    assert motion.fit.phi == pytest.approx(PHI, abs=np.radians(0.1))
+    assert motion.fit.k == pytest.approx(K, rel=0.01)
+
+
+def test_slow_motion_that_says_30(tmp_path):
+    path = film(tmp_path / "a.mp4", tip(), range(0, 33_333 * len(tip()), 33_333), crf="10")
+    [motion] = read_evidence(read_head(imported(tmp_path, path, source=SourceOptions(capture_hz=RATE)))).motions
+    assert motion.fit is not None
+    assert motion.fit.k == pytest.approx(K, rel=0.01)
+
+
+def test_a_dropped_stretch_is_said(tmp_path):
+    times = [number * STEP_US for number in range(len(tip())) if not 40 <= number < 47]
+    images = [image for number, image in enumerate(tip()) if not 40 <= number < 47]
+    with prepare(ImportOptions((film(tmp_path / "a.mp4", images, times),), *setting(tmp_path), whole=True)) as prepared:
+        written = write(prepared, tmp_path / "o.mcap")
+    assert written.remarks == ("a.mp4: 7 frames are missing once: 0.067 s from 0.325 s on",)
+    with open_recording(tmp_path / "o.mcap") as recording:
+        assert {meta.sequence: meta.frames_lost_before for meta in recording.frame_meta() if meta.frames_lost_before} == {40: 7}
+
+
+def test_other_codecs_are_stored_without_loss_in_the_window_alone(tmp_path):
+    still = [tip()[0]] * 120
+    path = film(tmp_path / "a.mkv", [*still, *tip()], codec="ffv1", pixels="gray")
+    with open_recording(imported(tmp_path, path)) as recording:
+        assert recording.topics()[1].schema == "foxglove.RawImage"
+        images = [image for _, image in _images(recording)]
+        [strike] = recording.strikes
+    seconds = (strike.window_end_ns - strike.window_start_ns) * 1e-9
+    assert seconds == pytest.approx(0.5 + (len(tip()) - REST) / RATE, abs=0.03)
+    assert np.array_equal(images[-1], tip()[-1])
+    assert np.array_equal(images[0], still[0])
+
+
+def test_a_folder_of_images(tmp_path):
+    folder = tmp_path / "images"
+    folder.mkdir()
+    with (folder / "times.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["name", "time_s"])
+        for number, image in enumerate(tip()):
+            cv2.imwrite(str(folder / f"{number}.png"), image)
+            rows.writerow([f"{number}.png", f"{1_700_000_000 + number * STEP_US * 1e-6:.6f}"])
+    with open_recording(imported(tmp_path, folder, whole=True)) as recording:
+        images = _images(recording)
+    assert np.diff([time for time, _ in images]).tolist() == [1000 * STEP_US] * (len(tip()) - 1)
+    assert all(np.array_equal(image, drawn) for (_, image), drawn in zip(images, tip(), strict=True))
+
+
+def test_one_film_of_the_session_is_split(tmp_path):
+    gone = [np.full_like(tip()[0], 120)] * 40
+    hand = [tip()[0].copy() for _ in range(20)]
+    for image in hand:
+        image[60:140, 40:120] = 20
+    carried = [picture(0.0, (4.0 * step, -3.0 * step)) for step in range(1, 20)]
+    one = [*[tip()[0]] * 40, *hand, *tip(), *gone, *[tip()[0]] * 30, *carried, *gone, *tip()]
+    path = film(tmp_path / "a.mp4", one, crf="10")
+    with prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2")))) as prepared:
+        assert prepared.was_split
+        starts = [60 + REST, 60 + len(tip()) + 40 + 30 + 19 + 40 + REST]
+        moments = [window.onset.time_ns * 1e-9 * RATE for window in prepared.windows if window.onset is not None]
+        assert moments == pytest.approx(starts, abs=3)
+        write(prepared, tmp_path / "o.mcap")
+    evidence = read_evidence(read_head(tmp_path / "o.mcap"))
+    assert [motion.strike_id for motion in evidence.motions] == ["s1.1", "s2.1"]
+    assert all(motion.verdict is Verdict.GOOD for motion in evidence.motions), [motion.reason for motion in evidence.motions]
+
+
+def test_which_strike_is_which(tmp_path):
+    path = film(tmp_path / "a.mp4", tip())
+    with prepare(ImportOptions((path, path), *setting(tmp_path, ("s1", "s2", "s3")), ("s3", "s3"), whole=True)) as prepared:
+        assert [window.strike_id for window in prepared.windows] == ["s3.1", "s3.2"]
+    with pytest.raises(ImportRefused, match="the plan has s1"):
+        prepare(ImportOptions((path,), *setting(tmp_path), ("s7",), whole=True))
+    with pytest.raises(ImportRefused, match="2 sources, but the plan has 1"):
+        prepare(ImportOptions((path, path), *setting(tmp_path), whole=True))
+    with pytest.raises(ImportRefused, match=r"shows 1 strikes .at 0.2 s., the plan has 2"):
+        prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2"))))
+
+
+def test_the_resting_object_places_the_camera(tmp_path):
+    file = imported(tmp_path, film(tmp_path / "a.mp4", tip(), crf="10"), placed=False)
+    with open_recording(file) as recording:
+        found = np.array(recording.manifest.cameras[0].calibration.T_world_camera)
+    # A tag that is seen square on tells least of how it is tilted; what theta(t) tells hardly depends on that.
+    assert found[:3, 3] == pytest.approx(T_WORLD_CAMERA[:3, 3], abs=5e-3)
+    assert np.degrees(np.arccos((np.trace(found[:3, :3].T @ T_WORLD_CAMERA[:3, :3]) - 1) / 2)) < 1.5
+    [motion] = read_evidence(read_head(file)).motions
+    assert motion.fit is not None
+    assert motion.fit.phi == pytest.approx(PHI, abs=np.radians(0.2))
+
+
+def test_another_cameras_images_are_refused(tmp_path):
+    path = film(tmp_path / "a.mp4", [image[:200] for image in tip()[:5]])
+    with pytest.raises(ImportRefused, match=r"has 320 x 200 px, .* is of 320 x 240"):
+        prepare(ImportOptions((path,), *setting(tmp_path)))
+
+
+def test_the_same_film_gives_the_same_content(tmp_path):
+    path = film(tmp_path / "a.mp4", tip()[:20])
+    ids = []
+    for name in ("one.mcap", "two.mcap"):
+        with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared:
+            ids.append(write(prepared, tmp_path / name).content_id)
+    assert ids[0] == ids[1]
+    with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared, pytest.raises(OutputError, match="exists already"):
+        write(prepared, tmp_path / "one.mcap")
+
+
+def test_nothing_is_written_unasked(tmp_path):
+    gone = [np.full_like(tip()[0], 120)] * 30
+    path = film(tmp_path / "a.mp4", [*tip(), *gone, *gone, *gone, *tip()])
+    files = zip(("--object", "--plan", "--camera"), map(str, setting(tmp_path, ("s1", "s2"))), strict=True)
+    command = ["import", str(path), *(word for pair in files for word in pair), "-o", str(tmp_path / "o.mcap")]
+    asked = CliRunner().invoke(main, command)
+    assert asked.exit_code == 2
+    assert "--yes" in asked.output
+    shown = CliRunner().invoke(main, [*command, "--dry-run"])
+    assert shown.exit_code == 0, shown.output
+    assert "s2.1" in shown.output
+    assert not (tmp_path / "o.mcap").exists()
+    done = CliRunner().invoke(main, [*command, "--yes"])
+    assert done.exit_code == 0, done.output
+    assert "2 strikes" in done.output
+    assert [path.name for path in tmp_path.glob("o.mcap*")] == ["o.mcap"]
