@@ -70,7 +70,7 @@ def test_a_file_cut_short_gives_what_is_there(tmp_path):
     part = tmp_path / "part.mkv"
     part.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
     with VideoSource(part) as source:
-        assert 20 < len(_times(source)) < 40
+        assert 10 < len(_times(source)) < 55
         assert any("cut short" in remark or "cannot be decoded" in remark for remark in source.remarks)
 
 
