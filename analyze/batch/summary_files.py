@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, fields
 from io import BytesIO
+from itertools import groupby
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -35,12 +37,17 @@ def render_summary(found: Summary) -> None:
     for name, sha256, sessions, strikes, used in found.objects:
         objects.add_row(name, sha256[:8], str(sessions), str(strikes), str(used))
     console.print(objects)
-    repeated = Table(title="From session to session", title_justify="left")
-    for heading in ("object", "quantity", "sessions", "mean", "scatter (1 sd)", "stated (1 sd)", "chi²/dof", "drift per day"):
-        repeated.add_column(heading, justify="left" if heading in {"object", "quantity"} else "right")
-    for each in found.repeated:
-        repeated.add_row(each.object, each.quantity, str(each.sessions), *cells(each))
-    console.print(repeated)
+    if found.repeated:
+        console.print("\nFrom session to session (n of them; scatter and stated: 1 sd)")
+    for (name, sha256), rows in groupby(found.repeated, key=lambda each: (each.object, each.object_sha256)):
+        repeated = Table(title=f"{name} ({sha256[:8]})", title_justify="left", box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+        for heading in ("quantity", "n", "mean", "scatter", "stated", "chi²/dof", "drift/day"):
+            repeated.add_column(heading, justify="left" if heading == "quantity" else "right", no_wrap=True)
+        for each in rows:
+            *others, drift = cells(each)
+            repeated.add_row(each.quantity, str(each.sessions), *others, drift.removesuffix(f" {each.unit}"))
+        console.print(repeated)
+        console.print()
     failures(console, found)
 
 

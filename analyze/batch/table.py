@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from analyze.errors import ArchiveError
 from analyze.output_file import write_bytes
 from schemas.result import Quantity, Result
 
@@ -118,9 +119,20 @@ def write_rows(rows: pa.Table, path: Path) -> None:
 
 
 def read_rows(paths: Sequence[Path]) -> pa.Table:
-    """All of them as one table."""
-    tables = [pq.read_table(path, schema=SCHEMA) for path in paths]
+    """All of them as one table.
+
+    Raises:
+        ArchiveError: one is damaged.
+    """
+    tables = [_read(path) for path in paths]
     return pa.concat_tables(tables) if tables else SCHEMA.empty_table()
+
+
+def _read(path: Path) -> pa.Table:
+    try:
+        return pq.read_table(path, schema=SCHEMA)
+    except pa.ArrowException:
+        raise ArchiveError(f"{path}: damaged: remove it, and run `analyze batch` again, which makes it anew") from None
 
 
 def _regions(result: Result) -> list[dict[str, Any]]:

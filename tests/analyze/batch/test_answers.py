@@ -13,7 +13,7 @@ from analyze.batch.ledger import Entry, Ledger
 from analyze.batch.query import ask, rows_of
 from analyze.batch.summary import summarise
 from analyze.batch.summary_files import render_summary, save_summary
-from analyze.batch.table import write_row
+from analyze.batch.table import read_rows, write_row
 from analyze.errors import ArchiveError
 
 DAYS, SCATTER_M, DRIFT_M = 12, 2e-4, 5e-5
@@ -71,6 +71,8 @@ def test_what_is_printed_is_what_is_there(results, capsys):
     printed = capsys.readouterr().out
     assert "tea [box]" in printed
     assert "/runs[a]/x.mcap: ends early" in printed
+    assert "centre of mass z" in printed
+    assert max(len(line) for line in printed.splitlines() if "centre of mass" in line) < 80
     print_answer(ask(results, "select '[red]:smile:' as x"), "table")
     assert "[red]:smile:" in capsys.readouterr().out
 
@@ -96,3 +98,9 @@ def test_an_answer_as_json_and_csv(results, tmp_path, capsys):
     row = pc.read_csv(tmp_path / "a.csv").to_pylist()[0]
     assert row["n"] == 3 * DAYS
     assert row["l"] == "[1, 2]"
+
+
+def test_a_row_that_is_damaged_is_named(tmp_path):
+    (tmp_path / "row.parquet").write_bytes(b"PAR1 and no more")
+    with pytest.raises(ArchiveError, match=r"row\.parquet: damaged: remove it"):
+        read_rows([tmp_path / "row.parquet"])
