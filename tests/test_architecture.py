@@ -27,7 +27,7 @@ OWNERS = {
     "distributed": {"analyze/batch/cluster.py"},
     "duckdb": {"analyze/batch/query.py"},
     "fsspec": {"analyze/batch/"},
-    "mcap": {"acquire/recorder/", "analyze/recording.py"},
+    "mcap": {"acquire/recorder/", "analyze/recording.py", "analyze/importing/message_files.py"},
     # The second reads files back; no estimator does.
     "mujoco": {"acquire/virtual/", "analyze/export/read_back.py"},
     "pxr": {"analyze/export/"},
@@ -78,6 +78,7 @@ CV2_ALLOWED = (
     "analyze/calibration",
     "analyze/geometry",
     "analyze/image_message.py",
+    "analyze/importing/pictures.py",
     "analyze/replay/",
     "analyze/watch.py",
     "analyze/batch",

@@ -18,9 +18,9 @@ from schemas.command_line import NumberRange
 @click.option(
     "--camera",
     "camera_path",
-    required=True,
     type=click.Path(path_type=Path),
-    help="The lens: what `analyze calibrate -o` wrote, a rig file, or a calibration of OpenCV, Kalibr or ROS (YAML, JSON).",
+    help="The lens: what `analyze calibrate -o` wrote, a rig file, or a calibration of OpenCV, Kalibr or ROS (YAML, JSON).  "
+    "[default: the calibration in the MCAP file or bag]",
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="The recording to write (.mcap).")
 @click.option(
@@ -34,6 +34,7 @@ from schemas.command_line import NumberRange
 @click.option(
     "--times", type=click.Path(path_type=Path), metavar="CSV", help="Of a folder of images: columns name,time_s.  [default: the one in it]"
 )
+@click.option("--topic", metavar="NAME", help="Of an MCAP file or ROS 2 bag: the topic of images.  [default: the only one]")
 @click.option("--whole", is_flag=True, help="Each source is one strike from its first to its last image: look for nothing.")
 @click.option("--yes", is_flag=True, help="Write without asking where one source was split into strikes.")
 @click.option("--dry-run", is_flag=True, help="Show what would become which strike, and write nothing.")
@@ -42,16 +43,17 @@ def import_(
     sources: tuple[Path, ...],
     object_path: Path,
     plan_path: Path,
-    camera_path: Path,
+    camera_path: Path | None,
     output: Path | None,
     strikes: tuple[str, ...],
     capture_fps: float | None,
     times: Path | None,
+    topic: str | None,
     whole: bool,
     yes: bool,
     dry_run: bool,
 ) -> None:
-    """Make a recording of what another camera filmed: videos, or folders of images with a CSV of their times.
+    """Make a recording of what another camera filmed: videos, folders of images with a CSV of their times, MCAP files and ROS 2 bags.
 
     One source for each strike, or one for the whole session: it is split where a tag that rested begins to tip.
     """
@@ -65,8 +67,8 @@ def import_(
     if output is None and not dry_run:
         raise click.UsageError("-o FILE.mcap says where to write the recording (or --dry-run)")
     if output is not None:
-        refuse_unwritable(output, *sources, object_path, plan_path, camera_path)
-    options = ImportOptions(sources, object_path, plan_path, camera_path, strikes, whole, SourceOptions(capture_fps, times))
+        refuse_unwritable(output, *sources, object_path, plan_path, *([] if camera_path is None else [camera_path]))
+    options = ImportOptions(sources, object_path, plan_path, camera_path, strikes, whole, SourceOptions(capture_fps, times, topic))
     with StrikeProgress() as progress:
         prepared = prepare(options, progress)
     with prepared:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from analyze.calibrate import read_rig
+from analyze.errors import ImportRefused
 from analyze.importing.calibrations import SUFFIXES, read_calibration
+from analyze.importing.source import FrameSource
+from analyze.importing.topic_source import TopicSource
 from schemas.session_manifest import CameraCalibrationSpec
 
 
@@ -15,10 +19,22 @@ class CameraFile:
     """What a camera file says."""
 
     path: Path
+    """where it is said: a file, or a file and its topic"""
     calibration: CameraCalibrationSpec
     """its T_world_camera is the unit matrix where the file has none"""
     placed: bool
     """the file says where the camera stands"""
+    of_topic: bool = False
+    """said by a topic of a source"""
+
+    @property
+    def file_name(self) -> str:
+        """What its content is called as a file."""
+        return f"{self.path.name}.json" if self.of_topic else self.path.name
+
+    def content(self) -> bytes:
+        """As the file has it; of a topic what was understood of it."""
+        return self.calibration.model_dump_json(exclude={"T_world_camera"}).encode() if self.of_topic else self.path.read_bytes()
 
 
 def read_camera(path: Path) -> CameraFile:
@@ -32,3 +48,22 @@ def read_camera(path: Path) -> CameraFile:
         return CameraFile(path, *read_calibration(path))
     rig, place = read_rig(path)
     return CameraFile(path, rig.camera.calibration, place is not None)
+
+
+def camera_of(sources: Sequence[FrameSource]) -> CameraFile:
+    """The lens as the sources' own files say it.
+
+    Raises:
+        ImportRefused: they do not, or disagree.
+        CalibrationError, DocumentError: it is of a kind that is not read.
+    """
+    said = [(source, source.calibration()) for source in sources if isinstance(source, TopicSource)]
+    found = [
+        CameraFile(Path(f"{source.path}:{topic[1]}"), topic[0], placed=False, of_topic=True) for source, topic in said if topic is not None
+    ]
+    if not found:
+        raise ImportRefused(f"{sources[0].name}: nothing says what lens took it: give --camera, which `analyze calibrate -o` writes")
+    for other in found[1:]:
+        if other.calibration != found[0].calibration:
+            raise ImportRefused(f"{other.path}: says another lens than {found[0].path}: import what one camera took, or give --camera")
+    return found[0]

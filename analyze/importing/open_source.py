@@ -1,4 +1,4 @@
-"""What a path on the command line is: a video, a folder of images."""
+"""What a path on the command line is: a video, a folder of images, an MCAP file or a ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from pathlib import Path
 
 from analyze.errors import ImportRefused
 from analyze.importing.image_folder import ImageFolder
+from analyze.importing.message_files import is_message_file
 from analyze.importing.source import FrameSource
+from analyze.importing.topic_source import TopicSource
 from analyze.importing.video import VideoSource
 
 
@@ -19,6 +21,8 @@ class SourceOptions:
     """rate at which a slow-motion video was captured"""
     times: Path | None = None
     """CSV with the times of a folder's images"""
+    topic: str | None = None
+    """of an MCAP file or bag; None: the only one with images"""
 
 
 def open_source(path: Path, options: SourceOptions) -> FrameSource:
@@ -29,6 +33,15 @@ def open_source(path: Path, options: SourceOptions) -> FrameSource:
     """
     if not path.exists():
         raise ImportRefused(f"{path}: no such file or folder: check the path")
+    if is_message_file(path):
+        if options.capture_hz is not None or options.times is not None:
+            named = "--capture-fps" if options.capture_hz is not None else "--times"
+            raise ImportRefused(f"{path}: {named} is not of files of messages: theirs have times of their own")
+        return TopicSource(path, options.topic)
+    if path.suffix.lower() == ".bag":
+        raise ImportRefused(f"{path}: is a ROS 1 bag: make a ROS 2 bag of it with `rosbags-convert --src {path.name} --dst {path.stem}`")
+    if options.topic is not None:
+        raise ImportRefused(f"{path}: --topic is of MCAP files and ROS 2 bags: leave it out")
     if path.is_dir():
         if options.capture_hz is not None:
             raise ImportRefused(f"{path}: --capture-fps is of videos: a folder's images have the times of its CSV")

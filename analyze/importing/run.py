@@ -13,7 +13,7 @@ import numpy as np
 from analyze.annex_b import VideoFormat
 from analyze.errors import ImportRefused
 from analyze.evidence import placed_markers
-from analyze.importing.camera_file import CameraFile, read_camera
+from analyze.importing.camera_file import CameraFile, camera_of, read_camera
 from analyze.importing.onsets import OnsetFinder
 from analyze.importing.open_source import SourceOptions, open_source
 from analyze.importing.place import CameraPlace, CameraView, placed_by, view_of
@@ -44,7 +44,8 @@ class ImportOptions:
     sources: tuple[Path, ...]
     object_path: Path
     plan_path: Path
-    camera_path: Path
+    camera_path: Path | None
+    """None: the sources' own files say it"""
     strikes: tuple[str, ...] = ()
     """ids of the plan's strikes, in the order of the sources, or of the strikes in the only one"""
     whole: bool = False
@@ -89,7 +90,8 @@ class Import:
 
     def remarks(self) -> list[str]:
         """What is to be said of the sources, as far as they were read."""
-        return [remark for source in self.sources for remark in source.remarks]
+        lens = [f"the lens is as {self.camera.path} says it"] if self.camera.of_topic else []
+        return [*lens, *(remark for source in self.sources for remark in source.remarks)]
 
     def __enter__(self) -> Import:
         return self
@@ -111,10 +113,11 @@ def prepare(options: ImportOptions, progress: Progress = lambda _text, _done, _t
     plan = parse_strike_plan(plan_text, str(options.plan_path))
     if plan.object_sha256 != files.sha256:
         raise ImportRefused(f"{options.plan_path}: was made for another object than {files.spec.name!r}: make it anew with `analyze plan`")
-    camera = read_camera(options.camera_path)
+    given = None if options.camera_path is None else read_camera(options.camera_path)
     planned = [strike.id for strike in plan.strikes]
     with ExitStack() as stack:
         sources = tuple(stack.enter_context(open_source(path, options.source)) for path in options.sources)
+        camera = given or camera_of(sources)
         for source in sources:
             _refuse_other_camera(source, camera)
         splits = len(sources) == 1 and not options.whole and len(options.strikes) != 1 and len(planned) > 1

@@ -231,7 +231,7 @@ def _attachments(prepared: Import) -> list[tuple[str, str, bytes]]:
     found = [
         (OBJECT_ATTACHMENT, "application/toml", prepared.object_text.encode()),
         (PLAN_ATTACHMENT, "application/json", prepared.plan_text.encode()),
-        (CAMERA_ATTACHMENT_PREFIX + prepared.camera.path.name, "text/plain", prepared.camera.path.read_bytes()),
+        (CAMERA_ATTACHMENT_PREFIX + prepared.camera.file_name, "text/plain", prepared.camera.content()),
     ]
     if files.shape_bytes is not None:
         found.append((SHAPE_ATTACHMENT_PREFIX + Path(files.shape_name).name, "application/octet-stream", files.shape_bytes))

@@ -1,0 +1,166 @@
+"""Files of messages that others wrote: MCAP, and ROS 2 bags (a folder with metadata.yaml, or .db3 alone). Topics, and messages by time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from mcap.reader import SeekingReader
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import Reader
+
+from analyze.errors import ImportRefused
+
+BAG_FILE = ".db3"
+METADATA = "metadata.yaml"
+_LARGEST_RECORD = 1 << 30
+"""bytes; a damaged length would ask for all memory"""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a file."""
+
+    name: str
+    schema: str
+    """name of its messages' type"""
+    encoding: str
+    """of its messages: protobuf, json, cdr"""
+    count: int | None
+    """messages, where the file tells"""
+
+
+class Logged(NamedTuple):
+    """A message as it stands in the file."""
+
+    log_ns: int
+    data: bytes
+
+
+class MessageFile(Protocol):
+    """Topics and messages of a file; every call opens it anew.
+
+    Raises (all of it):
+        ImportRefused: it is damaged, or none of ours to read.
+    """
+
+    @property
+    def path(self) -> Path:
+        """The file or folder."""
+        ...
+
+    def topics(self) -> list[Topic]:
+        """All of them, by name."""
+        ...
+
+    def messages(self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Logged]:
+        """By log time, both ends included."""
+        ...
+
+
+class McapFile:
+    """An MCAP file with an index, of whatever program."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def topics(self) -> list[Topic]:
+        """See MessageFile."""
+        with self._named_damage(), self.path.open("rb") as stream:
+            summary = self._reader(stream).get_summary()
+            if summary is None or not summary.channels:
+                raise ImportRefused(
+                    f"{self.path}: holds no index, or no messages: write it anew with `mcap recover {self.path.name} -o NEW.mcap`"
+                )
+            counts = summary.statistics.channel_message_counts if summary.statistics is not None else None
+            found: dict[tuple[str, str, str], int | None] = {}
+            for number, channel in summary.channels.items():
+                schema = summary.schemas.get(channel.schema_id)
+                key = (channel.topic, "" if schema is None else schema.name, channel.message_encoding)
+                many = None if counts is None else counts.get(number, 0)
+                before = found.get(key, 0)
+                found[key] = None if many is None or before is None else before + many
+        return [Topic(*key, many) for key, many in sorted(found.items())]
+
+    def messages(self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Logged]:
+        """See MessageFile."""
+        with self._named_damage(), self.path.open("rb") as stream:
+            until = None if end_ns is None else max(end_ns + 1, start_ns or 0)
+            for schema, channel, message in self._reader(stream).iter_messages([topic.name], starting_at=start_ns, ending_before=until):
+                if channel.message_encoding == topic.encoding and (schema.name if schema else "") == topic.schema:
+                    yield Logged(message.log_time, message.data)
+
+    @staticmethod
+    def _reader(stream: object) -> SeekingReader:
+        return SeekingReader(stream, record_size_limit=_LARGEST_RECORD)  # pyright: ignore[reportArgumentType]
+
+    @contextmanager
+    def _named_damage(self) -> Iterator[None]:
+        try:
+            yield
+        except ImportRefused:
+            raise
+        except OSError as error:
+            raise ImportRefused(f"{self.path}: cannot be read: {error.strerror}") from None
+        except Exception:  # the reader and three decompressors have errors of their own
+            raise ImportRefused(
+                f"{self.path}: is no MCAP file, damaged or cut short: try `mcap recover {self.path.name} -o NEW.mcap`"
+            ) from None
+
+
+class BagFile:
+    """A ROS 2 bag in either storage; of a folder all its files."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def topics(self) -> list[Topic]:
+        """See MessageFile."""
+        with self._opened() as reader:
+            found: dict[tuple[str, str, str], int] = {}
+            for connection in reader.connections:
+                key = (connection.topic, connection.msgtype, _serialization(connection))
+                found[key] = found.get(key, 0) + connection.msgcount
+        return [Topic(*key, many or None) for key, many in sorted(found.items())]
+
+    def messages(self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Logged]:
+        """See MessageFile."""
+        with self._opened() as reader:
+            meant = [each for each in reader.connections if each.topic == topic.name and each.msgtype == topic.schema]
+            until = None if end_ns is None else end_ns + 1
+            for _, log_ns, data in reader.messages(meant, start_ns, until):
+                yield Logged(log_ns, bytes(data))
+
+    @contextmanager
+    def _opened(self) -> Iterator[Reader]:
+        try:
+            with Reader(self.path) as reader:
+                yield reader
+        except ImportRefused:
+            raise
+        except OSError as error:
+            raise ImportRefused(f"{self.path}: cannot be read: {error.strerror or error}") from None
+        except Exception as error:  # the reader, its two storages and its decompressor have errors of their own
+            raise ImportRefused(f"{self.path}: is no ROS 2 bag that can be read ({' '.join(str(error).split())[:120]})") from None
+
+
+def _serialization(connection: Connection) -> str:
+    return str(getattr(connection.ext, "serialization_format", "cdr"))
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a ROS 2 bag: a folder that says so, or a database of one."""
+    return (path / METADATA).is_file() or path.suffix.lower() == BAG_FILE
+
+
+def is_message_file(path: Path) -> bool:
+    """Whether a path is a file of messages."""
+    return path.suffix.lower() == ".mcap" or is_bag(path)
+
+
+def open_message_file(path: Path) -> MessageFile:
+    """The file or folder, by what it is called."""
+    return BagFile(path) if is_bag(path) else McapFile(path)

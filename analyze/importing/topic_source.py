@@ -1,0 +1,205 @@
+"""A topic of images as a source: of a Foxglove MCAP file or a ROS 2 bag.
+
+Times are those in the messages' headers, as a camera's driver set them, where they are set and rise; else the log times, at which the
+recorder received the messages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice, pairwise
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyze.compressed_video import decoded
+from analyze.errors import CalibrationError, ImportRefused
+from analyze.importing import pictures
+from analyze.importing.calibrations import calibration_of
+from analyze.importing.message_files import Logged, MessageFile, Topic, open_message_file
+from analyze.importing.pictures import CodedPicture, Picture, grey_of, is_read, picture_of
+from analyze.importing.source import TimedImage
+from analyze.indexed_file import RecordedMessage
+from analyze.types import Array
+from schemas.container import ContainerError
+from schemas.session_manifest import CameraCalibrationSpec, TimeSource
+
+_LOOKED_AT = 200
+"""messages from which it is told whether headers hold times, and how evenly frames come"""
+_MARGIN_NS = 2_000_000_000
+"""by which a message may be logged earlier or later than its header says, beside what the first one is"""
+_LEAST_SD_NS = 1_000
+_CALIBRATIONS = {("cdr", "sensor_msgs/msg/CameraInfo"), ("protobuf", "foxglove.CameraCalibration"), ("json", "foxglove.CameraCalibration")}
+_MOST_NAMED = 6
+
+
+class TopicSource:
+    """Images of one topic.
+
+    Args:
+        path: an MCAP file, a bag's folder or its .db3.
+        topic: its name; None: the only one with images.
+
+    Raises:
+        ImportRefused: the file cannot be read, has no such topic, or holds several and none is named.
+    """
+
+    def __init__(self, path: Path, topic: str | None = None) -> None:
+        self._file: MessageFile = open_message_file(path)
+        self._all = self._file.topics()
+        self._topic = _chosen(path, self._all, topic)
+        self.path = path
+        self.name = f"{path.name}:{self._topic.name}"
+        self.frame_count = self._topic.count
+        self._remarks: dict[str, str] = {}
+        first, stamps, logs = self._looked_at()
+        self._by_header = _rise(stamps) and stamps[0] > 0
+        times = stamps if self._by_header else logs
+        self._start_ns, self._logged_ns = times[0], logs[0]
+        self.time_source = TimeSource.CONTAINER_PTS if self._by_header else TimeSource.HOST_ARRIVAL
+        self.time_sd_ns = _scatter_ns(times)
+        self.wall_start_ns: int | None = self._start_ns if self._by_header else self._logged_ns
+        if not self._by_header:
+            why = "are not set" if not any(stamps) else "do not rise"
+            self._remarks["times"] = f"{self.name}: its header stamps {why}: log times are taken, ± {1e-6 * self.time_sd_ns:.2g} ms"
+        self.height, self.width = first.shape
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """See FrameSource."""
+        return tuple(self._remarks.values())
+
+    def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
+        """See FrameSource."""
+        last_ns, behind = -1, 0
+        for time_ns, image in self._images(start_ns, end_ns):
+            if (start_ns is not None and time_ns < start_ns) or (end_ns is not None and time_ns > end_ns):
+                continue
+            if time_ns <= last_ns:
+                behind += 1
+                continue
+            if image.shape != (self.height, self.width):
+                sizes = f"{image.shape[1]} x {image.shape[0]} px, the first {self.width} x {self.height}"
+                raise ImportRefused(f"{self.name}: an image at {1e-9 * time_ns:.3f} s has {sizes}: import a topic of one size")
+            last_ns = time_ns
+            yield TimedImage(time_ns, image)
+        if behind:
+            self._remarks["behind"] = f"{self.name}: {behind} images that are stamped earlier than one before them are left out"
+
+    def calibration(self) -> tuple[CameraCalibrationSpec, str] | None:
+        """What the file says of the topic's camera, and on which topic; None where it says nothing.
+
+        Raises:
+            CalibrationError, DocumentError: of a lens of a kind that is not read.
+        """
+        namespace = self._topic.name.rsplit("/", 1)[0]
+        said = [topic for topic in self._all if (topic.encoding, topic.schema) in _CALIBRATIONS]
+        near = [topic for topic in said if topic.name.rsplit("/", 1)[0] in {namespace, namespace.rsplit("/", 1)[0]}] or said
+        if len(near) != 1:
+            return None
+        message = next(iter(self._file.messages(near[0])), None)
+        if message is None:
+            return None
+        where = f"{self.path}:{near[0].name}"
+        try:
+            fields = pictures.camera_info(near[0].encoding, near[0].schema, message.data)
+        except ContainerError as error:
+            raise CalibrationError(f"{where}: {error}") from None
+        return calibration_of(fields, where)[0], near[0].name
+
+    def close(self) -> None:
+        """Nothing is open between two readings."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    # --- messages -------------------------------------------------------------------------------------------------
+
+    def _pictures(self, log_from: int | None = None, log_to: int | None = None) -> Iterator[tuple[Logged, Picture]]:
+        for message in self._file.messages(self._topic, log_from, log_to):
+            try:
+                yield message, picture_of(self._topic.encoding, self._topic.schema, message.data)
+            except ContainerError as error:
+                raise ImportRefused(f"{self.name}: {error}: the file is damaged") from None
+
+    def _images(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+        """Time since the start and image, about in the range; a video's are all from its beginning on, which its decoder needs."""
+        margin = _MARGIN_NS if self._by_header else 0
+        video = self._topic.schema == pictures.VIDEO
+        log_from = None if start_ns is None or video else self._logged_ns + start_ns - margin
+        log_to = None if end_ns is None else self._logged_ns + end_ns + max(margin, _MARGIN_NS if video else 0)
+        found = self._pictures(None if log_from is None else max(log_from, 0), None if log_to is None else max(log_to, 0))
+        try:
+            if video:
+                for frame in decoded(self._as_recorded(found)):
+                    yield frame.time_ns, frame.image
+                return
+            for message, picture in found:
+                time_ns = self._time_ns(message, picture)
+                if (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns):
+                    yield time_ns, grey_of(picture)
+        except ContainerError as error:
+            raise ImportRefused(f"{self.name}: {error}") from None
+
+    def _as_recorded(self, found: Iterator[tuple[Logged, Picture]]) -> Iterator[RecordedMessage]:
+        for number, (message, picture) in enumerate(found):
+            if isinstance(picture, CodedPicture):
+                data = memoryview(pictures.as_video(picture))
+                yield RecordedMessage(self._topic.name, self._time_ns(message, picture), number, data)
+
+    def _time_ns(self, message: Logged, picture: Picture) -> int:
+        """Since the source's start."""
+        return (picture.stamp_ns if self._by_header else message.log_ns) - self._start_ns
+
+    def _looked_at(self) -> tuple[NDArray[np.uint8], list[int], list[int]]:
+        """The first image, and header stamps and log times [ns] of the first messages."""
+        stamps, logs = [], []
+        for message, picture in islice(self._pictures(), _LOOKED_AT):
+            stamps.append(picture.stamp_ns)
+            logs.append(message.log_ns)
+        if len(logs) < 2:
+            raise ImportRefused(f"{self.name}: holds {len(logs)} images: a strike has more")
+        self._by_header, self._start_ns, self._logged_ns = False, logs[0], logs[0]
+        first = next(self._images(None, None), None)
+        if first is None:
+            raise ImportRefused(f"{self.name}: none of its images can be decoded")
+        return first[1], stamps, logs
+
+
+def _chosen(path: Path, topics: list[Topic], name: str | None) -> Topic:
+    images = [topic for topic in topics if is_read(topic.encoding, topic.schema) and topic.count != 0]
+    listed = ", ".join(topic.name for topic in images[:_MOST_NAMED]) + (", ..." if len(images) > _MOST_NAMED else "")
+    if name is None:
+        if len(images) == 1:
+            return images[0]
+        if images:
+            raise ImportRefused(f"{path}: holds {len(images)} topics of images: say which with --topic: {listed}")
+        others = sorted({topic.schema or topic.encoding for topic in topics})
+        held = ", ".join(others[:_MOST_NAMED]) or "nothing"
+        raise ImportRefused(f"{path}: holds no images that are read (of Foxglove: protobuf or JSON; of ROS 2: CDR), but {held}")
+    found = next((topic for topic in images if topic.name == name), None)
+    if found is None:
+        another = next((topic for topic in topics if topic.name == name), None)
+        what = (
+            "holds no such topic" if another is None else f"its messages are {another.schema or another.encoding}, no images that are read"
+        )
+        raise ImportRefused(f"{path}: --topic {name}: {what}: it has {listed or 'no images'}")
+    return found
+
+
+def _rise(times: list[int]) -> bool:
+    return all(earlier < later for earlier, later in pairwise(times))
+
+
+def _scatter_ns(times: list[int]) -> int:
+    """1 sigma of a time stamp, by how unevenly frames that come evenly are stamped; a lost frame is none of it."""
+    second: Array = np.diff(np.array(times, dtype=np.int64), 2).astype(np.float64)
+    if len(second) == 0:
+        return _LEAST_SD_NS
+    return max(_LEAST_SD_NS, round(1.4826 * float(np.median(np.abs(second))) / 6**0.5))
