@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import atexit
+import logging
 import socket
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 from analyze.batch.archive import Source
 from analyze.batch.lane import Lane, Limits
@@ -40,9 +42,13 @@ def on_cluster(requests: Sequence[Request], options: BatchOptions) -> Iterator[I
         raise ArchiveError(
             f"{options.scheduler}: no Dask scheduler answers ({' '.join(str(error).split())}): start it, or check the address"
         ) from None
+    # Its own words on a lost connection are a traceback; ours follow.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     limits, version = (options.limits.seconds, options.limits.memory_bytes), analysis_version()
+    # Under a key of another run Dask would answer with what that run made, in its folder and with its settings.
+    run = uuid4().hex[:8]
     futures = {
-        client.submit(_in_lane, request.json(), limits, version, key=f"percuss-{request.source.id}-{number}", pure=False): request
+        client.submit(_in_lane, request.json(), limits, version, key=f"percuss-{run}-{request.source.id}-{number}", pure=False): request
         for number, request in enumerate(requests)
     }
 
