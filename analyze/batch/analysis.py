@@ -116,7 +116,10 @@ def _failure(error: Exception, source: Source, scratch: Path) -> dict[str, str]:
     if isinstance(error, _NoStrikes):
         kind = _NO_STRIKES
     elif isinstance(error, MemoryError) or (isinstance(error, cv2.error) and "memory" in text.lower()):
-        kind, text = OUT_OF_MEMORY, f"{source.url}: more memory was needed than a worker may have: raise --memory-limit"
+        kind, text = (
+            OUT_OF_MEMORY,
+            f"{source.url}: more memory was needed than a worker may have: raise --memory-limit and add --only-failed",
+        )
     else:
         kind = next((name for each, name in _KINDS if isinstance(error, each)), "defect")
     if source.is_local and not Path(source.url).exists():

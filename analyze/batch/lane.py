@@ -70,7 +70,7 @@ class Lane:
             return self._ended(request, time.monotonic() - start)
         except TimeoutError:
             self._end()
-            text = f"{request.source.url}: took more than {self._limits.seconds:.0f} s: raise --time-limit"
+            text = f"{request.source.url}: took more than {self._limits.seconds:.0f} s: raise --time-limit and add --only-failed"
             return failed(request, TIME_LIMIT, text, time.monotonic() - start, self._emptied())
         if "error" in answer:
             raise ArchiveError(answer["error"])
@@ -139,7 +139,7 @@ class Lane:
             return failed(
                 request,
                 OUT_OF_MEMORY,
-                f"{url}: more memory was needed than a worker may have: raise --memory-limit",
+                f"{url}: more memory was needed than a worker may have: raise --memory-limit and add --only-failed",
                 seconds,
                 self._emptied(),
             )

@@ -59,7 +59,7 @@ class _Shard(click.ParamType):
 @click.argument("paths", metavar="PATH...", nargs=-1)
 @click.option("--out", "output", type=click.Path(path_type=Path), default=_OUTPUT, show_default=True, help="Folder of the results.")
 @click.option("--jobs", "-j", type=click.IntRange(1), help="Recordings at a time; default: one per core.")
-@click.option("--exclude", multiple=True, metavar="GLOB", help="Leave out what matches, by place or name; may be repeated.")
+@click.option("--exclude", multiple=True, metavar="GLOB", help="Leave out what matches, by place, folder or name; may be repeated.")
 @click.option("--dry-run", is_flag=True, help="Say what would be done.")
 @click.option("--only-failed", is_flag=True, help="Try those again that gave nothing, and nothing else.")
 @click.option("--verify", is_flag=True, help="Read every recording and compare its content with its seal.")
