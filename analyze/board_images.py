@@ -1,4 +1,4 @@
-"""Where the images of a calibration come from: files, folders, patterns, recordings."""
+"""Where the images of a calibration come from: files, folders, patterns, recordings, videos."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from schemas import topics
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
 RECORDING = ".mcap"
+VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".3gp")
 EVERY_NS = 200_000_000
-"""of a recording: a board that is moved by hand is elsewhere after this"""
+"""of a recording or a video: a board that is moved by hand is elsewhere after this"""
 
 Image = NDArray[np.uint8]
 
@@ -44,21 +45,24 @@ def named_files(inputs: Sequence[Path]) -> list[Path]:
                 fitting = []
             if not fitting:
                 raise CalibrationError(f"{given}: no such file or folder: check the path")
-            found += [path for path in fitting if path.suffix.lower() in (*SUFFIXES, RECORDING)]
+            found += [path for path in fitting if path.suffix.lower() in (*SUFFIXES, *VIDEOS, RECORDING)]
     return list(dict.fromkeys(found))
 
 
 def images(files: Sequence[Path], progress: Callable[[str, int, int], None]) -> Iterator[tuple[str, Image]]:
-    """Name and grey values of each image; of a recording five a second.
+    """Name and grey values of each image; of a recording or a video five a second.
 
     Raises:
         CalibrationError: a file is no image.
+        ImportRefused: a video cannot be read.
         RecordingError: a recording cannot be read.
     """
     for number, path in enumerate(files):
         progress("reading", number, len(files))
         if path.suffix == RECORDING:
             yield from _recorded(path, progress)
+        elif path.suffix.lower() in VIDEOS:
+            yield from _filmed(path, progress)
         else:
             yield str(path), one_image(path)
 
@@ -66,9 +70,14 @@ def images(files: Sequence[Path], progress: Callable[[str, int, int], None]) -> 
 def one_image(path: Path) -> Image:
     """Grey values of an image file, as the sensor has them: a photo's note of how the camera was held is not followed.
 
+    Of a video the first image: a camera that stands needs no other.
+
     Raises:
         CalibrationError: it is none.
+        ImportRefused: a video cannot be read.
     """
+    if path.suffix.lower() in VIDEOS:
+        return next(image for _, image in _filmed(path, lambda _text, _done, _total: None))
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -90,3 +99,15 @@ def _recorded(path: Path, progress: Callable[[str, int, int], None]) -> Iterator
             if last_taken is None or frame.time_ns - last_taken >= EVERY_NS:
                 last_taken = frame.time_ns
                 yield f"{path} at {(frame.time_ns - first) * 1e-9:.1f} s", frame.image
+
+
+def _filmed(path: Path, progress: Callable[[str, int, int], None]) -> Iterator[tuple[str, Image]]:
+    from analyze.importing.video import VideoSource
+
+    with VideoSource(path) as video:
+        last_taken = None
+        for number, frame in enumerate(video.frames()):
+            if last_taken is None or frame.time_ns - last_taken >= EVERY_NS:
+                progress(f"reading {path.name}", number, video.frame_count or number)
+                last_taken = frame.time_ns
+                yield f"{path} at {frame.time_ns * 1e-9:.1f} s", frame.image

@@ -91,3 +91,6 @@ TRUTH_CONTACT = Topic("/truth/contact", pb.TruthContact)
 TRUTH_BODY = Topic("/truth/body", pb.TruthBody)
 
 TRUTH_PREFIX = "/truth/"
+
+VIDEO_CHUNK_BYTES = 1 << 26
+"""a chunk of a CompressedVideo begins with a key picture, unless the chunk before it has this size or more"""

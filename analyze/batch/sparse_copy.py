@@ -20,6 +20,7 @@ from analyze.errors import RecordingCut, RecordingError, RecordingForeign
 from analyze.recording import open_recording
 from schemas import container
 from schemas.container import ContainerError
+from schemas.topics import VIDEO_CHUNK_BYTES
 
 _TAIL = 1 << 16
 """bytes asked for at first: the summary of some hundred frames"""
@@ -125,7 +126,13 @@ def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[_Chunk]]])
     with open_recording(first) as recording:
         windows = [(strike.window_start_ns, strike.window_end_ns) for strike in recording.strikes]
     for remote, chunks in remotes:
-        wanted = [chunk for chunk in chunks if any(chunk.start_ns <= end and chunk.end_ns >= start for start, end in windows)]
+        wanted: list[_Chunk] = []
+        needed = False
+        for chunk in reversed(chunks):
+            # A video that has no key picture for long goes on from one chunk of this size to the next: what comes before is decoded too.
+            goes_on = needed and chunk.end - chunk.offset >= VIDEO_CHUNK_BYTES
+            needed = goes_on or any(chunk.start_ns <= end and chunk.end_ns >= start for start, end in windows)
+            wanted += [chunk] if needed else []
         remote.fetch([(chunk.offset, chunk.end) for chunk in wanted])
 
 

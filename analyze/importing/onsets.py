@@ -56,6 +56,8 @@ class Onset:
     """since when the marker was seen at rest, on the source's clock"""
     time_ns: int
     """last moment at which it was seen at rest"""
+    moved_ns: int
+    """first moment at which it was not"""
     markers: tuple[int | str, ...]
     """that were seen at rest"""
 
@@ -84,6 +86,7 @@ class OnsetFinder:
         self._seen: list[tuple[int, dict[int | str, Array]]] = []
         self._rest: _Rest | None = None
         self._moving = False
+        self._moved_ns = 0
         self._next_ns = 0
         self.ever_seen = False
         """any of the markers, at any time"""
@@ -98,7 +101,7 @@ class OnsetFinder:
             if _unlike(_look(frame.image, self._rest.place), self._rest.look) < _CHANGED:
                 self._rest.quiet_ns = frame.time_ns
                 return None
-            self._moving, self._next_ns = True, frame.time_ns
+            self._moving, self._moved_ns, self._next_ns = True, frame.time_ns, frame.time_ns
         return self._watch(frame, self._rest) if frame.time_ns >= self._next_ns else None
 
     def _search(self, frame: TimedImage) -> None:
@@ -122,7 +125,7 @@ class OnsetFinder:
             turn, shift, reach = _motion(rest.corners[name], found[name])
             if abs(turn) > _TURNED:
                 self._forget(frame.time_ns + (_AFTER_NS if reach < _REACH else 0))
-                return Onset(rest.since_ns, rest.quiet_ns, tuple(sorted(rest.corners, key=str))) if reach < _REACH else None
+                return Onset(rest.since_ns, rest.quiet_ns, self._moved_ns, tuple(sorted(rest.corners, key=str))) if reach < _REACH else None
             if shift < _STILL:
                 rest.quiet_ns, rest.look, self._moving = frame.time_ns, _look(frame.image, rest.place), False
                 return None

@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 import numpy as np
+from numpy.typing import NDArray
 
 _NEAR = 0.5
 """of the median interval, by which one may differ and still be one frame's"""
 _MISSED = 1.6
 """intervals between two frames from which on one is missing between them"""
+_COARSE = 0.01
+"""of an interval, from which on a step of the stamps is coarse: Matroska counts milliseconds"""
 _REMEMBERED = 15
 """intervals that say what the rate is now: a phone's changes with the light"""
 
@@ -31,10 +34,17 @@ class Pace:
     interval_s: float
     """between two frames, as they were captured"""
     slowed: Fraction = Fraction(1)
+    steady_s: Fraction | None = None
+    """interval, as the file plays, where the stamps are those of a constant rate rounded to coarse steps; None: they are times"""
 
     def time_ns(self, stamp: int) -> int:
         """Time since the first frame, as it was captured [ns]."""
-        return round((stamp - self.first) * self.unit / self.slowed * 10**9)
+        time_s = (stamp - self.first) * self.unit
+        if self.steady_s is not None:
+            straight = round(time_s / self.steady_s) * self.steady_s
+            # Not for ever: a rate that is a little off leaves the line.
+            time_s = straight if abs(straight - time_s) <= self.unit else time_s
+        return round(time_s / self.slowed * 10**9)
 
     def stamp(self, time_ns: int) -> int:
         """The last stamp that is not after `time_ns`."""
@@ -43,6 +53,8 @@ class Pace:
     @property
     def sd_ns(self) -> int:
         """1 sigma of a time: a stamp is rounded to a whole step."""
+        if self.steady_s is not None:
+            return 1
         return max(1, round(float(self.unit / self.slowed) * 1e9 / 12**0.5))
 
 
@@ -64,7 +76,16 @@ def pace_of(stamps: Sequence[int], unit: Fraction, said_hz: Fraction | None, cap
     if said_hz and abs(interval_s * float(said_hz) - 1) < 2e-3:
         interval_s = float(1 / said_hz)
     slowed = Fraction(1) if capture_hz is None else Fraction(interval_s * capture_hz).limit_denominator(100_000)
-    return Pace(int(rising[0]), unit, interval_s / float(slowed), slowed)
+    said_s = 1 / said_hz if said_hz else None
+    steady_s = said_s if said_s is not None and unit > _COARSE * said_s and _is_steady(rising - rising[0], said_s / unit) else None
+    return Pace(int(rising[0]), unit, interval_s / float(slowed), slowed, steady_s)
+
+
+def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:
+    """Whether whole steps are multiples of an interval, rounded, and about one after the other."""
+    places = steps / float(interval)
+    off = np.abs(steps - np.rint(places) * float(interval))
+    return bool(off.max() <= 1.0 and np.median(np.diff(places)) < 1 + _NEAR)
 
 
 @dataclass

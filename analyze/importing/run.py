@@ -179,10 +179,11 @@ def _look_through(path: Path, source: FrameSource, markers: Sequence[int | str],
 def _rate(source: FrameSource) -> float:
     """Frames per second as they were captured."""
     times = [frame.time_ns for frame in islice(source.frames(), _RATE_FRAMES)]
-    gaps = [later - earlier for earlier, later in pairwise(times)]
-    if not gaps:
+    gaps = np.array([later - earlier for earlier, later in pairwise(times)], dtype=float)
+    if not len(gaps):
         raise ImportRefused(f"{source.name}: holds one image: a strike has more")
-    return 1e9 / float(np.median(gaps))
+    median = float(np.median(gaps))
+    return 1e9 / float(np.mean(gaps[np.abs(gaps - median) <= median / 2]))
 
 
 def _place(

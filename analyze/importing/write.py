@@ -10,6 +10,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from google.protobuf.timestamp_pb2 import Timestamp
 
 from analyze.importing import image_messages
 from analyze.importing.kept import numbered
@@ -40,8 +42,6 @@ _NO_DATE_NS = 946_684_800 * 10**9
 """2000-01-01: where no source says when it was filmed; the same source then gives the same content id"""
 _BETWEEN_NS = 1_000_000_000
 """between a source's last image and the next one's first"""
-_CHUNK_BYTES = 1 << 26
-"""of a video without key pictures"""
 _TOLD_EVERY = 100
 
 Progress = Callable[[str, int, int], None]
@@ -131,7 +131,7 @@ class _Session:
         told = 0
         for unit, number, _ in numbered(video.access_units(), video.name):
             log_time_ns = self._at_ns + unit.time_ns
-            if chunk and (unit.key or size > _CHUNK_BYTES):
+            if chunk and (unit.key or size >= topics.VIDEO_CHUNK_BYTES):
                 self._writer.chunk(self._image_topic, chunk)
                 chunk, size = [], 0
             parts = image_messages.video(CAMERA, log_time_ns, video.keeps, unit.data)
@@ -185,6 +185,18 @@ class _Session:
             p_world_object=planned.p_world_object,
         )
         self._writer.small(topics.SESSION_STRIKE, seen.last_ns, record.SerializeToString())
+        self._writer.small(topics.LOG, seen.last_ns, _log(seen.last_ns, self._origin(window)).SerializeToString())
+
+    def _origin(self, window: StrikeWindow) -> str:
+        """Where a strike comes from, and when it began, for people."""
+        film = self._prepared.films[window.film]
+        text = f"strike {window.strike_id}: of {film.path.name}; nothing felt the contact"
+        if window.onset is None:
+            return text
+        # What the eye of the finder misses at first is less than a frame's motion.
+        earliest_ns = window.onset.time_ns - round(1e9 / self._prepared.rate_hz)
+        middle, half = (window.onset.moved_ns + earliest_ns) / 2, (window.onset.moved_ns - earliest_ns) / 2
+        return f"{text}, the tag began to move at {middle * 1e-9:.3f} ± {half * 1e-9:.3f} s of it"
 
 
 def write(prepared: Import, output: Path, progress: Progress = lambda _text, _done, _total: None) -> Written:
@@ -236,6 +248,11 @@ def _attachments(prepared: Import) -> list[tuple[str, str, bytes]]:
     if files.shape_bytes is not None:
         found.append((SHAPE_ATTACHMENT_PREFIX + Path(files.shape_name).name, "application/octet-stream", files.shape_bytes))
     return found
+
+
+def _log(time_ns: int, text: str) -> Log:
+    stamp = Timestamp(seconds=time_ns // 10**9, nanos=time_ns % 10**9)
+    return Log(timestamp=stamp, level=Log.Level.INFO, message=text, name="import")
 
 
 def _calibration_message(prepared: Import) -> CameraCalibration:

@@ -10,7 +10,7 @@ import pytest
 from analyze.errors import ImportRefused
 from analyze.importing.open_source import SourceOptions, open_source
 from analyze.importing.video import VideoSource
-from tests.analyze.importing.filmed import HEIGHT, WIDTH, film, tip
+from tests.analyze.importing.filmed import HEIGHT, RATE, WIDTH, film, tip
 
 MS = 1_000_000
 
@@ -33,6 +33,19 @@ def test_slow_motion_is_undone(tmp_path):
     with VideoSource(path, capture_hz=240) as source:
         assert np.diff(_times(source)) == pytest.approx(1e9 / 240, rel=1e-4)
         assert source.pace.interval_s == pytest.approx(1 / 240, rel=1e-4)
+
+
+def test_a_constant_rate_in_milliseconds_is_straightened(tmp_path):
+    with VideoSource(film(tmp_path / "a.mkv", tip()[:60], [round(number * 1e6 / RATE) for number in range(60)])) as source:
+        assert np.diff(_times(source)) == pytest.approx(1e9 / RATE, abs=2)
+        assert source.time_sd_ns == 1
+
+
+def test_variable_times_in_milliseconds_are_not(tmp_path):
+    times = [0, *np.cumsum(np.random.default_rng(1).integers(6, 13, 59)).tolist()]
+    with VideoSource(film(tmp_path / "a.mkv", tip()[:60], [1000 * time for time in times])) as source:
+        assert _times(source) == [MS * time for time in times]
+        assert source.time_sd_ns == 288675
 
 
 def test_frames_of_a_range_are_those_of_all(tmp_path):
