@@ -24,6 +24,7 @@ from analyze.importing.write import write
 from analyze.pipeline import Estimate, estimate_recording
 from analyze.recording import open_recording, read_truth
 from analyze.types import ImageFrame
+from schemas.result import Verdict
 from schemas.session_manifest import OBJECT_ATTACHMENT, PLAN_ATTACHMENT, RIG_ATTACHMENT
 
 MICROSECONDS = Fraction(1, 1_000_000)
@@ -110,13 +111,14 @@ def attached(recording_path: Path, folder: Path) -> tuple[Path, Path, Path]:
 
 def _row(name: str, live: Estimate, other: Estimate, truth: np.ndarray, ratio: str) -> str:
     def phis(estimate: Estimate) -> dict[str, float]:
-        return {motion.strike_id: motion.fit.phi for motion in estimate.evidence.motions if motion.fit is not None}
+        good = (motion for motion in estimate.evidence.motions if motion.verdict is Verdict.GOOD)
+        return {motion.strike_id: motion.fit.phi for motion in good if motion.fit is not None}
 
     mine, theirs = phis(live), phis(other)
     off = np.degrees([theirs[key] - mine[key] for key in mine if key in theirs])
     com = np.array(other.result.centre_of_mass.value)
     moved = 1000 * np.linalg.norm(com - np.array(live.result.centre_of_mass.value))
-    verdicts = sum(motion.verdict.value == "good" for motion in other.evidence.motions)
+    verdicts = len(theirs)
     median, worst = (np.median(np.abs(off)), np.max(np.abs(off))) if len(off) else (np.nan, np.nan)
     error = 1000 * np.linalg.norm(com - truth)
     return f"| {name} | {verdicts} | {median:.4f} | {worst:.4f} | {moved:.3f} | {error:.3f} | {ratio} |"
