@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.motion.edge_motion import moved_by_offset
+from analyze.motion.pendulum import G
 from analyze.motion.pivot_fit import Sample, correlation_factor, fit_model, motion_fit, sample
 from analyze.motion.runge_kutta import advanced
 
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from analyze.types import Array, MotionFit
 
 ESTIMATOR = "moment_balance"
-G = 9.81
-"""m/s^2; a hundredth of it is a hundredth of a small correction"""
 _R_TIMES_K = G / 1.35
 """m rad/s^2, of a solid or hollow body over its edge, within 15 %: only rho / R needs it"""
 _STEPS = np.array([1e-6, 1e-3, 1e-6, 1e-5])
@@ -152,7 +151,7 @@ def driven(time: Array, parameters: Array, slip: Array, lift: Array, radius: flo
     """
     phi, k, theta, turn = (parameters[:, i].copy() for i in range(4))
     by_g = k / G
-    rolled = radius * k / _R_TIMES_K
+    rolled, by_rounding = radius * k / _R_TIMES_K, radius * by_g
     found = np.empty((len(time), len(phi)))
     found[0] = theta
 
@@ -160,7 +159,9 @@ def driven(time: Array, parameters: Array, slip: Array, lift: Array, radius: flo
         psi = phi - theta
         sin, cos = np.sin(psi), np.cos(psi)
         speed = turn - by_g * ((cos + rolled) * s + sin * z)
-        return speed, -k * sin + by_g * (sin * s - cos * z) * speed
+        # Rolling on its rounding, as pendulum.trajectory has it.
+        pull = sin * (k + by_rounding * speed**2) / (1.0 - 2.0 * by_rounding * (1.0 - cos))
+        return speed, -pull + by_g * (sin * s - cos * z) * speed
 
     for i in range(1, len(time)):
         if kick is not None and i - 1 == kick[0]:

@@ -93,7 +93,8 @@ def fit_strike(
     """
     flank, rolls = rolls_on(section, planned)
     if flank is None:
-        return _fits(motion, course, planned, settings, pivot_fit, planned.pivot.radius_m)
+        radius = planned.pivot.radius_m
+        return _fits(motion, course, planned, settings, lambda angle, frames: pivot_fit(angle, frames, radius), radius)
     # On a circle about the pivot the moment balance is right as well; on any other flank it is not.
     bent = None if flank is section else planned.pivot.radius_m
     fits = _fits(motion, course, planned, settings, lambda angle, frames: rolling_fit(angle, frames, flank), bent)
@@ -139,7 +140,7 @@ def _fits_over(
         note = "; ".join(part for part in (f"chosen because {why}", balanced.note) if part)
         return StrikeFits(replace(balanced, note=note), others, edge.motion)
     if hinge is None:
-        return _with_kick(edge.motion, window, limits, problem)
+        return _with_kick(edge.motion, window, limits, problem, radius or 0.0)
     index, size, gain = jump(angle, hinge)
     if not _kicked(hinge, size, gain, limits):
         return StrikeFits(settled_fit(hinge, lambda frames: over(angle, frames)), (), edge.motion)
@@ -182,7 +183,7 @@ def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[
         return ()
 
 
-def _hinge(angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits, over: Estimator = pivot_fit) -> _Hinge:
+def _hinge(angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits, over: Estimator) -> _Hinge:
     """pivot_fit, or another, over the window that its own phi bounds."""
     window = free_window(angle, course, phi_predicted, limits)
     try:
@@ -228,7 +229,7 @@ def _balanced(
         return settled_fit(fit, over), f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
     _, size, gain = jump(angle, hinge)
     if _kicked(hinge, size, gain, limits):
-        if left < _EXPLAINED * gain and _confirmed(angle, window, fit):
+        if left < _EXPLAINED * gain and _confirmed(angle, window, fit, planned.pivot.radius_m):
             return fit, f"the edge moved at one end of the window, which a hinge takes for a blow of {size:+.2f} rad/s"
         return None, ""
     sd, other = math.sqrt(float(hinge.covariance[0, 0])), math.sqrt(float(fit.covariance[0, 0]))
@@ -238,20 +239,20 @@ def _balanced(
     return None, ""
 
 
-def _confirmed(angle: TipAngle, window: tuple[int, int], balanced: MotionFit) -> bool:
+def _confirmed(angle: TipAngle, window: tuple[int, int], balanced: MotionFit, radius: float) -> bool:
     """Whether theta(t) bears out a balance that explains a blow: no hinge struck again comes closer, and phi is that of the clean part."""
-    kicked = kicked_fit(angle, window)
+    kicked = kicked_fit(angle, window, radius)
     if kicked is not None and scatter(kicked.fit.residual) < scatter(balanced.residual):
         return False
-    clean = longest_clean_fit(angle, window)
+    clean = longest_clean_fit(angle, window, lambda angle, frames: pivot_fit(angle, frames, radius))
     if clean is None:
         return False
     return abs(clean.phi - balanced.phi) < _SAME * math.sqrt(float(clean.covariance[0, 0] + balanced.covariance[0, 0]))
 
 
-def _with_kick(motion: PlanarMotion, window: tuple[int, int], limits: VerdictLimits, problem: str) -> StrikeFits:
+def _with_kick(motion: PlanarMotion, window: tuple[int, int], limits: VerdictLimits, problem: str, radius: float) -> StrikeFits:
     """Where no hinge fits: perhaps two do, with a second blow between them."""
-    found = kicked_fit(motion.angle, window)
+    found = kicked_fit(motion.angle, window, radius)
     if found is None or not _kicked(found.fit, found.size, found.gain, limits):
         return StrikeFits(None, (), motion, problem=problem)
     return StrikeFits(found.fit, (), motion, Judgement(Verdict.STRUCK_TWICE, _kick_reason(motion.angle, found.index, found.size, window)))

@@ -38,12 +38,13 @@ class KickedFit:
     """size over its own sd, squared"""
 
 
-def kicked_fit(angle: TipAngle, window: tuple[int, int]) -> KickedFit | None:
+def kicked_fit(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> KickedFit | None:
     """The pendulum with one jump in speed that fits theta best, or None where none does.
 
     Args:
         angle: of the strike.
         window: frames [start, stop).
+        radius: of the edge's rounding [m].
     """
     try:
         cut = sample(angle, window, 5)
@@ -54,7 +55,7 @@ def kicked_fit(angle: TipAngle, window: tuple[int, int]) -> KickedFit | None:
     best: KickedFit | None = None
     least = math.inf
     for at, start in plausible[:_REFINED]:
-        model = _model(cut, at)
+        model = _model(cut, at, radius)
         try:
             fitted = fit_model(cut, model, start, profiled=False)
         except (EstimationError, np.linalg.LinAlgError):
@@ -69,12 +70,12 @@ def kicked_fit(angle: TipAngle, window: tuple[int, int]) -> KickedFit | None:
     return best if least < _WORST * len(cut.time) else None
 
 
-def _model(cut: Sample, at: int):
+def _model(cut: Sample, at: int, radius: float):
     still = np.zeros_like(cut.time)
 
     def model(x: Array) -> tuple[Array, Array]:
         steps = np.concatenate([np.zeros((1, 5)), np.diag(_STEPS), -np.diag(_STEPS)])
-        theta = driven(cut.time, x + steps, still, still, 0.0, kick=(at, (x + steps)[:, 4]))
+        theta = driven(cut.time, x + steps, still, still, radius, kick=(at, (x + steps)[:, 4]))
         return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)
 
     return model

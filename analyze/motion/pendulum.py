@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 _MAX_STEP_S = 0.009
+G = 9.81
+"""m/s^2; a hundredth of it is a hundredth of a small correction"""
 _FAR = 50.0
 """rad; where a trial's parameters bring it there, it goes no farther"""
 
@@ -54,8 +56,11 @@ def _add(y: State, rate: State, h: float) -> State:
     )
 
 
-def trajectory(time: Array, phi: float, k: float, theta0: float, omega0: float) -> tuple[Array, Array, Array]:
+def trajectory(time: Array, phi: float, k: float, theta0: float, omega0: float, radius: float = 0.0) -> tuple[Array, Array, Array]:
     """Solve the motion without drag, and its sensitivities, by Nystroem's method: of psi'' = f(psi) a step needs but three slopes.
+
+    An edge of radius rho rolls: c comes nearer to the contact on either side of the balance, so that with e = k rho / g
+    psi'' = sin psi (k + e psi'^2) / i, i = 1 - 2 e (1 - cos psi); energy gives psi'^2 at every psi (METHOD section 3, with s = rho + R cos psi).
 
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.14, table 14.2.
 
@@ -65,12 +70,26 @@ def trajectory(time: Array, phi: float, k: float, theta0: float, omega0: float) 
         k: rad/s^2.
         theta0: rad at time 0.
         omega0: rad/s at time 0.
+        radius: rho [m], of the edge's rounding.
 
     Returns:
         theta (n,), omega (n,), and d theta / d (phi, k, theta0, omega0) (n, 4).
     """
     sin, cos = math.sin, math.cos
+    e = k * radius / G
     psi, omega = theta0 - phi, omega0
+    inertia0 = 1.0 - 2.0 * e * (1.0 - cos(psi))
+    energy = inertia0 * omega * omega + 2.0 * k * cos(psi)
+    by_psi0, by_speed0 = -2.0 * sin(psi) * (k + e * omega * omega), 2.0 * inertia0 * omega  # of the energy
+
+    def pull(psi: float) -> tuple[float, float, float]:
+        """psi'', and its derivatives by psi and by the energy."""
+        s, c = sin(psi), cos(psi)
+        by_inertia = 1.0 / (1.0 - 2.0 * e * (1.0 - c))
+        strength = (k + e * (energy - 2.0 * k * c) * by_inertia) * by_inertia
+        force = s * strength
+        return force, c * strength + 4.0 * e * s * force * by_inertia, e * s * by_inertia * by_inertia
+
     a, da, b, db = 1.0, 0.0, 0.0, 1.0  # d (psi, omega) by psi_0 and by omega_0
     now = 0.0
     rows: list[tuple[float, float, float, float]] = []
@@ -81,14 +100,14 @@ def trajectory(time: Array, phi: float, k: float, theta0: float, omega0: float) 
         half, eighth, square_half = 0.5 * h, 0.125 * h * h, 0.5 * h * h
         sixth, square_sixth = h / 6.0, h * h / 6.0
         for _ in range(steps):
-            slope = k * cos(psi)
-            f1, a1, b1 = k * sin(psi), slope * a, slope * b
-            middle = psi + half * omega + eighth * f1
-            slope = k * cos(middle)
-            f2, a2, b2 = k * sin(middle), slope * (a + half * da + eighth * a1), slope * (b + half * db + eighth * b1)
-            end = psi + h * omega + square_half * f2
-            slope = k * cos(end)
-            f3, a3, b3 = k * sin(end), slope * (a + h * da + square_half * a2), slope * (b + h * db + square_half * b2)
+            f1, slope, gain = pull(psi)
+            a1, b1 = slope * a + gain * by_psi0, slope * b + gain * by_speed0
+            f2, slope, gain = pull(psi + half * omega + eighth * f1)
+            a2 = slope * (a + half * da + eighth * a1) + gain * by_psi0
+            b2 = slope * (b + half * db + eighth * b1) + gain * by_speed0
+            f3, slope, gain = pull(psi + h * omega + square_half * f2)
+            a3 = slope * (a + h * da + square_half * a2) + gain * by_psi0
+            b3 = slope * (b + h * db + square_half * b2) + gain * by_speed0
             psi += h * omega + square_sixth * (f1 + 2.0 * f2)
             omega += sixth * (f1 + 4.0 * f2 + f3)
             a += h * da + square_sixth * (a1 + 2.0 * a2)
@@ -106,7 +125,8 @@ def trajectory(time: Array, phi: float, k: float, theta0: float, omega0: float) 
 
 def _by_parameters(time: Array, omega: Array, by_theta0: Array, by_omega0: Array, k: float, omega0: float) -> Array:
     """(n, 4) by phi, k, theta0, omega0."""
-    # Scale invariance psi(t; k, omega0) = F(sqrt(k) t, omega0 / sqrt(k)) gives the derivative by k for nothing.
+    # Scale invariance psi(t; k, omega0) = F(sqrt(k) t, omega0 / sqrt(k)) gives the derivative by k for nothing; that e changes with k is
+    # less than a hundredth of it.
     by_k = (time * omega - omega0 * by_omega0) / (2.0 * k)
     return np.stack([1.0 - by_theta0, by_k, by_theta0, by_omega0], axis=-1)
 

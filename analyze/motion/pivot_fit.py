@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,6 +62,8 @@ class Sample:
     """(n,) rad"""
     guess: Array
     """(5,) phi, k, theta0, omega0, drag, good enough to start from"""
+    radius: float = 0.0
+    """m, of the edge's rounding, where the fit lets it roll"""
 
 
 @dataclass(frozen=True)
@@ -76,31 +78,41 @@ class Fitted:
     """(2, 2) of (phi, k)"""
 
 
-def pivot_fit(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
+def pivot_fit(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> MotionFit:
     """Fit phi, k, theta0, omega0 without drag over angle[window[0]:window[1]].
+
+    Args:
+        angle: of the strike.
+        window: range of frames in which only gravity acts.
+        radius: of the edge's rounding [m], on which it rolls.
 
     Raises:
         EstimationError: the window is too short or holds no tipping motion.
     """
-    return _pivot_fit(angle, window, "pivot_fit", 4)
+    cut = replace(sample(angle, window, 4), radius=radius)
+
+    def model(x: Array) -> tuple[Array, Array]:
+        theta, _, jacobian = trajectory(cut.time, *_numbers(x), radius)
+        return theta, jacobian
+
+    fitted = fit_model(cut, model, cut.guess[:4])
+    return motion_fit("pivot_fit", angle, window, cut, fitted)
 
 
 def pivot_fit_with_drag(angle: TipAngle, window: tuple[int, int]) -> MotionFit:
-    """The same with a drag term c theta' |theta'|, whose c is fitted too."""
-    return _pivot_fit(angle, window, "pivot_fit_with_drag", 5)
-
-
-def _pivot_fit(angle: TipAngle, window: tuple[int, int], estimator: str, size: int) -> MotionFit:
-    cut = sample(angle, window, size)
+    """The same of a hinge, with a drag term c theta' |theta'|, whose c is fitted too."""
+    cut = sample(angle, window, 5)
 
     def model(x: Array) -> tuple[Array, Array]:
-        phi, k, theta0, omega0 = (float(each) for each in x[:4])
-        solved = trajectory(cut.time, phi, k, theta0, omega0) if size == 4 else None
-        theta, _, jacobian = solved or trajectory_with_drag(cut.time, phi, k, theta0, omega0, float(x[4]))
+        theta, _, jacobian = trajectory_with_drag(cut.time, *_numbers(x), float(x[4]))
         return theta, jacobian
 
-    fitted = fit_model(cut, model, cut.guess[:size])
-    return motion_fit(estimator, angle, window, cut, fitted, damping=float(fitted.parameters[4]) if size == 5 else 0.0)
+    fitted = fit_model(cut, model, cut.guess)
+    return motion_fit("pivot_fit_with_drag", angle, window, cut, fitted, damping=float(fitted.parameters[4]))
+
+
+def _numbers(x: Array) -> tuple[float, float, float, float]:
+    return float(x[0]), float(x[1]), float(x[2]), float(x[3])
 
 
 def sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sample:
@@ -236,7 +248,7 @@ def covariance_of(solution: Solution, cut: Sample, scale: Array, profiled: bool)
     linear_sd = math.sqrt(float(inverse[0, 0]) * variance)
     if linear_sd <= _LINEAR_SD or not profiled:
         return inverse * variance
-    profile = profile_sd(Tip(cut.time, cut.theta, weight, solution.parameters, inverse), variance)
+    profile = profile_sd(Tip(cut.time, cut.theta, weight, solution.parameters, inverse, cut.radius), variance)
     return inverse * variance * max(1.0, profile / linear_sd) ** 2
 
 

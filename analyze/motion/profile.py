@@ -44,6 +44,8 @@ class Tip:
     """(p,) phi, k, theta0, omega0[, drag], the best"""
     covariance: Array
     """(p, p) linearised, for residuals of variance 1 after weighting"""
+    radius: float = 0.0
+    """m, of the edge's rounding, where it rolls"""
 
 
 def profile_sd(tip: Tip, variance: float) -> float:
@@ -90,7 +92,9 @@ def _sum_of_squares(tip: Tip, phi: float) -> float:
         nonlocal columns
         phi, k, theta0, omega0, drag = unpack(x)
         model, _, columns = (
-            trajectory_with_drag(tip.time, phi, k, theta0, omega0, drag) if len(x) == 4 else trajectory(tip.time, phi, k, theta0, omega0)
+            trajectory_with_drag(tip.time, phi, k, theta0, omega0, drag)
+            if len(x) == 4
+            else trajectory(tip.time, phi, k, theta0, omega0, tip.radius)
         )
         return np.clip((tip.theta - model) * tip.weight, -1e6, 1e6)
 

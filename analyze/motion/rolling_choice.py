@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
 
 ROUNDED = 2.5e-3
-"""m of rounding from which on a hinge's k is some tenths of a per cent off (contact.py has it at 1 mm)"""
+"""m of rounding from which on the contact is told apart from a pivot, with where it rolls"""
 _BENT = 5e-4
 """m of radius of a curve of the shape's own, from which on the section is a flank; the plan's rounding is of its corners"""
 _OVER = math.radians(15.0)

@@ -72,5 +72,13 @@ def test_no_option_of_either_command_takes_nan_for_a_number() -> None:
         for option in verb.params
         if isinstance(option.type, click.types.FloatParamType) and option.name not in elsewhere
     ]
-    assert {option.name for option in floats} == {"speed", "energy", "bodies", "target_com_mm", "camera_sd_deg", "time_limit", "capture_fps"}
+    assert {option.name for option in floats} == {
+        "speed",
+        "energy",
+        "bodies",
+        "target_com_mm",
+        "camera_sd_deg",
+        "time_limit",
+        "capture_fps",
+    }
     assert all(isinstance(option.type, NumberRange) for option in floats)

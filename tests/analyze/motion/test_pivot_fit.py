@@ -213,6 +213,28 @@ def test_the_motion_is_solved_far_below_a_cameras_noise(omega0):
         assert np.abs(by[:, 2] - exact[2])[below].max() < 2e-6 * np.abs(exact[2]).max()
 
 
+@pytest.mark.parametrize("omega0", [6.9, 8.5])
+def test_on_its_rounding_the_edge_rolls(omega0):
+    """Beside the moment equation about a rolling contact, and the derivatives beside differences."""
+    seconds, radius, numbers = np.arange(40) / 120, 1e-3, np.array([0.645, 134.7, 0.0, omega0])
+    phi, k = numbers[:2]
+    e = k * radius / 9.81
+
+    def rate(_, y):
+        return [y[1], np.sin(y[0]) * (k + e * y[1] ** 2) / (1 - 2 * e * (1 - np.cos(y[0])))]
+
+    exact = solve_ivp(rate, (0.0, 0.4), [-phi, omega0], t_eval=seconds, rtol=1e-11, atol=1e-13).y
+    below = exact[0] < 1.2
+    theta, omega, by = trajectory(seconds, *numbers, radius)
+    assert np.abs(theta - phi - exact[0])[below].max() < 6e-6
+    assert np.abs(omega - exact[1])[below].max() < 6e-5
+    for i, step in enumerate((1e-6, 1e-3, 1e-6, 1e-5)):
+        moved = step * np.eye(4)[i]
+        numeric = (trajectory(seconds, *(numbers + moved), radius)[0] - trajectory(seconds, *(numbers - moved), radius)[0]) / (2 * step)
+        # That the rounding's part grows with k is left out.
+        assert np.abs(by[:, i] - numeric)[below].max() < (1e-2 if i == 1 else 1e-6) * np.abs(numeric[below]).max()
+
+
 def test_energy_ratio_is_one_at_the_separatrix():
     phi, k = 0.3, 60.0
     assert energy_ratio(phi, k, 0.0, np.sqrt(2 * k * (1 - np.cos(phi)))) == pytest.approx(1.0)
