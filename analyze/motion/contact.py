@@ -14,9 +14,11 @@ from analyze.types import MotionFit
 
 @dataclass(frozen=True)
 class ContactErrors:
-    """1 sigma each, beside the fit's own. phi: measured on 107 simulated strikes (dry friction of 0.6 to 0.8, E up to 2), fitted to the true
-    theta(t); on 35 strikes with other seeds the 95 % intervals held phi in 83 %, before the zero was given its floor. k: on 360 strikes of
-    four objects through images, rolling on their roundings of 1 mm, whose k is off by 1.0 to 1.3 of the fit's own sd (0.06 to 0.07 %).
+    """1 sigma each, beside the fit's own.
+
+    phi: measured on 107 simulated strikes (dry friction of 0.6 to 0.8, E up to 2), fitted to the true theta(t); on 35 with other seeds the
+    95 % intervals held phi in 83 %, before the zero was given its floor. k: on 360 strikes of four objects through images, on roundings of
+    1 mm: off by 1.0 to 1.3 of the fit's own sd (0.06 to 0.07 %).
     """
 
     edge_phi_sd: float = 7e-5

@@ -60,7 +60,7 @@ def trajectory(time: Array, phi: float, k: float, theta0: float, omega0: float, 
     """Solve the motion without drag, and its sensitivities, by Nystroem's method: of psi'' = f(psi) a step needs but three slopes.
 
     An edge of radius rho rolls: c comes nearer to the contact on either side of the balance, so that with e = k rho / g
-    psi'' = sin psi (k + e psi'^2) / i, i = 1 - 2 e (1 - cos psi); energy gives psi'^2 at every psi (METHOD section 3, with s = rho + R cos psi).
+    psi'' = sin psi (k + e psi'^2) / i, i = 1 - 2 e (1 - cos psi); energy gives psi'^2 at every psi (docs/decisions/0025).
 
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.14, table 14.2.
 
