@@ -111,6 +111,10 @@ def decoded(messages: Iterable[RecordedMessage]) -> Iterator[ImageFrame]:
             yield from _images(decoder.decode(None), sequences, base_ns)
     except FFmpegError as error:
         raise ContainerError(f"the video cannot be decoded: {error.strerror}") from None
+    finally:
+        if decoder is not None:
+            # One that is let go of while its threads still decode waits for ever for what they want of Python (PyAV 18).
+            decoder.flush_buffers()
 
 
 def _decoder(video: VideoFormat) -> av.VideoCodecContext:

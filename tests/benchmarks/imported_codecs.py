@@ -1,7 +1,8 @@
 """The same virtual strikes recorded live, and imported from what other cameras write: phi and the centre of mass beside each other.
 
 Each strike window of a virtual rig's recording becomes a file, with the images' own times: H.264 visually lossless and as a phone writes
-it (with B-frames and without), FFV1, MJPEG, a folder of PNG. `python -m tests.benchmarks.imported_codecs FILE.mcap` prints the table.
+it (with B-frames and without), FFV1, MJPEG, a folder of PNG; a Foxglove MCAP file, ROS 2 bags.
+`python -m tests.benchmarks.imported_codecs FILE.mcap` prints the table.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from analyze.recording import open_recording, read_truth
 from analyze.types import ImageFrame
 from schemas.result import Verdict
 from schemas.session_manifest import OBJECT_ATTACHMENT, PLAN_ATTACHMENT, RIG_ATTACHMENT
+from tests.benchmarks.imported_topics import foxglove_file, ros_colour_bag, ros_jpeg_bag
 
 MICROSECONDS = Fraction(1, 1_000_000)
 
@@ -83,6 +85,9 @@ def ways(rate: int) -> list[Way]:
         Way("FFV1", ".mkv", _video("ffv1", "gray", rate)),
         Way("MJPEG q 3", ".mkv", _video("mjpeg", "yuvj420p", rate, qmin="3", qmax="3")),
         Way("PNG folder", "", png_folder),
+        Way("Foxglove MCAP, mono8", ".mcap", foxglove_file),
+        Way("ROS 2 bag (sqlite3), bgr8", "", ros_colour_bag),
+        Way("ROS 2 bag (mcap), JPEG", "", ros_jpeg_bag),
     ]
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import base64
 import json
+from fractions import Fraction
 
+import av
 import cv2
 import foxglove
 import numpy as np
-from foxglove.channels import CameraCalibrationChannel, CompressedImageChannel, RawImageChannel
-from foxglove.messages import CameraCalibration, CompressedImage, RawImage, Timestamp
+from foxglove.channels import CameraCalibrationChannel, CompressedImageChannel, CompressedVideoChannel, RawImageChannel
+from foxglove.messages import CameraCalibration, CompressedImage, CompressedVideo, RawImage, Timestamp
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -56,8 +58,22 @@ def encoded(image, encoding):
     return padded.tobytes(), padded.shape[1]
 
 
+def access_units(frames):
+    """H.264 of the frames, one coded picture for each, with start codes."""
+    encoder = av.CodecContext.create("libx264", "w")
+    encoder.height, encoder.width = frames[0].shape
+    encoder.pix_fmt, encoder.time_base = "yuv420p", Fraction(1, 120)
+    encoder.options = {"preset": "ultrafast", "crf": "4", "bf": "0", "g": "5", "x264-params": "repeat-headers=1:annexb=1"}
+    found = []
+    for i, image in enumerate(frames):
+        frame = av.VideoFrame.from_ndarray(image, format="gray").reformat(format="yuv420p", dst_color_range="JPEG")
+        frame.pts = i
+        found += encoder.encode(frame)
+    return [bytes(packet) for packet in [*found, *encoder.encode(None)]]
+
+
 def write_foxglove(path, frames, kind="mono8", topic="/cam/image", stamps=None, calibrated=True, more=(), intrinsics=None):
-    """An MCAP file of Foxglove's messages; kind: an encoding of raw images, "jpeg", "png" or "json"."""
+    """An MCAP file of Foxglove's messages; kind: an encoding of raw images, "jpeg", "png", "h264" or "json"."""
     context = foxglove.Context()
     logged = times(len(frames))
     with foxglove.open_mcap(path, context=context, allow_overwrite=True):
@@ -71,11 +87,15 @@ def write_foxglove(path, frames, kind="mono8", topic="/cam/image", stamps=None, 
         if kind == "json":
             channel = foxglove.Channel(topic, schema=JSON_RAW, message_encoding="json", context=context)
         else:
-            channel = (CompressedImageChannel if kind in {"jpeg", "png"} else RawImageChannel)(topic, context=context)
+            kinds = {"jpeg": CompressedImageChannel, "png": CompressedImageChannel, "h264": CompressedVideoChannel}
+            channel = kinds.get(kind, RawImageChannel)(topic, context=context)
+        units = access_units(frames) if kind == "h264" else []
         for i, image in enumerate(frames):
             stamp_ns = logged[i] if stamps is None else stamps[i]
             stamp = Timestamp(stamp_ns // 10**9, stamp_ns % 10**9)
-            if kind in {"jpeg", "png"}:
+            if units:
+                message = CompressedVideo(timestamp=stamp, format=kind, data=units[i])
+            elif kind in {"jpeg", "png"}:
                 message = CompressedImage(timestamp=stamp, format=kind, data=coded(image, f".{kind}"))
             else:
                 data, step = encoded(image, "mono8" if kind == "json" else kind)

@@ -47,7 +47,7 @@ def test_foxglove_files(tmp_path, kind):
     same(TopicSource(write_foxglove(tmp_path / "a.mcap", images(), kind)), images())
 
 
-@pytest.mark.parametrize("kind", [*MOSAICS, "jpeg"])
+@pytest.mark.parametrize("kind", [*MOSAICS, "jpeg", "h264"])
 def test_foxglove_files_whose_grey_is_made_of_neighbours(tmp_path, kind):
     same(TopicSource(write_foxglove(tmp_path / "a.mcap", images(), kind)), images(), most=3)
 
@@ -70,6 +70,13 @@ def test_a_stretch_of_it(tmp_path, write):
     source = TopicSource(write(tmp_path / "a.mcap" if write is write_foxglove else tmp_path / "bag", images()))
     assert [frame.time_ns // FRAME_NS for frame in source.frames(3 * FRAME_NS, 5 * FRAME_NS)] == [3, 4, 5]
     assert [frame.time_ns // FRAME_NS for frame in source.frames(9 * FRAME_NS + 1)] == [10, 11]
+
+
+def test_a_stretch_of_a_video(tmp_path):
+    source = TopicSource(write_foxglove(tmp_path / "a.mcap", images(), "h264"))
+    found = list(source.frames(3 * FRAME_NS, 7 * FRAME_NS))
+    assert [frame.time_ns // FRAME_NS for frame in found] == [3, 4, 5, 6, 7]
+    assert np.abs(found[0].image.astype(int) - images()[3]).max() < 4
 
 
 @pytest.mark.parametrize(("stamps", "why"), [([0] * 12, "are not set"), (times(12)[::-1], "do not rise")])
