@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import IndexType
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
 
 from analyze.errors import ImportRefused
@@ -141,6 +143,12 @@ def test_one_line_for_what_cannot_be_read(tmp_path):
     whole = write_foxglove(tmp_path / "whole.mcap", images()).read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
     refused(tmp_path / "cut.mcap", "is no MCAP file, damaged or cut short: try `mcap recover cut.mcap -o NEW.mcap`")
+    with (tmp_path / "bare.mcap").open("wb") as file:
+        writer = McapWriter(file, index_types=IndexType.NONE, repeat_channels=False, repeat_schemas=False, use_statistics=False)
+        writer.start()
+        writer.add_message(writer.register_channel("/cam/image", "protobuf", 0), START_NS, b"", START_NS)
+        writer.finish()
+    refused(tmp_path / "bare.mcap", "holds no index, or no messages: write it anew with `mcap recover bare.mcap -o NEW.mcap`")
     (tmp_path / "words.mcap").write_text("words")
     refused(tmp_path / "words.mcap", "is no MCAP file")
     (tmp_path / "words.db3").write_text("words")
