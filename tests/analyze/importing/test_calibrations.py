@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from analyze.calibrate import toml_entries
 from analyze.errors import CalibrationError
 from analyze.importing.calibrations import parse_calibration
 from analyze.importing.camera_file import read_camera
@@ -190,3 +192,13 @@ TEXTS = (
 def test_whatever_a_file_holds_it_is_a_lens_or_one_line(data, as_json):
     with contextlib.suppress(CalibrationError, DocumentError):
         camera_from_spec(parse_calibration(data, "lens", as_json=as_json)[0])
+
+
+def test_a_lens_calibrated_anew_keeps_its_sensors_line_time():
+    calibration = parse_calibration(json.dumps(PYTHONS | {"line_time_s": 9.3e-6}).encode(), "lens")[0]
+    lens = SimpleNamespace(model=LensModel.PINHOLE, width=1920, height=1080, camera_matrix=np.array(K), distortion=np.array(BENT))
+    rig = SimpleNamespace(camera=SimpleNamespace(calibration=calibration))
+    answer = SimpleNamespace(calibration=SimpleNamespace(lens=lens, rms_px=0.1), world_camera=None, rig=rig)
+    assert toml_entries(answer)["line_time_s"] == "9.3e-06"
+    answer.rig = None
+    assert "line_time_s" not in toml_entries(answer)
