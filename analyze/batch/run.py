@@ -187,7 +187,10 @@ def _working(requests: Sequence[Request], output: Path, options: BatchOptions) -
 
 
 def _supersede(known: dict[str, Entry], source: Source, outcome: Outcome, settings: BatchSettings, output: Path, ledger: Ledger) -> None:
-    """Write what is known now, and remove the row that it replaces, if no other recording needs it."""
+    """Write what is known now, and remove the row that it replaces, if no other recording needs it.
+
+    A failure on a recording that is what it was says something of the settings, or of the network: results that were there stay.
+    """
     entry = Entry(
         outcome.url, outcome.source_id, settings.digest, analysis_version(), outcome.key, outcome.failure, outcome.reason, outcome.own_files
     )
@@ -197,7 +200,8 @@ def _supersede(known: dict[str, Entry], source: Source, outcome: Outcome, settin
         return
     if before.failure and (not entry.failure or before.source_id != entry.source_id):
         (output / FAILURES / f"{before.source_id}.parquet").unlink(missing_ok=True)
-    if before.key and before.key != entry.key and all(other.key != before.key for other in known.values()):
+    replaced = not entry.failure or before.source_id != entry.source_id
+    if before.key and before.key != entry.key and replaced and all(other.key != before.key for other in known.values()):
         (output / ROWS / f"{before.key}.parquet").unlink(missing_ok=True)
 
 

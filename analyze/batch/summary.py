@@ -4,6 +4,9 @@ Repeatability is the standard deviation of an answer from session to session of 
 between them; beside it the sd that the answers stated. Drift is the slope of a weighted straight line over time.
 """
 
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import math
@@ -14,10 +17,13 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from scipy.special import chdtrc, stdtr, stdtrit
 
 from analyze.types import Array
 
 _DAY_S = 86400.0
+UNLIKELY = 1e-4
+"""probability below which scatter or drift is told apart: a table has hundreds of them"""
 QUANTITIES: tuple[tuple[str, str, str, float, str], ...] = (
     ("centre of mass x", "com_x_m", "com_sd_x_m", 1e3, "mm"),
     ("centre of mass y", "com_y_m", "com_sd_y_m", 1e3, "mm"),
@@ -49,6 +55,18 @@ class Repeated:
     drift: float
     """per day; NaN where the sessions do not span an hour"""
     drift_sd: float
+    drift_half: float
+    """of its 95 % interval (Student's t: few sessions know their own scatter badly)"""
+
+    @property
+    def stands_out(self) -> str:
+        """What is unlikely to be chance, for people; "" where nothing is."""
+        said: list[str] = []
+        if self.sessions > 1 and chdtrc(self.sessions - 1, self.chi_square * (self.sessions - 1)) < UNLIKELY:
+            said.append(f"scatters {math.sqrt(self.chi_square):.1f} times as much as stated")
+        if self.drift_sd > 0 and 2 * stdtr(self.sessions - 2, -abs(self.drift) / self.drift_sd) < UNLIKELY:
+            said.append("drifts")
+        return ", ".join(said)
 
 
 @dataclass(frozen=True)
@@ -62,6 +80,12 @@ class Summary:
     repeated: tuple[Repeated, ...]
     objects: tuple[tuple[str, str, int, int, int], ...]
     """name, SHA-256, sessions, strikes recorded, strikes used"""
+
+    @property
+    def standing_out(self) -> tuple[Repeated, ...]:
+        """What scatters or drifts beyond chance, the worst first."""
+        found = [each for each in self.repeated if each.stands_out]
+        return tuple(sorted(found, key=lambda each: -each.chi_square))
 
 
 def summarise(rows: pa.Table) -> Summary:
@@ -91,26 +115,41 @@ def _repeated(name: str, sha256: str, sessions: Sequence[dict[str, Any]]) -> Ite
         # A number that came from the shape repeats for nothing.
         measured = [row for row in sessions if row.get(column.replace("_kg_m2", "_measured"), True) is not False and row["com_observed"]]
         known = [(row[column], row[sd_column], _seconds(row["created"])) for row in measured if row[column] is not None and row[sd_column]]
-        if not known:
-            continue
-        value, sd, when = (np.array(column, dtype=np.float64) for column in zip(*known, strict=True))
-        weight = 1.0 / sd**2
-        mean = float(weight @ value / weight.sum())
-        many = len(value)
-        drift, drift_sd = _drift(value, sd, when)
-        yield Repeated(
-            object=name,
-            object_sha256=sha256,
-            quantity=quantity,
-            unit=unit,
-            sessions=many,
-            mean=factor * mean,
-            scatter=factor * float(value.std(ddof=1)) if many > 1 else math.nan,
-            stated=factor * float(np.median(sd)),
-            chi_square=float(weight @ (value - mean) ** 2) / (many - 1) if many > 1 else math.nan,
-            drift=factor * drift,
-            drift_sd=factor * drift_sd,
-        )
+        if known:
+            yield _of(name, sha256, quantity, unit, factor, known)
+    for region in dict.fromkeys(each["name"] for row in sessions for each in row["regions"] or []):
+        # Of a body that is no shell with two even parts the masses are the middle of what any filling allows: they repeat for nothing.
+        known = [
+            (each["mass_kg"], each["sd_kg"], _seconds(row["created"]))
+            for row in sessions
+            for each in row["regions"] or []
+            if each["name"] == region and row["regions_explained"] is not False and each["mass_kg"] is not None and each["sd_kg"]
+        ]
+        if known:
+            yield _of(name, sha256, f"mass, {region}", "g", 1e3, known)
+
+
+def _of(name: str, sha256: str, quantity: str, unit: str, factor: float, known: Sequence[tuple[float, float, float]]) -> Repeated:
+    """From (value, sd, seconds) of each session."""
+    value, sd, when = (np.array(column, dtype=np.float64) for column in zip(*known, strict=True))
+    weight = 1.0 / sd**2
+    mean = float(weight @ value / weight.sum())
+    many = len(value)
+    drift, drift_sd = _drift(value, sd, when)
+    return Repeated(
+        object=name,
+        object_sha256=sha256,
+        quantity=quantity,
+        unit=unit,
+        sessions=many,
+        mean=factor * mean,
+        scatter=factor * float(value.std(ddof=1)) if many > 1 else math.nan,
+        stated=factor * float(np.median(sd)),
+        chi_square=float(weight @ (value - mean) ** 2) / (many - 1) if many > 1 else math.nan,
+        drift=factor * drift,
+        drift_sd=factor * drift_sd,
+        drift_half=factor * drift_sd * float(stdtrit(max(many - 2, 1), 0.975)),
+    )
 
 
 def _drift(value: Array, sd: Array, when: Array) -> tuple[float, float]:

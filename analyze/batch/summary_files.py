@@ -28,9 +28,19 @@ _OBJECTS = [("object", pa.string()), ("object_sha256", pa.string()), *((name, pa
 _FAILURES = [("failure", pa.string()), ("recordings", pa.int64()), ("example", pa.string())]
 
 
+SHOWN = 20
+"""lines on a terminal of what stands out; all of them are in the files"""
+
+
 def render_summary(found: Summary) -> None:
     """Print it."""
     console = plain_console()
+    for each in found.standing_out[:SHOWN]:
+        console.print(f"{each.object} ({each.object_sha256[:8]}): {each.quantity} {told_apart(each)}")
+    if len(found.standing_out) > SHOWN:
+        console.print(f"... and {len(found.standing_out) - SHOWN} more that stand out: save them with --save summary.html")
+    if found.standing_out:
+        console.print()
     objects = Table(title="Objects", title_justify="left")
     for heading in ("object", "", "sessions", "strikes", "used"):
         objects.add_column(heading, justify="left" if heading in {"object", ""} else "right")
@@ -68,7 +78,7 @@ def failures(console: Console, found: Summary) -> None:
 def cells(each: Repeated) -> tuple[str, str, str, str, str]:
     """Mean, scatter, stated sd, chi^2 and drift as people read them; – where there is none."""
     digits = 3 if each.unit == "mm" else 1
-    drift = "–" if math.isnan(each.drift) else f"{each.drift:+.{digits}f} ± {1.96 * each.drift_sd:.{digits}f} {each.unit}"
+    drift = "–" if math.isnan(each.drift) else f"{each.drift:+.{digits}f} ± {each.drift_half:.{digits}f} {each.unit}"
     return (
         f"{each.mean:.{digits}f} {each.unit}",
         _number(each.scatter, digits),
@@ -76,6 +86,13 @@ def cells(each: Repeated) -> tuple[str, str, str, str, str]:
         _number(each.chi_square, 1),
         drift,
     )
+
+
+def told_apart(each: Repeated) -> str:
+    """Why a quantity stands out, with its figures."""
+    _, scatter, stated, _, drift = cells(each)
+    drifts = f" by {drift} a day" if each.stands_out.endswith("drifts") else ""
+    return f"{each.stands_out}{drifts} (scatter {scatter}, stated {stated} {each.unit}, {each.sessions} sessions)"
 
 
 def save_summary(found: Summary, path: Path) -> list[Path]:
@@ -88,7 +105,7 @@ def save_summary(found: Summary, path: Path) -> list[Path]:
     if path.suffix not in SUFFIXES:
         raise ArchiveError(f"{path}: is none of {', '.join(SUFFIXES)}: name it so")
     if path.suffix == ".html":
-        write_text(path, page_environment().get_template("archive.html").render(found=found, cells=cells))
+        write_text(path, page_environment().get_template("archive.html").render(found=found, cells=cells, told_apart=told_apart))
         return [path]
     written: list[Path] = []
     for name, columns, rows in (

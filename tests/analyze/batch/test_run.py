@@ -135,6 +135,17 @@ def test_other_settings_are_another_result(archive, finished):
     assert len(work_of(find_sources([str(archive)]), finished[0], settings, BatchOptions()).todo) == 2 + len(KINDS)
 
 
+def test_a_failure_on_the_same_file_leaves_older_results(archive, copied):
+    folder, other = str(archive / "a"), dataclasses.replace(BatchSettings(), seed=1)
+    rows = sorted(path.name for path in (copied / "recordings").iterdir())
+    hasty = BatchOptions(jobs=1, limits=Limits(0.01, 0))
+    report = run_batch(work_of(find_sources([folder]), copied, other, hasty), copied, other, hasty)
+    assert {outcome.failure for outcome in report.outcomes} == {"time_limit"}
+    assert sorted(path.name for path in (copied / "recordings").iterdir()) == rows
+    again = run_again(folder, copied)
+    assert all(outcome.known for outcome in again.outcomes)
+
+
 def test_shards_are_disjoint_and_whole(archive, tmp_path):
     parts = [{source.url for source in todo(archive, tmp_path, shard=(i, 3)).todo} for i in (1, 2, 3)]
     assert sum(len(part) for part in parts) == len(set().union(*parts)) == 2 + len(KINDS)
