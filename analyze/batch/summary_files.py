@@ -35,12 +35,8 @@ SHOWN = 20
 def render_summary(found: Summary) -> None:
     """Print it."""
     console = plain_console()
-    for each in found.standing_out[:SHOWN]:
-        console.print(f"{each.object} ({each.object_sha256[:8]}): {each.quantity} {told_apart(each)}")
-    if len(found.standing_out) > SHOWN:
-        console.print(f"... and {len(found.standing_out) - SHOWN} more that stand out: save them with --save summary.html")
     if found.standing_out:
-        console.print()
+        _stands_out(console, found)
     objects = Table(title="Objects", title_justify="left")
     for heading in ("object", "", "sessions", "strikes", "used"):
         objects.add_column(heading, justify="left" if heading in {"object", ""} else "right")
@@ -59,6 +55,18 @@ def render_summary(found: Summary) -> None:
         console.print(repeated)
         console.print()
     failures(console, found)
+
+
+def _stands_out(console: Console, found: Summary) -> None:
+    table = Table(title="What stands out", title_justify="left", box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0), width=80)
+    for heading in ("object", "quantity", ""):
+        table.add_column(heading, overflow="fold")
+    for each in found.standing_out[:SHOWN]:
+        table.add_row(f"{each.object} ({each.object_sha256[:8]})", each.quantity, told_apart(each))
+    console.print(table)
+    if len(found.standing_out) > SHOWN:
+        console.print(f"... and {len(found.standing_out) - SHOWN} more: --save summary.html shows all")
+    console.print()
 
 
 def failures(console: Console, found: Summary) -> None:
