@@ -58,7 +58,7 @@ def render_summary(found: Summary) -> None:
 
 
 def _stands_out(console: Console, found: Summary) -> None:
-    table = Table(title="What stands out", title_justify="left", box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0), width=80)
+    table = Table(title="What stands out", title_justify="left", box=SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0), width=78)
     for heading in ("object", "quantity", ""):
         table.add_column(heading, overflow="fold")
     for each in found.standing_out[:SHOWN]:
