@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +40,23 @@ class Pace:
 
     def time_ns(self, stamp: int) -> int:
         """Time since the first frame, as it was captured [ns]."""
-        time_s = (stamp - self.first) * self.unit
+        steps = stamp - self.first
         if self.steady_s is not None:
-            straight = round(time_s / self.steady_s) * self.steady_s
+            number = round(steps / self._steady_steps)
             # Not for ever: a rate that is a little off leaves the line.
-            time_s = straight if abs(straight - time_s) <= self.unit else time_s
-        return round(time_s / self.slowed * 10**9)
+            if abs(number * self._steady_steps - steps) <= 1:
+                return round(number * self.steady_s / self.slowed * 10**9)
+        over, under = self._step_ns
+        return (2 * steps * over + under) // (2 * under)
+
+    @cached_property
+    def _step_ns(self) -> tuple[int, int]:
+        """Nanoseconds of a step as a fraction: it is asked for every frame, and whole numbers are quick."""
+        return (self.unit / self.slowed * 10**9).as_integer_ratio()
+
+    @cached_property
+    def _steady_steps(self) -> float:
+        return float((self.steady_s or 1) / self.unit)
 
     def stamp(self, time_ns: int) -> int:
         """The last stamp that is not after `time_ns`."""

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
 from datetime import datetime
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import Self, cast
+from typing import NamedTuple, Self, cast
 
 import av
 from av.container import InputContainer
@@ -33,8 +32,7 @@ _LOOKED_AT = 1000
 _FILTER = {VideoFormat.H264: "h264_mp4toannexb", VideoFormat.H265: "hevc_mp4toannexb"}
 
 
-@dataclass(frozen=True)
-class AccessUnit:
+class AccessUnit(NamedTuple):
     """A coded picture as it stands in the file, with start codes; a key one brings its parameter sets."""
 
     time_ns: int

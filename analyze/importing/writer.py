@@ -30,6 +30,8 @@ from schemas.topics import Topic
 _WAITING: Final = 8
 """chunks between the two threads"""
 _SMALL_CHUNK_BYTES: Final = 64 << 10
+_SMALL_TOGETHER: Final = 512
+"""small messages that are handed over at once: each time costs as much as writing ten"""
 _BUFFERS: Final = 1024
 """that writev takes at once on Linux"""
 PART_SUFFIX: Final = ".part"
@@ -73,7 +75,8 @@ class RecordingWriter:
         self._size = 0
         self._manifest_sha256 = ""
         self.messages = 0
-        self._queue: queue.Queue[tuple[int, str, Sequence[Message]] | None] = queue.Queue(_WAITING)
+        self._gathered: list[tuple[int, str, Message]] = []
+        self._queue: queue.Queue[tuple[int, str, Sequence[Message]] | list[tuple[int, str, Message]] | None] = queue.Queue(_WAITING)
         self._failed: OSError | None = None
         self._thread = threading.Thread(target=self._put_down, name="import-writer", daemon=True)
         self._thread.start()
@@ -117,8 +120,14 @@ class RecordingWriter:
             self._queue.put((self._channels[topic.name], topic.name, messages))
 
     def small(self, topic: Topic, log_time_ns: int, data: bytes, sequence: int = 0) -> None:
-        """One message of a small topic."""
-        self.chunk(topic, [Message(log_time_ns, sequence, (data,))])
+        """One message of a small topic.
+
+        Raises:
+            OutputError: as from `chunk`.
+        """
+        self._gathered.append((self._channels[topic.name], topic.name, Message(log_time_ns, sequence, (data,))))
+        if len(self._gathered) >= _SMALL_TOGETHER:
+            self._hand_over()
 
     def finish(self) -> str:
         """Write what waits, the seal and the summary; give the file its name. Its content id.
@@ -126,6 +135,7 @@ class RecordingWriter:
         Raises:
             OutputError: the disk refuses, or the name was taken meanwhile.
         """
+        self._hand_over()
         self._join()
         self._refuse_failed()
         try:
@@ -133,8 +143,9 @@ class RecordingWriter:
             content_id = self._hash.hexdigest()
             self._metadata(SEAL_NAME, {"content_id": content_id, "manifest_sha256": self._manifest_sha256})
             self._append([self._summary.pack(self._size)])
-            os.fsync(self._fd)
-            os.close(self._fd)
+            os.close(
+                self._fd
+            )  # no fsync, which may take a minute for a gigabyte: a power cut loses nothing that the film does not still hold
             self._fd = -1
             if self.path.exists():
                 raise OutputError(f"{self.path}: was created by somebody else meanwhile: the recording is whole in {self._part}")
@@ -160,18 +171,18 @@ class RecordingWriter:
         while (entry := self._queue.get()) is not None:
             if self._failed is not None:
                 continue
-            channel, topic, messages = entry
             try:
-                if topic.endswith("/image"):
-                    self._write_chunk(channel, topic, messages)
+                if isinstance(entry, list):
+                    self._write_small(entry)
                 else:
-                    self._write_small(channel, topic, messages)
+                    self._write_chunk(*entry)
             except OSError as error:
                 self._failed = error
 
     def _write_chunk(self, channel: int, topic: str, messages: Sequence[Message]) -> None:
         buffers: list[Buffer] = []
         index: list[tuple[int, int]] = []
+        identity: list[tuple[int, int, Buffer, int]] = []
         at = crc = 0
         for time_ns, sequence, parts in messages:
             size = sum(map(len, parts))
@@ -180,20 +191,21 @@ class RecordingWriter:
             own = 0
             for part in parts:
                 crc, own = deflate.crc32(part, crc), deflate.crc32(part, own)
-            self._hash.add(topic, time_ns, size, b"" if size >= container.LARGE_MESSAGE else b"".join(parts), own)
+            identity.append((time_ns, size, b"" if size >= container.LARGE_MESSAGE else b"".join(parts), own))
             index.append((time_ns, at))
             buffers += (head, *parts)
             at += len(head) + size
+        self._hash.add_all(topic, identity)
         self._frame_chunk(buffers, at, crc, {channel: index})
 
-    def _write_small(self, channel: int, topic: str, messages: Sequence[Message]) -> None:
-        for time_ns, sequence, parts in messages:
+    def _write_small(self, entries: Sequence[tuple[int, str, Message]]) -> None:
+        for channel, topic, (time_ns, sequence, parts) in entries:
             data = b"".join(parts)
             self._hash.add(topic, time_ns, len(data), data)
             self._small.index.setdefault(channel, []).append((time_ns, len(self._small.data)))
             self._small.data += container.message_head(channel, sequence, time_ns, time_ns, len(data)) + data
-        if len(self._small.data) >= _SMALL_CHUNK_BYTES:
-            self._flush_small()
+            if len(self._small.data) >= _SMALL_CHUNK_BYTES:
+                self._flush_small()
 
     def _flush_small(self) -> None:
         if self._small.data:
@@ -228,6 +240,12 @@ class RecordingWriter:
                     left[0] = left[0][taken:]
         self._size += total
         return total
+
+    def _hand_over(self) -> None:
+        self._refuse_failed()
+        if self._gathered:
+            self._queue.put(self._gathered)
+            self._gathered = []
 
     def _join(self) -> None:
         if self._thread.is_alive():

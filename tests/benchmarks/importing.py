@@ -127,7 +127,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(dir=Path.cwd() / "recordings") as name:
         folder = Path(name)
         h264, mjpeg = folder / "h264.mp4", folder / "mjpeg.mov"
-        make(h264, "libx264", "yuv420p", 3.0, arguments.bytes, crf="18", bf="0", preset="veryfast", g="1000")
+        make(h264, "libx264", "yuv420p", 8.0, arguments.bytes, crf="22", bf="0", preset="veryfast", g="1000")
         make(mjpeg, "mjpeg", "yuvj420p", 3.0, arguments.bytes, qmin="2", qmax="2")
         for film, work, alone in ((h264, "whole", "demux"), (h264, "split", "decode"), (mjpeg, "split", "decode")):
             _child("demux", film, folder)  # into memory
