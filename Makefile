@@ -14,7 +14,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-checks bench-batch protos lock clean
+.PHONY: help setup demo test test-slow lint format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-checks bench-batch bench-import protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -158,6 +158,10 @@ bench-checks: setup  ## how often the checks of the answer cry wolf, and whether
 ARCHIVED ?= 200
 bench-batch: setup  ## a run over an archive of ARCHIVED=200 sessions and 20 broken files: workers, kills, S3, cost (fifteen minutes)
 	@PYTHONPATH=. $(BIN)/python -m tests.benchmarks.archive measure --sessions $(ARCHIVED)
+
+bench-import: setup  ## the same strikes live and as H.264, FFV1, MJPEG, PNG (SESSION=recordings/demo-carton-1.mcap); what a gigabyte costs (half an hour)
+	@$(if $(SESSION),PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.imported_codecs $(SESSION))
+	@PYTHONPATH=. OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.benchmarks.importing
 
 SESSION ?=
 bench-tags: setup  ## tag angles and frames per second beside plain OpenCV; sessions' speed (SESSION=recordings/demo-carton-1.mcap) (four minutes)

@@ -116,14 +116,13 @@ def attached(recording_path: Path, folder: Path) -> tuple[Path, Path, Path]:
 
 def _row(name: str, live: Estimate, other: Estimate, truth: np.ndarray, ratio: str) -> str:
     def phis(estimate: Estimate) -> dict[str, float]:
-        good = (motion for motion in estimate.evidence.motions if motion.verdict is Verdict.GOOD)
-        return {motion.strike_id: motion.fit.phi for motion in good if motion.fit is not None}
+        return {motion.strike_id: motion.fit.phi for motion in estimate.evidence.motions if motion.fit is not None}
 
     mine, theirs = phis(live), phis(other)
     off = np.degrees([theirs[key] - mine[key] for key in mine if key in theirs])
     com = np.array(other.result.centre_of_mass.value)
     moved = 1000 * np.linalg.norm(com - np.array(live.result.centre_of_mass.value))
-    verdicts = len(theirs)
+    verdicts = sum(motion.verdict is Verdict.GOOD for motion in other.evidence.motions)
     median, worst = (np.median(np.abs(off)), np.max(np.abs(off))) if len(off) else (np.nan, np.nan)
     error = 1000 * np.linalg.norm(com - truth)
     return f"| {name} | {verdicts} | {median:.4f} | {worst:.4f} | {moved:.3f} | {error:.3f} | {ratio} |"
