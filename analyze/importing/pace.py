@@ -119,7 +119,7 @@ class Missing:
         if last is None:
             return 0
         gap = time_ns - last
-        usual = float(np.median(self._recent)) if len(self._recent) == _REMEMBERED else self.interval_ns
+        usual = sorted(self._recent)[_REMEMBERED // 2] if len(self._recent) == _REMEMBERED else self.interval_ns
         self._recent.append(gap)
         if gap < _MISSED * usual:
             return 0

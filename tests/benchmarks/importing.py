@@ -1,4 +1,4 @@
-"""What `analyze import` costs on a gigabyte: time beside demuxing or decoding alone, memory.
+"""What `analyze import` costs on a gigabyte: processor time and time beside those of demuxing or decoding alone, memory.
 
 A film of a resting tag with a tip now and then is coded once, and its packets are repeated until the file is large. Every measurement is a
 process of its own; each file is read once before, so that all find it in memory.
@@ -84,7 +84,7 @@ def make(path: Path, codec: str, pixels: str, noise: float, size: int, **options
 def measure(work: str, path: Path, folder: Path) -> dict[str, float]:
     """Seconds and the most memory [MB] of one piece of work, in this process."""
     names = [f"s{number + 1}" for number in range(STRIKES)]
-    start = time.perf_counter()
+    start, started = time.perf_counter(), time.process_time()
     if work == "demux":
         with av.open(str(path)) as container:
             count = sum(1 for _ in container.demux(container.streams.video[0]))
@@ -104,7 +104,8 @@ def measure(work: str, path: Path, folder: Path) -> dict[str, float]:
             count = write(prepared, output).images
         output.unlink()
     seconds = time.perf_counter() - start
-    return {"seconds": seconds, "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "frames": count}
+    own = time.process_time() - started
+    return {"seconds": seconds, "processor": own, "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, "frames": count}
 
 
 def _child(work: str, path: Path, folder: Path) -> dict[str, float]:
@@ -123,7 +124,7 @@ def main() -> None:
     if arguments.work:
         sys.stdout.write(json.dumps(measure(arguments.work, arguments.film, arguments.folder)))
         return
-    table = Table("film", "", "frames", "s", "alone, s", "ratio", "most memory", box=None)
+    table = Table("film", "", "frames", "s", "alone, s", "ratio", "of processor time", "most memory", box=None)
     with tempfile.TemporaryDirectory(dir=Path.cwd() / "recordings") as name:
         folder = Path(name)
         h264, mjpeg = folder / "h264.mp4", folder / "mjpeg.mov"
@@ -133,7 +134,7 @@ def main() -> None:
             _child("demux", film, folder)  # into memory
             base = min((_child(alone, film, folder) for _ in range(2)), key=lambda each: each["seconds"])
             own = min((_child(work, film, folder) for _ in range(2)), key=lambda each: each["seconds"])
-            ratio = base["seconds"] / own["seconds"]
+            ratio, busy = base["seconds"] / own["seconds"], base["processor"] / own["processor"]
             size = f"{film.stat().st_size / 1e9:.2f} GB {film.stem}"
             table.add_row(
                 size,
@@ -142,6 +143,7 @@ def main() -> None:
                 f"{own['seconds']:.1f}",
                 f"{alone} {base['seconds']:.1f}",
                 f"{ratio:.2f}",
+                f"{busy:.2f}",
                 f"{own['memory_mb']:.0f} MB",
             )
     Console(width=120).print(table)
