@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import click
 
+from analyze.commands.drop import measure, refuse_mixed, with_drop_options
 from analyze.commands.options import one_line
 from schemas.command_line import NumberRange
 
@@ -34,6 +36,7 @@ from schemas.command_line import NumberRange
 @click.option("--rig", type=click.Path(path_type=Path), help="The rig file: its region must be the images', its T_world_camera is kept.")
 @click.option("--write", is_flag=True, help="Put the calibration into the rig file.")
 @click.option("--picture", type=click.Path(path_type=Path), help="Coverage, precision and residuals (PNG).  [default: with -o, beside it]")
+@with_drop_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
 def calibrate(
@@ -49,13 +52,23 @@ def calibrate(
     rig: Path | None,
     write: bool,
     picture: Path | None,
+    drop: bool,
     as_json: bool,
+    **dropped: Any,
 ) -> None:
     """Calibrate a camera from views of a ChArUco board: images, folders, patterns in quotes, recordings.
 
     The board is what `analyze print-tags --board charuco` prints; take 15 views or more, tilted by 20 to 45 degrees to all sides, and
     reaching into all corners of the image.
+
+    With --drop: how fast a video's frames truly come, from a film of a tag in free fall.
     """
+    lens = {"-o": output, "--squares": squares, "--square-mm": square_mm, "--family": family, "--table": table, "--rig": rig}
+    lens |= {"--upright": upright, "--write": write, "--picture": picture, "--model": model != "pinhole", "--mark-mm": mark_mm != "0,0,0"}
+    refuse_mixed(drop, dropped, [name for name, given in lens.items() if given])
+    if drop:
+        measure(inputs, dropped, as_json)
+        return
     from analyze.calibrate import CalibrateOptions, calibrate_camera
     from analyze.camera_files import default_picture, parse_mark, refuse_unplaced, write_calibration, write_into_rig
     from analyze.camera_table import calibration_json, render_calibration

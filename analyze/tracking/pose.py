@@ -133,6 +133,15 @@ def _by_point(seen: Array, in_camera: Array, K: Array) -> Array:
     return (K[:2] - seen[..., None] * K[2]) / in_camera[..., 2, None, None]
 
 
+def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K: Array) -> Array:
+    """Covariance (m, 3, 3) [m^2] of positions p (m, 3) at poses R (m, 3, 3), from corners that scatter by `corner_sd_px` (m,)."""
+    seen, in_camera = _reprojected(R, p, marker_corners(size), K)
+    by_point = _by_point(seen, in_camera, K)
+    by_turn = np.cross((in_camera - p[:, None])[:, :, None, :], by_point)
+    J = np.concatenate([by_turn, by_point], axis=-1).reshape(len(p), 8, 6)
+    return np.linalg.inv(J.transpose(0, 2, 1) @ J)[:, 3:, 3:] * (corner_sd_px**2)[:, None, None]
+
+
 def choose_by_motion(pairs: list[PosePair], time_ns: Array, corner_sd_px: Array) -> list[int]:
     """Index (0 or 1) of the solution per frame along the path that fits the corners and turns least.
 

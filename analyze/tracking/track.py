@@ -100,12 +100,16 @@ class MarkerFollower:
         camera: that took the frames.
         markers: all that the object carries.
         expected: ids of those that the camera shall see; once one of them was found the others are not followed, each costs milliseconds.
+        rescan_every: frames between full searches while a marker is missing.
     """
 
-    def __init__(self, camera: CameraModel, markers: Sequence[Marker], expected: Sequence[int | str] = ()) -> None:
+    def __init__(
+        self, camera: CameraModel, markers: Sequence[Marker], expected: Sequence[int | str] = (), rescan_every: int = _RESCAN_EVERY
+    ) -> None:
         self._camera = camera
         self._pixels = pixel_map(camera)
         self._paths = {marker.id: _Path(marker) for marker in markers}
+        self._rescan_every = rescan_every
         self._known = frozenset(self._paths)
         self._expected = frozenset(expected) & self._known
         self._families = families_of(self._known)
@@ -136,7 +140,7 @@ class MarkerFollower:
                 found[marker_id] = seen
         missing = [marker_id for marker_id, path in self._paths.items() if marker_id not in found and path.time_ns]
         # Nothing seen yet: search more often than for what is merely hidden.
-        due = self.frames_total <= _FULL_SCANS or (self.frames_total % _RESCAN_EVERY == 0 and len(found) < len(self._paths))
+        due = self.frames_total <= _FULL_SCANS or (self.frames_total % self._rescan_every == 0 and len(found) < len(self._paths))
         if due or any(self._paths[i].missed == 1 for i in missing):
             for sighting in self._scan(frame):
                 if sighting.marker_id not in found and (seen := self._found(frame, sighting)) is not None:
