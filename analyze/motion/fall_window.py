@@ -7,7 +7,6 @@ parabola that far.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -60,7 +59,6 @@ def fall_windows(time_ns: IntArray, positions: Array, sd: Array) -> list[FallWin
         return []
     frame = float(np.median(np.diff(time_ns)))
     number: IntArray = np.asarray(np.round((time_ns - time_ns[0]) / frame), dtype=np.int64)
-    places: list[int] = number.tolist()
     scaled = positions / sd
     found: list[FallWindow] = []
     starts = [0, *(np.flatnonzero(np.diff(number) > MOST_MISSING + 1) + 1).tolist(), len(number)]
@@ -69,7 +67,8 @@ def fall_windows(time_ns: IntArray, positions: Array, sd: Array) -> list[FallWin
         grid: IntArray = np.arange(int(number[first]), int(number[last - 1]) + 1)
         columns: list[Array] = [np.interp(grid, number[first:last], scaled[first:last, i]) for i in range(3)]
         for start, stop in _parabolas(np.column_stack(columns), sd):
-            begin, end = (int(np.searchsorted(number, grid[0] + each)) for each in (start, stop))
+            places: list[int] = np.searchsorted(number, np.array([start, stop]) + int(number[first])).tolist()
+            begin, end = places
             if (window := _extended(number, scaled, sd, begin, end)) is not None:
                 found.append(window)
     return sorted(_apart(found), key=lambda window: window.start)

@@ -1,5 +1,7 @@
 """One strike from corners to verdict, phi and k; the verdicts' own motions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -53,6 +55,19 @@ def test_a_good_strike(how):
     assert np.degrees(np.std((motion.angle.theta - tip.theta)[:90])) < 0.012
     assert np.abs(motion.angle.slip[:90]).max() < 0.0002
     assert [fit.estimator for fit in motion.alternatives] == ["sign_change"]
+
+
+@pytest.mark.parametrize("slower", [8.0, 0.5])
+def test_slow_motion_taken_for_true_is_a_good_strike_with_another_k(slower):
+    tip = simulate(1.05)
+    track = track_of(tip, np.random.default_rng(4))
+    begin = int(track.time_ns[0])
+    stretched = replace(track, time_ns=begin + np.round((track.time_ns - begin) * slower).astype(np.int64))
+    task = StrikeTask("s1.1", planned(0.002), 0, int(stretched.time_ns[-1]))
+    motion = analyse_strike([stretched], [marker()], camera(), task)
+    assert motion.verdict is Verdict.GOOD
+    assert abs(np.degrees(motion.fit.phi - tip.phi)) < 0.01
+    assert abs(motion.fit.k * slower**2 / tip.k - 1) < 0.005
 
 
 @pytest.mark.parametrize("energy", [1.02, 1.3, 2.0, 3.0])
