@@ -178,6 +178,8 @@ def _look_through(path: Path, source: FrameSource, markers: Sequence[int | str],
 
 def _rate(source: FrameSource) -> float:
     """Frames per second as they were captured."""
+    if isinstance(source, VideoSource):
+        return 1 / source.pace.interval_s
     times = [frame.time_ns for frame in islice(source.frames(), _RATE_FRAMES)]
     gaps = np.array([later - earlier for earlier, later in pairwise(times)], dtype=float)
     if not len(gaps):
