@@ -27,7 +27,7 @@ from schemas.document import canonical_json, sha256_text
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
 from schemas.topics import Topic
 
-_WAITING: Final = 8
+_WAITING: Final = 3
 """chunks between the two threads"""
 _SMALL_CHUNK_BYTES: Final = 64 << 10
 _SMALL_TOGETHER: Final = 512
@@ -66,7 +66,11 @@ class RecordingWriter:
         if path.exists():
             raise OutputError(f"{path}: exists already: choose another name or move it away")
         try:
-            self._fd = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
+            self._fd = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        except FileExistsError:
+            raise OutputError(
+                f"{self._part}: is being written, or was left by what did not finish: choose another name or move it away"
+            ) from None
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}: choose another place") from None
         self._summary, self._hash = Summary(), ContentHash()

@@ -182,6 +182,14 @@ def test_the_same_film_gives_the_same_content(tmp_path):
         write(prepared, tmp_path / "one.mcap")
 
 
+def test_what_somebody_else_is_writing_is_left_alone(tmp_path):
+    path = film(tmp_path / "a.mp4", tip()[:5])
+    (tmp_path / "o.mcap.part").write_bytes(b"theirs")
+    with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared, pytest.raises(OutputError, match="is being written"):
+        write(prepared, tmp_path / "o.mcap")
+    assert (tmp_path / "o.mcap.part").read_bytes() == b"theirs"
+
+
 def test_nothing_is_written_unasked(tmp_path):
     gone = [np.full_like(tip()[0], 120)] * 30
     path = film(tmp_path / "a.mp4", [*tip(), *gone, *gone, *gone, *tip()])
