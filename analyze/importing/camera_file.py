@@ -11,6 +11,7 @@ from analyze.errors import ImportRefused
 from analyze.importing.calibrations import SUFFIXES, read_calibration
 from analyze.importing.source import FrameSource
 from analyze.importing.topic_source import TopicSource
+from schemas.rig import RigConfig
 from schemas.session_manifest import CameraCalibrationSpec
 
 
@@ -24,6 +25,8 @@ class CameraFile:
     """its T_world_camera is the unit matrix where the file has none"""
     placed: bool
     """the file says where the camera stands"""
+    rig: RigConfig | None = None
+    """what it says of gravity and the table besides, where it is a rig file"""
     of_topic: bool = False
     """said by a topic of a source"""
 
@@ -47,7 +50,7 @@ def read_camera(path: Path) -> CameraFile:
     if path.suffix.lower() in SUFFIXES:
         return CameraFile(path, *read_calibration(path))
     rig, place = read_rig(path)
-    return CameraFile(path, rig.camera.calibration, place is not None)
+    return CameraFile(path, rig.camera.calibration, place is not None, rig)
 
 
 def camera_of(sources: Sequence[FrameSource]) -> CameraFile:

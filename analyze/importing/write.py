@@ -218,7 +218,7 @@ def _manifest(prepared: Import, anchor_ns: int) -> SessionManifest:
     known = prepared.sources[0].wall_start_ns is not None
     created = datetime.fromtimestamp(anchor_ns * 1e-9, UTC) if known else datetime.now(UTC)
     kinds = {source.time_source for source in prepared.sources}
-    rig = RigConfig.model_fields
+    rig, usual = prepared.camera.rig, RigConfig.model_fields
     files = prepared.object
     return SessionManifest(
         recording_id=str(uuid.uuid4()),
@@ -227,9 +227,10 @@ def _manifest(prepared: Import, anchor_ns: int) -> SessionManifest:
         wall_anchor_ns=anchor_ns,
         time_source=kinds.pop() if len(kinds) == 1 else TimeSource.CONTAINER_PTS,
         time_source_sd_ns=max(source.time_sd_ns for source in prepared.sources),
-        g_m_s2=rig["g_m_s2"].default,
-        g_sd_m_s2=rig["g_sd_m_s2"].default,
-        gravity_tilt_sd_rad=rig["gravity_tilt_sd_rad"].default,
+        g_m_s2=usual["g_m_s2"].default if rig is None else rig.g_m_s2,
+        g_sd_m_s2=usual["g_sd_m_s2"].default if rig is None else rig.g_sd_m_s2,
+        gravity_tilt_sd_rad=usual["gravity_tilt_sd_rad"].default if rig is None else rig.gravity_tilt_sd_rad,
+        level=None if rig is None else rig.level,
         cameras=[ManifestCamera(name=CAMERA, frame_rate_hz=prepared.rate_hz, calibration=prepared.calibration)],
         object=files.spec,
         object_sha256=files.sha256,

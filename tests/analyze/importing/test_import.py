@@ -182,6 +182,17 @@ def test_the_same_film_gives_the_same_content(tmp_path):
         write(prepared, tmp_path / "one.mcap")
 
 
+def test_a_rig_file_says_how_the_table_slopes(tmp_path):
+    files = setting(tmp_path)
+    files[2].write_text("g_m_s2 = 9.79\n[level]\ntowards_x_rad = 0.001\ntowards_x_sd_rad = 0.0002\n" + files[2].read_text())
+    with prepare(ImportOptions((film(tmp_path / "a.mp4", tip()[:5]),), *files, whole=True)) as prepared:
+        write(prepared, tmp_path / "o.mcap")
+    with open_recording(tmp_path / "o.mcap") as recording:
+        assert recording.manifest.g_m_s2 == 9.79
+        assert recording.manifest.level is not None
+        assert recording.manifest.level.towards_x_rad == 0.001
+
+
 def test_what_somebody_else_is_writing_is_left_alone(tmp_path):
     path = film(tmp_path / "a.mp4", tip()[:5])
     (tmp_path / "o.mcap.part").write_bytes(b"theirs")
