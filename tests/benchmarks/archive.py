@@ -273,7 +273,7 @@ def growth(folder: Path) -> None:
     for strikes in STRIKES:
         path = folder / f"strikes-{strikes}.mcap"
         _make((path, 5000 + strikes, strikes))
-        output = folder / f"out-{strikes}"
+        output = folder / f"growth-{strikes}"
         (output / "recordings").mkdir(parents=True)
         (output / "failures").mkdir()
         with Lane(output, Limits()) as lane:

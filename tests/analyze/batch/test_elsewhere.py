@@ -89,6 +89,7 @@ def run(place, output, **options):
     return run_batch(work, output, BatchSettings(), chosen)
 
 
+@pytest.mark.slow
 def test_a_bucket_gives_the_same_results(bucket, finished, tmp_path):
     report = run(bucket, tmp_path / "out")
     assert failures(report) == failures(finished[1])
