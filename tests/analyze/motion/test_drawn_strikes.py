@@ -59,8 +59,19 @@ def test_where_the_edge_slides_the_balance_is_right_and_the_hinge_is_not():
     phi_hinge, phi_balance, k_hinge, k_balance = errors(0.5, 2.0, 0.5)
     assert phi_hinge > 3 * phi_balance
     assert phi_balance < math.radians(0.03)
-    assert k_hinge > 2 * k_balance
+    assert k_hinge > 2 * k_balance  # its own k is 0.2 to 0.35 % small after a slide of 10 mm, with a sharp edge too
     assert k_balance < 0.01
+
+
+def test_the_balance_lets_the_edge_roll():
+    """Without noise k is as good with a rounding of 3 mm as with none; taken for a hinge it is 0.12 % greater."""
+    found = []
+    for rho in (0.0, 0.003):
+        body, course = struck(0.6, 1.1, 0.75, rho)
+        motion, _ = seen(course, body, np.random.default_rng(4), 1e-6)
+        window = (33, int(np.argmax(course.theta > body.phi + math.radians(25))))
+        found.append(moment_balance(edge_motion(motion, window).motion, window, rho).k / body.k - 1)
+    assert abs(found[1] - found[0]) < 5e-4
 
 
 def test_where_it_holds_both_are_right():
