@@ -1,7 +1,8 @@
 """Calibration errors drawn at random: the same strikes, as somebody would have them whose rig and scan are known no better than this.
 
-What the errors do to phi and the edges is written into the evidence, and their sd is stated; what they are is told to nobody. All strikes
-of one session share one tilt, one mass and one mean rounding, all strikes of one axis one edge.
+What the errors do to phi, k and the edges is written into the evidence, and their sd is stated in place of the rig's own; what they are is
+told to nobody. All strikes of one session share one tilt, one mass and one mean rounding, all strikes of one axis one edge and its k. What
+an answer always allows for (air, an edge rounder than the others) is drawn too, so that errors over stated sd can be 1.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.types import Array, TipMotion
+from analyze.types import Array, MotionFit, TipMotion
 
 if TYPE_CHECKING:
     from analyze.evidence import Evidence
@@ -28,6 +29,10 @@ MASS_SD = 1e-4
 """kg"""
 RADIUS_SD = 3e-4
 """m, of the edges' rounding, which nobody measured"""
+OWN_RADIUS_SD = 0.3 * RADIUS_SD
+"""m, of each edge's beside what all have in common"""
+K_SD = 2e-3
+"""relative, of each axis's k: air, play of the edge"""
 LEAST_RADIUS = 1e-4
 """m"""
 
@@ -44,32 +49,37 @@ def miscalibrated(evidence: Evidence, rng: np.random.Generator) -> Evidence:
     axes = list(dict.fromkeys(strike.axis_id for strike in evidence.plan.strikes))
     shifts = {axis: rng.normal(0.0, SCAN_SD, 2) for axis in axes}
     angles = {axis: float(rng.normal(0.0, ANGLE_SD)) for axis in axes}
+    roundings = {axis: rounding + float(rng.normal(0.0, OWN_RADIUS_SD)) for axis in axes}
+    slowness = {axis: 1.0 + float(rng.normal(0.0, K_SD)) for axis in axes}
     strikes = {strike.id: strike for strike in evidence.plan.strikes}
     motions: list[TipMotion] = []
     for motion in evidence.motions:
         strike = strikes[motion.plan_strike_id]
         leaning = float(lean @ [math.cos(strike.heading_rad), math.sin(strike.heading_rad)])
-        motions.append(_turned(motion, leaning + angles[strike.axis_id]))
+        motions.append(_changed(motion, leaning + angles[strike.axis_id], slowness[strike.axis_id]))
     spec = evidence.spec
     spec = spec.model_copy(
         update={
             "mass_kg": spec.mass_kg + float(rng.normal(0.0, MASS_SD)),
-            "mass_sd_kg": math.hypot(spec.mass_sd_kg, MASS_SD),
-            "edge_radius_sd_m": math.hypot(spec.edge_radius_sd_m, RADIUS_SD),
+            "mass_sd_kg": MASS_SD,
+            "edge_radius_sd_m": RADIUS_SD,
         }
     )
     plan = evidence.plan.model_copy(
-        update={"strikes": [_edge_moved(strike, rounding, shifts[strike.axis_id]) for strike in evidence.plan.strikes]}
+        update={"strikes": [_edge_moved(strike, roundings[strike.axis_id], shifts[strike.axis_id]) for strike in evidence.plan.strikes]}
     )
     head = evidence.recordings[0]
-    manifest = head.manifest.model_copy(update={"gravity_tilt_sd_rad": math.hypot(head.manifest.gravity_tilt_sd_rad, TILT_SD)})
+    manifest = head.manifest.model_copy(update={"gravity_tilt_sd_rad": TILT_SD})
     return replace(evidence, spec=spec, plan=plan, motions=tuple(motions), recordings=(replace(head, manifest=manifest),))
 
 
-def _turned(motion: TipMotion, by: float) -> TipMotion:
-    """Its balance seen `by` [rad] later."""
-    fit = None if motion.fit is None else replace(motion.fit, phi=motion.fit.phi + by)
-    return replace(motion, fit=fit, alternatives=tuple(replace(each, phi=each.phi + by) for each in motion.alternatives))
+def _changed(motion: TipMotion, later: float, faster: float) -> TipMotion:
+    """Its balance seen `later` [rad], its k multiplied by `faster`."""
+
+    def changed(fit: MotionFit) -> MotionFit:
+        return replace(fit, phi=fit.phi + later, k=None if fit.k is None else fit.k * faster)
+
+    return replace(motion, fit=None if motion.fit is None else changed(motion.fit), alternatives=tuple(map(changed, motion.alternatives)))
 
 
 def _edge_moved(strike: PlannedStrike, rounding: float, shift: Array) -> PlannedStrike:
@@ -79,5 +89,5 @@ def _edge_moved(strike: PlannedStrike, rounding: float, shift: Array) -> Planned
     radius = max(strike.pivot.radius_m + rounding, LEAST_RADIUS)
     rounder = radius - strike.pivot.radius_m
     point = np.array(strike.pivot.point) + rounder * (up - tip) + shift[0] * tip + shift[1] * up
-    pivot = strike.pivot.model_copy(update={"point": point.tolist(), "radius_m": radius, "sd_m": math.hypot(strike.pivot.sd_m, SCAN_SD)})
+    pivot = strike.pivot.model_copy(update={"point": point.tolist(), "radius_m": radius, "sd_m": SCAN_SD})
     return strike.model_copy(update={"pivot": pivot})

@@ -14,6 +14,8 @@ from schemas.strike_plan import PlanMethod
 
 CHI2_95 = 7.815
 """three dimensions"""
+EMPTY = 0.01
+"""of the whole's mass, below which a region's is at its bound"""
 
 
 def designed(records: Iterable[SessionRecord]) -> list[SessionRecord]:
@@ -78,25 +80,41 @@ def standardised(records: Sequence[SessionRecord], condition: Condition) -> list
     centre: list[float] = []
     edge: list[float] = []
     about_com: list[float] = []
-    masses: list[float] = []
-    masses_held: list[float] = []
     for record in records:
         answer = record.ours[condition]
         off = np.subtract(answer.com_m, record.true_com_m)
         centre.append(float(np.sqrt(off @ np.linalg.solve(np.array(answer.com_covariance_m2), off) / 3)))
         edge += [axis.i_edge_off / axis.i_edge_sd for axis in answer.moments]
         about_com += [axis.i_com_off / axis.i_com_sd for axis in answer.moments]
-        if record.object in OBJECTS:
-            for true, found, sd, low, high in _masses(answer, record):
-                if true > 0.01 * record.mass_kg:
-                    masses.append((found - true) / max(sd, 1e-9))
-                masses_held.append(float(low <= true <= high))
     return [
         Standardised("centre of mass", np.array(centre), (3 * np.array(centre) ** 2 < CHI2_95).astype(float)),
         Standardised("I about the edge", np.array(edge), (np.abs(edge) < 1.96).astype(float)),
         Standardised("I about c", np.array(about_com), (np.abs(about_com) < 1.96).astype(float)),
-        Standardised("region masses", np.array(masses), np.array(masses_held)),
+        standardised_masses(within_class(records), condition, "region masses"),
     ]
+
+
+def standardised_masses(records: Iterable[SessionRecord], condition: Condition, name: str) -> Standardised:
+    """Of region masses above their bound; intervals of all of them."""
+    found: list[float] = []
+    held: list[float] = []
+    for record in records:
+        for true, mass, sd, low, high in _masses(record.ours[condition], record):
+            if true > EMPTY * record.mass_kg:
+                found.append((mass - true) / max(sd, 1e-9))
+            held.append(float(low <= true <= high))
+    return Standardised(name, np.array(found), np.array(held))
+
+
+def repeated(records: Sequence[SessionRecord], condition: Condition) -> float:
+    """Of one object's sessions: root mean square of what its region masses' errors over stated sd are in the mean of its sessions."""
+    rows = [list(_masses(record.ours[condition], record)) for record in records]
+    means = [
+        float(np.mean([(mass - true) / max(sd, 1e-9) for true, mass, sd, _, _ in sessions]))
+        for sessions in zip(*rows, strict=True)
+        if np.mean([true for true, *_ in sessions]) > EMPTY * records[0].mass_kg
+    ]
+    return float(np.sqrt(np.mean(np.square(means)))) if means else float("nan")
 
 
 def _masses(answer: Answer, record: SessionRecord) -> Iterator[tuple[float, float, float, float, float]]:
