@@ -99,8 +99,8 @@ def result_warnings(
     for plane, robust in zip(planes, com.robust, strict=True):
         if robust < OUTLIER:
             warn(WarningCode.POOR_FIT, f"strike {plane.strike_id} disagrees with the others and was given {robust:.0%} of its weight")
-    for name, text in _poor_fits(evidence, planes):
-        warn(WarningCode.POOR_FIT, f"strike {name}: {text}")
+    for text in _poor_fits(evidence, planes):
+        warn(WarningCode.POOR_FIT, text)
     for text in agreed.texts():
         warn(WarningCode.ESTIMATORS_DISAGREE, text)
     assumed = assumed_tilt(com, evidence)
@@ -199,16 +199,15 @@ def _rolled_but_taken_for(estimator: str | None, motion: TipMotion) -> bool:
     )
 
 
-def _poor_fits(evidence: Evidence, planes: Sequence[EquiPlane]) -> Iterator[tuple[str, str]]:
+def _poor_fits(evidence: Evidence, planes: Sequence[EquiPlane]) -> Iterator[str]:
     used = {plane.strike_id for plane in planes}
-    for motion in evidence.motions:
-        if motion.strike_id not in used or motion.fit is None or not len(motion.fit.residual):
-            continue
-        rms = float(np.sqrt(np.mean(motion.fit.residual**2)))
+    fitted = [(each, each.fit) for each in evidence.motions if each.strike_id in used and each.fit is not None and len(each.fit.residual)]
+    for motion, fit in fitted:
+        rms = float(np.sqrt(np.mean(fit.residual**2)))
         if rms > POOR_RESIDUAL:
-            yield motion.strike_id, f"the fit misses θ by {np.degrees(rms):.2f}° on average"
-        if motion.verdict is Verdict.ROCKED_BACK:
-            yield motion.strike_id, "rocked back before the balance point: φ is extrapolated"
+            yield f"strike {motion.strike_id}: the fit misses θ by {np.degrees(rms):.2f}° on average"
+    if turned := [motion.strike_id for motion, _ in fitted if motion.verdict is Verdict.ROCKED_BACK]:
+        yield f"strike{'s' * (len(turned) > 1)} {_names(turned)} rocked back before the balance point: φ is extrapolated"
 
 
 def _names(items: Sequence[str]) -> str:
