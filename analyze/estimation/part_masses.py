@@ -19,8 +19,7 @@ from scipy.optimize import lsq_linear
 
 from analyze.errors import EstimationError
 from analyze.estimation.cut_normal import draw_cut, shortest
-from analyze.estimation.region_problem import LEVER_ERROR, MODEL_ERROR
-from analyze.geometry.object_model import DENSITIES
+from analyze.geometry.object_model import DENSITIES, LEVER_ERROR, MODEL_ERROR
 from analyze.geometry.polyhedron import MassProperties
 from analyze.types import Array, InertialParameters
 

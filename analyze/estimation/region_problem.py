@@ -15,15 +15,11 @@ from scipy.special import chdtrc
 
 from analyze.estimation.cells import Cells
 from analyze.estimation.cut_normal import Shares, shares
-from analyze.geometry.object_model import DENSITIES
+from analyze.geometry.object_model import DENSITIES, LEVER_ERROR, MODEL_ERROR
 from analyze.types import Array, InertialParameters, IntArray
 
 LEAST_SHARE = 0.02
 """each interior part holds at least this part of the interior's volume"""
-MODEL_ERROR = 0.004
-"""relative, of each moment: voxels, uneven walls"""
-LEVER_ERROR = 1e-4
-"""m, of the centre of mass: voxels, uneven walls"""
 _LOOSE = 1e-2
 """information on a share, 1 / sd^2, before anything is measured: bounds say far more"""
 _CLUMP = 2

@@ -27,6 +27,10 @@ SMALLEST_EXTENT = 0.005
 LARGEST_EXTENT = 1.5
 DENSITIES = (2.0, 12_000.0)
 """kg/m^3, between which unit and mass are believed; lead has 11 300"""
+MODEL_ERROR = 0.004
+"""relative, of each moment of a body made of cells: voxels, uneven walls"""
+LEVER_ERROR = 1e-4
+"""m, of its centre of mass: the same"""
 LINE_SD = 5e-5
 """m, of an edge's place across itself, in a shape that is taken as exact"""
 BARE = 0.01

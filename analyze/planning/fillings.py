@@ -11,15 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analyze.geometry.object_model import LEVER_ERROR, MODEL_ERROR
 from analyze.planning.information import COM, INERTIA, MASS, moment_row
 from analyze.types import Array
 
 NAMES = ("surface", "upper", "lower")
 DRAWS = 24
-MODEL_ERROR = 0.004
-"""relative, of each moment: voxels, uneven walls (as in estimation)"""
-LEVER_ERROR = 1e-4
-"""m"""
 DETERMINED = 0.5
 """a mass counts as determined if its sd is below this part of what is known without strikes"""
 SHARE_SD = 0.2357
