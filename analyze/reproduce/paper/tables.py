@@ -163,8 +163,9 @@ def honesty(records: Sequence[SessionRecord]) -> Table:
     note = (
         "Scatter: root mean square of error over stated sd; 1 would be right, below 1 the sd is on the safe side. As calibrated, the rig's "
         "files allow for errors of calibration that the virtual rig does not make. Of its mean: the part that is alike in every session of "
-        "an object. A body's region masses are off along the valley that its moments leave open, the same way each time, so that their "
-        "scatter is that of four bodies; over bodies drawn at random, `make coverage` has it."
+        "an object. The sd of region masses is mostly that of what the moments leave open, which the prior fills, and less that of noise: "
+        "with one body the answer is off by less, with another by more, in every session much the same. It can be right over many bodies "
+        "only; `make coverage` draws them."
     )
     columns = ("calibration", "of", "numbers")
     last = (Column("scatter", 2), Column("of its mean", 2), Column("held by the 95 % interval [%]", 0))
