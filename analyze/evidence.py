@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -14,6 +14,7 @@ from analyze.errors import PlanError, TrackingError
 from analyze.geometry.bodies import Body, bodies_of
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.station import turned_camera
+from analyze.motion.slow_motion import ratio_of_a_tip, slow_motion_text
 from analyze.motion.strike import StrikeTask, analyse_strike
 from analyze.object_files import object_files
 from analyze.planning.corrected import corrected_plan
@@ -25,7 +26,7 @@ from analyze.types import ImageFrame, Marker, TipMotion
 from schemas.object_spec import ObjectSpec, object_sha256
 from schemas.proto import percuss_pb2 as pb
 from schemas.result import Verdict
-from schemas.session_manifest import RIG_ATTACHMENT, SessionManifest
+from schemas.session_manifest import RIG_ATTACHMENT, SessionManifest, TimeSource
 from schemas.software import software_version
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
@@ -362,4 +363,19 @@ def _strike(
     report = track_markers(frames, camera, markers, planned.visible_markers)
     section, lands_at = section_of(struck.model, planned), landing_of(struck.model, planned)
     task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section, lands_at)
-    return analyse_strike(report.tracks, markers, camera, task), report
+    motion = analyse_strike(report.tracks, markers, camera, task)
+    manifest = recording.manifest
+    if manifest.time_source is not TimeSource.CONTAINER_PTS:
+        return motion, report
+    faster = ratio_of_a_tip(motion, report.tracks, markers, camera, task, _k_foretold(struck, planned, manifest.g_m_s2))
+    if faster is None:
+        return motion, report
+    text = slow_motion_text(faster, manifest.cameras[0].frame_rate_hz)
+    return replace(motion, verdict=Verdict.UNREADABLE, reason=text, fit=None, alternatives=(), faster=faster), report
+
+
+def _k_foretold(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
+    """Roughly [rad/s^2]: with the moment that the plan expects, and the centre of mass in the shape's middle."""
+    arm = struck.model.centroid - np.array(planned.pivot.point)
+    R = float(np.linalg.norm(np.cross(arm, planned.pivot.direction)))
+    return struck.spec.mass_kg * gravity * R / planned.i_edge_predicted_kg_m2

@@ -26,9 +26,11 @@ def too_few(needed: int, motions: Sequence[TipMotion], usable: Collection[str], 
     reasons += [f"not usable: {', '.join(f'{motion.strike_id} {_verdict(motion)}' for motion in bad)}"] if bad else []
     done = planned_strikes(plan, (motion.plan_strike_id for motion in motions))
     reasons += [done.text()] if done.missing else []
-    reasons += [motion.reason for motion in bad if motion.verdict is Verdict.UNREADABLE][:1]
+    slow = [motion for motion in bad if motion.faster is not None]
+    if not slow:
+        reasons += [motion.reason for motion in bad if motion.verdict is Verdict.UNREADABLE][:1]
     left = len(set(usable) - set(excluded))
-    remedy = "exclude fewer" if len(usable) >= needed else "strike again"
+    remedy = "exclude fewer" if len(usable) >= needed else f"of {slow[0].strike_id}: {slow[0].reason}" if slow else "strike again"
     why = f" ({'; '.join(reasons)})" if reasons else ""
     return f"{left} good {'strike' if left == 1 else 'strikes'} of {len(motions)}, {needed} are needed{why}: {remedy}"
 

@@ -172,6 +172,8 @@ class TipMotion:
     """the one used"""
     alternatives: tuple[MotionFit, ...]
     energy_ratio: float | None
+    faster: float | None = None
+    """true frame rate over the stated one at which it would be a tip, where it is none as stated; None: as stated, or at none"""
 
 
 @dataclass(frozen=True)

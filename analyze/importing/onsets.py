@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from analyze.importing.source import TimedImage
     from analyze.types import Array
 
+_STATED_NS = 1e9 / 61
+"""between two images of a film that may be slow motion: as such it states 60 a second or fewer"""
+_CAPTURED_NS = 1e9 / 240
+"""of which it then is, at least; by as much longer are the waits below"""
 _SEARCH_NS = 50_000_000
 _WATCH_NS = 20_000_000
 """between two searches for a marker, and for one that has begun to move"""
@@ -78,9 +82,12 @@ class OnsetFinder:
 
     Args:
         markers: names of those that the object carries.
+        frame_ns: between two images. Where it is long the film may be slow motion that nobody has spoken of: all waits are longer then,
+            so that what moves slowly is not taken for what rests.
     """
 
-    def __init__(self, markers: Iterable[int | str]) -> None:
+    def __init__(self, markers: Iterable[int | str], frame_ns: float = 0.0) -> None:
+        self._slower = frame_ns / _CAPTURED_NS if frame_ns > _STATED_NS else 1.0
         self._known = frozenset(markers)
         self._families = families_of(self._known)
         self._seen: list[tuple[int, dict[int | str, Array]]] = []
@@ -105,7 +112,7 @@ class OnsetFinder:
         return self._watch(frame, self._rest) if frame.time_ns >= self._next_ns else None
 
     def _search(self, frame: TimedImage) -> None:
-        self._next_ns = frame.time_ns + _SEARCH_NS
+        self._next_ns = frame.time_ns + self._wait(_SEARCH_NS)
         self._seen = [*self._seen[1 - _STILL_LOOKS :], (frame.time_ns, self._find(frame.image))]
         if len(self._seen) < _STILL_LOOKS:
             return
@@ -119,12 +126,12 @@ class OnsetFinder:
         self._moving, self._seen = False, []
 
     def _watch(self, frame: TimedImage, rest: _Rest) -> Onset | None:
-        self._next_ns = frame.time_ns + _WATCH_NS
+        self._next_ns = frame.time_ns + self._wait(_WATCH_NS)
         found = self._find(frame.image)
         for name in rest.corners.keys() & found.keys():
             turn, shift, reach = _motion(rest.corners[name], found[name])
             if abs(turn) > _TURNED:
-                self._forget(frame.time_ns + (_AFTER_NS if reach < _REACH else 0))
+                self._forget(frame.time_ns + (self._wait(_AFTER_NS) if reach < _REACH else 0))
                 return Onset(rest.since_ns, rest.quiet_ns, self._moved_ns, tuple(sorted(rest.corners, key=str))) if reach < _REACH else None
             if shift < _STILL:
                 rest.quiet_ns, rest.look, self._moving = frame.time_ns, _look(frame.image, rest.place), False
@@ -132,9 +139,12 @@ class OnsetFinder:
             if shift > _SHIFTED and reach > _REACH:
                 self._forget(frame.time_ns)
                 return None
-        if frame.time_ns - rest.quiet_ns > _GONE_NS:
+        if frame.time_ns - rest.quiet_ns > self._wait(_GONE_NS):
             self._forget(frame.time_ns)
         return None
+
+    def _wait(self, usual_ns: int) -> int:
+        return round(usual_ns * self._slower)
 
     def _forget(self, next_ns: int) -> None:
         self._rest, self._moving, self._seen, self._next_ns = None, False, [], next_ns

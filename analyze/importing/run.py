@@ -29,6 +29,8 @@ from schemas.strike_plan import StrikePlan, parse_strike_plan
 
 _RATE_FRAMES = 60
 """from which the frame rate is read off"""
+_SAME_RATE = 1.2
+"""times another: a phone's rate changes with the light by less"""
 _TOLD_EVERY = 50
 """frames between two looks of the progress bar"""
 _INTO_MOTION_NS = 600_000_000
@@ -91,7 +93,17 @@ class Import:
     def remarks(self) -> list[str]:
         """What is to be said of the sources, as far as they were read."""
         lens = [f"the lens is as {self.camera.path} says it"] if self.camera.of_topic else []
-        return [*lens, *(remark for source in self.sources for remark in source.remarks)]
+        return [*lens, *self._other_rates(), *(remark for source in self.sources for remark in source.remarks)]
+
+    def _other_rates(self) -> Iterator[str]:
+        """Of films that were looked through: those whose frames come at another rate than the first one's."""
+        first = self.films[0]
+        for film in self.films[1:]:
+            if film.frame_ns and first.frame_ns and not 1 / _SAME_RATE < film.frame_ns / first.frame_ns < _SAME_RATE:
+                yield (
+                    f"{film.path.name}: states {1e9 / film.frame_ns:.4g} frames per second, {first.path.name} {1e9 / first.frame_ns:.4g}: "
+                    "if one of them is slow motion import it by itself with --capture-fps, and estimate both recordings together"
+                )
 
     def __enter__(self) -> Import:
         return self
@@ -162,7 +174,8 @@ def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
 
 
 def _look_through(path: Path, source: FrameSource, markers: Sequence[int | str], progress: Progress) -> Film:
-    finder = OnsetFinder(markers)
+    frame_ns = 1e9 / _rate(source)
+    finder = OnsetFinder(markers, frame_ns)
     onsets, last_ns = [], None
     for number, frame in enumerate(source.frames()):
         if number % _TOLD_EVERY == 0:
@@ -173,7 +186,7 @@ def _look_through(path: Path, source: FrameSource, markers: Sequence[int | str],
     if not finder.ever_seen:
         names = ", ".join(str(name) for name in markers) or "none"
         raise ImportRefused(f"{path}: no tag of the object ({names}) is seen in it: film nearer, sharper or with more light")
-    return Film(path, tuple(onsets), last_ns)
+    return Film(path, tuple(onsets), last_ns, frame_ns)
 
 
 def _rate(source: FrameSource) -> float:

@@ -16,6 +16,8 @@ _BEFORE_NS = 500_000_000
 """of a strike's window, before the motion begins"""
 _AFTER_NS = 3_000_000_000
 """of it, after: a large object falls in two seconds"""
+_AFTER_FRAMES = 720
+"""of it, after, at least: a film that plays slower than it says, or than anybody has said, has that much of the fall"""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,13 @@ class Film:
     """by time"""
     last_ns: int | None = None
     """time of the last image; None where it was not looked through"""
+    frame_ns: float = 0.0
+    """between two images, by the times that the source states"""
+
+    @property
+    def after_ns(self) -> int:
+        """Of a strike's window, after the motion begins."""
+        return max(_AFTER_NS, round(_AFTER_FRAMES * self.frame_ns))
 
 
 @dataclass(frozen=True)
@@ -121,7 +130,7 @@ def _windows(films: Sequence[Film], found: Sequence[tuple[int, Onset | None]], i
         start = end = None
         if onset is not None:
             start = max(onset.time_ns - _BEFORE_NS, onset.rest_ns)
-            end = onset.time_ns + _AFTER_NS
+            end = onset.time_ns + films[number].after_ns
             following = found[at + 1][1] if at + 1 < len(found) and found[at + 1][0] == number else None
             if following is not None:
                 end = min(end, following.rest_ns)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 _STARTED_RAD = math.radians(0.15)
 _MISSED = 1.6
 """frames, between two that follow each other at most"""
+_LEAST_STEP_S = 1 / 200
+"""between two frames whose turn tells whether the body was stopped"""
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,8 @@ class WindowLimits:
 
     guard_frames: int = 2
     """frames after the strike that are left out: the striker may still touch"""
+    guard_s: float = 0.008
+    """the same at least, where frames come faster than 240 a second"""
     past_phi: float = math.radians(25.0)
     """rad past phi, before friction gives out"""
     above_rest: float = math.radians(0.7)
@@ -65,13 +69,21 @@ def find_course(angle: TipAngle, contact_time_ns: int, limits: WindowLimits, lan
     moved = int(np.argmax(moving))
     # The contact lies before the first moved frame, at most one frame and the time the threshold hides.
     struck = max(moved, int(np.searchsorted(angle.time_ns, contact_time_ns, side="left"))) if contact_time_ns else moved
-    released = min(struck + limits.guard_frames, n - 1)
-    back = np.flatnonzero(theta[released:] < limits.above_rest)
-    ended_back = released + int(back[0]) if len(back) else n
+    released = min(_after(angle, struck, limits), n - 1)
+    # On its way up it may still be as low as that, where frames come fast: back is what had been above.
+    up = released + int(np.argmax(theta[released:] >= limits.above_rest))
+    back = np.flatnonzero(theta[up:] < limits.above_rest)
+    ended_back = up + int(back[0]) if len(back) else n
     landed = min(_landing(angle, released), _reached(angle, released, lands_at))
     ended = min(ended_back, landed)
     top = released + int(np.argmax(theta[released:ended])) if ended > released else released
     return Course(moved, released, top, ended, came_back=ended_back <= landed and len(back) > 0)
+
+
+def _after(angle: TipAngle, struck: int, limits: WindowLimits) -> int:
+    """First frame past the guard."""
+    until_ns = int(angle.time_ns[struck]) + round(1e9 * limits.guard_s)
+    return max(struck + limits.guard_frames, int(np.searchsorted(angle.time_ns, until_ns, side="left")))
 
 
 def _reached(angle: TipAngle, released: int, lands_at: float | None) -> int:
@@ -86,25 +98,28 @@ def _reached(angle: TipAngle, released: int, lands_at: float | None) -> int:
 def _landing(angle: TipAngle, released: int) -> int:
     """First frame after `released` in which the body was stopped hard: it loses a third of a fast turn within two frames.
 
-    What it was losing already does not count: on its way up gravity alone takes as much from a small body.
+    What it was losing already does not count: on its way up gravity alone takes as much from a small body. Of frames that come faster than
+    240 a second only some are looked at: between two of them the turn would be within their errors.
     """
-    theta = angle.theta
-    gap = np.maximum(np.diff(angle.time_ns) * 1e-9, 1e-6)
+    every = max(1, round(_LEAST_STEP_S / max(1e-9 * float(np.median(np.diff(angle.time_ns))), 1e-6))) if len(angle.time_ns) > 1 else 1
+    theta, sd, time_ns = angle.theta[::every], angle.sd[::every], angle.time_ns[::every]
+    gap = np.maximum(np.diff(time_ns) * 1e-9, 1e-6)
     step = np.diff(theta) / gap
     whole = gap < _MISSED * float(np.median(gap)) if len(gap) else gap > 0
+    released = -(-released // every)
     for i in range(max(released + 2, 2), len(step)):
         # On its way up, or falling back.
         way = math.copysign(1.0, float(np.median(step[max(released, i - 4) : i])))
         earlier, now = way * step[max(released, i - 4) : i], float(way * step[i])
         before = float(np.median(earlier))
-        noise = 3.0 * float(angle.sd[i]) / max(float(angle.time_ns[i + 1] - angle.time_ns[i]) * 1e-9, 1e-6)
+        noise = 3.0 * float(sd[i]) / float(gap[i])
         # Over frames that are missing nobody can say.
         followed = bool(np.all(whole[max(released, i - 4) : i + 1]))
         if followed and before > 1.0 + noise and now < 0.66 * before - noise and theta[i] > math.radians(20.0):
             losing = min(float(np.mean(np.diff(earlier))), 0.0) * (len(earlier) + 1) / 2 if len(earlier) > 1 else 0.0
             if now < 0.66 * before + losing - noise:
-                return i
-    return len(theta)
+                return i * every
+    return len(angle.theta)
 
 
 def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimits) -> tuple[int, int]:

@@ -88,6 +88,9 @@ def result_warnings(
             warn(WarningCode.FRAME_RATE_WRONG, whose + wrong_text(each))
         elif each.rate_ratio is None:
             warn(WarningCode.FRAME_RATE_UNCHECKED, whose + unchecked_text(each))
+    for motion in evidence.motions:
+        if motion.faster is not None:
+            warn(WarningCode.FRAME_RATE_WRONG, f"strike {motion.strike_id}: {motion.reason}")
     # Times that are not true make impossible moments and another gravity: told once, by their cause.
     if checks.impossible and not wrong_rate:
         warn(WarningCode.MOMENT_IMPOSSIBLE, f"no mass within the shape has the moments measured about {_names(checks.impossible)}")

@@ -94,3 +94,16 @@ def test_one_wrong_reading_is_no_landing_and_rocking_back_none_either():
     with_shape, without = (find_course(steady(theta), 0, WindowLimits(), at) for at in (math.radians(44.0), None))
     assert with_shape == without
     assert with_shape.came_back
+
+
+@pytest.mark.parametrize(("seed", "rate"), [(seed, rate) for seed in range(4) for rate in (120, 240, 960, 2000)])
+def test_the_course_is_the_same_at_any_frame_rate(seed, rate):
+    """At 960 a second the first frames after the guard are still near rest, and a frame's error is a good part of a frame's turn."""
+    theta = np.radians(np.interp(np.arange(0.0, 0.9, 1 / rate), [0.2, 0.3, 0.5, 0.62], [0.0, 15.0, 50.0, 90.0]))
+    time_ns = np.arange(1, len(theta) + 1) * round(1e9 / rate)
+    seen = theta + np.random.default_rng(seed).normal(0.0, np.radians(0.06), len(theta))
+    angle = TipAngle(time_ns, seen, np.full(len(theta), np.radians(0.06)), np.zeros(len(theta)), np.zeros(len(theta)))
+    course = find_course(angle, 0, WindowLimits())
+    assert not course.came_back
+    assert 0.2 < course.released / rate < 0.24
+    assert course.ended / rate == pytest.approx(0.62, abs=0.02)
