@@ -6,6 +6,7 @@ import math
 from typing import Any
 
 from analyze.drop import DropAnswer
+from analyze.stated_times import RATE_SD
 from schemas.document import SCHEMA_VERSION
 
 SIGMAS95 = 1.96
@@ -47,6 +48,12 @@ def capture_fps(answer: DropAnswer) -> float:
     return near if abs(near - answer.true_hz) <= half else float(f"{answer.true_hz:.4g}")
 
 
+def capture_fps_sd(answer: DropAnswer) -> float:
+    """1 sigma of it: as measured; of a usual rate what that is known to beforehand counts as well."""
+    measured, rate = answer.true_sd_hz, capture_fps(answer)
+    return measured if rate not in USUAL else float((measured**-2 + (RATE_SD * rate) ** -2) ** -0.5)
+
+
 def drop_text(answer: DropAnswer) -> list[str]:
     """A line each."""
     time, film, falls = answer.time, answer.film, answer.falls
@@ -68,8 +75,9 @@ def drop_text(answer: DropAnswer) -> list[str]:
     ]
     if abs(time.slower - 1) <= SIGMAS95 * time.sd:
         lines.append("the film's times are true as far as this shows")
-    else:
-        lines.append(f"import it with --capture-fps {capture_fps(answer):g}")
+    lines.append(
+        f"import what this camera films so with --capture-fps {capture_fps(answer):g} --capture-fps-sd {capture_fps_sd(answer):.2g}"
+    )
     return lines + doubts(answer)
 
 
@@ -118,6 +126,7 @@ def drop_json(answer: DropAnswer) -> dict[str, Any]:
         "sd_by": {"falls": time.by_noise, "marker_size": time.by_size, "gravity": time.by_gravity},
         "falls_apart": time.apart,
         "capture_fps": capture_fps(answer),
+        "capture_fps_sd": capture_fps_sd(answer),
         "marker_size_m": film.size,
         "marker_size_sd_m": film.size_sd,
         "gravity_m_s2": film.gravity,

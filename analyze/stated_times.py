@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from analyze.estimation.stated import ComPrior, SystematicErrors
     from analyze.evidence import Evidence
     from analyze.types import Array, EquiPlane
+    from schemas.session_manifest import SessionManifest
 
 RATE_SD = 0.002
 """relative, of a camera's frame rate that its file states and nothing checks: 240 may be 239.76, and a phone's quartz wanders"""
@@ -41,8 +42,16 @@ def stated_scale(evidence: Evidence) -> Scale:
     """
     spec, g = evidence.spec, evidence.manifest.g_m_s2
     own = max(recording.manifest.g_sd_m_s2 for recording in evidence.recordings)
-    stated = any(recording.manifest.time_source is TimeSource.CONTAINER_PTS for recording in evidence.recordings)
-    return Scale(spec.mass_kg, spec.mass_sd_kg, g, float(np.hypot(own, 2 * RATE_SD * g)) if stated else own)
+    rate = max((rate_sd(each.manifest) for each in evidence.recordings), default=0.0)
+    return Scale(spec.mass_kg, spec.mass_sd_kg, g, float(np.hypot(own, 2 * rate * g)))
+
+
+def rate_sd(manifest: SessionManifest) -> float:
+    """Relative 1 sigma of a recording's frame rate: as it was measured, else as rates that files state are known; 0 of a rig's."""
+    camera = manifest.cameras[0]
+    if camera.frame_rate_sd_hz is not None:
+        return camera.frame_rate_sd_hz / camera.frame_rate_hz
+    return RATE_SD if manifest.time_source is TimeSource.CONTAINER_PTS else 0.0
 
 
 def borne_out(
@@ -93,6 +102,7 @@ def frame_times(
                 source=manifest.time_source.value,
                 sd_s=1e-9 * manifest.time_source_sd_ns,
                 frame_rate_hz=rate,
+                frame_rate_sd_hz=manifest.cameras[0].frame_rate_sd_hz,
                 contact_sd_s=_contact_sd(evidence, {plane.strike_id for plane in own}),
                 rate_limits=None if check is None else [check.low, check.high],
                 rate_ratio=None if check is None or check.told is None else _quantity(check.told.ratio, check.told.sd),

@@ -253,6 +253,7 @@ class FrameTimes(Document):
     source: str = Field(description="as the manifest's `time_source`")
     sd_s: float = Field(ge=0, description="of a frame's time against the others'")
     frame_rate_hz: float = Field(description="as stated")
+    frame_rate_sd_hz: float | None = Field(default=None, description="1 sigma, as a drop measured it; null: as stated")
     contact_sd_s: float | None = Field(description="of a strike's contact, which only the motion's onset shows; null: of no strike")
     rate_limits: list[float] | None = Field(description="least and greatest ratio that any filling of the shape allows; null: none found")
     rate_ratio: Quantity | None = Field(description="as axes at different distances from the centre of mass tell it; null: none do")

@@ -89,8 +89,18 @@ class ManifestCamera(Document):
     model: str = ""
     serial: str = ""
     frame_rate_hz: float = Field(gt=0)
+    frame_rate_sd_hz: float | None = Field(
+        default=None, gt=0, description="1 sigma of the rate of an imported recording as it was measured; None: as stated; then not written"
+    )
     exposure_us: float | None = Field(default=None, gt=0, description="None: not known, as of an imported video")
     calibration: CameraCalibrationSpec
+
+    @model_serializer(mode="wrap")
+    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written = write(self)
+        if self.frame_rate_sd_hz is None:
+            del written["frame_rate_sd_hz"]
+        return written
 
 
 class SessionManifest(Document):

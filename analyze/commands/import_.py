@@ -32,6 +32,12 @@ from schemas.command_line import NumberRange
 )
 @click.option("--capture-fps", type=NumberRange(1, 1_000_000), help="Slow motion: frames per second at which it was captured.")
 @click.option(
+    "--capture-fps-sd",
+    type=NumberRange(0, 100_000, min_open=True),
+    metavar="HZ",
+    help="How well the frame rate is known, 1 sigma, as `analyze calibrate --drop` says.  [default: 0.2 % of it]",
+)
+@click.option(
     "--times", type=click.Path(path_type=Path), metavar="CSV", help="Of a folder of images: columns name,time_s.  [default: the one in it]"
 )
 @click.option("--topic", metavar="NAME", help="Of an MCAP file or ROS 2 bag: the topic of images.  [default: the only one]")
@@ -47,6 +53,7 @@ def import_(
     output: Path | None,
     strikes: tuple[str, ...],
     capture_fps: float | None,
+    capture_fps_sd: float | None,
     times: Path | None,
     topic: str | None,
     whole: bool,
@@ -68,7 +75,8 @@ def import_(
         raise click.UsageError("-o FILE.mcap says where to write the recording (or --dry-run)")
     if output is not None:
         refuse_unwritable(output, *sources, object_path, plan_path, *([] if camera_path is None else [camera_path]))
-    options = ImportOptions(sources, object_path, plan_path, camera_path, strikes, whole, SourceOptions(capture_fps, times, topic))
+    how = SourceOptions(capture_fps, times, topic)
+    options = ImportOptions(sources, object_path, plan_path, camera_path, strikes, whole, how, capture_fps_sd)
     with StrikeProgress() as progress:
         prepared = prepare(options, progress)
     with prepared:

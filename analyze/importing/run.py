@@ -53,6 +53,8 @@ class ImportOptions:
     whole: bool = False
     """each source is a strike's window as it is: nothing is looked for"""
     source: SourceOptions = field(default_factory=SourceOptions)
+    rate_sd_hz: float | None = None
+    """1 sigma of the frame rate, where it was measured"""
 
 
 @dataclass(frozen=True)

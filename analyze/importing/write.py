@@ -231,12 +231,17 @@ def _manifest(prepared: Import, anchor_ns: int) -> SessionManifest:
         g_sd_m_s2=usual["g_sd_m_s2"].default if rig is None else rig.g_sd_m_s2,
         gravity_tilt_sd_rad=usual["gravity_tilt_sd_rad"].default if rig is None else rig.gravity_tilt_sd_rad,
         level=None if rig is None else rig.level,
-        cameras=[ManifestCamera(name=CAMERA, frame_rate_hz=prepared.rate_hz, calibration=prepared.calibration)],
+        cameras=[_camera(prepared)],
         object=files.spec,
         object_sha256=files.sha256,
         plan_sha256=sha256_text(prepared.plan_text),
         hashes={name: hashlib.sha256(data).hexdigest() for name, _, data in _attachments(prepared)},
     )
+
+
+def _camera(prepared: Import) -> ManifestCamera:
+    sd = prepared.options.rate_sd_hz
+    return ManifestCamera(name=CAMERA, frame_rate_hz=prepared.rate_hz, frame_rate_sd_hz=sd, calibration=prepared.calibration)
 
 
 def _attachments(prepared: Import) -> list[tuple[str, str, bytes]]:

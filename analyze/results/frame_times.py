@@ -47,9 +47,11 @@ def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[
     for each in times or []:
         whose = f" of recording {each.recording}" if several else ""
         contact = "" if each.contact_sd_s is None else f"; contact from the motion's onset, ± {1e3 * SIGMAS95 * each.contact_sd_s:.1f} ms"
+        sd = each.frame_rate_sd_hz
+        known = "as stated" if sd is None else f"± {SIGMAS95 * sd:.2g} as measured"
         found.append(
-            f"time source{whose}: container time stamps (± {1e3 * SIGMAS95 * each.sd_s:.2g} ms), {each.frame_rate_hz:g} frames a second as "
-            f"stated{contact}"
+            f"time source{whose}: container time stamps (± {1e3 * SIGMAS95 * each.sd_s:.2g} ms), {each.frame_rate_hz:g} frames a second "
+            f"{known}{contact}"
         )
         if not each.possible:
             found.append(f"frame rate{whose}: not as stated")
@@ -57,7 +59,7 @@ def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[
             found.append(
                 f"frame rate{whose}: {_told(each.rate_ratio)} times as stated, by edges at different distances from the centre of mass"
             )
-        else:
+        elif sd is None:
             found.append(f"frame rate{whose}: not checked closely by these strikes: {DROP_TEST}")
     return found
 

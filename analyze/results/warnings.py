@@ -86,7 +86,7 @@ def result_warnings(
         whose = f"recording {each.recording}: " if several else ""
         if not each.possible:
             warn(WarningCode.FRAME_RATE_WRONG, whose + wrong_text(each))
-        elif each.rate_ratio is None:
+        elif each.rate_ratio is None and each.frame_rate_sd_hz is None:
             warn(WarningCode.FRAME_RATE_UNCHECKED, whose + unchecked_text(each))
     for motion in evidence.motions:
         if motion.faster is not None:

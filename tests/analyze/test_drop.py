@@ -56,8 +56,9 @@ def test_a_rendered_fall_tells_120_for_30(film):
     assert found["frame_rate_hz"] == pytest.approx(120, rel=5e-3)
     assert abs(found["frame_rate_hz"] - 120) < 3 * found["frame_rate_sd_hz"]
     assert found["capture_fps"] == 120
+    assert found["capture_fps_sd"] < min(found["frame_rate_sd_hz"], 0.24)
     said = run(images, "--camera", camera, "--marker-size-mm", "50").output
-    assert "import it with --capture-fps 120" in said
+    assert "with --capture-fps 120 --capture-fps-sd 0." in said
     assert "note: how long the shutter takes is not known" in said
 
 

@@ -13,6 +13,7 @@ from rich.console import Console
 from analyze.joined import join
 from analyze.pipeline import estimate_evidence, render_summary
 from analyze.results.report import render_report
+from analyze.stated_times import stated_scale
 from schemas.result import Result, WarningCode
 from schemas.session_manifest import TimeSource
 from tests.analyze.simulated_session import carton, session
@@ -96,3 +97,18 @@ def test_a_rate_that_nothing_checks_is_said_so_in_the_report_too(monkeypatch):
     page = render_report(few, [])
     assert "Time source: container time stamps" in page
     assert "film a drop" in page
+
+
+def test_a_rate_that_a_drop_measured_is_known_as_well_as_that(right):
+    evidence = stated(1.0)
+    (head,) = evidence.recordings
+    cameras = [head.manifest.cameras[0].model_copy(update={"frame_rate_sd_hz": 1.2})]
+    measured = replace(evidence, recordings=(replace(head, manifest=head.manifest.model_copy(update={"cameras": cameras})),))
+    assert stated_scale(measured).gravity_sd / 9.81 == pytest.approx(0.02, rel=0.01)
+    assert stated_scale(evidence).gravity_sd / 9.81 == pytest.approx(0.004, rel=0.01)
+    found = estimate_evidence(replace(measured, motions=evidence.motions[:3]))
+    assert found.result.frame_times[0].frame_rate_sd_hz == 1.2
+    assert WarningCode.FRAME_RATE_UNCHECKED not in codes(found)
+    console = Console(file=io.StringIO(), width=300)
+    render_summary(found, console)
+    assert "120 frames a second ± 2.4 as measured" in console.file.getvalue()

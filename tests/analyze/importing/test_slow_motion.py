@@ -51,9 +51,10 @@ def test_8_times_is_found_and_the_remedy_is_right(tmp_path, drawn):
     assert times["rate_limits"][0] < 8 < times["rate_limits"][1]
 
     (tmp_path / "right").mkdir()
-    found = answer(imported(tmp_path / "right", drawn, STATED, "--capture-fps", str(RATE)))
+    found = answer(imported(tmp_path / "right", drawn, STATED, "--capture-fps", str(RATE), "--capture-fps-sd", "0.3"))
     (times,) = found["frame_times"]
     assert times["possible"]
+    assert times["frame_rate_sd_hz"] == 0.3
     assert times["rate_limits"][0] < 1 < times["rate_limits"][1]
     off = np.array(found["centre_of_mass"]["value"]) - BODY.com
     assert np.linalg.norm(off[[0, 2]]) < 1e-3
