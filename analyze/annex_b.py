@@ -1,13 +1,20 @@
-"""H.264 and H.265 as a stream of bytes (ISO/IEC 14496-10 and 23008-2, Annex B): what a message of such a video begins with."""
+"""H.264 and H.265 as a stream of bytes (ISO/IEC 14496-10 and 23008-2, Annex B): what a message of such a video begins with.
+
+In MP4 and Matroska files each part of a picture has its length before it in place of a start code (ISO/IEC 14496-15).
+"""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from enum import Enum
 
 from schemas.container import Buffer
 
 _START = b"\x00\x00\x01"
+_LONG_START = 1
+"""a start code of four bytes, as a number"""
+_LENGTH = struct.Struct(">I")
 _LOOKED_AT = 1 << 16
 """bytes of an access unit in which its first picture begins: parameter sets and an encoder's greeting come before it"""
 
@@ -37,6 +44,51 @@ def holds_parameter_sets(video: VideoFormat, data: Buffer) -> bool:
 def is_annex_b(data: Buffer) -> bool:
     """Whether the bytes begin with a start code, not with a unit's length."""
     return bytes(data[:4]) == b"\x00" + _START or bytes(data[:3]) == _START
+
+
+def has_long_lengths(video: VideoFormat, head: Buffer) -> bool:
+    """Whether a file with this head of the stream writes lengths of four bytes, as nearly all do."""
+    at = 4 if video is VideoFormat.H264 else 21
+    return len(head) > at and head[at] & 3 == 3
+
+
+class StartMarker:
+    """Puts start codes over four-byte lengths, where they lie.
+
+    Args:
+        video: how the pictures are coded.
+    """
+
+    def __init__(self, video: VideoFormat) -> None:
+        self._begins = [kind & 31 == 5 if video is VideoFormat.H264 else 16 <= kind >> 1 & 63 <= 23 for kind in range(256)]
+
+    def mark(self, data: memoryview) -> bool:
+        """Turn an access unit as it stands in such a file into one with start codes.
+
+        Args:
+            data: the access unit; writable.
+
+        Returns:
+            False, and nothing is changed, where the lengths do not add up, or where a decoder may begin with it and wants parameter sets.
+        """
+        end = len(data)
+        if end > 4 and _LENGTH.unpack_from(data)[0] == end - 4:  # one part, as most have
+            if self._begins[data[4]]:
+                return False
+            _LENGTH.pack_into(data, 0, _LONG_START)
+            return True
+        at = 0
+        places: list[int] = []
+        while at < end - 4:
+            if self._begins[data[at + 4]]:
+                return False
+            places.append(at)
+            at += 4 + _LENGTH.unpack_from(data, at)[0]
+        if at != end:
+            return False
+        for place in places:
+            _LENGTH.pack_into(data, place, _LONG_START)
+        return True
 
 
 def _unit_types(video: VideoFormat, data: Buffer) -> Iterator[int]:

@@ -1,4 +1,4 @@
-"""Image messages to arrays: RawImage as a view, PNG through OpenCV."""
+"""Image messages to arrays: RawImage as a view, PNG and JPEG through OpenCV."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _WIDTH, _HEIGHT, _ENCODING, _STEP, _DATA = 2, 3, 4, 5, 6
 
 
 def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
-    """(height, width) mono8 image of a foxglove.RawImage (a view of `data`) or a PNG foxglove.CompressedImage.
+    """(height, width) mono8 image of a foxglove.RawImage (a view of `data`) or a foxglove.CompressedImage.
 
     Raises:
         ContainerError: not such a message.
@@ -79,20 +79,15 @@ def _raw(data: memoryview) -> NDArray[np.uint8]:
 
 
 def _compressed(data: memoryview) -> NDArray[np.uint8]:
-    import cv2
-
     message = CompressedImage()
     try:
         message.ParseFromString(bytes(data))
     except DecodeError:
         raise ContainerError("not a CompressedImage") from None
-    try:
-        image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_GRAYSCALE) if message.data else None
-    except cv2.error:
-        image = None
+    image = image_of_file(message.data)
     if image is None:
         raise ContainerError(f"a {message.format!r} image cannot be decoded")
-    return np.asarray(image, dtype=np.uint8)
+    return image
 
 
 def _varint(data: memoryview, at: int) -> tuple[int, int]:

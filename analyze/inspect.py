@@ -133,14 +133,14 @@ def _camera(recording: Recording, name: str, rate_hz: float) -> dict[str, Any]:
 
     Where the camera's process ended between two files, the numbers of the frames begin anew, and the time between counts what was lost.
     """
-    found = list(recording.decoded(topics.frame_meta(name).name, pb.FrameMeta))
+    found = list(recording.timed_frame_meta(name))
     metas = [meta for _, meta in found]
     mids = np.array([meta.mid_exposure_host_ns for meta in metas], dtype=np.int64)
     steps = np.diff(np.array([meta.sequence for meta in metas], dtype=np.int64))
     intervals = np.diff(mids) * 1e-9
     lost = np.array([meta.frames_lost_before for meta in metas[1:]], dtype=np.int64)
     begins = set(recording.first_times(topics.frame_meta(name).name))
-    anew = np.array([message.log_time_ns in begins for message, _ in found[1:]], dtype=bool) & (steps != 1)
+    anew = np.array([log_time_ns in begins for log_time_ns, _ in found[1:]], dtype=bool) & (steps != 1)
     lost[anew] = np.rint(intervals[anew] * rate_hz - 1.0).clip(min=0)
     steps[anew] = 1
     return {

@@ -20,6 +20,7 @@ from analyze import compressed_video, indexed_file
 from analyze.errors import RecordingCut, RecordingError, RecordingForeign
 from analyze.file_row import FileRow, row_of, whole_name
 from analyze.followed import FollowedRecording
+from analyze.frame_metas import metas_of_video
 from analyze.image_message import decode_image
 from analyze.indexed_file import IndexedFile, RecordedMessage
 from analyze.indexed_row import IndexedRow, row_content_id
@@ -162,8 +163,21 @@ class Recording:
 
     def frame_meta(self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
         """One per frame that arrived, of the first camera where none is named."""
-        for _, meta in self.decoded(topics.frame_meta(camera or self.camera).name, pb.FrameMeta, start_ns, end_ns):
+        for _, meta in self.timed_frame_meta(camera, start_ns, end_ns):
             yield meta
+
+    def timed_frame_meta(
+        self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[tuple[int, pb.FrameMeta]]:
+        """The same with their log times."""
+        name = camera or self.camera
+        image_topic, meta_topic = topics.raw_image(name).name, topics.frame_meta(name).name
+        if self._row.schema_of(image_topic) == compressed_video.SCHEMA:
+            written = ((message.log_time_ns, meta) for message, meta in self.decoded(meta_topic, pb.FrameMeta))
+            yield from metas_of_video(list(written), self.times(image_topic), start_ns, end_ns)
+            return
+        for message, meta in self.decoded(meta_topic, pb.FrameMeta, start_ns, end_ns):
+            yield message.log_time_ns, meta
 
     def images(self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
         """Images by time, of the first camera where none is named; uncompressed ones are read-only views into the file.

@@ -83,11 +83,21 @@ def chunk_head(start_ns: int, end_ns: int, size: int, crc: int) -> bytes:
     return struct.pack("<BQQQQIIQ", CHUNK, 40 + size, start_ns, end_ns, size, crc, 0, size)
 
 
+def compressed_chunk_head(start_ns: int, end_ns: int, size: int, crc: int, compression: str, stored: int) -> bytes:
+    """The same where they are compressed to `stored` bytes; `crc` is of what was compressed."""
+    name = string(compression)
+    return struct.pack("<BQQQQI", CHUNK, 36 + len(name) + stored, start_ns, end_ns, size, crc) + name + struct.pack("<Q", stored)
+
+
 def message_index(channel_id: int, entries: list[tuple[int, int]]) -> bytes:
     """Message index record of one channel in one chunk: log time [ns] and offset in the chunk of each message."""
-    size = 16 * len(entries)
     numbers = itertools.chain.from_iterable(sorted(entries))
-    return struct.pack(f"<BQHI{2 * len(entries)}Q", MESSAGE_INDEX, 6 + size, channel_id, size, *numbers)
+    return packed_message_index(channel_id, struct.pack(f"<{2 * len(entries)}Q", *numbers))
+
+
+def packed_message_index(channel_id: int, entries: bytes) -> bytes:
+    """The same of entries that are packed and in order."""
+    return struct.pack("<BQHI", MESSAGE_INDEX, 6 + len(entries), channel_id, len(entries)) + entries
 
 
 def padding(size: int) -> bytes:

@@ -158,6 +158,31 @@ def pack_chunk(offset: int, size: int, crc: int, index: dict[int, list[tuple[int
     return PackedChunk(head, indexes, entry.pack())
 
 
+class ChunkSize(NamedTuple):
+    """Bytes of a chunk's messages, and how they are stored."""
+
+    size: int
+    crc: int
+    """of the messages"""
+    compression: str
+    """"" for none"""
+    stored: int
+    """bytes in the file"""
+
+
+def pack_chunk_of_channel(offset: int, times_ns: tuple[int, int], chunk: ChunkSize, channel_id: int, index: bytes) -> PackedChunk:
+    """`pack_chunk` of one channel's messages, whose message index is packed: first and last log time, entries by time."""
+    start, end = times_ns
+    if chunk.compression:
+        head = container.compressed_chunk_head(start, end, chunk.size, chunk.crc, chunk.compression, chunk.stored)
+    else:
+        head = container.chunk_head(start, end, chunk.size, chunk.crc)
+    record = container.packed_message_index(channel_id, index)
+    length = len(head) + chunk.stored
+    entry = ChunkEntry(start, end, offset, length, {channel_id: offset + length}, len(record), chunk.compression, chunk.stored, chunk.size)
+    return PackedChunk(head, record, entry.pack())
+
+
 def pack_chunk_of_one(offset: int, size: int, crc: int, channel_id: int, entry: tuple[int, int]) -> PackedChunk:
     """`pack_chunk` of a chunk of one message, at a fifth of the time: at line rate there are 365 in a second."""
     time_ns, at = entry

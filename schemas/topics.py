@@ -61,7 +61,10 @@ def raw_image(camera: str) -> Topic:
 
 
 def compressed_image(camera: str) -> Topic:
-    """Lossless images, foxglove.CompressedImage, format png; same name as the raw ones: a recording holds one kind."""
+    """Images as files, foxglove.CompressedImage; same name as the raw ones: a recording holds one kind.
+
+    Format png, without loss; of imported Motion JPEG format jpeg, as the camera coded them.
+    """
     return Topic(f"/camera/{camera}/image", CompressedImage, image=True)
 
 

@@ -49,6 +49,14 @@ class Pace:
         over, under = self._step_ns
         return (2 * steps * over + under) // (2 * under)
 
+    def times_ns(self, stamps: Sequence[int]) -> NDArray[np.int64]:
+        """`time_ns` of each."""
+        over, under = self._step_ns
+        steps = np.asarray(stamps, dtype=np.int64) - self.first
+        if self.steady_s is not None or 2 * over * (int(np.abs(steps).max(initial=0)) + 1) + under >= 1 << 62:
+            return np.array([self.time_ns(stamp) for stamp in stamps], dtype=np.int64)
+        return (2 * steps * over + under) // (2 * under)
+
     @cached_property
     def _step_ns(self) -> tuple[int, int]:
         """Nanoseconds of a step as a fraction: it is asked for every frame, and whole numbers are quick."""
@@ -128,6 +136,19 @@ class Missing:
         if gap > self.longest_ns:
             self.longest_ns, self.longest_at_ns = gap, last
         return missing
+
+    def before_each(self, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """`before` of each of some frames, (n,)."""
+        if not len(times_ns):
+            return np.zeros(0, np.int64)
+        gaps = np.diff(times_ns, prepend=times_ns[0] if self._last_ns is None else self._last_ns)
+        known = gaps if self._last_ns is not None else gaps[1:]
+        usual = [*self._recent, *known.tolist()] if len(self._recent) == _REMEMBERED else [self.interval_ns, *self._recent, *known.tolist()]
+        if max(usual) < _MISSED * min(usual):  # whatever the median is, none is missing
+            self._last_ns = int(times_ns[-1])
+            self._recent.extend(known[-_REMEMBERED:].tolist())
+            return np.zeros(len(times_ns), np.int64)
+        return np.array([self.before(time_ns) for time_ns in times_ns.tolist()], dtype=np.int64)
 
     def pause(self) -> None:
         """What follows does not follow on what came before."""

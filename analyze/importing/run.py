@@ -85,8 +85,15 @@ class Import:
         return videos if len(videos) == len(self.sources) else None
 
     @property
+    def are_jpegs(self) -> bool:
+        """Whether all sources are Motion JPEG, whose pictures are kept as they are."""
+        return all(isinstance(source, VideoSource) and source.is_jpeg for source in self.sources)
+
+    @property
     def formats(self) -> str:
         """How the images are stored, for people."""
+        if self.are_jpegs:
+            return "Motion JPEG, its pictures kept as they are, of the strikes' windows"
         if self.kept is None:
             return "images as they are decoded, of the strikes' windows"
         names = {VideoFormat.H264: "H.264", VideoFormat.H265: "H.265"}

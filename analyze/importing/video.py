@@ -1,4 +1,4 @@
-"""A video file as a source: any codec that FFmpeg reads, grey values by their own time stamps; H.264 and H.265 as they are, too.
+"""A video file as a source: any codec that FFmpeg reads, grey values by their own time stamps; of some codecs the pictures as coded, too.
 
 Images are given out as the sensor has them. A file's note of how the camera was held is not followed, as it is not in a calibration's
 images: the lens belongs to the sensor, and how the camera was held is in its place in W.
@@ -15,12 +15,16 @@ from types import TracebackType
 from typing import NamedTuple, Self, cast
 
 import av
+import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
 
-from analyze.annex_b import VideoFormat, holds_parameter_sets, is_annex_b
+from analyze.annex_b import VideoFormat
 from analyze.compressed_video import grey_values
 from analyze.errors import ImportRefused
+from analyze.importing.access_units import AccessUnits
+from analyze.importing.jpeg import jpeg_file
+from analyze.importing.kept import CodedPictures
 from analyze.importing.pace import Pace, pace_of
 from analyze.importing.source import TimedImage
 from schemas.container import Buffer
@@ -29,16 +33,16 @@ from schemas.session_manifest import TimeSource
 _KEPT = {"h264": VideoFormat.H264, "hevc": VideoFormat.H265}
 _LOOKED_AT = 1000
 """frames from which the pace is read off"""
-_FILTER = {VideoFormat.H264: "h264_mp4toannexb", VideoFormat.H265: "hevc_mp4toannexb"}
+_TOGETHER, _TOGETHER_BYTES = 256, 1 << 20
+"""pictures and bytes that are handed on at once"""
 
 
-class AccessUnit(NamedTuple):
-    """A coded picture as it stands in the file, with start codes; a key one brings its parameter sets."""
+class TimedJpeg(NamedTuple):
+    """One image of a source as a JPEG file."""
 
     time_ns: int
-    """since the source's start, of the picture; in the order of decoding these need not rise"""
-    key: bool
-    data: Buffer
+    """since the source's start, on the source's clock"""
+    picture: Buffer
 
 
 class VideoSource:
@@ -77,6 +81,11 @@ class VideoSource:
         return _KEPT.get(self.codec)
 
     @property
+    def is_jpeg(self) -> bool:
+        """Whether every picture is a JPEG file, or nearly."""
+        return self.codec == "mjpeg"
+
+    @property
     def time_sd_ns(self) -> int:
         """1 sigma of a frame's time, by the step of the file's stamps."""
         return self.pace.sd_ns
@@ -110,45 +119,84 @@ class VideoSource:
                         continue
                     if end_ns is not None and time_ns > end_ns:
                         return
-                    if time_ns <= last_ns:
-                        raise ImportRefused(
-                            f"{self.path}: its time stamps do not rise at {time_ns * 1e-9:.3f} s: film again, or repair them"
-                        )
+                    self._refuse_behind(time_ns, last_ns)
                     self._refuse_other_size(frame)
                     last_ns = time_ns
                     yield TimedImage(time_ns, grey_values(frame))
-        if damaged:
-            self._remarks["damaged"] = f"{self.name}: {damaged} frames cannot be decoded and are left out"
+        self._note_damaged(damaged)
         if start_ns is None and end_ns is None:
             self._note_count(decoded, last_ns)
 
-    def access_units(self) -> Iterator[AccessUnit]:
-        """Coded pictures in the order in which they are decoded, from the first key picture on.
+    def coded(self) -> Iterator[CodedPictures]:
+        """Coded pictures in the order in which they are decoded, some at a time.
 
         Raises:
             ImportRefused: a picture has no time stamp, or the file is none that can be kept.
         """
         if self.keeps is None:
             raise ImportRefused(f"{self.path}: {self.codec} is not kept as it is")
-        seen, last_ns = 0, 0
+        seen, damaged, last_ns, size = 0, 0, 0, 0
+        stamps, keys, data = list[int](), list[bool](), list[Buffer]()
         with closing(self._open()) as container:
             stream = _video_stream(container, self.path)
-            start = bytes(stream.codec_context.extradata or b"")
-            turn = None if is_annex_b(start) else av.BitStreamFilterContext(_FILTER[self.keeps], stream)
+            units = AccessUnits(self.keeps, stream)
             for packet in self._packets(container, stream):
-                if packet.dts is None and not packet.size:  # the end
-                    continue
-                if packet.pts is None:
+                stamp = packet.pts
+                if stamp is None:
+                    if packet.dts is None and not packet.size:  # the end
+                        continue
                     raise ImportRefused(f"{self.path}: a frame has no time stamp: put it into a container that has them (MP4, Matroska)")
                 seen += 1
-                key, time_ns = packet.is_keyframe, self.pace.time_ns(packet.pts)
-                last_ns = max(last_ns, time_ns)
-                for whole in [packet] if turn is None else turn.filter(packet):
-                    data: Buffer = memoryview(whole)
-                    if key and turn is None and not holds_parameter_sets(self.keeps, data):
-                        data = start + bytes(data)
-                    yield AccessUnit(time_ns, key, data)
+                key, unit = packet.is_keyframe, units.of(packet)
+                if unit is None:
+                    damaged += 1
+                    continue
+                stamps.append(stamp)
+                keys.append(key)
+                data.append(unit)
+                size += len(unit)
+                if size >= _TOGETHER_BYTES or len(data) >= _TOGETHER:
+                    pictures = CodedPictures(self.pace.times_ns(stamps), np.array(keys, np.bool_), data)
+                    last_ns = max(last_ns, int(pictures.times_ns.max()))
+                    yield pictures
+                    stamps, keys, data, size = [], [], [], 0
+        if data:
+            pictures = CodedPictures(self.pace.times_ns(stamps), np.array(keys, np.bool_), data)
+            last_ns = max(last_ns, int(pictures.times_ns.max()))
+            yield pictures
+        self._note_damaged(damaged)
         self._note_count(seen, last_ns)
+
+    def jpegs(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedJpeg]:
+        """Images of Motion JPEG as `frames` gives them, not decoded.
+
+        Raises:
+            ImportRefused: as from `frames`.
+        """
+        seen, damaged, last_ns = 0, 0, -1
+        with closing(self._open()) as container:
+            stream = _video_stream(container, self.path)
+            if start_ns:
+                container.seek(self.pace.stamp(start_ns), stream=stream)
+            for packet in self._packets(container, stream):
+                if packet.pts is None:
+                    continue
+                seen += 1
+                time_ns = self.pace.time_ns(packet.pts)
+                if start_ns is not None and time_ns < start_ns:
+                    continue
+                if end_ns is not None and time_ns > end_ns:
+                    return
+                picture = jpeg_file(memoryview(packet), self.width, self.height)
+                if picture is None:
+                    damaged += 1
+                    continue
+                self._refuse_behind(time_ns, last_ns)
+                last_ns = time_ns
+                yield TimedJpeg(time_ns, picture)
+        self._note_damaged(damaged)
+        if start_ns is None and end_ns is None:
+            self._note_count(seen, last_ns)
 
     def close(self) -> None:
         """Nothing is open between two readings."""
@@ -210,6 +258,10 @@ class VideoSource:
             raise ImportRefused(f"{self.path}: its {self.codec} cannot be decoded ({error.strerror}): film again") from None
         raise ImportRefused(f"{self.path}: holds no image that can be decoded")
 
+    def _refuse_behind(self, time_ns: int, last_ns: int) -> None:
+        if time_ns <= last_ns:
+            raise ImportRefused(f"{self.path}: its time stamps do not rise at {time_ns * 1e-9:.3f} s: film again, or repair them")
+
     def _refuse_other_size(self, frame: av.VideoFrame) -> None:
         if (frame.width, frame.height) != (self.width, self.height):
             sizes = f"from {self.width} x {self.height} to {frame.width} x {frame.height}"
@@ -221,6 +273,10 @@ class VideoSource:
                 f"{self.name}: is shown turned by {degrees % 360} deg; the images are taken as the sensor has them, "
                 f"{self.width} x {self.height}, as a calibration must be"
             )
+
+    def _note_damaged(self, frames: int) -> None:
+        if frames:
+            self._remarks["damaged"] = f"{self.name}: {frames} frames cannot be decoded and are left out"
 
     def _note_count(self, frames: int, last_ns: int) -> None:
         if self.frame_count and frames < self.frame_count:

@@ -1,27 +1,33 @@
-"""Writes what was prepared: kept videos whole and as they are coded, of everything else the images of the strikes' windows."""
+"""Writes what was prepared: H.264 and H.265 whole and as they are coded, of everything else the images of the strikes' windows."""
 
 from __future__ import annotations
 
 import hashlib
 import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.timestamp_pb2 import Timestamp
+from numpy.typing import NDArray
 
 from analyze.importing import image_messages
+from analyze.importing.image_messages import VideoMessages
 from analyze.importing.kept import numbered
 from analyze.importing.pace import Missing
 from analyze.importing.run import Import
 from analyze.importing.source import FrameSource
 from analyze.importing.video import VideoSource
+from analyze.importing.video_chunks import OpenChunk
 from analyze.importing.windows import StrikeWindow
 from analyze.importing.writer import Message, RecordingWriter
 from schemas import topics
+from schemas.container import Buffer
 from schemas.document import sha256_text
 from schemas.proto import percuss_pb2 as pb
 from schemas.rig import RigConfig
@@ -68,7 +74,16 @@ class _Seen:
     first_ns: int | None = None
     last_ns: int = 0
 
+    def add_range(self, at_ns: int, times_ns: NDArray[np.int64], window: StrikeWindow) -> None:
+        """Those of some frames, in order, that lie in a window; the source begins at `at_ns`."""
+        first = 0 if window.start_ns is None else int(np.searchsorted(times_ns, window.start_ns, "left"))
+        last = len(times_ns) if window.end_ns is None else int(np.searchsorted(times_ns, window.end_ns, "right"))
+        if first < last:
+            self.add(at_ns + int(times_ns[first]))
+            self.add(at_ns + int(times_ns[last - 1]))
+
     def add(self, log_time_ns: int) -> None:
+        """One more."""
         self.first_ns = log_time_ns if self.first_ns is None else min(self.first_ns, log_time_ns)
         self.last_ns = max(self.last_ns, log_time_ns)
 
@@ -86,7 +101,7 @@ class _Session:
         self.images = 0
         self.remarks: list[str] = []
         self._seen = [_Seen() for _ in prepared.windows]
-        self._image_topic = topics.raw_image(CAMERA) if prepared.kept is None else topics.compressed_video(CAMERA)
+        self._image_topic = _image_topic(prepared)
         self._meta_topic = topics.frame_meta(CAMERA)
 
     def write(self) -> None:
@@ -114,40 +129,65 @@ class _Session:
     def _images(self, source: FrameSource, windows: list[tuple[_Seen, StrikeWindow]], missing: Missing) -> None:
         for seen, window in windows:
             missing.pause()
-            for frame in source.frames(window.start_ns, window.end_ns):
-                log_time_ns = self._at_ns + frame.time_ns
-                self._tell(source)
-                parts = image_messages.raw_image(CAMERA, log_time_ns, frame.image)
+            for time_ns, parts in self._messages(source, window):
+                log_time_ns = self._at_ns + time_ns
+                if self.images % _TOLD_EVERY == 0:
+                    self._tell(source)
                 self._writer.chunk(self._image_topic, [Message(log_time_ns, self._sequence, parts)])
-                self._meta(self._sequence, log_time_ns, missing.before(frame.time_ns))
+                self._meta(self._sequence, log_time_ns, missing.before(time_ns))
+                self.images += 1
+                self._end_ns = max(self._end_ns, log_time_ns)
                 seen.add(log_time_ns)
                 self._sequence += 1
+
+    def _messages(self, source: FrameSource, window: StrikeWindow) -> Iterator[tuple[int, tuple[Buffer, ...]]]:
+        """Time on the source's clock and message of a window's images."""
+        if self._prepared.are_jpegs and isinstance(source, VideoSource):
+            for time_ns, picture in source.jpegs(window.start_ns, window.end_ns):
+                yield time_ns, image_messages.jpeg(CAMERA, self._at_ns + time_ns, picture)
+            return
+        for frame in source.frames(window.start_ns, window.end_ns):
+            yield frame.time_ns, image_messages.raw_image(CAMERA, self._at_ns + frame.time_ns, frame.image)
 
     def _video(self, video: VideoSource, windows: list[tuple[_Seen, StrikeWindow]], missing: Missing) -> None:
         if video.keeps is None:
             return
-        first, chunk, size = self._sequence, list[Message](), 0
-        metas: dict[int, int] = {}
-        told = 0
-        for unit, number, _ in numbered(video.access_units(), video.name):
-            log_time_ns = self._at_ns + unit.time_ns
-            if chunk and (unit.key or size >= topics.VIDEO_CHUNK_BYTES):
-                self._writer.chunk(self._image_topic, chunk)
-                chunk, size = [], 0
-            parts = image_messages.video(CAMERA, log_time_ns, video.keeps, unit.data)
-            chunk.append(Message(log_time_ns, first + number, parts))
-            size += len(unit.data)
-            metas[number] = unit.time_ns
-            while told in metas:
-                self._tell(video)
-                time_ns = metas.pop(told)
-                self._meta(first + told, self._at_ns + time_ns, missing.before(time_ns))
-                for seen, window in windows:
-                    if (window.start_ns is None or time_ns >= window.start_ns) and (window.end_ns is None or time_ns <= window.end_ns):
-                        seen.add(self._at_ns + time_ns)
-                told += 1
-        self._writer.chunk(self._image_topic, chunk)
-        self._sequence = first + told
+        channel, chunk = self._writer.channel(self._image_topic), OpenChunk()
+        first = last = self._sequence
+        lost: dict[int, tuple[int, int]] = {}
+        for pictures, numbers, in_order_ns in numbered(video.coded(), video.name):
+            missed = missing.before_each(in_order_ns)
+            for at in np.flatnonzero(missed).tolist():
+                lost[last + at] = int(in_order_ns[at]), int(missed[at])
+            for seen, window in windows:
+                seen.add_range(self._at_ns, in_order_ns, window)
+            last += len(in_order_ns)
+            self.images += len(in_order_ns)
+            self._tell(video)
+            sizes = np.fromiter(map(len, pictures.data), np.int64, len(pictures.data))
+            messages = VideoMessages(self._at_ns + pictures.times_ns, first + numbers, sizes)
+            heads = image_messages.video_heads(CAMERA, video.keeps, channel, messages)
+            for part, opens in _parts(pictures.keys):
+                if opens or chunk.size >= topics.VIDEO_CHUNK_BYTES:
+                    self._video_chunk(chunk, lost)
+                    chunk = OpenChunk()
+                chunk.add(VideoMessages(*(column[part] for column in messages)), heads[part], pictures.data[part])
+        self._video_chunk(chunk, lost)
+        self._sequence = last
+
+    def _video_chunk(self, chunk: OpenChunk, lost: dict[int, tuple[int, int]]) -> None:
+        """Write a chunk, and what is to be said of its frames: of its first, and of those before which some are missing."""
+        if not chunk.size:
+            return
+        closed = chunk.closed()
+        self._writer.video(self._image_topic, closed)
+        first, last = int(closed.messages.sequences.min()), int(closed.messages.sequences.max())
+        said = {number: lost.pop(number) for number in sorted(lost) if first <= number <= last}
+        if first not in said:
+            self._meta(first, int(closed.messages.times_ns.min()), 0)
+        for number, (time_ns, missing) in said.items():
+            self._meta(number, self._at_ns + time_ns, missing)
+        self._end_ns = max(self._end_ns, int(closed.messages.times_ns.max()))
 
     def _meta(self, sequence: int, log_time_ns: int, lost: int) -> None:
         camera = self._prepared.calibration
@@ -162,13 +202,10 @@ class _Session:
             height=camera.height,
         )
         self._writer.small(self._meta_topic, log_time_ns, meta.SerializeToString(), sequence)
-        self._end_ns = max(self._end_ns, log_time_ns)
-        self.images += 1
 
     def _tell(self, source: FrameSource) -> None:
-        if self.images % _TOLD_EVERY == 0:
-            total = sum(each.frame_count or 0 for each in self._prepared.sources) if self._prepared.kept else self.images
-            self._progress(f"writing {source.name}", self.images, max(total, self.images))
+        total = sum(each.frame_count or 0 for each in self._prepared.sources) if self._prepared.kept else self.images
+        self._progress(f"writing {source.name}", self.images, max(total, self.images))
 
     def _strike(self, seen: _Seen, window: StrikeWindow) -> None:
         planned = next(strike for strike in self._prepared.plan.strikes if strike.id == window.plan_strike_id)
@@ -197,6 +234,19 @@ class _Session:
         earliest_ns = window.onset.time_ns - round(1e9 / self._prepared.rate_hz)
         middle, half = (window.onset.moved_ns + earliest_ns) / 2, (window.onset.moved_ns - earliest_ns) / 2
         return f"{text}, the tag began to move at {middle * 1e-9:.3f} ± {half * 1e-9:.3f} s of it"
+
+
+def _image_topic(prepared: Import) -> topics.Topic:
+    if prepared.kept is not None:
+        return topics.compressed_video(CAMERA)
+    return topics.compressed_image(CAMERA) if prepared.are_jpegs else topics.raw_image(CAMERA)
+
+
+def _parts(keys: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:
+    """Stretches of pictures that begin with a key picture, and whether they do: the first may go on with what came before."""
+    begins = np.flatnonzero(keys).tolist()
+    for start, stop in pairwise(sorted({0, len(keys), *begins})):
+        yield slice(start, stop), bool(keys[start])
 
 
 def write(prepared: Import, output: Path, progress: Progress = lambda _text, _done, _total: None) -> Written:

@@ -20,9 +20,10 @@ from typing import Final, NamedTuple
 import deflate
 
 from analyze.errors import OutputError
+from analyze.importing.video_chunks import VideoChunk, checked
 from schemas import container
 from schemas.container import Buffer, ContentHash
-from schemas.container_summary import Summary, pack_chunk, pack_topic
+from schemas.container_summary import Summary, pack_chunk, pack_chunk_of_channel, pack_topic
 from schemas.document import canonical_json, sha256_text
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
 from schemas.topics import Topic
@@ -43,6 +44,10 @@ class Message(NamedTuple):
     log_time_ns: int
     sequence: int
     parts: Sequence[Buffer]
+
+
+_Entry = tuple[int, str, Sequence[Message] | VideoChunk] | list[tuple[int, str, Message]]
+"""channel, topic and a chunk; or small messages"""
 
 
 @dataclass
@@ -80,7 +85,7 @@ class RecordingWriter:
         self._manifest_sha256 = ""
         self.messages = 0
         self._gathered: list[tuple[int, str, Message]] = []
-        self._queue: queue.Queue[tuple[int, str, Sequence[Message]] | list[tuple[int, str, Message]] | None] = queue.Queue(_WAITING)
+        self._queue: queue.Queue[_Entry | None] = queue.Queue(_WAITING)
         self._failed: OSError | None = None
         self._thread = threading.Thread(target=self._put_down, name="import-writer", daemon=True)
         self._thread.start()
@@ -122,6 +127,15 @@ class RecordingWriter:
         if messages:
             self._refuse_failed()
             self._queue.put((self._channels[topic.name], topic.name, messages))
+
+    def video(self, topic: Topic, chunk: VideoChunk) -> None:
+        """Coded pictures as one chunk; as `chunk`."""
+        self._refuse_failed()
+        self._queue.put((self._channels[topic.name], topic.name, chunk))
+
+    def channel(self, topic: Topic) -> int:
+        """Its number in the file."""
+        return self._channels[topic.name]
 
     def small(self, topic: Topic, log_time_ns: int, data: bytes, sequence: int = 0) -> None:
         """One message of a small topic.
@@ -178,8 +192,10 @@ class RecordingWriter:
             try:
                 if isinstance(entry, list):
                     self._write_small(entry)
+                elif isinstance(entry[2], VideoChunk):
+                    self._write_video(entry[0], entry[1], entry[2])
                 else:
-                    self._write_chunk(*entry)
+                    self._write_chunk(entry[0], entry[1], entry[2])
             except OSError as error:
                 self._failed = error
 
@@ -201,6 +217,16 @@ class RecordingWriter:
             at += len(head) + size
         self._hash.add_all(topic, identity)
         self._frame_chunk(buffers, at, crc, {channel: index})
+
+    def _write_video(self, channel: int, topic: str, chunk: VideoChunk) -> None:
+        ready = checked(chunk)
+        self._hash.add_all(topic, ready.identity)
+        times = chunk.messages.times_ns
+        packed = pack_chunk_of_channel(self._size, (int(times.min()), int(times.max())), ready.size, channel, ready.entries)
+        self._append([packed.head, *ready.buffers, packed.indexes])
+        self._summary.chunks.append(packed.entry)
+        self._summary.message_counts[channel] += len(times)
+        self.messages += len(times)
 
     def _write_small(self, entries: Sequence[tuple[int, str, Message]]) -> None:
         for channel, topic, (time_ns, sequence, parts) in entries:

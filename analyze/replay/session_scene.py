@@ -82,10 +82,7 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
         RecordingError: the file is damaged there; what came before it is sent.
     """
     name = recording.camera
-    found = [
-        (message.log_time_ns, meta.frames_lost_before, meta.mapping_sd_ns)
-        for message, meta in recording.decoded(topics.frame_meta(name).name, pb.FrameMeta)
-    ]
+    found = [(time_ns, meta.frames_lost_before, meta.mapping_sd_ns) for time_ns, meta in recording.timed_frame_meta(name)]
     words = [
         "**Choose the timeline `session` at the bottom**: it counts from the first window. Strikes have their own, `since_contact`.",
         "",

@@ -1,17 +1,21 @@
-"""What `analyze import` costs on a gigabyte: processor time and time beside those of demuxing or decoding alone, memory.
+"""What `analyze import` costs on a gigabyte: time and processor time beside those of its peers, memory; and how large what it writes is.
 
 A film of a resting tag with a tip now and then is coded once, and its packets are repeated until the file is large. Every measurement is a
-process of its own; each file is read once before, so that all find it in memory.
+process of its own, they take turns, and the fastest turn of each counts. Peers are demuxing or decoding alone, which write nothing; writing
+as many bytes alone; demuxing with plain `write()` of every packet; remuxing by FFmpeg. "From disk": the film is thrown out of the
+system's memory before each turn, of all alike.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -23,11 +27,14 @@ from rich.table import Table
 
 from analyze.importing.run import ImportOptions, prepare
 from analyze.importing.write import write
-from tests.analyze.importing.filmed import REST, angles, picture, setting
+from tests.analyze.importing.filmed import REST, angles, film, picture, setting, tip
 
 WIDTH, HEIGHT, RATE = 1280, 960, 240
 STRIKES = 9
 GIGABYTE = 10**9
+TURNS = 3
+BLOCK = 1 << 20
+Figures = dict[str, float]
 
 
 def images(noise: float) -> list[np.ndarray]:
@@ -54,8 +61,8 @@ def packets(codec: str, pixels: str, pictures: list[np.ndarray], options: dict[s
     return bytes(encoder.extradata or b""), [bytes(packet) for packet in coded]
 
 
-def make(path: Path, codec: str, pixels: str, noise: float, size: int, **options: str) -> int:
-    """A film of about `size` bytes with STRIKES tips; its frames."""
+def make(path: Path, codec: str, pixels: str, noise: float, size: int, **options: str) -> None:
+    """A film of about `size` bytes with STRIKES tips."""
     pictures = images(noise)
     _, rest = packets(codec, pixels, pictures[:REST], options)
     extra, tip = packets(codec, pixels, pictures, options)
@@ -77,7 +84,6 @@ def make(path: Path, codec: str, pixels: str, noise: float, size: int, **options
                     packet.is_keyframe = codec != "libx264" or number == 0
                     container.mux(packet)
                     written += 1
-    return written
 
 
 def most_memory_mb() -> float:
@@ -86,72 +92,159 @@ def most_memory_mb() -> float:
     return int(line.split()[1]) / 1024
 
 
-def measure(work: str, path: Path, folder: Path) -> dict[str, float]:
-    """Seconds and the most memory [MB] of one piece of work, in this process."""
-    names = [f"s{number + 1}" for number in range(STRIKES)]
+def measure(work: str, path: Path, folder: Path) -> Figures:
+    """Seconds and the most memory [MB] of one piece of work, in this process; bytes of what it wrote."""
+    output = folder / f"written{'.mcap' if work in {'whole', 'split'} else path.suffix}"
     start, started = time.perf_counter(), time.process_time()
-    if work == "demux":
-        with av.open(str(path)) as container:
-            count = sum(1 for _ in container.demux(container.streams.video[0]))
-    elif work == "decode":
-        with av.open(str(path)) as container:
-            container.streams.video[0].thread_type = "AUTO"
-            count = sum(1 for _ in container.decode(container.streams.video[0]))
-    else:
-        object_path, plan_path, camera_path = setting(folder, names)
-        text = (
-            camera_path.read_text(encoding="utf-8").replace("width = 320", f"width = {WIDTH}").replace("height = 240", f"height = {HEIGHT}")
-        )
-        camera_path.write_text(text, encoding="utf-8")
-        output = folder / "imported.mcap"
-        options = ImportOptions((path,), object_path, plan_path, camera_path, ("s1",) if work == "whole" else (), whole=work == "whole")
-        with prepare(options) as prepared:
-            count = write(prepared, output).images
-        output.unlink()
+    count = _imported(work, path, folder, output) if work in {"whole", "split"} else _PEERS[work](path, output)
     seconds = time.perf_counter() - start
     own = time.process_time() - started
-    return {"seconds": seconds, "processor": own, "memory_mb": most_memory_mb(), "frames": count}
+    written = output.stat().st_size if output.exists() else 0
+    output.unlink(missing_ok=True)
+    return {"seconds": seconds, "processor": own, "memory_mb": most_memory_mb(), "frames": count, "bytes": written}
 
 
-def _child(work: str, path: Path, folder: Path) -> dict[str, float]:
+def _imported(work: str, path: Path, folder: Path, output: Path) -> int:
+    names = [f"s{number + 1}" for number in range(STRIKES)]
+    object_path, plan_path, camera_path = setting(folder, names)
+    text = camera_path.read_text(encoding="utf-8").replace("width = 320", f"width = {WIDTH}").replace("height = 240", f"height = {HEIGHT}")
+    camera_path.write_text(text, encoding="utf-8")
+    options = ImportOptions((path,), object_path, plan_path, camera_path, ("s1",) if work == "whole" else (), whole=work == "whole")
+    with prepare(options) as prepared:
+        return write(prepared, output).images
+
+
+def _demux(path: Path, output: Path) -> int:
+    del output
+    with av.open(str(path)) as container:
+        return sum(1 for _ in container.demux(container.streams.video[0]))
+
+
+def _decode(path: Path, output: Path) -> int:
+    del output
+    with av.open(str(path)) as container:
+        container.streams.video[0].thread_type = "AUTO"
+        return sum(1 for _ in container.decode(container.streams.video[0]))
+
+
+def _write(path: Path, output: Path) -> int:
+    block = os.urandom(BLOCK)
+    with output.open("wb", buffering=0) as file:
+        for _ in range(path.stat().st_size // BLOCK):
+            file.write(block)
+    return 0
+
+
+def _demux_and_write(path: Path, output: Path) -> int:
+    count = 0
+    with av.open(str(path)) as container, output.open("wb", buffering=BLOCK) as file:
+        for packet in container.demux(container.streams.video[0]):
+            file.write(packet)
+            count += 1
+    return count
+
+
+def _remux(path: Path, output: Path) -> int:
+    count = 0
+    with av.open(str(path)) as container, av.open(str(output), "w") as other:
+        stream = container.streams.video[0]
+        copy = other.add_stream_from_template(stream)
+        for packet in container.demux(stream):
+            if packet.dts is not None:
+                packet.stream = copy
+                other.mux(packet)
+                count += 1
+    return count
+
+
+_PEERS = {"demux": _demux, "decode": _decode, "write": _write, "demux and write": _demux_and_write, "remux": _remux}
+
+
+def _forget(path: Path) -> None:
+    """Let the system throw the file out of its memory."""
+    with path.open("rb") as file:
+        os.fsync(file.fileno())
+        os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+
+
+def _child(work: str, path: Path, folder: Path) -> Figures:
     command = [sys.executable, "-m", "tests.benchmarks.importing", "--work", work, "--film", str(path), "--folder", str(folder)]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
+def turns(path: Path, folder: Path, works: Sequence[str], *, cold: bool = False) -> dict[str, Figures]:
+    """The fastest turn of each."""
+    if not cold:
+        _child("demux", path, folder)  # into memory
+    found: dict[str, list[Figures]] = {work: [] for work in works}
+    for _ in range(TURNS):
+        for work in works:
+            if cold:
+                _forget(path)
+            found[work].append(_child(work, path, folder))
+    return {work: min(each, key=lambda figures: figures["seconds"]) for work, each in found.items()}
+
+
+def told(name: str, path: Path, found: dict[str, Figures], own: str) -> None:
+    """Print one film's table: what each took, and how it stands to the import."""
+    size = path.stat().st_size
+    title = f"{size / 1e9:.2f} GB of {name}, {found[own]['frames']:.0f} frames written, recording / film {found[own]['bytes'] / size:.3f}"
+    table = Table(
+        "", "s", "over the import's", "processor, s", "over the import's", "most memory", title=title, box=None, title_justify="left"
+    )
+    for work, figures in found.items():
+        ratio, busy = figures["seconds"] / found[own]["seconds"], figures["processor"] / found[own]["processor"]
+        shown = ("", "") if work == own else (f"{ratio:.2f}", f"{busy:.2f}")
+        word = f"import, {work}" if work == own else work
+        seconds, processor = f"{figures['seconds']:.2f}", f"{figures['processor']:.2f}"
+        table.add_row(word, seconds, shown[0], processor, shown[1], f"{figures['memory_mb']:.0f} MB")
+    Console(width=120).print(table)
+
+
+def sizes(folder: Path) -> None:
+    """Print how large a recording of small pictures is: a drawn film without noise."""
+    for name, options in (("crf 12", {"crf": "12"}), ("crf 28", {"crf": "28"}), ("crf 28, B-frames", {"crf": "28", "bf": "3"})):
+        path, output = folder / "small.mp4", folder / "small.mcap"
+        film(path, tip() * 20, **{"bf": "0", "preset": "veryfast", "g": str(RATE), **options})
+        with prepare(ImportOptions((path,), *setting(folder), whole=True)) as prepared:
+            written = write(prepared, output)
+        size, each = path.stat().st_size, path.stat().st_size / written.images
+        more = (written.size - size) / written.images
+        sys.stdout.write(
+            f"320 x 240 px without noise, {name}, {written.images} frames: {each:.0f} bytes a frame, the recording {more:.0f} more, "
+            f"recording / film {written.size / size:.2f}\n"
+        )
+        output.unlink()
+
+
 def main() -> None:
-    """Make the films, measure, print the table."""
+    """Make the films, measure, print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--bytes", type=int, default=GIGABYTE)
-    parser.add_argument("--work", help="one measurement, in this process: whole, split, demux or decode")
+    parser.add_argument("--work", help="one measurement, in this process")
     parser.add_argument("--film", type=Path)
     parser.add_argument("--folder", type=Path)
     arguments = parser.parse_args()
     if arguments.work:
         sys.stdout.write(json.dumps(measure(arguments.work, arguments.film, arguments.folder)))
         return
-    table = Table("film", "", "frames", "s", "alone, s", "ratio", "of processor time", "most memory", box=None)
     with tempfile.TemporaryDirectory(dir=Path.cwd() / "recordings") as name:
         folder = Path(name)
-        h264, mjpeg = folder / "h264.mp4", folder / "mjpeg.mov"
-        make(h264, "libx264", "yuv420p", 8.0, arguments.bytes, crf="22", bf="0", preset="veryfast", g="1000")
+        h264, phone, mjpeg = folder / "h264.mp4", folder / "phone.mp4", folder / "mjpeg.mov"
+        usual = {"bf": "0", "preset": "veryfast", "g": "1000"}
+        kept = ("write", "demux", "demux and write", "remux", "whole")
+        make(h264, "libx264", "yuv420p", 8.0, arguments.bytes, crf="22", **usual)
+        told("H.264 of 9 kB a picture, from memory", h264, turns(h264, folder, kept), "whole")
+        told("H.264 of 9 kB a picture, from disk", h264, turns(h264, folder, kept[1:], cold=True), "whole")
+        told("H.264 of 9 kB a picture, split", h264, turns(h264, folder, ("decode", "split")), "split")
+        h264.unlink()
+        make(phone, "libx264", "yuv420p", 8.0, arguments.bytes, crf="20", **usual)
+        told("H.264 of 77 kB a picture, from memory", phone, turns(phone, folder, kept), "whole")
+        told("H.264 of 77 kB a picture, from disk", phone, turns(phone, folder, kept[1:], cold=True), "whole")
+        phone.unlink()
         make(mjpeg, "mjpeg", "yuvj420p", 3.0, arguments.bytes, qmin="2", qmax="2")
-        for film, work, alone in ((h264, "whole", "demux"), (h264, "split", "decode"), (mjpeg, "split", "decode")):
-            _child("demux", film, folder)  # into memory
-            base = min((_child(alone, film, folder) for _ in range(2)), key=lambda each: each["seconds"])
-            own = min((_child(work, film, folder) for _ in range(2)), key=lambda each: each["seconds"])
-            ratio, busy = base["seconds"] / own["seconds"], base["processor"] / own["processor"]
-            size = f"{film.stat().st_size / 1e9:.2f} GB {film.stem}"
-            table.add_row(
-                size,
-                work,
-                f"{own['frames']:.0f}",
-                f"{own['seconds']:.1f}",
-                f"{alone} {base['seconds']:.1f}",
-                f"{ratio:.2f}",
-                f"{busy:.2f}",
-                f"{own['memory_mb']:.0f} MB",
-            )
-    Console(width=120).print(table)
+        told("Motion JPEG, split", mjpeg, turns(mjpeg, folder, ("decode", "split")), "split")
+        sizes(folder)
 
 
 if __name__ == "__main__":
