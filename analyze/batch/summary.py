@@ -20,6 +20,7 @@ import pyarrow as pa
 from scipy.special import chdtrc, stdtr, stdtrit
 
 from analyze.types import Array
+from schemas.session_manifest import TimeSource
 
 _DAY_S = 86400.0
 UNLIKELY = 1e-4
@@ -78,8 +79,8 @@ class Summary:
     failures: tuple[tuple[str, int, str], ...]
     """kind, how many, one reason"""
     repeated: tuple[Repeated, ...]
-    objects: tuple[tuple[str, str, int, int, int], ...]
-    """name, SHA-256, sessions, strikes recorded, strikes used"""
+    objects: tuple[tuple[str, str, int, int, int, int], ...]
+    """name, SHA-256, sessions, strikes recorded, strikes used, sessions whose frame times no clock of a rig gave (imported ones)"""
 
     @property
     def standing_out(self) -> tuple[Repeated, ...]:
@@ -104,10 +105,18 @@ def summarise(rows: pa.Table) -> Summary:
         failures=tuple((kind, len(reasons), reasons[0]) for kind, reasons in sorted(failures.items(), key=lambda item: -len(item[1]))),
         repeated=tuple(found for key, sessions in sorted(by_object.items()) for found in _repeated(*key, sessions)),
         objects=tuple(
-            (name, sha256, len(each), sum(row["strikes_recorded"] for row in each), sum(row["strikes_used"] for row in each))
+            (name, sha256, len(each), _sum(each, "strikes_recorded"), _sum(each, "strikes_used"), _stated(each))
             for (name, sha256), each in sorted(by_object.items())
         ),
     )
+
+
+def _sum(sessions: Sequence[dict[str, Any]], column: str) -> int:
+    return sum(row[column] for row in sessions)
+
+
+def _stated(sessions: Sequence[dict[str, Any]]) -> int:
+    return sum(row["time_source"] not in {None, TimeSource.DEVICE_MAPPED.value} for row in sessions)
 
 
 def _repeated(name: str, sha256: str, sessions: Sequence[dict[str, Any]]) -> Iterator[Repeated]:

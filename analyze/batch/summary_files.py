@@ -24,7 +24,11 @@ from analyze.results.page import page_environment
 SUFFIXES = (".html", ".csv", ".parquet")
 _TYPES = {"str": pa.string(), "int": pa.int64(), "float": pa.float64()}
 _REPEATED = [(each.name, _TYPES[str(each.type)]) for each in fields(Repeated)]
-_OBJECTS = [("object", pa.string()), ("object_sha256", pa.string()), *((name, pa.int64()) for name in ("sessions", "strikes", "used"))]
+_OBJECTS = [
+    ("object", pa.string()),
+    ("object_sha256", pa.string()),
+    *((name, pa.int64()) for name in ("sessions", "strikes", "used", "stated_times")),
+]
 _FAILURES = [("failure", pa.string()), ("recordings", pa.int64()), ("example", pa.string())]
 
 
@@ -38,11 +42,14 @@ def render_summary(found: Summary) -> None:
     if found.standing_out:
         _stands_out(console, found)
     objects = Table(title="Objects", title_justify="left")
-    for heading in ("object", "", "sessions", "strikes", "used"):
+    for heading in ("object", "", "sessions", "strikes", "used", "stated times"):
         objects.add_column(heading, justify="left" if heading in {"object", ""} else "right")
-    for name, sha256, sessions, strikes, used in found.objects:
-        objects.add_row(name, sha256[:8], str(sessions), str(strikes), str(used))
+    for name, sha256, sessions, strikes, used, stated in found.objects:
+        objects.add_row(name, sha256[:8], str(sessions), str(strikes), str(used), str(stated or ""))
     console.print(objects)
+    for name, sha256, sessions, _, _, stated in found.objects:
+        if 0 < stated < sessions:
+            console.print(f"{name} ({sha256[:8]}): in {stated} of {sessions} sessions no clock of a rig gave the frame times (time_source)")
     if found.repeated:
         console.print("\nFrom session to session (n of them; scatter and stated: 1 sd)")
     for (name, sha256), rows in groupby(found.repeated, key=lambda each: (each.object, each.object_sha256)):

@@ -1,4 +1,4 @@
-"""The report's tables for other programs, SI throughout: answer, strikes, regions, sources of error, motions, warnings."""
+"""The report's tables for other programs, SI throughout: answer, strikes, regions, sources of error, motions, recordings, warnings."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ def report_tables(estimate: Estimate) -> list[CsvTable]:
             [(row.source.value, row.half, row.share) for row in rows],
         ),
         _motions(estimate.evidence.motions),
+        _recordings(estimate),
         CsvTable("warnings", ["code", "text"], [(each.code.value, each.text) for each in result.warnings]),
     ]
     if result.regions is not None:
@@ -48,6 +49,17 @@ def report_tables(estimate: Estimate) -> list[CsvTable]:
             )
         )
     return tables
+
+
+def _recordings(estimate: Estimate) -> CsvTable:
+    """Where the strikes come from: of imported recordings (`container_pts`) the rate is what a file states, or a drop measured."""
+    rows: list[Sequence[Cell]] = []
+    for number, head in enumerate(estimate.evidence.recordings, 1):
+        manifest, camera = head.manifest, head.manifest.cameras[0]
+        times = manifest.time_source.value, 1e-9 * manifest.time_source_sd_ns
+        rows.append((number, manifest.recording_id, manifest.created, camera.frame_rate_hz, camera.frame_rate_sd_hz, *times))
+    columns = ["recording", "recording_id", "created", "frame_rate_hz", "frame_rate_sd_hz", "time_source", "time_sd_s"]
+    return CsvTable("recordings", columns, rows)
 
 
 def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:

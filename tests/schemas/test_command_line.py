@@ -74,6 +74,7 @@ def test_no_option_of_either_command_takes_nan_for_a_number() -> None:
     ]
     assert {option.name for option in floats} == {
         "speed",
+        "capture_fps_sd",
         "energy",
         "bodies",
         "gravity",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.csv as pc
 import pytest
 
@@ -47,7 +48,7 @@ def results(tmp_path_factory):
 def test_a_summary_says_how_the_answers_repeat_and_drift(results):
     found = summarise(rows_of(results))
     assert found.recordings == DAYS
-    assert found.objects == (("tea [box]", "a" * 64, DAYS, 4 * DAYS, 3 * DAYS),)
+    assert found.objects == (("tea [box]", "a" * 64, DAYS, 4 * DAYS, 3 * DAYS, 0),)
     assert found.failures == (("cut", 1, "/runs[a]/x.mcap: ends early"),)
     by_name = {each.quantity: each for each in found.repeated}
     assert set(by_name) == {"centre of mass x", "centre of mass y", "centre of mass z", "Ixx"}, (
@@ -74,6 +75,10 @@ def test_what_is_printed_is_what_is_there(results, capsys):
     assert "tea [box]" in printed
     assert "/runs[a]/x.mcap: ends early" in printed
     assert "centre of mass z" in printed
+    assert "no clock of a rig" not in printed
+    rows, sources = rows_of(results), ["device_mapped"] * (DAYS - 1) + ["container_pts", None]
+    render_summary(summarise(rows.set_column(rows.schema.get_field_index("time_source"), "time_source", pa.array(sources))))
+    assert f"in 1 of {DAYS} sessions no clock of a rig gave the frame times" in " ".join(capsys.readouterr().out.split())
     assert max(len(line) for line in printed.splitlines() if "centre of mass" in line) < 80
     print_answer(ask(results, "select '[red]:smile:' as x"), "table")
     assert "[red]:smile:" in capsys.readouterr().out

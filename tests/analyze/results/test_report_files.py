@@ -70,7 +70,17 @@ def test_tables_hold_the_answer(estimate, run, tmp_path):
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "r.html").exists()
     folder = tmp_path / "tables"
-    assert {path.stem for path in folder.iterdir()} == {"answer", "strikes", "error_sources", "motions", "warnings", "regions"}
+    assert {path.stem for path in folder.iterdir()} == {
+        "answer",
+        "strikes",
+        "error_sources",
+        "motions",
+        "recordings",
+        "warnings",
+        "regions",
+    }
+    (recorded,) = table(folder / "recordings.csv")
+    assert (recorded["recording_id"], recorded["time_source"], recorded["frame_rate_hz"]) == ("r1", "device_mapped", "120.0")
     answer = {row["quantity"]: row for row in table(folder / "answer.csv")}
     result = estimate.result
     for i, axis in enumerate("xyz"):
