@@ -57,6 +57,9 @@ demo: setup  ## a whole session on the virtual rig, and its answer beside the tr
 COMPUTING := tests/analyze tests/schemas tests/test_architecture.py
 TIMED := tests/system tests/contracts tests/acquire
 
+# Where the environment forbids bytecode every worker compiles the tests anew and every program that a test starts itself: 40 s of CPU.
+test test-slow: export PYTHONDONTWRITEBYTECODE :=
+
 test: setup $(VENV)/.browser  ## every test that needs no hardware
 	@$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=12 $(COMPUTING)
 	@$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=12 $(TIMED)
