@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analyze.batch.analysis import analyse
 from analyze.batch.archive import find_sources
 from analyze.batch.lane import Lane, LaneStoppedError, Limits
 from analyze.batch.ledger import Ledger
@@ -45,6 +46,29 @@ def plain(output):
 def copied(finished, tmp_path):
     """The results, to be changed."""
     return Path(shutil.copytree(finished[0], tmp_path / "out"))
+
+
+class LaneHere:
+    """A lane without a process of its own, which takes longer to start than these runs have to do."""
+
+    def __init__(self, output, limits):
+        self.scratch = output / "unfinished" / "here"
+        self.scratch.mkdir(parents=True)
+
+    def analyse(self, request):
+        return analyse(request, self.scratch)
+
+    def stop(self):
+        pass
+
+    def close(self):
+        shutil.rmtree(self.scratch)
+
+
+@pytest.fixture
+def in_process(monkeypatch):
+    """For runs that are about what is accounted for, not about processes."""
+    monkeypatch.setattr("analyze.batch.run.Lane", LaneHere)
 
 
 def test_every_file_is_accounted_for(archive, finished):
@@ -85,6 +109,7 @@ def test_a_second_run_does_nothing(archive, finished):
     }
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_file_that_is_touched_is_looked_into_and_its_row_stands(archive, copied, tmp_path):
     moved = tmp_path / "archive"
     shutil.copytree(archive / "a", moved)
@@ -95,6 +120,7 @@ def test_a_file_that_is_touched_is_looked_into_and_its_row_stands(archive, copie
     assert rows_of(copied).num_rows == 2 + len(KINDS), "one row for each content, wherever it lies"
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_file_whose_content_changed_is_done_again_and_its_old_row_goes(archive, copied, tmp_path):
     moved = tmp_path / "archive"
     moved.mkdir()
@@ -108,6 +134,7 @@ def test_a_file_whose_content_changed_is_done_again_and_its_old_row_goes(archive
     assert not any(row["url"].endswith("one.mcap") and row["failure"] for row in rows_of(copied).to_pylist())
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_file_named_like_one_that_gave_nothing_is_done_too_and_what_is_gone_is_no_failure(archive, copied, tmp_path):
     moved = tmp_path / "archive"
     moved.mkdir()
@@ -135,13 +162,14 @@ def test_other_settings_are_another_result(archive, finished):
     assert len(work_of(find_sources([str(archive)]), finished[0], settings, BatchOptions()).todo) == 2 + len(KINDS)
 
 
-def test_a_failure_on_the_same_file_leaves_older_results(archive, copied):
+def test_a_failure_on_the_same_file_leaves_older_results(archive, copied, request):
     folder, other = str(archive / "a"), dataclasses.replace(BatchSettings(), seed=1)
     rows = sorted(path.name for path in (copied / "recordings").iterdir())
     hasty = BatchOptions(jobs=1, limits=Limits(0.01, 0))
     report = run_batch(work_of(find_sources([folder]), copied, other, hasty), copied, other, hasty)
     assert {outcome.failure for outcome in report.outcomes} == {"time_limit"}
     assert sorted(path.name for path in (copied / "recordings").iterdir()) == rows
+    request.getfixturevalue("in_process")
     again = run_again(folder, copied)
     assert all(outcome.known for outcome in again.outcomes)
 
@@ -151,6 +179,7 @@ def test_shards_are_disjoint_and_whole(archive, tmp_path):
     assert sum(len(part) for part in parts) == len(set().union(*parts)) == 2 + len(KINDS)
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_ledger_that_ends_in_mid_line_loses_only_that_line(archive, copied):
     ledger = copied / "ledger" / "all.jsonl"
     ledger.write_bytes(ledger.read_bytes()[:-30])
