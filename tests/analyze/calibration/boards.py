@@ -9,6 +9,7 @@ and the grey around it; no shading, no depth of field, no bent paper unless `ben
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import pairwise
 
 import cv2
@@ -68,7 +69,7 @@ class TrueBoard:
     lines: tuple = field(init=False, compare=False)
 
     def __post_init__(self):
-        object.__setattr__(self, "lines", _borders(self))
+        object.__setattr__(self, "lines", _borders(self.columns, self.rows, self.square, self.family))
 
     @property
     def size(self):
@@ -85,13 +86,14 @@ class TrueBoard:
         return np.column_stack([points, 4 * self.bend * x * (1 - x)])
 
 
-def _borders(board):
+@cache
+def _borders(columns, rows, square, family):
     """Where the grey changes: start, end (n, 2) m, and greys inside and outside (n, 2); 0 black, 1 white, NaN beyond the paper."""
-    paper = np.ones((board.rows * UNITS, board.columns * UNITS))
-    tags = cv2.aruco.getPredefinedDictionary(board.family)
+    paper = np.ones((rows * UNITS, columns * UNITS))
+    tags = cv2.aruco.getPredefinedDictionary(family)
     tag = 0
-    for row in range(board.rows):
-        for column in range(board.columns):
+    for row in range(rows):
+        for column in range(columns):
             area = paper[row * UNITS : (row + 1) * UNITS, column * UNITS : (column + 1) * UNITS]
             if (row + column) % 2 == 0:
                 area[:] = 0
@@ -115,19 +117,25 @@ def _borders(board):
                 start.append(ends[0])
                 end.append(ends[1])
                 step.append((inside[a, line], outside[a, line]))
-    scale = board.square / UNITS
+    scale = square / UNITS
     return (np.array(start) - RIM) * scale, (np.array(end) - RIM) * scale, np.array(step)
 
 
 def _runs(inside, outside):
     """Stretches, of two units at most, along which the greys on either side differ and do not change."""
+    differ = (inside != outside) & ~(np.isnan(inside) & np.isnan(outside))
+    changes = [True, *(~((_alike(inside) & _alike(outside)))).tolist(), True]
     first = 0
     for i in range(1, len(inside) + 1):
-        same = i < len(inside) and i - first < 2 and str((inside[i], outside[i])) == str((inside[first], outside[first]))
-        if not same:
-            if inside[first] != outside[first] and not (np.isnan(inside[first]) and np.isnan(outside[first])):
+        if changes[i] or i - first == 2:
+            if differ[first]:
                 yield first, i
             first = i
+
+
+def _alike(grey):
+    """(n - 1,) whether each is as the one before."""
+    return (grey[1:] == grey[:-1]) | (np.isnan(grey[1:]) & np.isnan(grey[:-1]))
 
 
 def picture(lens, board, R, p, look=None, pieces=1):

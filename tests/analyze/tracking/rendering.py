@@ -9,7 +9,9 @@ Integer coordinates are pixel centres.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -59,6 +61,7 @@ def corners_of(size):
     return np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])
 
 
+@cache
 def borders(marker_id, look):
     """Pieces of border between cells of different grey: start (n, 2), end (n, 2) in units of the size, and grey inside minus outside (n,);
     anticlockwise around the inside as seen on the tag (x right, y up)."""
@@ -87,21 +90,22 @@ def add_border(image, start, end, weight, beyond=None):
 
     `beyond` (height, width + 1): whole pixels to the line's left are kept there, in the line's column, to be summed once for many lines.
     """
-    (x0, y0), (x1, y1) = (start, end) if start[1] < end[1] else (end, start)
+    (x0, y0), (x1, y1) = (start.tolist(), end.tolist()) if start[1] < end[1] else (end.tolist(), start.tolist())
     signed = weight if start[1] < end[1] else -weight
     height, width = image.shape
     top, bottom = max(round(y0), 0), min(round(y1) + 1, height)
-    left, right = min(max(int(np.floor(min(x0, x1))), 0), width), min(max(int(np.ceil(max(x0, x1))) + 1, 0), width)
+    left, right = min(max(math.floor(min(x0, x1)), 0), width), min(max(math.ceil(max(x0, x1)) + 1, 0), width)
     if top >= bottom or y0 == y1:
         return
-    y = np.clip(np.arange(top, bottom + 1) - 0.5, y0, y1)
+    y = np.minimum(np.maximum(np.arange(top - 0.5, bottom + 0.5), y0), y1)
+    rows = signed * (y[1:] - y[:-1])
     if beyond is None:
-        image[top:bottom, :left] += signed * np.diff(y)[:, None]
+        image[top:bottom, :left] += rows[:, None]
     else:
-        beyond[top:bottom, left] += signed * np.diff(y)
+        beyond[top:bottom, left] += rows
     if left == right:
         return
-    X = np.arange(left, right + 1) - 0.5
+    X = np.arange(left - 0.5, right + 0.5)
     # integral of min(x, X) over y = integral of x - integral of max(x - X, 0); the first does not depend on X
     if abs(x1 - x0) < UPRIGHT_PX:
         over = np.maximum(0.5 * (x0 + x1) - X, 0.0) * (y - y0)[:, None]
@@ -109,7 +113,8 @@ def add_border(image, start, end, weight, beyond=None):
         slope = (x1 - x0) / (y1 - y0)
         a, b = np.maximum((x0 + slope * (y - y0))[:, None] - X, 0.0), np.maximum(x0 - X, 0.0)
         over = (a - b) * (a + b) / (2 * slope)
-    image[top:bottom, left:right] -= signed * np.diff(np.diff(over, axis=0), axis=1)
+    below = over[1:] - over[:-1]
+    image[top:bottom, left:right] -= signed * (below[:, 1:] - below[:, :-1])
 
 
 def paint(camera, tags, look, project=project):
