@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from analyze.cards import placing
@@ -92,9 +93,13 @@ def write_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, output: 
 
 def render_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> str:
     """The cards of a plan for an object as HTML text."""
+    return _template().render(plan=plan, spec=spec, cards=cards(plan, model, spec), degrees=np.degrees, where_it_falls=WHERE_IT_FALLS)
+
+
+@cache
+def _template() -> Template:
     environment = Environment(loader=PackageLoader("analyze.cards"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    template = environment.get_template("cards.html")
-    return template.render(plan=plan, spec=spec, cards=cards(plan, model, spec), degrees=np.degrees, where_it_falls=WHERE_IT_FALLS)
+    return environment.get_template("cards.html")
 
 
 def cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> list[Card]:

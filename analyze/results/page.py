@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from datetime import UTC, datetime
+from functools import cache
 from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -18,8 +19,9 @@ if TYPE_CHECKING:
     from schemas.result import Quantity
 
 
+@cache
 def page_environment() -> Environment:
-    """Templates with the filters that they use."""
+    """Templates with the filters that they use; one for all pages, so that each template is compiled once."""
     environment = Environment(loader=PackageLoader("analyze.results"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     environment.filters.update(
         deg=_degrees,

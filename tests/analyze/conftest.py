@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from markupsafe import Markup
 
 from analyze import evidence
 
@@ -29,3 +30,12 @@ def samples_are_tracked_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(evidence, "_strike", remembered)
         yield
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For what a report says beside its plots: making and drawing them is nine tenths of its time."""
+    for figure in ("regions", "voxel", "moments", "foretold", "sources", "influence", "strike"):
+        monkeypatch.setattr(f"analyze.results.report.{figure}_figure", lambda *_: None)
+    monkeypatch.setattr("analyze.results.report.projection_figures", lambda *_: [None] * 3)
+    monkeypatch.setattr("analyze.results.report.drawn", lambda _: Markup("<svg></svg>"))

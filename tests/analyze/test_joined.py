@@ -137,8 +137,8 @@ def test_a_result_of_one_recording_is_written_as_ever(one):
     assert "recordings" not in canonical_json(one.result.inputs)
 
 
-def test_a_joint_report_lists_its_recordings(whole, monkeypatch):
-    monkeypatch.setattr("analyze.results.page.svg", lambda figure: "<svg></svg>")  # its plots are looked at elsewhere
+@pytest.mark.usefixtures("undrawn")
+def test_a_joint_report_lists_its_recordings(whole):
     short = estimate_evidence(join((part(whole, 0, 2, "a"), part(whole, 2, 3, "bb"))))
     html = render_report(short, [])
     for head in short.evidence.recordings:

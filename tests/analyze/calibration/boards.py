@@ -124,7 +124,7 @@ def _borders(columns, rows, square, family):
 def _runs(inside, outside):
     """Stretches, of two units at most, along which the greys on either side differ and do not change."""
     differ = (inside != outside) & ~(np.isnan(inside) & np.isnan(outside))
-    changes = [True, *(~((_alike(inside) & _alike(outside)))).tolist(), True]
+    changes = [True, *(~(_alike(inside) & _alike(outside))).tolist(), True]
     first = 0
     for i in range(1, len(inside) + 1):
         if changes[i] or i - first == 2:

@@ -37,12 +37,6 @@ def html(short):
     return render_report(short, [STILL])
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """For what is written beside the plots: drawing them is nine tenths of a report's time."""
-    monkeypatch.setattr("analyze.results.page.svg", lambda figure: "<svg></svg>")
-
-
 def test_it_is_whole_and_loads_nothing_from_elsewhere(html):
     parser = Balanced()
     parser.feed(html)
