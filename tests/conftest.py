@@ -14,14 +14,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 from _pytest.runner import runtestprotocol
-from hypothesis import settings
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
-
-# How long an example takes says nothing on a machine that has other work.
-settings.register_profile("percuss", deadline=None)
-settings.load_profile("percuss")
 
 # Before numpy is loaded, here and in every process that a test starts. OpenBLAS's threads spin while they wait for one another: on
 # matrices as small as ours two of them take three times as long as one, and ten times on a machine that has other work.
@@ -38,13 +33,30 @@ ATTEMPTS = 4
 
 LONGEST = (
     "reproduce/test_paper.py",
-    "replay/test_in_browser.py",
     "batch/test_run.py",
-    "batch/test_elsewhere.py",
+    "replay/test_in_browser.py",
+    "calibration/test_calibrate_command.py",
     "replay/test_run.py",
     "results/",
+    "test_answer.py",
+    "geometry/test_shape_files.py",
+    "tracking/test_recovery.py",
+    "cards/test_cards.py",
+    "planning/",
+    "registration/",
 )
 """of the tests that compute: begun first, so that no core works on one of them when the others have nothing left"""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Before any test is imported; what only hands tests out to workers imports none."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        return
+    from hypothesis import settings
+
+    # How long an example takes says nothing on a machine that has other work.
+    settings.register_profile("percuss", deadline=None)
+    settings.load_profile("percuss")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -111,10 +111,15 @@ def mesh_depth(
     def depth(points: NDArray[np.float64]) -> NDArray[np.float64]:
         result = np.full(len(points), -1.0)
         index = np.flatnonzero(inside(points))
+        index = index[np.argsort(points[index, 2])]
         within = points[index]
         distance = np.full(len(within), reach)
         for corners in triangles:
-            near = np.flatnonzero(np.all((within > corners.min(axis=0) - reach) & (within < corners.max(axis=0) + reach), axis=1))
+            low, high = corners.min(axis=0) - reach, corners.max(axis=0) + reach
+            # Of those at its height.
+            first, last = np.searchsorted(within[:, 2], (low[2], high[2]))
+            x, y = within[first:last, 0], within[first:last, 1]
+            near = first + np.flatnonzero((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]))
             distance[near] = np.minimum(distance[near], _distance_to_triangle(within[near], corners))
         result[index] = distance
         return result

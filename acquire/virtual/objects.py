@@ -180,13 +180,20 @@ def _samples(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     elif spec.shape.cylinder is not None:
         depth = cylinder_depth(spec.shape.cylinder.radius_m, spec.shape.cylinder.height_m / 2)
     else:
-        planes = [ConvexHull(0.001 * part).equations for part in convex_parts(BOTTLES[name])]
-        depth = mesh_depth(
-            vertices[faces],
-            lambda points: np.any([np.all(points @ p[:, :3].T + p[:, 3] <= 0, axis=1) for p in planes], axis=0),
-            reach=2 * (spec.shell_thickness_m or 0.0),
-        )
+        parts = [0.001 * part for part in convex_parts(BOTTLES[name])]
+        depth = mesh_depth(vertices[faces], lambda points: _within(points, parts), reach=2 * (spec.shell_thickness_m or 0.0))
     return sample_body(vertices.min(axis=0), vertices.max(axis=0), depth)
+
+
+def _within(points: NDArray[np.float64], parts: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
+    """Which of `points` (n, 3) lie in one of the convex parts, each given by its corners (k, 3)."""
+    found = np.zeros(len(points), dtype=bool)
+    for part in parts:
+        planes = ConvexHull(part).equations
+        # A part is a slice of the whole: only what lies at its height is looked at.
+        near = np.flatnonzero((points[:, 2] >= part[:, 2].min() - 1e-9) & (points[:, 2] <= part[:, 2].max() + 1e-9) & ~found)
+        found[near] = np.all(points[near] @ planes[:, :3].T + planes[:, 3] <= 0, axis=1)
+    return found
 
 
 def _box_mesh(half: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import PurePath
+from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -125,6 +126,11 @@ class ObjectModel:
         a, b, c = self.vertices[self.faces[hit[1]]]
         normal = np.cross(b - a, c - a)
         return hit[0], normal / np.linalg.norm(normal)
+
+    @cached_property
+    def remembered(self) -> dict[tuple[object, ...], Any]:
+        """What others made of it and may need again, by what it is and was asked for: a model never changes."""
+        return {}
 
     @cached_property
     def is_convex(self) -> bool:

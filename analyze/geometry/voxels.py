@@ -44,6 +44,14 @@ def voxelise(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels
     """
     if pitch <= 0 or shell_thickness <= 0:
         raise ValueError("pitch and shell_thickness must be above 0")
+    asked = ("voxels", pitch, shell_thickness)
+    if asked not in model.remembered:
+        model.remembered[asked] = _voxelised(model, pitch, shell_thickness)
+    found: Voxels = model.remembered[asked]
+    return found
+
+
+def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels:
     counts = np.ceil(model.extent / pitch - 1e-9).astype(int)
     lower = model.bounds.mean(axis=0) - counts * pitch / 2
     index = np.argwhere(np.ones(counts))

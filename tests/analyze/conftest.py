@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from markupsafe import Markup
 
-from analyze import evidence
-
 SAMPLES = Path(__file__).resolve().parents[2] / "recordings"
 
 
 @pytest.fixture(scope="session", autouse=True)
 def samples_are_tracked_once() -> Iterator[None]:
     """Many tests look at the committed sample: a strike of it is tracked once for the same markers and object. A copy is another file."""
+    from analyze import evidence  # here, because what only hands tests out to workers needs none of it
+
     track, known = evidence._strike, {}
 
     def remembered(recording, struck, markers, record):

@@ -41,11 +41,13 @@ def cloud(mesh: trimesh.Trimesh, many: int, noise: float = 0.1) -> np.ndarray:
     return points + np.random.default_rng(0).normal(0, noise, points.shape)
 
 
+@cache
 def cut_cloud(many: int) -> bytes:
     points = cloud(trimesh.creation.box(SIZE), many)
     return xyz(points[points[:, 2] > LEVEL + SLOPE * points[:, 0]])
 
 
+@cache
 def cut_mesh(ragged: float = 0.0) -> bytes:
     """A box without its bottom, cut slanting, its border ragged by up to `ragged` [mm] either way."""
     box = trimesh.creation.box(SIZE)
@@ -68,9 +70,13 @@ def holed_mesh(hole: float) -> bytes:
     return trimesh.Trimesh(box.vertices, box.faces[middle > hole], process=False).export(file_type="stl")
 
 
+@cache
+def model_of(data: bytes, name: str) -> ObjectModel:
+    return load_object_model(thing(name), data, name)
+
+
 def planned(data: bytes, name: str) -> tuple[ObjectModel, StrikePlan]:
-    spec = thing(name)
-    model = load_object_model(spec, data, name)
+    spec, model = thing(name), model_of(data, name)
     return model, make_plan(model, spec, "", StrikerModel(fastest_m_s=5.0), friction=1.0)
 
 
@@ -169,7 +175,7 @@ def test_a_dome_that_shows_nothing_else_asks_for_the_missing_side():
 @pytest.mark.parametrize("name", ["cut.xyz", "cut.stl"])
 def test_a_marker_under_a_gap_may_lie_as_far_off_as_the_gap_is_wide(name):
     """On the true bottom, 8 mm under the scan's end; a metre in place of a millimetre is a mistake there as well."""
-    model = load_object_model(thing(name), cut_cloud(12_000) if name == "cut.xyz" else cut_mesh(), name)
+    model = model_of(cut_cloud(12_000) if name == "cut.xyz" else cut_mesh(), name)
 
     def at(height: float) -> ObjectSpec:
         tag = {**FAR_TAG, "T_object_marker": [[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, height], [0, 0, 0, 1]]}
