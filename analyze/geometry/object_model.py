@@ -5,10 +5,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import PurePath
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -44,6 +45,9 @@ NOISY = 3e-4
 """m of scatter from which a cloud's bias is worth a word"""
 CONVEX_TOLERANCE = 1e-3
 """relative difference of the hull's volume up to which a mesh counts as convex"""
+
+
+_Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True)
@@ -127,9 +131,15 @@ class ObjectModel:
         normal = np.cross(b - a, c - a)
         return hit[0], normal / np.linalg.norm(normal)
 
+    def once(self, asked: Hashable, make: Callable[[ObjectModel], _Made]) -> _Made:
+        """What `make` makes of it, made only once for each `asked`: a model never changes."""
+        if asked not in self._made:
+            self._made[asked] = make(self)
+        made: _Made = self._made[asked]
+        return made
+
     @cached_property
-    def remembered(self) -> dict[tuple[object, ...], Any]:
-        """What others made of it and may need again, by what it is and was asked for: a model never changes."""
+    def _made(self) -> dict[Hashable, Any]:
         return {}
 
     @cached_property

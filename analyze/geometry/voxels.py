@@ -44,11 +44,7 @@ def voxelise(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels
     """
     if pitch <= 0 or shell_thickness <= 0:
         raise ValueError("pitch and shell_thickness must be above 0")
-    asked = ("voxels", pitch, shell_thickness)
-    if asked not in model.remembered:
-        model.remembered[asked] = _voxelised(model, pitch, shell_thickness)
-    found: Voxels = model.remembered[asked]
-    return found
+    return model.once(("voxels", pitch, shell_thickness), lambda model: _voxelised(model, pitch, shell_thickness))
 
 
 def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels:

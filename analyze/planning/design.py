@@ -185,13 +185,15 @@ class _Search:
             if not len(left):
                 break
             total, normals = self._sums(members, each)
+            gone = list(members)
+            outer = np.einsum("ni,nj->nij", self._normals, self._normals)
+            totals = (total - table[gone])[:, None] + table[left]
+            spans = (normals - outer[gone])[:, None] + outer[left]
+            losses = self.losses(totals.reshape(-1, *total.shape), spans.reshape(-1, 3, 3)).reshape(len(gone), len(left))
             swaps: list[tuple[float, tuple[int, ...]]] = []
-            for out in members:
-                gone = np.outer(self._normals[out], self._normals[out])
-                outer = np.einsum("ni,nj->nij", self._normals[left], self._normals[left])
-                losses = self.losses(total - table[out] + table[left], normals - gone + outer)
-                i = int(np.argmin(np.round(losses, 9)))
-                swaps.append((float(losses[i]), tuple(sorted([*(k for k in members if k != out), int(left[i])]))))
+            for out, row in zip(members, losses, strict=True):
+                i = int(np.argmin(np.round(row, 9)))
+                swaps.append((float(row[i]), tuple(sorted([*(k for k in members if k != out), int(left[i])]))))
             loss, swapped = min(swaps, key=lambda pair: round(pair[0], 9))
             if not loss < current - BETTER:
                 break

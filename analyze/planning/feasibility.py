@@ -25,7 +25,7 @@ CONTACT = 0.003
 """s, of a strike"""
 PUSH_STEPS = 24
 FREE_STEP = 2e-3
-LOOKED_THROUGH = 25
+LOOKED_THROUGH = 10
 """steps after which strikes that have ended are left out; of `LONGEST` / `FREE_STEP` a part without rest"""
 LONGEST = 0.9
 """s after the strike; whoever needs longer stands nearly balanced, where nothing slides"""
@@ -114,7 +114,7 @@ def axis_ends(axis: PivotAxis) -> tuple[float, float]:
     return min(along[0] + inset, -1e-4), max(along[1] - inset, 1e-4)
 
 
-def tips(cases: Sequence[Case], gravity: float) -> Tips:
+def tips(cases: Sequence[Case], gravity: float, most_slip: float = np.inf) -> Tips:
     """Integrate strike and swing up to balance, all cases at once.
 
     With b = phi - theta, z_c = rho + R*cos b, u = dx_P/dt - rho*theta' the contact's sliding speed, F and N the contact's forces:
@@ -125,6 +125,7 @@ def tips(cases: Sequence[Case], gravity: float) -> Tips:
     Args:
         cases: n strikes.
         gravity: m/s^2.
+        most_slip: m; of a case that slips farther no more is asked, and it ends there.
     """
     if not cases:
         return Tips(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
@@ -133,7 +134,7 @@ def tips(cases: Sequence[Case], gravity: float) -> Tips:
     peak = body.impulse * np.pi / 2 / body.duration
     for i in range(PUSH_STEPS):
         body.step(step, peak * float(np.sin(np.pi * (i + 0.5) / PUSH_STEPS)))
-    body.load_counts = True
+    body.load_counts, body.most_slip = True, most_slip
     result = Tips(body.slip.copy(), body.least_load.copy(), np.zeros(len(cases), dtype=bool))
     going = np.arange(len(cases))
     for i in range(1, round(LONGEST / FREE_STEP) + 1):
@@ -153,7 +154,7 @@ def least_friction(cases: Sequence[Case], gravity: float) -> Array:
     """Least coefficient (n,) with which each case slides no farther than `SLIP_LIMIT`, to 0.05 or better; inf: none of `FRICTIONS`."""
     many = len(FRICTIONS)
     tried = [_with_friction(each, mu) for each in cases for mu in FRICTIONS]
-    fails = (tips(tried, gravity).slip > SLIP_LIMIT).reshape(len(cases), many)
+    fails = (tips(tried, gravity, SLIP_LIMIT).slip > SLIP_LIMIT).reshape(len(cases), many)
     # The least above which all hold: slip does not fall with mu everywhere (a sliding edge may happen to stop early).
     last = np.where(fails.any(axis=1), many - np.argmax(fails[:, ::-1], axis=1), 0)
     return np.append(FRICTIONS, np.inf)[last]
@@ -172,7 +173,7 @@ class _Bodies:
         self._p = table
         self._g = gravity
         self.phi, self.duration, self.impulse = table["phi"], table["duration"], table["impulse"]
-        self._ends = np.stack([table["low"], table["high"]])
+        self._reach = np.maximum(np.abs(table["low"]), np.abs(table["high"]))
         self._has_ends = table["high"] > table["low"]
         self._length = np.where(self._has_ends, table["high"] - table["low"], 1.0)
         n = len(cases)
@@ -181,6 +182,7 @@ class _Bodies:
         self.least_load = np.full(n, np.inf)
         self.goes_on = np.ones(n, dtype=bool)
         self.load_counts = False
+        self.most_slip = np.inf
 
     def going_on(self) -> _Bodies:
         """Those of them that go on."""
@@ -229,12 +231,12 @@ class _Bodies:
         self._rate = np.where((self.theta <= 0) & (self._rate < 0), 0.0, self._rate)
         self._slid = np.where(go, self._slid + dt * self._u, self._slid)
         self._yaw = np.where(go, self._yaw + dt * self._yaw_rate, self._yaw)
-        by_yaw = np.abs(self._ends).max(axis=0) * np.abs(self._yaw)
+        by_yaw = self._reach * np.abs(self._yaw)
         self.slip = np.maximum(self.slip, np.maximum(np.abs(self._slid), by_yaw))
         if self.load_counts:
             self.least_load = np.where(go, np.minimum(self.least_load, load), self.least_load)
             rocks_back = (self._rate <= 0) & (np.abs(self._u) <= CREEP)
-            self.goes_on = go & (self.theta < self.phi) & np.logical_not(rocks_back) & (load > 0)
+            self.goes_on = go & (self.theta < self.phi) & np.logical_not(rocks_back) & (load > 0) & (self.slip <= self.most_slip)
 
     def _turn(self, dt: Array, turning: Array, load: Array, shear: Array, flat: NDArray[np.bool_], s: Array, z: Array) -> None:
         """Yaw, where it asks more friction of an end than that has: about the edge, as if the plane's motion went on undisturbed."""
@@ -246,11 +248,11 @@ class _Bodies:
         i_zy = cosine * p["i_zy"] - sine * p["i_xy"] - m * z * y
         roll = i_xy * turning + i_zy * square + m * self._g * y
         yaw = i_zy * turning - i_xy * square
-        low, high = self._ends
-        normal = np.stack([high * load - roll, roll - low * load]) / self._length
-        most = p["friction"] * np.clip(normal, 0.0, np.maximum(load, 0.0))
+        low, high, room = p["low"], p["high"], np.maximum(load, 0.0)
+        at_low = p["friction"] * np.minimum(np.maximum((high * load - roll) / self._length, 0.0), room)
+        at_high = p["friction"] * np.minimum(np.maximum((roll - low * load) / self._length, 0.0), room)
         # F at the low end; the other carries the rest of the shear. What it must be, and what the two ends' friction allows.
-        least, greatest = np.maximum(-most[0], shear - most[1]), np.minimum(most[0], shear + most[1])
+        least, greatest = np.maximum(-at_low, shear - at_high), np.minimum(at_low, shear + at_high)
         middle = (least + greatest) / 2
         least, greatest = np.minimum(least, middle), np.maximum(greatest, middle)
         wanted = (high * shear + yaw) / self._length

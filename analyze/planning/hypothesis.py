@@ -96,6 +96,10 @@ def hypothesis(model: ObjectModel) -> Hypothesis:
 
     `UNEVEN_FILLING` of the half extent is added, because masses are hidden: symmetry of the outside says nothing of them. Clipped.
     """
+    return model.once("hypothesis", _hypothesis)
+
+
+def _hypothesis(model: ObjectModel) -> Hypothesis:
     points, areas = surface_samples(model, SAMPLES_ACROSS)
     weight = areas / areas.sum()
     shell_centre = weight @ points

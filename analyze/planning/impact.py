@@ -97,6 +97,8 @@ def impact_points(
     start, top = float(world[:, 0].min()) - 0.1, float(world[:, 2].max())
     heights = np.arange(HEIGHT_STEP / 2, top, HEIGHT_STEP)
     distance, glance = _profile(model, axis, heights, start)
+    centres = np.array([centre for centre, _ in cards]).reshape(-1, 3)
+    near_to = np.array([0.5 * CARD * edge + TIP_RADIUS for _, edge in cards])
     result: list[ImpactPoint] = []
     tried = np.flatnonzero((heights >= striker.lowest_m) & (heights <= min(top - BELOW_TOP, striker.highest_m)))
     free, worst_glances = _free(heights, distance, glance, tried)
@@ -104,7 +106,7 @@ def impact_points(
         height = float(heights[i])
         point = R.T @ (np.array([start + distance[i], 0.0, height]) - p)
         friction = [friction_at_impact(each, height) for each in swings]
-        near = any(np.linalg.norm(point - centre) < 0.5 * CARD * edge + TIP_RADIUS for centre, edge in cards)
+        near = bool(np.any(np.linalg.norm(point - centres, axis=1) < near_to))
         result.append(ImpactPoint(height, point, friction[0], max(friction), worst_glance, near))
     return result
 

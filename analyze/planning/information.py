@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -95,15 +96,34 @@ class Information:
     belief: Belief
     errors: Errors
 
-    @property
+    @cached_property
     def units(self) -> Array:
         """(14,) prior 1 sigma of the shared unknowns: m, kg m^2, then those of `Errors`."""
         e, i = self.errors, self.belief.inertia_sd
         # Off-diagonal entries have 1/sqrt 2, so that the moment about every direction is as uncertain.
         return np.array([*[self.belief.com_sd] * 3, *[i] * 3, *[i / np.sqrt(2)] * 3, e.mass, e.gravity, e.tilt, e.scale, e.edge_radius])
 
+    @cached_property
+    def _rows(self) -> dict[int, tuple[Candidate, Array, Array, Array]]:
+        """Of each candidate that was asked for: itself, its `rows` and the inverse covariance (2, 2) of one strike."""
+        return {}
+
+    @cached_property
+    def _of_axis(self) -> dict[tuple[int, int], tuple[Candidate, Array]]:
+        """Each candidate that was asked for, and `of_axis` of it."""
+        return {}
+
     def rows(self, each: Candidate) -> tuple[Array, Array]:
         """Derivatives (2, 14) and (2, 4) of phi and ln k by the shared and the axis's own unknowns, in units of their sd."""
+        return self._told(each)[:2]
+
+    def _told(self, each: Candidate) -> tuple[Array, Array, Array]:
+        if id(each) not in self._rows:
+            noise = each.noise + np.diag([self.errors.strike_angle**2, 0.0])
+            self._rows[id(each)] = (each, *self._derivatives(each), np.asarray(np.linalg.inv(noise), dtype=np.float64))
+        return self._rows[id(each)][1:]
+
+    def _derivatives(self, each: Candidate) -> tuple[Array, Array]:
         e, axis, swing = self.errors, each.axis, each.expected
         R, rho, phi = swing.distance, axis.radius, swing.phi
         across = -each.normal / R
@@ -132,8 +152,7 @@ class Information:
 
     def weight(self, each: Candidate, strikes: int) -> Array:
         """Inverse covariance (2, 2) of phi and ln k from `strikes` more on this axis and those made before, all at the usual heading."""
-        noise = each.noise + np.diag([self.errors.strike_angle**2, 0.0])
-        return strikes * np.linalg.inv(noise) + self.belief.made.get(each.axis.id, {}).get(USUAL, np.zeros((2, 2)))
+        return strikes * self._told(each)[2] + self.belief.made.get(each.axis.id, {}).get(USUAL, np.zeros((2, 2)))
 
     def seen(self, each: Candidate, strikes: int) -> tuple[Array, Array, Array]:
         """All that is known of an axis, `strikes` more among it, each of its h headings by itself.
@@ -159,6 +178,12 @@ class Information:
 
     def of_axis(self, each: Candidate, strikes: int) -> Array:
         """Information (14, 14) about the shared unknowns; the axis's own are integrated out."""
+        asked = (id(each), strikes)
+        if asked not in self._of_axis:
+            self._of_axis[asked] = (each, self._marginal(each, strikes))
+        return self._of_axis[asked][1]
+
+    def _marginal(self, each: Candidate, strikes: int) -> Array:
         shared, own, weight = self.seen(each, strikes)
         # (W^-1 + B B^T)^-1 by Woodbury, for W that may be singular (no k).
         inner = np.linalg.inv(np.eye(own.shape[1]) + own.T @ weight @ own)

@@ -84,6 +84,10 @@ def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
 
     From the largest facet on, neighbours are taken in whose corners lie in its plane within `COPLANAR` and which point alike.
     """
+    return model.once("resting planes", _resting_planes)
+
+
+def _resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
     hull = ConvexHull(model.hull_vertices)
     vertices, facets, normals = hull.points, hull.simplices, hull.equations[:, :3]
     a, b, c = np.moveaxis(vertices[facets], 1, 0)
