@@ -274,8 +274,9 @@ def _refined(points: Array, planes: list[tuple[Array, float]], sd: float, spacin
     fitted: list[FittedPlane] = []
     for _ in range(rounds):
         fitted = []
+        heights = _heights(points, current, sd)
         for index in range(len(current)):
-            plane = _fit(points, face_weights(points, current, index, sd, spacing), centre)
+            plane = _fit(points, face_weights(points, current, index, sd, spacing, heights), centre)
             if plane is not None and not any(
                 plane.normal @ other.normal > ALIKE and abs(other.heights(plane.centre[None])[0]) < BAND * sd for other in fitted
             ):
@@ -290,14 +291,19 @@ def _refined(points: Array, planes: list[tuple[Array, float]], sd: float, spacin
     return sorted(fitted, key=lambda plane: -plane.count)
 
 
-def face_weights(points: Array, planes: list[tuple[Array, float]], index: int, sd: float, spacing: float) -> Array:
+def _heights(points: Array, planes: list[tuple[Array, float]], sd: float) -> Array:
+    """(n, p) of each point over each plane, in sd."""
+    return np.column_stack([points @ normal - offset for normal, offset in planes]) / sd if planes else np.zeros((len(points), 0))
+
+
+def face_weights(points: Array, planes: list[tuple[Array, float]], index: int, sd: float, spacing: float, heights: Array) -> Array:
     """Chance (n,) that each point was seen on face `index`, and 0 near its outline.
 
     A face evenly sampled and blurred by the noise has the density phi(d_i) * prod Phi(-d_j) at heights d over itself and its walls; a
     point's chance of being of face i is its share of the sum over the faces (McLachlan and Peel, Finite Mixture Models, 2000, section 2.8).
-    Weighted so, points of the walls do not pull the face inwards, however near the edge.
+    Weighted so, points of the walls do not pull the face inwards, however near the edge. `heights` (n, p) are of each point over each
+    plane, in sd.
     """
-    heights = np.column_stack([points @ normal - offset for normal, offset in planes]) / sd
     mine = np.abs(heights[:, index]) < FIT_BAND
     weights = np.zeros(len(points))
     if mine.sum() < FEWEST:

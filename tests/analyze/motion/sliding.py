@@ -84,13 +84,15 @@ def simulate(
     t, contact, landed = 0.0, True, False
     slip0 = 0.0
     stick = True
+    pushed = max(push.at + push.seconds for push in pushes)
     while t < seconds:
         log.append((t, th, x - body.rho * th - slip0, z - body.rho))
-        force = sum(_force(push, t) for push in pushes)
-        height = next((push.height for push in pushes if push.at <= t <= push.at + push.seconds), 0.0)
         if landed:
-            t += STEP
-            continue
+            break  # and lies there
+        force = height = 0.0
+        if t <= pushed:
+            force = sum(_force(push, t) for push in pushes)
+            height = next((push.height for push in pushes if push.at <= t <= push.at + push.seconds), 0.0)
         acceleration = _acceleration(body, (x, z, th, vx, vz, om), force, height, contact=contact, stick=stick)
         ax, az, alpha, normal, stick = acceleration
         if contact and normal < 0:
