@@ -150,25 +150,29 @@ def driven(time: Array, parameters: Array, slip: Array, lift: Array, radius: flo
         radius: m, of the rounding.
         kick: time index, and the jumps in speed (c,) [rad/s] there.
     """
-    phi, k, theta, turn = (parameters[:, i].copy() for i in range(4))
+    phi, k = parameters[:, 0].copy(), parameters[:, 1].copy()
+    state = parameters[:, 2:4].T.copy()
     by_g = k / G
     rolled, by_rounding = radius * k / _R_TIMES_K, radius * by_g
     found = np.empty((len(time), len(phi)))
-    found[0] = theta
+    found[0] = state[0]
 
-    def rate(theta: Array, turn: Array, s: Array, z: Array) -> tuple[Array, Array]:
-        psi = phi - theta
+    def rate(state: Array, s: Array, z: Array) -> Array:
+        """With s and z, the speeds of the edge, times k / g."""
+        psi = phi - state[0]
         sin, cos = np.sin(psi), np.cos(psi)
-        speed = turn - by_g * ((cos + rolled) * s + sin * z)
+        found = np.empty_like(state)
+        speed = np.subtract(state[1], (cos + rolled) * s + sin * z, out=found[0])
         # Rolling on its rounding, as pendulum.trajectory has it.
-        pull = sin * (k + by_rounding * speed**2) / (1.0 - 2.0 * by_rounding * (1.0 - cos))
-        return speed, -pull + by_g * (sin * s - cos * z) * speed
+        pull = sin * (k + by_rounding * (speed * speed)) / (1.0 - 2.0 * by_rounding * (1.0 - cos)) if radius else sin * k
+        np.subtract((sin * s - cos * z) * speed, pull, out=found[1])
+        return found
 
     for i in range(1, len(time)):
         if kick is not None and i - 1 == kick[0]:
-            turn = turn + kick[1]
+            state[1] += kick[1]
         gap = float(time[i] - time[i - 1])
-        s, z = (slip[i] - slip[i - 1]) / gap, (lift[i] - lift[i - 1]) / gap
-        theta, turn = advanced(partial(rate, s=s, z=z), theta, turn, gap, _MOST_STEP_S)
-        found[i] = theta
+        s, z = by_g * ((slip[i] - slip[i - 1]) / gap), by_g * ((lift[i] - lift[i - 1]) / gap)
+        state = advanced(partial(rate, s=s, z=z), state, gap, _MOST_STEP_S)
+        found[i] = state[0]
     return found

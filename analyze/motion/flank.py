@@ -83,7 +83,7 @@ class Flank:
 
     def at(self, theta: Array) -> tuple[Array, Array, Array]:
         """height, ahead and radius [m] at theta [rad], each of theta's shape; beyond its ends the flank goes on as it ends."""
-        place = np.clip((theta - self.start) / self.step, 0.0, len(self.height) - 1.001)
+        place = np.minimum(np.maximum((theta - self.start) / self.step, 0.0), len(self.height) - 1.001)
         index = place.astype(np.intp)
         share = (place - index)[..., None]
         row = self._table[index] * (1.0 - share) + self._table[index + 1] * share

@@ -57,28 +57,33 @@ def rolled(time: Array, x: Array, flank: Flank, slide: tuple[Array, Array] | Non
     """
     one, a, b = x[:, 0], x[:, 1], x[:, 2]
     body = x[:, :3]
-    theta = x[:, 3].copy()
-    turn = x[:, 4] * np.maximum(1.0 + np.sum(columns(flank, theta)[0] * body, axis=-1), _LEAST)
+    theta = x[:, 3]
+    state = np.stack([theta, x[:, 4] * np.maximum(1.0 + np.sum(columns(flank, theta)[0] * body, axis=-1), _LEAST)])
     found = np.empty((len(time), len(theta)))
     found[0] = theta
 
-    def rate(theta: Array, turn: Array, u: Array | None, z: Array | None) -> tuple[Array, Array]:
+    def rate(state: Array, u: Array | None, z: Array | None) -> Array:
+        theta, turn = state
         h, ahead, radius = flank.at(theta)
         cos, sin = np.cos(theta), np.sin(theta)
         s, slope = one * h + a * cos + b * sin, one * ahead - a * sin + b * cos
         inertia = np.maximum(1.0 + h * (2.0 * s - one * h) + ahead * (2.0 * slope - one * ahead), _LEAST)
         if u is None or z is None:
-            speed = np.clip(turn / inertia, -_FASTEST, _FASTEST)
-            return speed, -slope * (G - radius * speed * speed)
-        speed = np.clip((turn - s * u - slope * z) / inertia, -_FASTEST, _FASTEST)
-        return speed, -slope * (G - radius * speed * speed) + (slope * u + (one * radius - s) * z) * speed
+            speed = _possible(turn / inertia)
+            return np.stack([speed, -slope * (G - radius * speed * speed)])
+        speed = _possible((turn - s * u - slope * z) / inertia)
+        return np.stack([speed, -slope * (G - radius * speed * speed) + (slope * u + (one * radius - s) * z) * speed])
 
     for i in range(1, len(time)):
         gap = float(time[i] - time[i - 1])
         u, z = (None, None) if slide is None else ((path[i] - path[i - 1]) / gap for path in slide)
-        theta, turn = advanced(partial(rate, u=u, z=z), theta, turn, gap, _MOST_STEP_S)
-        found[i] = theta
+        state = advanced(partial(rate, u=u, z=z), state, gap, _MOST_STEP_S)
+        found[i] = state[0]
     return found
+
+
+def _possible(speed: Array) -> Array:
+    return np.minimum(np.maximum(speed, -_FASTEST), _FASTEST)
 
 
 def tips_at(flank: Flank, body: Array) -> float | None:

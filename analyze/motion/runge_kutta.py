@@ -11,25 +11,20 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 
-def advanced(
-    rate: Callable[[Array, Array], tuple[Array, Array]], theta: Array, turn: Array, gap: float, most: float
-) -> tuple[Array, Array]:
-    """Theta and its momentum (c,) after `gap` [s], in even steps of at most `most` [s].
+def advanced(rate: Callable[[Array], Array], state: Array, gap: float, most: float) -> Array:
+    """The state (2, c), theta [rad] over its momentum, after `gap` [s], in even steps of at most `most` [s].
 
     Args:
-        rate: their derivatives by time, of theta and momentum (c,).
-        theta: rad.
-        turn: whatever `rate` takes for the momentum.
+        rate: its derivative (2, c) by time.
+        state: now; the momentum is whatever `rate` takes for it.
         gap: s.
         most: s.
     """
     steps = max(1, math.ceil(gap / most))
     h = gap / steps
     for _ in range(steps):
-        a1, b1 = rate(theta, turn)
-        a2, b2 = rate(theta + h / 2 * a1, turn + h / 2 * b1)
-        a3, b3 = rate(theta + h / 2 * a2, turn + h / 2 * b2)
-        a4, b4 = rate(theta + h * a3, turn + h * b3)
-        theta = theta + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
-        turn = turn + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4)
-    return theta, turn
+        first = rate(state)
+        second = rate(state + h / 2 * first)
+        third = rate(state + h / 2 * second)
+        state = state + h / 6 * (first + 2 * (second + third) + rate(state + h * third))
+    return state
