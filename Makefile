@@ -53,7 +53,7 @@ demo: setup  ## a whole session on the virtual rig, and its answer beside the tr
 	@$(BIN)/analyze report $(DEMO_FILE) -o $(DEMO_FILE:.mcap=.html)
 	@$(BIN)/analyze replay $(DEMO_FILE) --save $(DEMO_FILE:.mcap=.rrd)
 
-# What only computes runs on all cores, long files first (tests/conftest.py), lest one core ends alone. What keeps time with devices mostly waits for them, the longest of it (whole sessions) first.
+# What only computes runs on all cores. What keeps time with devices mostly waits for them. Long files first (tests/conftest.py), lest one worker ends alone.
 COMPUTING := tests/analyze tests/schemas tests/test_architecture.py
 TIMED := tests/system tests/contracts tests/acquire
 

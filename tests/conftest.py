@@ -32,20 +32,26 @@ ATTEMPTS = 4
 
 
 LONGEST = (
-    "reproduce/test_paper.py",
-    "batch/test_run.py",
-    "replay/test_in_browser.py",
-    "calibration/test_calibrate_command.py",
-    "replay/test_run.py",
-    "results/",
-    "test_answer.py",
-    "geometry/test_shape_files.py",
-    "tracking/test_recovery.py",
-    "cards/test_cards.py",
-    "planning/",
-    "registration/",
+    "analyze/reproduce/test_paper.py",
+    "analyze/batch/test_run.py",
+    "analyze/replay/test_in_browser.py",
+    "analyze/calibration/test_calibrate_command.py",
+    "analyze/replay/test_run.py",
+    "analyze/results/",
+    "analyze/test_answer.py",
+    "analyze/geometry/test_shape_files.py",
+    "analyze/tracking/test_recovery.py",
+    "analyze/cards/test_cards.py",
+    "analyze/planning/",
+    "analyze/registration/",
+    "system/test_demo.py",
+    "acquire/camera/test_aravis.py",
+    "system/test_bad_rig.py",
+    "acquire/test_capture.py",
+    "acquire/striker/test_dynamixel.py",
+    "acquire/test_preflight_devices.py",
 )
-"""of the tests that compute: begun first, so that no core works on one of them when the others have nothing left"""
+"""begun first, so that no worker is busy with one of them when the others have nothing left"""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -61,9 +67,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Long files first; else in their order."""
-    places = {
-        item: next((i for i, name in enumerate(LONGEST) if f"analyze/{name}" in item.path.as_posix()), len(LONGEST)) for item in items
-    }
+    places = {item: next((i for i, name in enumerate(LONGEST) if f"tests/{name}" in item.path.as_posix()), len(LONGEST)) for item in items}
     items.sort(key=places.__getitem__)
 
 

@@ -17,9 +17,10 @@ def hat(vector: Array) -> Array:
     """Matrices (..., 3, 3) that multiply as the cross product with `vector` (..., 3) does."""
     vector = np.asarray(vector, dtype=np.float64)
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    zero = np.zeros_like(x)
-    rows = [np.stack(row, axis=-1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
-    return np.stack(rows, axis=-2)
+    found = np.zeros((*vector.shape, 3))
+    found[..., 2, 1], found[..., 0, 2], found[..., 1, 0] = x, y, z
+    found[..., 1, 2], found[..., 2, 0], found[..., 0, 1] = -x, -y, -z
+    return found
 
 
 def plane_basis(up: Array) -> tuple[Array, Array]:

@@ -9,7 +9,7 @@ from analyze.tracking.camera_model import pixel_map, undistort
 from analyze.tracking.edges import fit_square
 from analyze.tracking.track import MarkerFollower, track_markers
 from analyze.types import ImageFrame, Marker
-from tests.analyze.tracking.rendering import Look, corners_of, paint, project, render
+from tests.analyze.tracking.rendering import Look, corners_of, paint, project
 
 SIZE = 0.03
 FACING = np.diag([1.0, -1.0, -1.0])
@@ -21,8 +21,25 @@ def at(x, y=0.0, turned=0.0):
 
 
 def film(camera, rng, places):
-    """places: for each frame a list of (name, R, p)."""
-    return [ImageFrame(i * FRAME_NS, i, render(camera, [(name, SIZE, R, p) for name, R, p in each], rng)) for i, each in enumerate(places)]
+    """places: for each frame a list of (name, R, p); one that is the same list again is drawn once."""
+    drawn = {id(each): paint(camera, [(name, SIZE, R, p) for name, R, p in each], Look()) for each in places}
+    return [
+        ImageFrame(i * FRAME_NS, i, grey(drawn[id(each)] + rng.normal(0, Look().noise, drawn[id(each)].shape)))
+        for i, each in enumerate(places)
+    ]
+
+
+def grey(image):
+    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+
+
+def noisy(clean, corners, noise, rng):
+    """With noise about the tag at `corners` (4, 2) px: there is nothing else to be seen."""
+    low, high = np.floor(corners.min(axis=0)).astype(int) - 30, np.ceil(corners.max(axis=0)).astype(int) + 31
+    about = (slice(max(low[1], 0), high[1]), slice(max(low[0], 0), high[0]))
+    image = clean.copy()
+    image[about] += rng.normal(0, noise, image[about].shape)
+    return grey(image)
 
 
 def covered(frame, left, right):
@@ -88,9 +105,10 @@ def test_a_resting_tags_errors_are_as_independent_as_the_noise(camera):
     """Frames at rest are fitted from where the last one ended: that must leave no memory."""
     rng, clean = np.random.default_rng(5), paint(camera, [(7, SIZE, *at(0.01, 0.0, 0.4))], Look())
     follower, errors = MarkerFollower(camera, [Marker(7, SIZE, None)], [7]), []
-    truth = undistort(camera, project(camera, corners_of(SIZE) @ at(0, 0, 0.4)[0].T + at(0.01)[1]))
+    raw = project(camera, corners_of(SIZE) @ at(0, 0, 0.4)[0].T + at(0.01)[1])
+    truth = undistort(camera, raw)
     for i in range(150):
-        image = np.clip(np.rint(clean + rng.normal(0, 4, clean.shape)), 0, 255).astype(np.uint8)
+        image = noisy(clean, raw, 4, rng)
         errors.append(follower.add(ImageFrame(i * FRAME_NS, i, image))[7].corners - truth)
     errors = np.array(errors).reshape(150, 8)
     errors -= errors.mean(axis=0)
@@ -109,7 +127,7 @@ def test_the_covariance_is_what_the_errors_show(camera, noise):
         raw = project(camera, corners_of(SIZE) @ R.T + p)
         start = undistort(camera, raw)
         for _ in range(20):
-            image = np.clip(np.rint(clean + rng.normal(0, noise, clean.shape)), 0, 255).astype(np.uint8)
+            image = noisy(clean, raw, noise, rng)
             square = fit_square(image, pixels, start, raw)
             off = square.corners - start
             squares.append(np.einsum("ci,cij,cj->c", off, np.linalg.inv(square.covariance), off) / 2)
@@ -132,8 +150,8 @@ def test_a_moving_tag_is_measured_at_the_middle_of_the_exposure(camera, exposure
         clean = np.mean([paint(camera, [(7, SIZE, *pose(t))], Look()) for t in steps], axis=0)
         R, p = pose(0.0)
         truth = undistort(camera, project(camera, corners_of(SIZE) @ R.T + p))
-        image = np.clip(np.rint(clean + rng.normal(0, 1, clean.shape)), 0, 255).astype(np.uint8)
-        square = fit_square(image, pixels, truth, project(camera, corners_of(SIZE) @ R.T + p))
+        raw = project(camera, corners_of(SIZE) @ R.T + p)
+        square = fit_square(noisy(clean, raw, 1, rng), pixels, truth, raw)
         a, b = ((q - q.mean(0)) @ np.array([1, 1j]) for q in (truth, square.corners))
         turned.append(np.angle(np.vdot(a, b)))
         off.append(square.corners.mean(axis=0) - truth.mean(axis=0))
