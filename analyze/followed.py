@@ -8,6 +8,7 @@ import struct
 from pathlib import Path
 from types import TracebackType
 
+from analyze.compressed_video import SCHEMA as VIDEO
 from analyze.errors import RecordingError
 from analyze.image_message import decode_image
 from analyze.indexed_file import RecordedMessage
@@ -114,6 +115,11 @@ class FollowedRecording:
         Raises:
             RecordingError: it holds none.
         """
+        if self._schema_of.get(message.topic) == VIDEO:
+            raise RecordingError(
+                f"{self.path}: holds a film as it was coded (`analyze import`), which nobody writes any more: use `analyze estimate` or "
+                "`analyze replay`"
+            )
         try:
             image = decode_image(self._schema_of.get(message.topic, ""), message.data)
         except ContainerError as error:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
@@ -12,8 +10,8 @@ from numpy.typing import NDArray
 
 from acquire.errors import RecorderError
 from schemas.container import Buffer
+from schemas.packed import timestamp_field, varint
 
-_TIMESTAMP_FIELD = bytes([1 << 3 | 2])
 _DATA_FIELD = bytes([6 << 3 | 2])
 
 
@@ -27,13 +25,13 @@ class RawImageEncoder:
         image = RawImage(width=width, height=height, encoding="mono8", step=width, frame_id=camera)
         self._shape = (height, width)
         self._size = width * height
-        self._after_time = image.SerializeToString(deterministic=True) + _DATA_FIELD + _varint(width * height)
+        self._after_time = image.SerializeToString(deterministic=True) + _DATA_FIELD + varint(width * height)
 
     def prefix(self, log_time_ns: int, size: int) -> bytes:
         """The message before its pixels, of which there are `size` bytes."""
         if size != self._size:
             raise RecorderError(f"an image has {size} bytes, the recording's are {self._shape[1]} x {self._shape[0]}")
-        return _timestamp(log_time_ns) + self._after_time
+        return timestamp_field(log_time_ns) + self._after_time
 
     def encode(self, log_time_ns: int, image: NDArray[np.uint8]) -> list[Buffer]:
         """Parts of the message; the last one is a view of `image` (height, width)."""
@@ -41,7 +39,7 @@ class RawImageEncoder:
             raise RecorderError(f"image is {image.shape[1]} x {image.shape[0]}, the recording's are {self._shape[1]} x {self._shape[0]}")
         if not image.flags.c_contiguous:
             image = np.ascontiguousarray(image)
-        return [_timestamp(log_time_ns) + self._after_time, image.data.cast("B")]
+        return [timestamp_field(log_time_ns) + self._after_time, image.data.cast("B")]
 
 
 def png_message(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> bytes:
@@ -57,29 +55,3 @@ def png_message(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> byte
         raise RecorderError("image could not be encoded as PNG")
     stamp = Timestamp(seconds=log_time_ns // 10**9, nanos=log_time_ns % 10**9)
     return CompressedImage(timestamp=stamp, frame_id=camera, data=data.tobytes(), format="png").SerializeToString()
-
-
-def _timestamp(time_ns: int) -> bytes:
-    seconds, nanos = divmod(time_ns, 10**9)
-    if nanos >= 1 << 28:  # three of four times: without the loop
-        return _seconds(seconds, 5) + bytes(
-            (nanos & 127 | 128, nanos >> 7 & 127 | 128, nanos >> 14 & 127 | 128, nanos >> 21 & 127 | 128, nanos >> 28)
-        )
-    end = _varint(nanos)
-    return _seconds(seconds, len(end)) + end
-
-
-@lru_cache(maxsize=8)
-def _seconds(seconds: int, behind: int) -> bytes:
-    """Of a timestamp field, what stands before its `behind` bytes of nanoseconds."""
-    body = b"\x08" + _varint(seconds) + b"\x10"
-    return _TIMESTAMP_FIELD + (len(body) + behind).to_bytes() + body
-
-
-def _varint(value: int) -> bytes:
-    result = bytearray()
-    while value > 127:
-        result.append(value & 127 | 128)
-        value >>= 7
-    result.append(value)
-    return bytes(result)

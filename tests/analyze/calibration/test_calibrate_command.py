@@ -16,6 +16,7 @@ from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import LensModel, TimeSource
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph
+from tests.analyze.importing.filmed import film
 from tests.analyze.tracking.rendering import Look
 from tests.small_recording import START_NS, manifest, write_head
 
@@ -105,6 +106,23 @@ def test_where_the_camera_stands_is_measured_by_the_board_on_the_table(folder):
     assert max(place["position_sd_m"]) < 3e-4
     turned = np.degrees(np.arccos(min(1.0, 0.5 * (np.trace(T[:3, :3].T @ WORLD_CAMERA[:3, :3]) - 1))))
     assert turned < 4 * np.degrees(np.linalg.norm(place["turn_sd_rad"]))
+
+
+def test_films_of_the_board_tell_what_its_images_tell(folder, tmp_path):
+    """Each view is held for a while, as by hand; the table's film gives its first image."""
+    views = [cv2.imread(str(folder / f"{number}.png"), cv2.IMREAD_GRAYSCALE) for number in range(7)]
+    lying = cv2.imread(str(folder / "table" / "lying.png"), cv2.IMREAD_GRAYSCALE)
+    still = film(tmp_path / "board.mkv", [view for view in views for _ in range(30)], codec="ffv1", pixels="gray")
+    table = film(tmp_path / "table.MP4", [lying] * 3, qp="0", preset="ultrafast", pixels="gray")
+    filmed = run(still, *SQUARES, "--table", table, "--mark-mm", "0,0,3", "--json", "-o", tmp_path / "camera.toml")
+    assert filmed.exit_code == 0, filmed.output
+    said = json.loads(next(line for line in filmed.stdout.splitlines() if line.startswith("{")))
+    for name, true in (("fx", LENS.fx), ("fy", LENS.fy), ("cx", LENS.cx), ("cy", LENS.cy)):
+        assert abs(said["numbers"][name]["value"] - true) < 4 * said["numbers"][name]["sd"]
+    assert np.all(np.abs(np.array(said["place"]["T_world_camera"]) - WORLD_CAMERA)[:3, 3] < 4 * np.array(said["place"]["position_sd_m"]))
+    bare = run(film(tmp_path / "bare.mkv", [np.full((246, 328), 120, np.uint8)] * 3, codec="ffv1", pixels="gray"), *SQUARES)
+    assert bare.exit_code == 1
+    assert bare.output.count("\n") <= 2
 
 
 def test_the_table_of_what_was_found(folder):

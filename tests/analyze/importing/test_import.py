@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from analyze.batch.archive import find_sources
+from analyze.batch.sparse_copy import sparse_copies
 from analyze.cli import main
 from analyze.errors import ImportRefused, OutputError
 from analyze.evidence import read_evidence, read_head
@@ -199,6 +201,34 @@ def test_what_somebody_else_is_writing_is_left_alone(tmp_path):
     with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared, pytest.raises(OutputError, match="is being written"):
         write(prepared, tmp_path / "o.mcap")
     assert (tmp_path / "o.mcap.part").read_bytes() == b"theirs"
+
+
+def test_a_film_is_not_watched_and_says_so_in_one_line(tmp_path):
+    file = imported(tmp_path, film(tmp_path / "a.mp4", tip()[:12]), whole=True)
+    done = CliRunner().invoke(main, ["watch", str(file)], input="")
+    assert done.exit_code == 1
+    assert done.output.count("\n") == 1
+    assert "holds a film as it was coded" in done.output
+    assert "analyze estimate" in done.output
+
+
+def test_a_bucket_gives_what_a_decoder_needs_where_no_key_picture_comes_for_long(tmp_path, monkeypatch):
+    """Chunks that go on without a key picture, which 64 MiB make, here 20 kB: what lies before the strike is fetched back to the key."""
+    monkeypatch.setattr("schemas.topics.VIDEO_CHUNK_BYTES", 20_000)
+    monkeypatch.setattr("analyze.batch.sparse_copy.VIDEO_CHUNK_BYTES", 20_000)
+    noise = np.random.default_rng(1)
+    busy = [np.clip(image + noise.normal(0, 6, image.shape), 0, 255).astype(np.uint8) for image in [tip()[0]] * 150]
+    path = film(tmp_path / "a.mp4", [*busy, *tip()], crf="20", bf="0", g="95", sc_threshold="0", preset="ultrafast")
+    file = imported(tmp_path, path)
+    with open_recording(file) as recording:
+        [strike] = recording.strikes
+        expected = _images(recording, strike.window_start_ns, strike.window_end_ns)
+    (tmp_path / "copy").mkdir()
+    [source] = find_sources([str(file)])
+    with sparse_copies(source, tmp_path / "copy") as copy, open_recording(copy) as recording:
+        images = _images(recording, strike.window_start_ns, strike.window_end_ns)
+    assert [time for time, _ in images] == [time for time, _ in expected]
+    assert all(np.array_equal(one[1], other[1]) for one, other in zip(images, expected, strict=True))
 
 
 def test_nothing_is_written_unasked(tmp_path):
