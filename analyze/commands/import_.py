@@ -68,6 +68,7 @@ def import_(
     from analyze.importing.run import ImportOptions, prepare
     from analyze.importing.table import render_import, render_written
     from analyze.importing.write import write
+    from analyze.importing.writer import refuse_taken
     from analyze.output_file import refuse_unwritable
     from analyze.progress import StrikeProgress
 
@@ -75,6 +76,7 @@ def import_(
         raise click.UsageError("-o FILE.mcap says where to write the recording (or --dry-run)")
     if output is not None:
         refuse_unwritable(output, *sources, object_path, plan_path, *([] if camera_path is None else [camera_path]))
+        refuse_taken(output)
     how = SourceOptions(capture_fps, times, topic)
     options = ImportOptions(sources, object_path, plan_path, camera_path, strikes, whole, how, capture_fps_sd)
     with StrikeProgress() as progress:

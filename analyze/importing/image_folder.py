@@ -20,6 +20,8 @@ from schemas.session_manifest import TimeSource
 
 _NAME, _TIME = "name", "time_s"
 _NEEDED = f"{_NAME},{_TIME}"
+_LEAST_S, _MOST_S = 1e-5, 0.5
+"""between two images: no camera is as fast, no tip as slow"""
 
 
 class ImageFolder:
@@ -111,6 +113,9 @@ def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
     for (earlier, _), (later, image) in pairwise(timed):
         if later <= earlier:
             raise ImportRefused(f"{path}: two images have the same time, one is {image.name}: correct it")
+    usual_s = 1e-9 * float(np.median(np.diff([time_ns for time_ns, _ in timed])))
+    if not _LEAST_S < usual_s < _MOST_S:
+        raise ImportRefused(f"{path}: its images come every {usual_s:.3g} s: {_TIME} is in seconds: are these milliseconds, or numbers?")
     return timed
 
 

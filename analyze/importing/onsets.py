@@ -1,8 +1,9 @@
 """Where in a film an object that stood still is struck: its marker rests, then turns about a point near it.
 
 A marker that rests is looked for once; from then on every image is compared with it where it lies, which costs next to nothing. When
-that place changes, the marker is looked for again until it is seen to lie still (a finger passed in front of it), to have turned about
-a point as near as an object's edge (a strike), or to be gone (the object was taken away).
+that place changes, the marker is looked for again until it is seen to lie still (a finger passed in front of it), to lie still a little
+aside (it was pushed, and rests anew), to have turned about a point as near as an object's edge (a strike), or to be gone (the object
+was taken away).
 """
 
 from __future__ import annotations
@@ -44,6 +45,8 @@ _REACH = 6.0
 """sides between a marker and the point about which it turns, at most: beyond it the object is carried"""
 _GONE_NS = 1_500_000_000
 """after which a marker that is not seen is not waited for"""
+_UNSEEN_NS = 100_000_000
+"""without an image, in which whatever began is no strike that anybody saw begin: the object was put down anew between two previews"""
 _AFTER_NS = 1_000_000_000
 """after a strike nothing else is looked for: the object falls"""
 _SMALL_PX = 900
@@ -113,7 +116,11 @@ class OnsetFinder:
 
     def _search(self, frame: TimedImage) -> None:
         self._next_ns = frame.time_ns + self._wait(_SEARCH_NS)
-        self._seen = [*self._seen[1 - _STILL_LOOKS :], (frame.time_ns, self._find(frame.image))]
+        self._settles(frame, self._find(frame.image))
+
+    def _settles(self, frame: TimedImage, found: dict[int | str, Array]) -> None:
+        """Take what was found for a rest, once some searches in a row have it in one place."""
+        self._seen = [*self._seen[1 - _STILL_LOOKS :], (frame.time_ns, found)]
         if len(self._seen) < _STILL_LOOKS:
             return
         latest = self._seen[-1][1]
@@ -130,17 +137,23 @@ class OnsetFinder:
         found = self._find(frame.image)
         for name in rest.corners.keys() & found.keys():
             turn, shift, reach = _motion(rest.corners[name], found[name])
+            if abs(turn) > _TURNED and self._moved_ns - rest.quiet_ns > self._wait(_UNSEEN_NS):
+                self._forget(frame.time_ns)
+                return None
             if abs(turn) > _TURNED:
                 self._forget(frame.time_ns + (self._wait(_AFTER_NS) if reach < _REACH else 0))
                 return Onset(rest.since_ns, rest.quiet_ns, self._moved_ns, tuple(sorted(rest.corners, key=str))) if reach < _REACH else None
             if shift < _STILL:
-                rest.quiet_ns, rest.look, self._moving = frame.time_ns, _look(frame.image, rest.place), False
+                rest.quiet_ns, rest.look, self._moving, self._seen = frame.time_ns, _look(frame.image, rest.place), False, []
                 return None
             if shift > _SHIFTED and reach > _REACH:
                 self._forget(frame.time_ns)
                 return None
         if frame.time_ns - rest.quiet_ns > self._wait(_GONE_NS):
             self._forget(frame.time_ns)
+        elif not self._seen or frame.time_ns - self._seen[-1][0] >= self._wait(_SEARCH_NS):
+            # Pushed a little, it rests anew: the strike begins from there.
+            self._settles(frame, found)
         return None
 
     def _wait(self, usual_ns: int) -> int:

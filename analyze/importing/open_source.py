@@ -42,6 +42,8 @@ def open_source(path: Path, options: SourceOptions) -> FrameSource:
         raise ImportRefused(f"{path}: is a ROS 1 bag: make a ROS 2 bag of it with `rosbags-convert --src {path.name} --dst {path.stem}`")
     if options.topic is not None:
         raise ImportRefused(f"{path}: --topic is of MCAP files and ROS 2 bags: leave it out")
+    if options.times is not None and not path.is_dir():
+        raise ImportRefused(f"{path}: --times is of folders of images: a video has times of its own: leave it out")
     if path.is_dir():
         if options.capture_hz is not None:
             raise ImportRefused(f"{path}: --capture-fps is of videos: a folder's images have the times of its CSV")

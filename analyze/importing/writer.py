@@ -58,6 +58,19 @@ class _Small:
     index: dict[int, list[tuple[int, int]]] = field(default_factory=dict[int, list[tuple[int, int]]])
 
 
+def refuse_taken(path: Path) -> None:
+    """Nothing is written over: said before a long film is looked through, too.
+
+    Raises:
+        OutputError: a recording, or one that was begun, is there.
+    """
+    part = path.with_name(path.name + PART_SUFFIX)
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"{path}: exists already: choose another name or move it away")
+    if part.exists():
+        raise OutputError(f"{part}: is being written, or was left by what did not finish: choose another name or move it away")
+
+
 class RecordingWriter:
     """A recording being written. Use it in a `with` statement: after an error nothing is left.
 
@@ -68,8 +81,7 @@ class RecordingWriter:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._part = path.with_name(path.name + PART_SUFFIX)
-        if path.exists():
-            raise OutputError(f"{path}: exists already: choose another name or move it away")
+        refuse_taken(path)
         try:
             self._fd = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         except FileExistsError:

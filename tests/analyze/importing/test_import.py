@@ -15,15 +15,17 @@ from analyze.batch.sparse_copy import sparse_copies
 from analyze.cli import main
 from analyze.errors import ImportRefused, OutputError
 from analyze.evidence import read_evidence, read_head
+from analyze.importing.onsets import OnsetFinder
 from analyze.importing.open_source import SourceOptions
 from analyze.importing.run import ImportOptions, prepare
+from analyze.importing.source import TimedImage
 from analyze.importing.video import VideoSource
 from analyze.importing.write import write
 from analyze.recording import Recording, open_recording
 from analyze.verify import refuse_changed_content
 from schemas.result import Verdict
 from schemas.session_manifest import TimeSource
-from tests.analyze.importing.filmed import PHI, RATE, REST, T_WORLD_CAMERA, K, film, picture, setting, tip
+from tests.analyze.importing.filmed import PHI, RATE, REST, T_WORLD_CAMERA, K, angles, film, picture, setting, tip
 
 STEP_US = 10**6 // RATE
 
@@ -247,3 +249,27 @@ def test_nothing_is_written_unasked(tmp_path):
     assert done.exit_code == 0, done.output
     assert "2 strikes" in done.output
     assert [path.name for path in tmp_path.glob("o.mcap*")] == ["o.mcap"]
+    again = CliRunner().invoke(main, [*command, "--yes"])
+    assert again.exit_code == 1
+    assert again.output.count("\n") == 1, "before the film is looked through"
+    assert "exists already" in again.output
+
+
+def test_an_object_that_was_pushed_a_little_rests_anew(tmp_path):
+    """A finger nudges it, and strikes a while later: the onset is the strike's, not the nudge's."""
+    nudged = [picture(theta, (1.5, 0.0)) for theta in angles()[REST - 15 :]]
+    one = [*[tip()[0]] * 40, *[nudged[0]] * 40, *nudged]
+    with prepare(ImportOptions((film(tmp_path / "a.mp4", one, crf="10"),), *setting(tmp_path))) as prepared:
+        [window] = prepared.windows
+    assert window.onset is not None
+    assert window.onset.time_ns * 1e-9 * RATE == pytest.approx(40 + 40 + 15, abs=3)
+    assert window.onset.rest_ns * 1e-9 * RATE == pytest.approx(40, abs=8)
+
+
+def test_what_moved_while_no_image_was_taken_is_no_strike():
+    """As between two previews of a recording: it was put down turned."""
+    finder = OnsetFinder([3])
+    still, turned = tip()[0], picture(0.3)
+    found = [finder.add(TimedImage(i * 8_333_333, still)) for i in range(40)]
+    found += [finder.add(TimedImage(40 * 8_333_333 + 250_000_000 + i * 8_333_333, turned)) for i in range(40)]
+    assert found == [None] * 80

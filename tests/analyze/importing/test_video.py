@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -107,6 +108,22 @@ def test_a_folder_without_times_is_refused(tmp_path):
     (tmp_path / "images").mkdir()
     with pytest.raises(ImportRefused, match="name,time_s"):
         open_source(tmp_path / "images", SourceOptions())
+
+
+@pytest.mark.parametrize(("unit", "said"), [(1000, "its images come every 8.33 s: time_s is in seconds"), (0, "two images have the same")])
+def test_times_that_are_no_seconds_are_refused(tmp_path, unit, said):
+    for number in range(4):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
+    rows = [f"{number}.png,{number * unit / RATE:.6f}" for number in range(4)]
+    (tmp_path / "times.csv").write_text("\n".join(["name,time_s", *rows]))
+    with pytest.raises(ImportRefused, match=said):
+        open_source(tmp_path, SourceOptions())
+
+
+def test_times_are_not_for_a_video(tmp_path):
+    path = film(tmp_path / "a.mkv", tip()[:2])
+    with pytest.raises(ImportRefused, match="--times is of folders of images"):
+        open_source(path, SourceOptions(times=tmp_path / "times.csv"))
 
 
 def test_video_alone_says_so(tmp_path):
