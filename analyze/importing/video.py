@@ -33,7 +33,7 @@ from schemas.session_manifest import TimeSource
 _KEPT = {"h264": VideoFormat.H264, "hevc": VideoFormat.H265}
 _LOOKED_AT = 1000
 """frames from which the pace is read off"""
-_TOGETHER, _TOGETHER_BYTES = 256, 1 << 20
+_TOGETHER, _TOGETHER_BYTES = 512, 2 << 20
 """pictures and bytes that are handed on at once"""
 
 

@@ -16,6 +16,8 @@ from schemas import container
 from schemas.container import Buffer
 from schemas.container_summary import ChunkSize
 
+WHOLE_CHUNK: Final = 1 << 20
+"""bytes of pictures from which on the next key picture begins another chunk: each costs as much time as ten pictures"""
 _SMALL_PICTURE: Final = 1024
 """bytes of an average picture below which what stands around each counts: 100 bytes, most of them those of the one before"""
 _PACKED_TOGETHER: Final = 4 << 20

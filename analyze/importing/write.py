@@ -23,7 +23,7 @@ from analyze.importing.pace import Missing
 from analyze.importing.run import Import
 from analyze.importing.source import FrameSource
 from analyze.importing.video import VideoSource
-from analyze.importing.video_chunks import OpenChunk
+from analyze.importing.video_chunks import WHOLE_CHUNK, OpenChunk
 from analyze.importing.windows import StrikeWindow
 from analyze.importing.writer import Message, RecordingWriter
 from schemas import topics
@@ -167,8 +167,8 @@ class _Session:
             sizes = np.fromiter(map(len, pictures.data), np.int64, len(pictures.data))
             messages = VideoMessages(self._at_ns + pictures.times_ns, first + numbers, sizes)
             heads = image_messages.video_heads(CAMERA, video.keeps, channel, messages)
-            for part, opens in _parts(pictures.keys):
-                if opens or chunk.size >= topics.VIDEO_CHUNK_BYTES:
+            for part, begins in _parts(pictures.keys):
+                if chunk.size >= (WHOLE_CHUNK if begins else topics.VIDEO_CHUNK_BYTES):
                     self._video_chunk(chunk, lost)
                     chunk = OpenChunk()
                 chunk.add(VideoMessages(*(column[part] for column in messages)), heads[part], pictures.data[part])
