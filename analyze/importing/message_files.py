@@ -13,6 +13,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import Reader
 
 from analyze.errors import ImportRefused
+from schemas.session_manifest import MANIFEST_NAME
 
 BAG_FILE = ".db3"
 METADATA = "metadata.yaml"
@@ -75,6 +76,8 @@ class McapFile:
                 raise ImportRefused(
                     f"{self.path}: holds no index, or no messages: write it anew with `mcap recover {self.path.name} -o NEW.mcap`"
                 )
+            if any(index.name == MANIFEST_NAME for index in summary.metadata_indexes):
+                raise ImportRefused(f"{self.path}: is a recording of ours already: `analyze estimate {self.path.name}` takes it as it is")
             counts = summary.statistics.channel_message_counts if summary.statistics is not None else None
             found: dict[tuple[str, str, str], int | None] = {}
             for number, channel in summary.channels.items():

@@ -16,7 +16,7 @@ from analyze.cli import main
 from analyze.errors import ImportRefused, OutputError
 from analyze.evidence import read_evidence, read_head
 from analyze.importing.onsets import OnsetFinder
-from analyze.importing.open_source import SourceOptions
+from analyze.importing.open_source import SourceOptions, open_source
 from analyze.importing.run import ImportOptions, prepare
 from analyze.importing.source import TimedImage
 from analyze.importing.video import VideoSource
@@ -203,6 +203,13 @@ def test_what_somebody_else_is_writing_is_left_alone(tmp_path):
     with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared, pytest.raises(OutputError, match="is being written"):
         write(prepared, tmp_path / "o.mcap")
     assert (tmp_path / "o.mcap.part").read_bytes() == b"theirs"
+
+
+def test_a_recording_of_ours_is_not_imported_again(tmp_path):
+    """Its film stands in the order of decoding, which a reader by time does not give."""
+    file = imported(tmp_path, film(tmp_path / "a.mp4", tip()[:12], bf="3"), whole=True)
+    with pytest.raises(ImportRefused, match=r"is a recording of ours already: `analyze estimate imported.mcap`"):
+        open_source(file, SourceOptions())
 
 
 def test_a_film_is_not_watched_and_says_so_in_one_line(tmp_path):
