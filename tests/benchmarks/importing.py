@@ -1,4 +1,4 @@
-"""What `analyze import` costs on a gigabyte: time and processor time beside those of its peers, memory; and how large what it writes is.
+"""What `analyze import` costs on a gigabyte: time and processor time beside those of its peers, memory, and how large what it writes is.
 
 A film of a resting tag with a tip now and then is coded once, and its packets are repeated until the file is large. Every measurement is a
 process of its own, they take turns, and the fastest turn of each counts. Peers are demuxing or decoding alone, which write nothing; writing
@@ -27,7 +27,7 @@ from rich.table import Table
 
 from analyze.importing.run import ImportOptions, prepare
 from analyze.importing.write import write
-from tests.analyze.importing.filmed import REST, angles, film, picture, setting, tip
+from tests.analyze.importing.filmed import REST, angles, picture, setting
 
 WIDTH, HEIGHT, RATE = 1280, 960, 240
 STRIKES = 9
@@ -201,22 +201,6 @@ def told(name: str, path: Path, found: dict[str, Figures], own: str) -> None:
     Console(width=120).print(table)
 
 
-def sizes(folder: Path) -> None:
-    """Print how large a recording of small pictures is: a drawn film without noise."""
-    for name, options in (("crf 12", {"crf": "12"}), ("crf 28", {"crf": "28"}), ("crf 28, B-frames", {"crf": "28", "bf": "3"})):
-        path, output = folder / "small.mp4", folder / "small.mcap"
-        film(path, tip() * 20, **{"bf": "0", "preset": "veryfast", "g": str(RATE), **options})
-        with prepare(ImportOptions((path,), *setting(folder), whole=True)) as prepared:
-            written = write(prepared, output)
-        size, each = path.stat().st_size, path.stat().st_size / written.images
-        more = (written.size - size) / written.images
-        sys.stdout.write(
-            f"320 x 240 px without noise, {name}, {written.images} frames: {each:.0f} bytes a frame, the recording {more:.0f} more, "
-            f"recording / film {written.size / size:.2f}\n"
-        )
-        output.unlink()
-
-
 def main() -> None:
     """Make the films, measure, print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -245,7 +229,6 @@ def main() -> None:
         phone.unlink()
         make(mjpeg, "mjpeg", "yuvj420p", 3.0, arguments.bytes, qmin="2", qmax="2")
         told("Motion JPEG, split", mjpeg, turns(mjpeg, folder, ("decode", "split"), 2), "split")
-        sizes(folder)
 
 
 if __name__ == "__main__":
