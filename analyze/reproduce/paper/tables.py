@@ -163,9 +163,8 @@ def honesty(records: Sequence[SessionRecord]) -> Table:
     note = (
         "Scatter: root mean square of error over stated sd; 1 would be right, below 1 the sd is on the safe side. As calibrated, the rig's "
         "files allow for errors of calibration that the virtual rig does not make. Of its mean: the part that is alike in every session of "
-        "an object. The sd of region masses is mostly that of what the moments leave open, which the prior fills, and less that of noise: "
-        "with one body the answer is off by less, with another by more, in every session much the same. It can be right over many bodies "
-        "only; `make coverage` draws them."
+        "an object. Region masses are the mean over all borders and fillings that fit: off by less than the sd for one body, by more for "
+        "another. Over many bodies that comes out; `make coverage` draws them."
     )
     columns = ("calibration", "of", "numbers")
     last = (Column("scatter", 2), Column("of its mean", 2), Column("held by the 95 % interval [%]", 0))
