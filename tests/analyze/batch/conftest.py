@@ -19,8 +19,10 @@ def archive(tmp_path_factory) -> Path:
     (folder / "a").mkdir()
     for number in range(2):
         quick_session(folder / "a" / f"session-{number}.mcap", body_of(0), number, 3)
+    other = tmp_path_factory.mktemp("whole") / "other.mcap"
+    quick_session(other, body_of(0), 9, 3)
     for kind in KINDS:
-        break_file(folder / "a" / "session-1.mcap", folder, kind)
+        break_file(other, folder, kind)
     return folder
 
 
