@@ -34,7 +34,6 @@ ATTEMPTS = 4
 LONGEST = (
     "analyze/reproduce/test_paper.py",
     "analyze/batch/test_run.py",
-    "analyze/replay/test_in_browser.py",
     "analyze/calibration/test_calibrate_command.py",
     "analyze/replay/test_run.py",
     "analyze/results/",
@@ -44,14 +43,9 @@ LONGEST = (
     "analyze/cards/test_cards.py",
     "analyze/planning/",
     "analyze/registration/",
-    "system/test_demo.py",
-    "acquire/camera/test_aravis.py",
-    "system/test_bad_rig.py",
-    "acquire/test_capture.py",
-    "acquire/striker/test_dynamixel.py",
-    "acquire/test_preflight_devices.py",
 )
-"""begun first, so that no worker is busy with one of them when the others have nothing left"""
+"""of those that compute, begun first, so that no worker is busy with one when the others have nothing left; what keeps time stays in its
+order, in which whole sessions do not run beside a camera at full rate"""
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -43,6 +43,7 @@ def address():
             assert process.wait(20) in {0, 130}  # 130: it was still sending
 
 
+@pytest.mark.slow  # that it serves on loopback and ends is told in test_viewer.py; this draws in software, 25 s of both cores
 @pytest.mark.timeout(240)
 def test_the_web_replay_draws_what_was_sent(chromium_webgl, address):
     assert re.match(r"http://127\.0\.0\.1:\d+/", address)
