@@ -1,9 +1,13 @@
 """Corners of a black square to a few hundredths of a pixel: each edge is fitted to the grey values of the pixels along it.
 
 Model of one edge: I = black + (white - black) * Phi(d / s), with d the signed distance of a pixel's centre from the edge line in ideal
-(distortion-free) coordinates, Phi the normal distribution function, s the blur. Five numbers per edge (position, direction, black,
-white, s) are fitted by Gauss-Newton to the raw pixels: nothing is interpolated, so nothing is biased towards pixel centres and the
-noise of neighbouring samples stays independent, which makes the covariance honest. Corners are intersections of neighbouring edges.
+(distortion-free) coordinates, Phi the normal distribution function, s the blur of lens and pixel. Five numbers per edge (position,
+direction, black, white, s) are fitted by Gauss-Newton to the raw pixels: nothing is interpolated, so nothing is biased towards pixel
+centres and the noise of neighbouring samples stays independent, which makes the covariance honest. Corners are intersections of
+neighbouring edges.
+
+A pixel adds up what falls on its square. Beside a lens that blurs by half a pixel that is as good as a little more blur; an edge that is
+sharper (sharpened by a phone, or drawn) is fitted with Phi averaged over the pixel's breadth across the edge.
 """
 
 from __future__ import annotations
@@ -33,7 +37,7 @@ _CONVERGED_PX = 0.02
 """Gauss-Newton converges quadratically: after a step this small the rest is below 0.001 px"""
 _CONVERGED_BLUR_PX = 0.1
 """of s, which the covariance hangs on: left at half its size it makes the sd half as large as the errors"""
-_MOST_STEP, _LEAST_STEP = np.array([1.2, 1.2, 0.5]), np.array([-1.2, -1.2, -0.3])
+_MOST_STEP, _LEAST_STEP = np.array([0.8, 0.8, 0.5]), np.array([-0.8, -0.8, -0.3])
 """px, of one step: line at the middle and its turn, blur"""
 _LEAST_CONTRAST = 12.0
 """grey levels"""
@@ -47,6 +51,12 @@ _SAME_BAND_PX = 0.4
 """px that a square may be expected away from where its band was laid"""
 _ITERATIONS = 8
 """most Gauss-Newton steps; two or three are the rule"""
+_SHARP_PX = 0.5
+"""px; at less blur than this the pixel's own breadth is told from a blur: corners would be 0.004 px off, at 0.3 px 0.06"""
+_LEAST_BLUR, _MOST_BLUR = 0.45, 3.0
+"""px, of lens and pixel"""
+_LEAST_LENS_BLUR = 0.1
+"""px, of the lens alone"""
 _NEXT, _BEFORE = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])
 _EDGE = np.arange(4)
 _ACROSS = np.arange(-_HALF_BAND, _HALF_BAND + 1)
@@ -102,6 +112,22 @@ class _Band:
     """(4, 2) unit"""
     half: Array
     """(4,) ideal px, half an edge's length"""
+
+
+@dataclass(frozen=True)
+class _Level:
+    """Where the descent ended."""
+
+    shape: Array
+    """(4, 3) a, b, s of each edge, s of lens and pixel"""
+    products: Array
+    """(4, 6, 6) as of `_products`, before the last step"""
+    contrast: Array
+    """(4,) grey levels"""
+    variance: Array
+    """(4,) grey levels^2, of the residuals"""
+    moved: float
+    """px, the last step"""
 
 
 @dataclass(frozen=True)
@@ -194,11 +220,32 @@ def _band(shape: tuple[int, ...], pixels: PixelMap, corners_ideal: Array, corner
 def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | None:
     """Gauss-Newton from `start` (4, 3)."""
     grey = image.reshape(-1).take(band.index).astype(float)
+    level = _descend(grey, band, start, None)
+    if level is not None and float(level.shape[:, 2].sum()) < 4.0 * _SHARP_PX:
+        breadth = _breadth(band)
+        sharp = level.shape.copy()
+        sharp[:, 2] = np.sqrt(np.maximum(sharp[:, 2] ** 2 - breadth**2 / 12.0, _LEAST_LENS_BLUR**2))
+        level = _descend(grey, band, sharp, breadth)
+    if level is None or level.moved > 0.3 or np.abs(level.shape[:, :2]).max() > _HALF_BAND or not level.contrast.min() >= _LEAST_CONTRAST:
+        return None
+    covariance_line = np.linalg.inv(level.products[:, :5, :5])[:, :2, :2] * (level.variance / level.contrast**2)[:, None, None]
+    corners, covariance = _intersect(band, level.shape[:, :2], covariance_line)
+    sd = math.sqrt(float((covariance[:, 0, 0] + covariance[:, 1, 1]).sum()) / 8.0)
+    if not math.isfinite(sd):
+        return None
+    blur = float(level.shape[:, 2].sum()) / 4.0
+    noise = math.sqrt(float(level.variance.sum()) / 4.0)
+    return SquareFit(Square(corners, covariance, sd, float(level.contrast.min()), noise, blur), band, level.shape)
+
+
+def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _Level | None:
+    """Gauss-Newton from `start` (4, 3) with pixels as points, or of `breadth` (4,) px; None where there is no edge."""
     shape = start.copy()
+    least = _LEAST_BLUR if breadth is None else _LEAST_LENS_BLUR
     products = np.zeros((4, 6, 6))
     fitted, contrast, moved, weight = np.zeros((4, 5)), np.zeros(4), math.inf, np.zeros(4)
     for _ in range(_ITERATIONS):
-        products, weight = _products(shape, band, grey)
+        products, weight = _products(shape, band, grey, breadth)
         # Black and white are linear in the image: solved for with the step, they need no start.
         try:
             fitted = np.linalg.solve(products[:, :5, :5], products[:, :5, 5:])[..., 0]
@@ -209,26 +256,26 @@ def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | Non
             return None
         step = np.minimum(np.maximum(fitted[:, :3] / -contrast[:, None], _LEAST_STEP), _MOST_STEP)
         shape += step
-        np.minimum(np.maximum(shape[:, 2], 0.25), 3.0, out=shape[:, 2])
+        np.minimum(np.maximum(shape[:, 2], least), _MOST_BLUR, out=shape[:, 2])
         size = np.abs(step).max(axis=0)
         moved = max(size[0], size[1])
         if moved < _CONVERGED_PX and size[2] < _CONVERGED_BLUR_PX:
             break
-    if moved > 0.3 or np.abs(shape[:, :2]).max() > _HALF_BAND or not contrast.min() >= _LEAST_CONTRAST:
-        return None
     # The sum is of before the last step; what the step takes off it is known, because the model is as good as linear there.
     remaining = products[:, 5, 5] - (products[:, :5, 5] * fitted).sum(axis=1)
     variance = np.maximum(remaining, 0.0) / np.maximum(weight - 5.0, 1.0)
-    covariance_line = np.linalg.inv(products[:, :5, :5])[:, :2, :2] * (variance / contrast**2)[:, None, None]
-    corners, covariance = _intersect(band, shape[:, :2], covariance_line)
-    sd = math.sqrt(float((covariance[:, 0, 0] + covariance[:, 1, 1]).sum()) / 8.0)
-    if not math.isfinite(sd):
-        return None
-    blur = float(shape[:, 2].sum()) / 4.0
-    return SquareFit(Square(corners, covariance, sd, float(contrast.min()), math.sqrt(float(variance.sum()) / 4.0), blur), band, shape)
+    if breadth is not None:
+        shape[:, 2] = np.sqrt(shape[:, 2] ** 2 + breadth**2 / 12.0)
+    return _Level(shape, products, contrast, variance, moved)
 
 
-def _products(shape: Array, band: _Band, grey: Array) -> tuple[Array, Array]:
+def _breadth(band: _Band) -> Array:
+    """(4,) ideal px, a pixel's breadth across each edge. That along the longer of its axes: what the shorter adds is as good as blur."""
+    ideal, raw = (corners[_NEXT] - corners for corners in (band.corners_ideal, band.corners_raw))
+    return np.abs(raw).max(axis=1) * np.hypot(ideal[:, 0], ideal[:, 1]) / (raw**2).sum(axis=1)
+
+
+def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> tuple[Array, Array]:
     """Sums of products (4, 6, 6) over the pixels of each edge, and how many pixels it has (4,).
 
     Of: the change of the edge's profile (0 inside, 1 outside) with a, b and s, its sign turned; 1 - profile; profile; grey.
@@ -238,26 +285,41 @@ def _products(shape: Array, band: _Band, grey: Array) -> tuple[Array, Array]:
     np.subtract(band.v, d, out=d)
     d -= shape[:, 0, None]
     weight = ((np.abs(d - band.window[0]) < band.window[1]) & band.valid).astype(float)
-    d /= s
-    # From tables, to 1e-7: the functions themselves cost more than all the rest.
-    place = d * _PER_SIGMA
+    rows = np.empty((4, 6, band.t.shape[1]))
+    profile = rows[:, 4]
+    if breadth is None:
+        d /= s
+        cumulative, density = _normal(d)
+        profile[...] = cumulative
+        density *= weight
+        np.divide(density, s, out=rows[:, 0])
+        np.multiply(rows[:, 0], d, out=rows[:, 2])
+    else:
+        # The mean of Phi over the breadth w: its integral is s (z Phi(z) + phi(z)), which changes with s by phi(z).
+        w = breadth[:, None]
+        lower, upper = (d - 0.5 * w) / s, (d + 0.5 * w) / s
+        (below, density_below), (above, density_above) = _normal(lower), _normal(upper)
+        profile[...] = (upper * above - lower * below + density_above - density_below) * (s / w)
+        np.multiply(above - below, weight / w, out=rows[:, 0])
+        np.multiply(density_below - density_above, weight / w, out=rows[:, 2])
+    profile *= weight
+    np.subtract(weight, profile, out=rows[:, 3])
+    np.multiply(rows[:, 0], band.t, out=rows[:, 1])
+    np.multiply(grey, weight, out=rows[:, 5])
+    return rows @ rows.transpose(0, 2, 1), weight.sum(axis=1)
+
+
+def _normal(z: Array) -> tuple[Array, Array]:
+    """The normal distribution's function and density, from tables, to 1e-7: the functions themselves cost more than all the rest."""
+    place = z * _PER_SIGMA
     index = np.rint(place).astype(np.intp)
     place -= index
     index += _STEEPEST * _PER_SIGMA
     density = _DENSITY.take(index, mode="clip")
     place *= density
     place /= _PER_SIGMA
-    rows = np.empty((4, 6, band.t.shape[1]))
-    profile = rows[:, 4]
-    np.add(_CUMULATIVE.take(index, mode="clip"), place, out=profile)
-    profile *= weight
-    np.subtract(weight, profile, out=rows[:, 3])
-    density *= weight
-    np.divide(density, s, out=rows[:, 0])
-    np.multiply(rows[:, 0], band.t, out=rows[:, 1])
-    np.multiply(rows[:, 0], d, out=rows[:, 2])
-    np.multiply(grey, weight, out=rows[:, 5])
-    return rows @ rows.transpose(0, 2, 1), weight.sum(axis=1)
+    place += _CUMULATIVE.take(index, mode="clip")
+    return place, density
 
 
 def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray, NDArray[np.bool_]] | None:
