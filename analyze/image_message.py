@@ -41,6 +41,13 @@ def image_of_file(data: bytes) -> NDArray[np.uint8] | None:
     return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
+def png_of(image: NDArray[np.uint8]) -> bytes:
+    """A PNG file of an image (height, width)."""
+    import cv2
+
+    return cv2.imencode(".png", image)[1].tobytes()
+
+
 def _raw(data: memoryview) -> NDArray[np.uint8]:
     numbers = {_WIDTH: 0, _HEIGHT: 0, _STEP: 0}
     encoding, pixels = "", memoryview(b"")

@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 
 from analyze.errors import ImportRefused
 from analyze.image_message import image_of_file
-from analyze.importing.source import TimedImage
+from analyze.importing.image_file import ImageFile, image_file
+from analyze.importing.pace import usual_interval
+from analyze.importing.source import TimedFile, TimedImage
 from schemas.session_manifest import TimeSource
 
 _NAME, _TIME = "name", "time_s"
 _NEEDED = f"{_NAME},{_TIME}"
+_FILES = {".png", ".jpg", ".jpeg"}
 _LEAST_S, _MOST_S = 1e-5, 0.5
 """between two images: no camera is as fast, no tip as slow"""
 
@@ -44,7 +47,9 @@ class ImageFolder:
         self._images = _read_times(self._csv, folder)
         self.frame_count: int | None = len(self._images)
         self.time_sd_ns = _step_ns(self._csv)
-        first = self._read(self._images[0][1])
+        self.rate_hz = 1e9 / usual_interval([time_ns for time_ns, _ in self._images])
+        self.holds_files = {path.suffix.lower() for _, path in self._images} <= _FILES
+        first = self._image(self._images[0][1])
         self.height, self.width = first.shape
 
     @property
@@ -54,13 +59,17 @@ class ImageFolder:
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
         """See FrameSource."""
-        for time_ns, path in self._images:
-            if (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns):
-                image = self._read(path)
-                if image.shape != (self.height, self.width):
-                    sizes = f"{image.shape[1]} x {image.shape[0]}, the first {self.width} x {self.height}"
-                    raise ImportRefused(f"{path}: has {sizes}: leave it out of {self._csv.name}")
-                yield TimedImage(time_ns, image)
+        for time_ns, path in self._between(start_ns, end_ns):
+            image = self._image(path)
+            self._refuse_other_size(path, image.shape[1], image.shape[0])
+            yield TimedImage(time_ns, image)
+
+    def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
+        """See FrameSource."""
+        for time_ns, path in self._between(start_ns, end_ns):
+            file = self._file(path)
+            self._refuse_other_size(path, file.width, file.height)
+            yield TimedFile(time_ns, file)
 
     def close(self) -> None:
         """Nothing is open between two readings."""
@@ -71,14 +80,36 @@ class ImageFolder:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    def _read(self, path: Path) -> NDArray[np.uint8]:
+    def _between(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, Path]]:
+        for time_ns, path in self._images:
+            if (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns):
+                yield time_ns, path
+
+    def _image(self, path: Path) -> NDArray[np.uint8]:
+        image = image_of_file(self._read(path))
+        if image is None:
+            raise self._no_image(path)
+        return image
+
+    def _file(self, path: Path) -> ImageFile:
+        file = image_file(self._read(path))
+        if file is None:
+            raise self._no_image(path)
+        return file
+
+    def _read(self, path: Path) -> bytes:
         try:
-            image = image_of_file(path.read_bytes())
+            return path.read_bytes()
         except OSError as error:
             raise ImportRefused(f"{path}: cannot be read: {error.strerror}: check what {self._csv.name} names") from None
-        if image is None:
-            raise ImportRefused(f"{path}: is no image that can be read: leave it out of {self._csv.name}")
-        return image
+
+    def _no_image(self, path: Path) -> ImportRefused:
+        return ImportRefused(f"{path}: is no image that can be read: leave it out of {self._csv.name}")
+
+    def _refuse_other_size(self, path: Path, width: int, height: int) -> None:
+        if (width, height) != (self.width, self.height):
+            sizes = f"{width} x {height}, the first {self.width} x {self.height}"
+            raise ImportRefused(f"{path}: has {sizes}: leave it out of {self._csv.name}")
 
 
 def _only_csv(folder: Path) -> Path:

@@ -16,25 +16,26 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from numpy.typing import NDArray
 
 from analyze.annex_b import VideoFormat
+from analyze.importing.image_file import ImageFile
 from schemas import container
 from schemas.container import Buffer
 from schemas.packed import timestamp_field, varint
 
-_JPEG_DATA = bytes([2 << 3 | 2])
+_FILE_DATA = bytes([2 << 3 | 2])
 _RAW_DATA = bytes([6 << 3 | 2])
 _VIDEO_DATA = bytes([3 << 3 | 2])
 _RECORD_HEAD = np.dtype([("opcode", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")])
 """of a message (schemas/container.py)"""
 
 
-def jpeg(camera: str, log_time_ns: int, picture: Buffer) -> tuple[Buffer, ...]:
-    """Parts of a foxglove.CompressedImage, jpeg."""
-    return timestamp_field(log_time_ns) + _jpeg_head(camera) + _JPEG_DATA + varint(len(picture)), picture
+def compressed_image(camera: str, log_time_ns: int, file: ImageFile) -> tuple[Buffer, ...]:
+    """Parts of a foxglove.CompressedImage."""
+    return timestamp_field(log_time_ns) + _file_head(camera, file.format) + _FILE_DATA + varint(len(file.data)), file.data
 
 
 @cache
-def _jpeg_head(camera: str) -> bytes:
-    return CompressedImage(frame_id=camera, format="jpeg").SerializeToString(deterministic=True)
+def _file_head(camera: str, kind: str) -> bytes:
+    return CompressedImage(frame_id=camera, format=kind).SerializeToString(deterministic=True)
 
 
 class VideoMessages(NamedTuple):

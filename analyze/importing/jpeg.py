@@ -13,28 +13,28 @@ import av
 
 from schemas.container import Buffer
 
-_START = b"\xff\xd8"
+JPEG_START = b"\xff\xd8"
 _TABLES, _SCAN = 0xC4, 0xDA
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {_TABLES, 0xC8, 0xCC}
 """markers of a frame's head, by how it is coded"""
 
 
-def jpeg_file(picture: Buffer, width: int, height: int) -> Buffer | None:
-    """A picture with all that a reader wants of a JPEG file; None where it is damaged or of another size."""
+def jpeg_file(picture: Buffer) -> tuple[Buffer, int, int] | None:
+    """A picture with all that a reader wants of a JPEG file, its width and height; None where it is damaged."""
     tables = size = scan = None
     for marker, at, length in _segments(picture):
         if marker in _FRAMES and length >= 7:
             size = int.from_bytes(picture[at + 3 : at + 5], "big"), int.from_bytes(picture[at + 1 : at + 3], "big")
         tables = at if marker == _TABLES else tables
         scan = at if marker == _SCAN else scan
-    if scan is None or size != (width, height):
+    if scan is None or size is None:
         return None
-    return picture if tables is not None else _START + _usual_tables() + bytes(picture[2:])
+    return (picture if tables is not None else JPEG_START + _usual_tables() + bytes(picture[2:])), *size
 
 
 def _segments(picture: Buffer) -> Iterator[tuple[int, int, int]]:
     """Marker, place and length of each segment's content up to the first scan."""
-    if bytes(picture[:2]) != _START:
+    if bytes(picture[:2]) != JPEG_START:
         return
     at = 2
     while at + 4 <= len(picture) and picture[at] == 0xFF:

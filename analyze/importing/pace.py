@@ -90,15 +90,20 @@ def pace_of(stamps: Sequence[int], unit: Fraction, said_hz: Fraction | None, cap
     rising = np.unique(np.asarray(stamps, dtype=np.int64))
     if len(rising) < 2:
         return None
-    gaps = np.diff(rising)
-    median = float(np.median(gaps))
-    interval_s = float(np.mean(gaps[np.abs(gaps - median) <= _NEAR * median])) * float(unit)
+    interval_s = usual_interval(stamps) * float(unit)
     if said_hz and abs(interval_s * float(said_hz) - 1) < 2e-3:
         interval_s = float(1 / said_hz)
     slowed = Fraction(1) if capture_hz is None else Fraction(interval_s * capture_hz).limit_denominator(100_000)
     said_s = 1 / said_hz if said_hz else None
     steady_s = said_s if said_s is not None and unit > _COARSE * said_s and _is_steady(rising - rising[0], said_s / unit) else None
     return Pace(int(rising[0]), unit, interval_s / float(slowed), slowed, steady_s)
+
+
+def usual_interval(times: Sequence[int]) -> float:
+    """Between two frames that follow each other, by two or more times, in any order; frames that are missing between others leave it."""
+    gaps = np.diff(np.unique(np.asarray(times, dtype=np.int64)))
+    middle = np.sort(gaps)[len(gaps) // 2]  # one of them, so that one at least is near it
+    return float(np.mean(gaps[np.abs(gaps - middle) <= _NEAR * middle]))
 
 
 def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from itertools import islice, pairwise
 from pathlib import Path
-
-import numpy as np
 
 from analyze.annex_b import VideoFormat
 from analyze.errors import ImportRefused
@@ -27,8 +24,6 @@ from schemas.document import read_text
 from schemas.session_manifest import CameraCalibrationSpec
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 
-_RATE_FRAMES = 60
-"""from which the frame rate is read off"""
 _SAME_RATE = 1.2
 """times another: a phone's rate changes with the light by less"""
 _TOLD_EVERY = 50
@@ -85,15 +80,15 @@ class Import:
         return videos if len(videos) == len(self.sources) else None
 
     @property
-    def are_jpegs(self) -> bool:
-        """Whether all sources are Motion JPEG, whose pictures are kept as they are."""
-        return all(isinstance(source, VideoSource) and source.is_jpeg for source in self.sources)
+    def are_files(self) -> bool:
+        """Whether all sources hold PNG or JPEG files, which are kept as they are."""
+        return all(source.holds_files for source in self.sources)
 
     @property
     def formats(self) -> str:
         """How the images are stored, for people."""
-        if self.are_jpegs:
-            return "Motion JPEG, its pictures kept as they are, of the strikes' windows"
+        if self.are_files:
+            return "PNG or JPEG files as they are, of the strikes' windows"
         if self.kept is None:
             return "images as they are decoded, of the strikes' windows"
         names = {VideoFormat.H264: "H.264", VideoFormat.H265: "H.265"}
@@ -165,7 +160,7 @@ def prepare(options: ImportOptions, progress: Progress = lambda _text, _done, _t
             films,
             windows,
             splits,
-            _rate(sources[0]),
+            sources[0].rate_hz,
             calibration,
             place,
             stack.pop_all(),
@@ -183,7 +178,7 @@ def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
 
 
 def _look_through(path: Path, source: FrameSource, markers: Sequence[int | str], progress: Progress) -> Film:
-    frame_ns = 1e9 / _rate(source)
+    frame_ns = 1e9 / source.rate_hz
     finder = OnsetFinder(markers, frame_ns)
     onsets, last_ns = [], None
     for number, frame in enumerate(source.frames()):
@@ -196,18 +191,6 @@ def _look_through(path: Path, source: FrameSource, markers: Sequence[int | str],
         names = ", ".join(str(name) for name in markers) or "none"
         raise ImportRefused(f"{path}: no tag of the object ({names}) is seen in it: film nearer, sharper or with more light")
     return Film(path, tuple(onsets), last_ns, frame_ns)
-
-
-def _rate(source: FrameSource) -> float:
-    """Frames per second as they were captured."""
-    if isinstance(source, VideoSource):
-        return 1 / source.pace.interval_s
-    times = [frame.time_ns for frame in islice(source.frames(), _RATE_FRAMES)]
-    gaps = np.array([later - earlier for earlier, later in pairwise(times)], dtype=float)
-    if not len(gaps):
-        raise ImportRefused(f"{source.name}: holds one image: a strike has more")
-    median = float(np.median(gaps))
-    return 1e9 / float(np.mean(gaps[np.abs(gaps - median) <= median / 2]))
 
 
 def _place(

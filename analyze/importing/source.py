@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from analyze.importing.image_file import ImageFile
 from schemas.session_manifest import TimeSource
 
 
@@ -19,6 +20,14 @@ class TimedImage(NamedTuple):
     """since the source's start, of mid-exposure as well as the source knows it; on the source's clock, that of the capture"""
     image: NDArray[np.uint8]
     """(height, width) mono, as it is to be analysed; valid until the next is asked for, unless it is copied"""
+
+
+class TimedFile(NamedTuple):
+    """One image of a source as it was coded."""
+
+    time_ns: int
+    """as a TimedImage's"""
+    file: ImageFile
 
 
 class FrameSource(Protocol):
@@ -59,6 +68,11 @@ class FrameSource(Protocol):
         ...
 
     @property
+    def rate_hz(self) -> float:
+        """Frames per second as they were captured, where none is missing."""
+        ...
+
+    @property
     def frame_count(self) -> int | None:
         """How many frames there are, for progress; None where only reading tells."""
         ...
@@ -70,6 +84,15 @@ class FrameSource(Protocol):
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
         """Images from `start_ns` to `end_ns` since the source's start, both included."""
+        ...
+
+    @property
+    def holds_files(self) -> bool:
+        """Whether its images are PNG or JPEG files, which `files` gives."""
+        ...
+
+    def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
+        """The same images as from `frames`, not decoded."""
         ...
 
     def close(self) -> None:

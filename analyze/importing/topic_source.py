@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from itertools import islice, pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,11 @@ from analyze.compressed_video import decoded
 from analyze.errors import CalibrationError, ImportRefused
 from analyze.importing import pictures
 from analyze.importing.calibrations import calibration_of
+from analyze.importing.image_file import image_file, is_image_file
 from analyze.importing.message_files import Logged, MessageFile, Topic, open_message_file
+from analyze.importing.pace import usual_interval
 from analyze.importing.pictures import CodedPicture, Picture, grey_of, is_read, picture_of
-from analyze.importing.source import TimedImage
+from analyze.importing.source import TimedFile, TimedImage
 from analyze.indexed_file import RecordedMessage
 from analyze.types import Array
 from schemas.container import ContainerError
@@ -34,6 +36,14 @@ _MARGIN_NS = 2_000_000_000
 _LEAST_SD_NS = 1_000
 _CALIBRATIONS = {("cdr", "sensor_msgs/msg/CameraInfo"), ("protobuf", "foxglove.CameraCalibration"), ("json", "foxglove.CameraCalibration")}
 _MOST_NAMED = 6
+
+
+class _Timed(Protocol):
+    @property
+    def time_ns(self) -> int: ...
+
+
+_Image = TypeVar("_Image", bound=_Timed)
 
 
 class TopicSource:
@@ -55,17 +65,21 @@ class TopicSource:
         self.name = f"{path.name}:{self._topic.name}"
         self.frame_count = self._topic.count
         self._remarks: dict[str, str] = {}
+        self._is_video = self._topic.schema == pictures.VIDEO
         first, stamps, logs = self._looked_at()
         self._by_header = _rise(stamps) and stamps[0] > 0
         times = stamps if self._by_header else logs
         self._start_ns, self._logged_ns = times[0], logs[0]
         self.time_source = TimeSource.CONTAINER_PTS if self._by_header else TimeSource.HOST_ARRIVAL
         self.time_sd_ns = _scatter_ns(times)
+        self.rate_hz = 1e9 / usual_interval(times)
         self.wall_start_ns: int | None = self._start_ns if self._by_header else self._logged_ns
         if not self._by_header:
             why = "are not set" if not any(stamps) else "do not rise"
             self._remarks["times"] = f"{self.name}: its header stamps {why}: log times are taken, ± {1e-6 * self.time_sd_ns:.2g} ms"
         self.height, self.width = first.shape
+        picture = next(self._pictures())[1]
+        self.holds_files = not self._is_video and isinstance(picture, CodedPicture) and is_image_file(picture.data)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -74,20 +88,16 @@ class TopicSource:
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
         """See FrameSource."""
-        last_ns, behind = -1, 0
-        for time_ns, image in self._images(start_ns, end_ns):
-            if (start_ns is not None and time_ns < start_ns) or (end_ns is not None and time_ns > end_ns):
-                continue
-            if time_ns <= last_ns:
-                behind += 1
-                continue
-            if image.shape != (self.height, self.width):
-                sizes = f"{image.shape[1]} x {image.shape[0]} px, the first {self.width} x {self.height}"
-                raise ImportRefused(f"{self.name}: an image at {1e-9 * time_ns:.3f} s has {sizes}: import a topic of one size")
-            last_ns = time_ns
-            yield TimedImage(time_ns, image)
-        if behind:
-            self._remarks["behind"] = f"{self.name}: {behind} images that are stamped earlier than one before them are left out"
+        for frame in self._rising(self._images(start_ns, end_ns)):
+            height, width = frame.image.shape
+            self._refuse_other_size(frame.time_ns, width, height)
+            yield frame
+
+    def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
+        """See FrameSource."""
+        for each in self._rising(self._files(start_ns, end_ns)):
+            self._refuse_other_size(each.time_ns, each.file.width, each.file.height)
+            yield each
 
     def calibration(self) -> tuple[CameraCalibrationSpec, str] | None:
         """What the file says of the topic's camera, and on which topic; None where it says nothing.
@@ -128,30 +138,56 @@ class TopicSource:
             except ContainerError as error:
                 raise ImportRefused(f"{self.name}: {error}: the file is damaged") from None
 
-    def _images(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-        """Time since the start and image, about in the range; a video's are all from its beginning on, which its decoder needs."""
-        margin = _MARGIN_NS if self._by_header else 0
-        video = self._topic.schema == pictures.VIDEO
-        log_from = None if start_ns is None or video else self._logged_ns + start_ns - margin
-        log_to = None if end_ns is None else self._logged_ns + end_ns + max(margin, _MARGIN_NS if video else 0)
-        found = self._pictures(None if log_from is None else max(log_from, 0), None if log_to is None else max(log_to, 0))
+    def _between(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, Picture]]:
+        """Time since the start and picture of the messages in a range; of a video of all before it too, which its decoder needs."""
+        margin = _MARGIN_NS if self._by_header or self._is_video else 0
+        log_from = None if start_ns is None or self._is_video else max(self._logged_ns + start_ns - margin, 0)
+        log_to = None if end_ns is None else max(self._logged_ns + end_ns + margin, 0)
+        for message, picture in self._pictures(log_from, log_to):
+            time_ns = self._time_ns(message, picture)
+            if self._is_video or _lies_in(time_ns, start_ns, end_ns):
+                yield time_ns, picture
+
+    def _images(self, start_ns: int | None, end_ns: int | None) -> Iterator[TimedImage]:
+        found = self._between(start_ns, end_ns)
         try:
-            if video:
+            if self._is_video:
                 for frame in decoded(self._as_recorded(found)):
-                    yield frame.time_ns, frame.image
+                    if _lies_in(frame.time_ns, start_ns, end_ns):
+                        yield TimedImage(frame.time_ns, frame.image)
                 return
-            for message, picture in found:
-                time_ns = self._time_ns(message, picture)
-                if (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns):
-                    yield time_ns, grey_of(picture)
+            for time_ns, picture in found:
+                yield TimedImage(time_ns, grey_of(picture))
         except ContainerError as error:
             raise ImportRefused(f"{self.name}: {error}") from None
 
-    def _as_recorded(self, found: Iterator[tuple[Logged, Picture]]) -> Iterator[RecordedMessage]:
-        for number, (message, picture) in enumerate(found):
+    def _files(self, start_ns: int | None, end_ns: int | None) -> Iterator[TimedFile]:
+        for time_ns, picture in self._between(start_ns, end_ns):
+            file = image_file(picture.data) if isinstance(picture, CodedPicture) else None
+            if file is None:
+                raise ImportRefused(f"{self.name}: an image at {1e-9 * time_ns:.3f} s cannot be decoded")
+            yield TimedFile(time_ns, file)
+
+    def _rising(self, found: Iterator[_Image]) -> Iterator[_Image]:
+        last_ns, behind = -1, 0
+        for each in found:
+            if each.time_ns <= last_ns:
+                behind += 1
+                continue
+            last_ns = each.time_ns
+            yield each
+        if behind:
+            self._remarks["behind"] = f"{self.name}: {behind} images that are stamped earlier than one before them are left out"
+
+    def _refuse_other_size(self, time_ns: int, width: int, height: int) -> None:
+        if (width, height) != (self.width, self.height):
+            sizes = f"{width} x {height} px, the first {self.width} x {self.height}"
+            raise ImportRefused(f"{self.name}: an image at {1e-9 * time_ns:.3f} s has {sizes}: import a topic of one size")
+
+    def _as_recorded(self, found: Iterator[tuple[int, Picture]]) -> Iterator[RecordedMessage]:
+        for number, (time_ns, picture) in enumerate(found):
             if isinstance(picture, CodedPicture):
-                data = memoryview(pictures.as_video(picture))
-                yield RecordedMessage(self._topic.name, self._time_ns(message, picture), number, data)
+                yield RecordedMessage(self._topic.name, time_ns, number, memoryview(pictures.as_video(picture)))
 
     def _time_ns(self, message: Logged, picture: Picture) -> int:
         """Since the source's start."""
@@ -169,7 +205,7 @@ class TopicSource:
         first = next(self._images(None, None), None)
         if first is None:
             raise ImportRefused(f"{self.name}: none of its images can be decoded")
-        return first[1], stamps, logs
+        return first.image, stamps, logs
 
 
 def _chosen(path: Path, topics: list[Topic], name: str | None) -> Topic:
@@ -191,6 +227,10 @@ def _chosen(path: Path, topics: list[Topic], name: str | None) -> Topic:
         )
         raise ImportRefused(f"{path}: --topic {name}: {what}: it has {listed or 'no images'}")
     return found
+
+
+def _lies_in(time_ns: int, start_ns: int | None, end_ns: int | None) -> bool:
+    return (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns)
 
 
 def _rise(times: list[int]) -> bool:

@@ -12,7 +12,7 @@ from datetime import datetime
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Self, cast
+from typing import Self, cast
 
 import av
 import numpy as np
@@ -23,26 +23,20 @@ from analyze.annex_b import VideoFormat
 from analyze.compressed_video import grey_values
 from analyze.errors import ImportRefused
 from analyze.importing.access_units import AccessUnits
-from analyze.importing.jpeg import jpeg_file
+from analyze.importing.image_file import image_file
 from analyze.importing.kept import CodedPictures
 from analyze.importing.pace import Pace, pace_of
-from analyze.importing.source import TimedImage
+from analyze.importing.source import TimedFile, TimedImage
 from schemas.container import Buffer
 from schemas.session_manifest import TimeSource
 
+_OF_FILES = {"mjpeg", "png"}
+"""codecs whose every picture is an image file, or nearly"""
 _KEPT = {"h264": VideoFormat.H264, "hevc": VideoFormat.H265}
 _LOOKED_AT = 1000
 """frames from which the pace is read off"""
 _TOGETHER, _TOGETHER_BYTES = 512, 2 << 20
 """pictures and bytes that are handed on at once"""
-
-
-class TimedJpeg(NamedTuple):
-    """One image of a source as a JPEG file."""
-
-    time_ns: int
-    """since the source's start, on the source's clock"""
-    picture: Buffer
 
 
 class VideoSource:
@@ -81,9 +75,14 @@ class VideoSource:
         return _KEPT.get(self.codec)
 
     @property
-    def is_jpeg(self) -> bool:
-        """Whether every picture is a JPEG file, or nearly."""
-        return self.codec == "mjpeg"
+    def holds_files(self) -> bool:
+        """See FrameSource."""
+        return self.codec in _OF_FILES
+
+    @property
+    def rate_hz(self) -> float:
+        """See FrameSource."""
+        return 1 / self.pace.interval_s
 
     @property
     def time_sd_ns(self) -> int:
@@ -120,7 +119,7 @@ class VideoSource:
                     if end_ns is not None and time_ns > end_ns:
                         return
                     self._refuse_behind(time_ns, last_ns)
-                    self._refuse_other_size(frame)
+                    self._refuse_other_size(frame.width, frame.height)
                     last_ns = time_ns
                     yield TimedImage(time_ns, grey_values(frame))
         self._note_damaged(damaged)
@@ -167,12 +166,8 @@ class VideoSource:
         self._note_damaged(damaged)
         self._note_count(seen, last_ns)
 
-    def jpegs(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedJpeg]:
-        """Images of Motion JPEG as `frames` gives them, not decoded.
-
-        Raises:
-            ImportRefused: as from `frames`.
-        """
+    def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
+        """See FrameSource."""
         seen, damaged, last_ns = 0, 0, -1
         with closing(self._open()) as container:
             stream = _video_stream(container, self.path)
@@ -187,13 +182,14 @@ class VideoSource:
                     continue
                 if end_ns is not None and time_ns > end_ns:
                     return
-                picture = jpeg_file(memoryview(packet), self.width, self.height)
-                if picture is None:
+                file = image_file(memoryview(packet))
+                if file is None:
                     damaged += 1
                     continue
                 self._refuse_behind(time_ns, last_ns)
+                self._refuse_other_size(file.width, file.height)
                 last_ns = time_ns
-                yield TimedJpeg(time_ns, picture)
+                yield TimedFile(time_ns, file)
         self._note_damaged(damaged)
         if start_ns is None and end_ns is None:
             self._note_count(seen, last_ns)
@@ -262,9 +258,9 @@ class VideoSource:
         if time_ns <= last_ns:
             raise ImportRefused(f"{self.path}: its time stamps do not rise at {time_ns * 1e-9:.3f} s: film again, or repair them")
 
-    def _refuse_other_size(self, frame: av.VideoFrame) -> None:
-        if (frame.width, frame.height) != (self.width, self.height):
-            sizes = f"from {self.width} x {self.height} to {frame.width} x {frame.height}"
+    def _refuse_other_size(self, width: int, height: int) -> None:
+        if (width, height) != (self.width, self.height):
+            sizes = f"from {self.width} x {self.height} to {width} x {height}"
             raise ImportRefused(f"{self.path}: its images change {sizes}: film again without changing lens or mode")
 
     def _note_turn(self, degrees: int) -> None:

@@ -142,9 +142,9 @@ class _Session:
 
     def _messages(self, source: FrameSource, window: StrikeWindow) -> Iterator[tuple[int, tuple[Buffer, ...]]]:
         """Time on the source's clock and message of a window's images."""
-        if self._prepared.are_jpegs and isinstance(source, VideoSource):
-            for time_ns, picture in source.jpegs(window.start_ns, window.end_ns):
-                yield time_ns, image_messages.jpeg(CAMERA, self._at_ns + time_ns, picture)
+        if self._prepared.are_files:
+            for time_ns, file in source.files(window.start_ns, window.end_ns):
+                yield time_ns, image_messages.compressed_image(CAMERA, self._at_ns + time_ns, file)
             return
         for frame in source.frames(window.start_ns, window.end_ns):
             yield frame.time_ns, image_messages.raw_image(CAMERA, self._at_ns + frame.time_ns, frame.image)
@@ -239,7 +239,7 @@ class _Session:
 def _image_topic(prepared: Import) -> topics.Topic:
     if prepared.kept is not None:
         return topics.compressed_video(CAMERA)
-    return topics.compressed_image(CAMERA) if prepared.are_jpegs else topics.raw_image(CAMERA)
+    return topics.compressed_image(CAMERA) if prepared.are_files else topics.raw_image(CAMERA)
 
 
 def _parts(keys: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:

@@ -134,7 +134,7 @@ def test_every_frame_has_a_meta_though_few_are_written(tmp_path):
 def test_motion_jpeg_is_kept_as_it_is_coded(tmp_path):
     path = film(tmp_path / "a.mov", [*[tip()[0]] * 90, *tip()], codec="mjpeg", pixels="yuvj420p", qmin="2", qmax="2")
     with prepare(ImportOptions((path,), *setting(tmp_path))) as prepared:
-        assert "Motion JPEG" in prepared.formats
+        assert prepared.formats == "PNG or JPEG files as they are, of the strikes' windows"
         [window] = prepared.windows
         decoded = [(frame.time_ns, frame.image.copy()) for frame in prepared.sources[0].frames(window.start_ns, window.end_ns)]
         write(prepared, tmp_path / "o.mcap")
@@ -152,16 +152,15 @@ def test_a_cameras_jpeg_without_tables_gets_the_usual_ones(tmp_path):
     path = film(tmp_path / "a.avi", tip()[:3], codec="mjpeg", pixels="yuvj420p", huffman="default")
     with av.open(str(path)) as video:
         whole = bytes(next(video.demux(video=0)))
-    assert jpeg_file(whole, WIDTH, HEIGHT) == whole
+    assert jpeg_file(whole) == (whole, WIDTH, HEIGHT)
     at = whole.index(b"\xff\xc4")
     bare = whole[:at] + whole[at + 2 + int.from_bytes(whole[at + 2 : at + 4], "big") :]
-    made = jpeg_file(bare, WIDTH, HEIGHT)
+    made = jpeg_file(bare)
     assert made is not None
-    images = [cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) for data in (whole, bytes(made))]
+    images = [cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) for data in (whole, bytes(made[0]))]
     assert np.array_equal(*images)
     for damaged in (whole[:100], b"", b"no picture at all", whole[2:]):
-        assert jpeg_file(damaged, WIDTH, HEIGHT) is None
-    assert jpeg_file(whole, WIDTH, HEIGHT + 1) is None
+        assert jpeg_file(damaged) is None
 
 
 def test_damaged_pictures_are_left_out_and_counted(tmp_path):
