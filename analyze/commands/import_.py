@@ -78,7 +78,8 @@ def import_(
         refuse_unwritable(output, *sources, object_path, plan_path, *([] if camera_path is None else [camera_path]))
         refuse_taken(output)
     how = SourceOptions(capture_fps, times, topic)
-    options = ImportOptions(sources, object_path, plan_path, camera_path, strikes, whole, how, capture_fps_sd)
+    aside = None if output is None or dry_run else output.parent
+    options = ImportOptions(sources, object_path, plan_path, camera_path, strikes, whole, how, capture_fps_sd, aside)
     with StrikeProgress() as progress:
         prepared = prepare(options, progress)
     with prepared:

@@ -48,6 +48,7 @@ class ImageFolder:
         self.frame_count: int | None = len(self._images)
         self.time_sd_ns = _step_ns(self._csv)
         self.rate_hz = 1e9 / usual_interval([time_ns for time_ns, _ in self._images])
+        self.is_coded = True
         self.holds_files = {path.suffix.lower() for _, path in self._images} <= _FILES
         first = self._image(self._images[0][1])
         self.height, self.width = first.shape

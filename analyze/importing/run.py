@@ -6,17 +6,19 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 from analyze.annex_b import VideoFormat
 from analyze.errors import ImportRefused
 from analyze.evidence import placed_markers
 from analyze.importing.camera_file import CameraFile, camera_of, read_camera
-from analyze.importing.onsets import OnsetFinder
+from analyze.importing.onsets import Onset, OnsetFinder
 from analyze.importing.open_source import SourceOptions, open_source
 from analyze.importing.place import CameraPlace, CameraView, placed_by, view_of
-from analyze.importing.source import FrameSource
+from analyze.importing.source import Frames, FrameSource
+from analyze.importing.spool import Spool
 from analyze.importing.video import VideoSource
-from analyze.importing.windows import Film, StrikeWindow, one_each, split
+from analyze.importing.windows import Film, StrikeWindow, around, one_each, split
 from analyze.object_files import ObjectFiles, object_files
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import ImageFrame
@@ -50,6 +52,8 @@ class ImportOptions:
     source: SourceOptions = field(default_factory=SourceOptions)
     rate_sd_hz: float | None = None
     """1 sigma of the frame rate, where it was measured"""
+    aside: Path | None = None
+    """folder with room for the strikes' images until they are written; None: they are decoded again for it"""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,8 @@ class Import:
     plan_text: str
     camera: CameraFile
     sources: tuple[FrameSource, ...]
+    images: tuple[Frames, ...]
+    """of each source, those of its strikes without decoding again where they were put aside"""
     films: tuple[Film, ...]
     windows: tuple[StrikeWindow, ...]
     was_split: bool
@@ -76,13 +82,12 @@ class Import:
     @property
     def kept(self) -> tuple[VideoSource, ...] | None:
         """The sources where all are videos that are kept as they are; None where one is not."""
-        videos = tuple(source for source in self.sources if isinstance(source, VideoSource) and source.keeps is not None)
-        return videos if len(videos) == len(self.sources) else None
+        return _kept(self.sources)
 
     @property
     def are_files(self) -> bool:
         """Whether all sources hold PNG or JPEG files, which are kept as they are."""
-        return all(source.holds_files for source in self.sources)
+        return _are_files(self.sources)
 
     @property
     def formats(self) -> str:
@@ -137,15 +142,17 @@ def prepare(options: ImportOptions, progress: Progress = lambda _text, _done, _t
         for source in sources:
             _refuse_other_camera(source, camera)
         splits = len(sources) == 1 and not options.whole and len(options.strikes) != 1 and len(planned) > 1
+        spools = _spools(options, sources, stack)
+        images: tuple[Frames, ...] = tuple(spool or source for spool, source in zip(spools, sources, strict=True))
         if options.whole:
             films = tuple(Film(path) for path in options.sources)
         else:
-            markers = [marker.name for marker in files.spec.marker]
-            films = tuple(_look_through(path, source, markers, progress) for path, source in zip(options.sources, sources, strict=True))
+            look = _Look([marker.name for marker in files.spec.marker], splits, progress)
+            films = tuple(look.through(*each) for each in zip(options.sources, sources, spools, strict=True))
         windows = split(films[0], planned, options.strikes) if splits else one_each(films, planned, options.strikes)
         if not windows:
             raise ImportRefused("nothing is left to be imported: every source is left out")
-        place = None if camera.placed else _place(files, plan, camera, sources, windows, progress)
+        place = None if camera.placed else _place(files, plan, camera, images, windows, progress)
         calibration = camera.calibration
         if place is not None:
             calibration = calibration.model_copy(update={"T_world_camera": place.T_world_camera.tolist()})
@@ -157,6 +164,7 @@ def prepare(options: ImportOptions, progress: Progress = lambda _text, _done, _t
             plan_text,
             camera,
             sources,
+            images,
             films,
             windows,
             splits,
@@ -177,27 +185,56 @@ def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
         )
 
 
-def _look_through(path: Path, source: FrameSource, markers: Sequence[int | str], progress: Progress) -> Film:
-    frame_ns = 1e9 / source.rate_hz
-    finder = OnsetFinder(markers, frame_ns)
-    onsets, last_ns = [], None
-    for number, frame in enumerate(source.frames()):
-        if number % _TOLD_EVERY == 0:
-            progress(f"looking through {source.name}", number, source.frame_count or number)
-        last_ns = frame.time_ns
-        if (onset := finder.add(frame)) is not None:
-            onsets.append(onset)
-    if not finder.ever_seen:
-        names = ", ".join(str(name) for name in markers) or "none"
-        raise ImportRefused(f"{path}: no tag of the object ({names}) is seen in it: film nearer, sharper or with more light")
-    return Film(path, tuple(onsets), last_ns, frame_ns)
+def _kept(sources: Sequence[FrameSource]) -> tuple[VideoSource, ...] | None:
+    videos = tuple(source for source in sources if isinstance(source, VideoSource) and source.keeps is not None)
+    return videos if len(videos) == len(sources) else None
+
+
+def _are_files(sources: Sequence[FrameSource]) -> bool:
+    return all(source.holds_files for source in sources)
+
+
+def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitStack) -> list[Spool | None]:
+    """One for each source whose images would be decoded once to find the strikes, and once to be written."""
+    if options.aside is None or options.whole or _kept(sources) is not None or _are_files(sources):
+        return [None for _ in sources]
+    return [stack.enter_context(Spool(source, options.aside)) if source.is_coded else None for source in sources]
+
+
+class _Look(NamedTuple):
+    """How sources are looked through."""
+
+    markers: Sequence[int | str]
+    every_strike: bool
+    """of a source; else its first alone"""
+    progress: Progress
+
+    def through(self, path: Path, source: FrameSource, spool: Spool | None) -> Film:
+        """Where its strikes are; their images are put aside."""
+        frame_ns = 1e9 / source.rate_hz
+        finder = OnsetFinder(self.markers, frame_ns)
+        onsets, last_ns = list[Onset](), None
+        for number, frame in enumerate(source.frames()):
+            if number % _TOLD_EVERY == 0:
+                self.progress(f"looking through {source.name}", number, source.frame_count or number)
+            last_ns = frame.time_ns
+            if spool is not None:
+                spool.add(frame)
+            if (onset := finder.add(frame)) is not None:
+                if spool is not None and (self.every_strike or not onsets):
+                    spool.keep(*around(onset, frame_ns))
+                onsets.append(onset)
+        if not finder.ever_seen:
+            names = ", ".join(str(name) for name in self.markers) or "none"
+            raise ImportRefused(f"{path}: no tag of the object ({names}) is seen in it: film nearer, sharper or with more light")
+        return Film(path, tuple(onsets), last_ns, frame_ns)
 
 
 def _place(
     files: ObjectFiles,
     plan: StrikePlan,
     camera: CameraFile,
-    sources: Sequence[FrameSource],
+    images: Sequence[Frames],
     windows: Sequence[StrikeWindow],
     progress: Progress,
 ) -> CameraPlace:
@@ -208,13 +245,13 @@ def _place(
         if window.onset is None:
             continue
         planned = next(strike for strike in plan.strikes if strike.id == window.plan_strike_id)
-        frames = _numbered(sources[window.film], window.start_ns, window.onset.time_ns + _INTO_MOTION_NS)
+        frames = _numbered(images[window.film], window.start_ns, window.onset.time_ns + _INTO_MOTION_NS)
         view = view_of(frames, window.onset.time_ns, lens, markers, planned, window.strike_id)
         if view is not None:
             views.append(view)
     return placed_by(views)
 
 
-def _numbered(source: FrameSource, start_ns: int | None, end_ns: int) -> Iterator[ImageFrame]:
-    for number, frame in enumerate(source.frames(start_ns, end_ns)):
+def _numbered(images: Frames, start_ns: int | None, end_ns: int) -> Iterator[ImageFrame]:
+    for number, frame in enumerate(images.frames(start_ns, end_ns)):
         yield ImageFrame(frame.time_ns, number, frame.image)

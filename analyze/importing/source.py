@@ -30,8 +30,16 @@ class TimedFile(NamedTuple):
     file: ImageFile
 
 
-class FrameSource(Protocol):
-    """Images in the order of their times, which rise. Use it in a `with` statement. May be read several times.
+class Frames(Protocol):
+    """Images in the order of their times, which rise. May be read several times."""
+
+    def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
+        """Images from `start_ns` to `end_ns` since the source's start, both included."""
+        ...
+
+
+class FrameSource(Frames, Protocol):
+    """Images of a file or folder. Use it in a `with` statement.
 
     Raises (all of it):
         ImportRefused: it cannot be read, or not as asked.
@@ -82,8 +90,9 @@ class FrameSource(Protocol):
         """One line each for what a reader must know: cut short, turned, times made up. Whole once all was read."""
         ...
 
-    def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """Images from `start_ns` to `end_ns` since the source's start, both included."""
+    @property
+    def is_coded(self) -> bool:
+        """Whether images must be decoded, which takes longer than reading their pixels."""
         ...
 
     @property

@@ -79,6 +79,7 @@ class TopicSource:
             self._remarks["times"] = f"{self.name}: its header stamps {why}: log times are taken, ± {1e-6 * self.time_sd_ns:.2g} ms"
         self.height, self.width = first.shape
         picture = next(self._pictures())[1]
+        self.is_coded = isinstance(picture, CodedPicture)
         self.holds_files = not self._is_video and isinstance(picture, CodedPicture) and is_image_file(picture.data)
 
     @property

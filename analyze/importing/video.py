@@ -80,6 +80,11 @@ class VideoSource:
         return self.codec in _OF_FILES
 
     @property
+    def is_coded(self) -> bool:
+        """See FrameSource."""
+        return self.codec != "rawvideo"
+
+    @property
     def rate_hz(self) -> float:
         """See FrameSource."""
         return 1 / self.pace.interval_s

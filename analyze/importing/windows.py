@@ -32,10 +32,11 @@ class Film:
     frame_ns: float = 0.0
     """between two images, by the times that the source states"""
 
-    @property
-    def after_ns(self) -> int:
-        """Of a strike's window, after the motion begins."""
-        return max(_AFTER_NS, round(_AFTER_FRAMES * self.frame_ns))
+
+def around(onset: Onset, frame_ns: float) -> tuple[int, int]:
+    """Start and end of a strike's window, both included, if nothing follows: neither another strike nor the film's end."""
+    after_ns = max(_AFTER_NS, round(_AFTER_FRAMES * frame_ns))
+    return max(onset.time_ns - _BEFORE_NS, onset.rest_ns), onset.time_ns + after_ns
 
 
 @dataclass(frozen=True)
@@ -129,8 +130,7 @@ def _windows(films: Sequence[Film], found: Sequence[tuple[int, Onset | None]], i
         attempts[strike] += 1
         start = end = None
         if onset is not None:
-            start = max(onset.time_ns - _BEFORE_NS, onset.rest_ns)
-            end = onset.time_ns + films[number].after_ns
+            start, end = around(onset, films[number].frame_ns)
             following = found[at + 1][1] if at + 1 < len(found) and found[at + 1][0] == number else None
             if following is not None:
                 end = min(end, following.rest_ns)

@@ -146,7 +146,7 @@ class _Session:
             for time_ns, file in source.files(window.start_ns, window.end_ns):
                 yield time_ns, image_messages.compressed_image(CAMERA, self._at_ns + time_ns, file)
             return
-        for frame in source.frames(window.start_ns, window.end_ns):
+        for frame in self._prepared.images[window.film].frames(window.start_ns, window.end_ns):
             yield frame.time_ns, image_messages.raw_image(CAMERA, self._at_ns + frame.time_ns, frame.image)
 
     def _video(self, video: VideoSource, windows: list[tuple[_Seen, StrikeWindow]], missing: Missing) -> None:
