@@ -41,6 +41,21 @@ def holds_parameter_sets(video: VideoFormat, data: Buffer) -> bool:
     return (7 if video is VideoFormat.H264 else 33) in _unit_types(video, data)
 
 
+def slices(video: VideoFormat, data: Buffer) -> list[bool]:
+    """Of each slice in the bytes, whether a picture begins with it."""
+    whole = bytes(data)
+    found: list[bool] = []
+    at = whole.find(_START)
+    while 0 <= at < len(whole) - 5:
+        # The first bit after a unit's head: first_mb_in_slice is 0, or first_slice_segment_in_pic_flag is set.
+        if video is VideoFormat.H264 and whole[at + 3] & 31 in {1, 5}:
+            found.append(whole[at + 4] >= 128)
+        elif video is VideoFormat.H265 and whole[at + 3] >> 1 & 63 < 32:
+            found.append(whole[at + 5] >= 128)
+        at = whole.find(_START, at + 3)
+    return found
+
+
 def is_annex_b(data: Buffer) -> bool:
     """Whether the bytes begin with a start code, not with a unit's length."""
     return bytes(data[:4]) == b"\x00" + _START or bytes(data[:3]) == _START

@@ -64,11 +64,20 @@ def parse_video(data: memoryview) -> tuple[VideoFormat, bytes]:
         message.ParseFromString(bytes(data))
     except DecodeError:
         raise ContainerError("not a CompressedVideo") from None
+    return video_format(message.format), message.data
+
+
+def video_format(name: str) -> VideoFormat:
+    """The format that a message names.
+
+    Raises:
+        ContainerError: it is not read.
+    """
     try:
-        return VideoFormat(message.format), message.data
+        return VideoFormat(name)
     except ValueError:
         known = " and ".join(each.value for each in VideoFormat)
-        raise ContainerError(f"video of format {message.format!r} is not read: {known} are") from None
+        raise ContainerError(f"video of format {name!r} is not read: {known} are") from None
 
 
 def may_begin(message: RecordedMessage) -> bool:

@@ -57,8 +57,10 @@ class MessageFile(Protocol):
         """All of them, by name."""
         ...
 
-    def messages(self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Logged]:
-        """By log time, both ends included."""
+    def messages(
+        self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None, *, as_written: bool = False
+    ) -> Iterator[Logged]:
+        """By log time, both ends included; or of an MCAP file in the order in which they stand in it."""
         ...
 
 
@@ -88,11 +90,16 @@ class McapFile:
                 found[key] = None if many is None or before is None else before + many
         return [Topic(*key, many) for key, many in sorted(found.items())]
 
-    def messages(self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Logged]:
+    def messages(
+        self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None, *, as_written: bool = False
+    ) -> Iterator[Logged]:
         """See MessageFile."""
         with self._named_damage(), self.path.open("rb") as stream:
             until = None if end_ns is None else max(end_ns + 1, start_ns or 0)
-            for schema, channel, message in self._reader(stream).iter_messages([topic.name], starting_at=start_ns, ending_before=until):
+            found = self._reader(stream).iter_messages(
+                [topic.name], starting_at=start_ns, ending_before=until, log_time_order=not as_written
+            )
+            for schema, channel, message in found:
                 if channel.message_encoding == topic.encoding and (schema.name if schema else "") == topic.schema:
                     yield Logged(message.log_time, message.data)
 
@@ -129,8 +136,11 @@ class BagFile:
                 found[key] = found.get(key, 0) + connection.msgcount
         return [Topic(*key, many or None) for key, many in sorted(found.items())]
 
-    def messages(self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[Logged]:
+    def messages(
+        self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None, *, as_written: bool = False
+    ) -> Iterator[Logged]:
         """See MessageFile."""
+        del as_written
         with self._opened() as reader:
             meant = [each for each in reader.connections if each.topic == topic.name and each.msgtype == topic.schema]
             until = None if end_ns is None else end_ns + 1

@@ -1,7 +1,8 @@
 """A topic of images as a source: of a Foxglove MCAP file or a ROS 2 bag.
 
 Times are those in the messages' headers, as a camera's driver set them, where they are set and rise; else the log times, at which the
-recorder received the messages.
+recorder received the messages. Video is decoded in the order in which its messages stand in the file; where later pictures were coded
+first (B-frames, which foxglove.CompressedVideo forbids) times must rise in the order in which they are shown.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from analyze.importing.message_files import Logged, MessageFile, Topic, open_mes
 from analyze.importing.pace import usual_interval
 from analyze.importing.pictures import CodedPicture, Picture, grey_of, is_read, picture_of
 from analyze.importing.source import TimedFile, TimedImage
+from analyze.importing.video_units import video_units
 from analyze.indexed_file import RecordedMessage
 from analyze.types import Array
 from schemas.container import ContainerError
@@ -33,6 +35,8 @@ _LOOKED_AT = 200
 """messages from which it is told whether headers hold times, and how evenly frames come"""
 _MARGIN_NS = 2_000_000_000
 """by which a message may be logged earlier or later than its header says, beside what the first one is"""
+_LEAST_DECODED = 0.8
+"""of a video's pictures, at least: fewer where they stand in another order than that of decoding"""
 _LEAST_SD_NS = 1_000
 _CALIBRATIONS = {("cdr", "sensor_msgs/msg/CameraInfo"), ("protobuf", "foxglove.CameraCalibration"), ("json", "foxglove.CameraCalibration")}
 _MOST_NAMED = 6
@@ -69,6 +73,8 @@ class TopicSource:
         first, stamps, logs = self._looked_at()
         self._by_header = _rise(stamps) and stamps[0] > 0
         times = stamps if self._by_header else logs
+        if len(set(times)) < 2:
+            raise ImportRefused(f"{self.name}: all its messages have the same time: record it anew, with a clock that runs")
         self._start_ns, self._logged_ns = times[0], logs[0]
         self.time_source = TimeSource.CONTAINER_PTS if self._by_header else TimeSource.HOST_ARRIVAL
         self.time_sd_ns = _scatter_ns(times)
@@ -133,7 +139,17 @@ class TopicSource:
     # --- messages -------------------------------------------------------------------------------------------------
 
     def _pictures(self, log_from: int | None = None, log_to: int | None = None) -> Iterator[tuple[Logged, Picture]]:
-        for message in self._file.messages(self._topic, log_from, log_to):
+        found = self._messages(log_from, log_to)
+        if not self._is_video:
+            yield from found
+            return
+        try:
+            yield from video_units((message, picture) for message, picture in found if isinstance(picture, CodedPicture))
+        except ContainerError as error:
+            raise ImportRefused(f"{self.name}: {error}") from None
+
+    def _messages(self, log_from: int | None, log_to: int | None) -> Iterator[tuple[Logged, Picture]]:
+        for message in self._file.messages(self._topic, log_from, log_to, as_written=self._is_video):
             try:
                 yield message, picture_of(self._topic.encoding, self._topic.schema, message.data)
             except ContainerError as error:
@@ -153,7 +169,11 @@ class TopicSource:
         found = self._between(start_ns, end_ns)
         try:
             if self._is_video:
+                last, last_ns = -1, -1
                 for frame in decoded(self._as_recorded(found)):
+                    if frame.sequence < last and frame.time_ns <= last_ns:
+                        raise self._no_times()
+                    last, last_ns = max(last, frame.sequence), max(last_ns, frame.time_ns)
                     if _lies_in(frame.time_ns, start_ns, end_ns):
                         yield TimedImage(frame.time_ns, frame.image)
                 return
@@ -196,17 +216,50 @@ class TopicSource:
 
     def _looked_at(self) -> tuple[NDArray[np.uint8], list[int], list[int]]:
         """The first image, and header stamps and log times [ns] of the first messages."""
-        stamps, logs = [], []
-        for message, picture in islice(self._pictures(), _LOOKED_AT):
-            stamps.append(picture.stamp_ns)
-            logs.append(message.log_ns)
-        if len(logs) < 2:
-            raise ImportRefused(f"{self.name}: holds {len(logs)} images: a strike has more")
-        self._by_header, self._start_ns, self._logged_ns = False, logs[0], logs[0]
-        first = next(self._images(None, None), None)
-        if first is None:
-            raise ImportRefused(f"{self.name}: none of its images can be decoded")
-        return first.image, stamps, logs
+        found = [(picture.stamp_ns, message.log_ns) for message, picture in islice(self._pictures(), _LOOKED_AT)]
+        if self._is_video and not found:
+            raise ImportRefused(f"{self.name}: no key picture brings its parameter sets, with which a decoder begins: repeat them")
+        if len(found) < 2:
+            raise ImportRefused(f"{self.name}: holds {len(found)} images: a strike has more")
+        self._by_header, self._start_ns, self._logged_ns = False, found[0][1], found[0][1]
+        if self._is_video:
+            first, shown = self._first_shown(len(found))
+            self._note_late(found[0][1])
+            stamps, logs = ([found[number][which] for number in shown] for which in (0, 1))
+            if shown != sorted(shown) and not _rise(stamps) and not _rise(logs):
+                raise self._no_times()
+            return first, stamps, logs
+        image = next(self._images(None, None)).image
+        return image, [stamp_ns for stamp_ns, _ in found], [log_ns for _, log_ns in found]
+
+    def _first_shown(self, count: int) -> tuple[NDArray[np.uint8], list[int]]:
+        """A video's first image, and the numbers of the first `count` coded pictures in the order in which they are shown."""
+        first, shown = None, list[int]()
+        numbered = ((number, picture) for number, (_, picture) in enumerate(islice(self._pictures(), count)))
+        try:
+            for frame in decoded(self._as_recorded(numbered)):
+                first = frame.image.copy() if first is None else first
+                shown.append(frame.sequence)
+        except ContainerError as error:
+            raise ImportRefused(f"{self.name}: {error}") from None
+        if first is None or len(shown) < _LEAST_DECODED * count:
+            raise ImportRefused(
+                f"{self.name}: of its first {count} pictures {len(shown)} can be decoded in the file's order: were its messages sorted "
+                "by time, or some left out? Record it anew, without B-frames"
+            )
+        return first, shown
+
+    def _note_late(self, log_ns: int) -> None:
+        """Say what comes before the first picture that can be decoded."""
+        first_ns = next(self._messages(None, None))[0].log_ns
+        if log_ns > first_ns:
+            self._remarks["late"] = f"{self.name}: its first {1e-9 * (log_ns - first_ns):.2f} s are left out: no key picture begins them"
+
+    def _no_times(self) -> ImportRefused:
+        return ImportRefused(
+            f"{self.name}: holds B-frames, which foxglove.CompressedVideo forbids, and the times of its messages are not those of its "
+            "pictures: record it anew, without B-frames (x264: bf=0, or tune=zerolatency)"
+        )
 
 
 def _chosen(path: Path, topics: list[Topic], name: str | None) -> Topic:
