@@ -362,7 +362,7 @@ def _strike(
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers, planned.visible_markers)
     section, lands_at = section_of(struck.model, planned), landing_of(struck.model, planned)
-    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section, lands_at)
+    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section, lands_at, report.unmarked_ns)
     motion = analyse_strike(report.tracks, markers, camera, task)
     manifest = recording.manifest
     if manifest.time_source is not TimeSource.CONTAINER_PTS:

@@ -179,7 +179,9 @@ class Observer:
             report = track_markers(self._window(request), camera, self._markers, planned.visible_markers)
             section = None if self._sections is None else self._sections.of(planned)
             lands_at = None if self._sections is None else self._sections.lands_at(planned)
-            task = StrikeTask(request.strike_id, planned, request.contact_time_ns, report.images_end_ns, section, lands_at)
+            task = StrikeTask(
+                request.strike_id, planned, request.contact_time_ns, report.images_end_ns, section, lands_at, report.unmarked_ns
+            )
             motion = analyse_strike(report.tracks, self._markers, camera, task)
         except AnalyzeError as error:
             return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=str(error))

@@ -3,18 +3,24 @@
 The first sign change is the end of the strike, the second the passage over the equi-plane. Smoothing is a parameter because twice
 differentiated noise needs it, and because it moves the result: beside `pivot_fit` this one is printed, not used.
 """
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from analyze.errors import EstimationError
 from analyze.types import MotionFit
 
 if TYPE_CHECKING:
     from analyze.types import Array, TipAngle
+
+_MISSING = 1.5
+"""of the usual time between frames, from which on one is missing"""
 
 
 def _smooth(values: Array, points: int) -> Array:
@@ -27,11 +33,24 @@ def _smooth(values: Array, points: int) -> Array:
 
 
 def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array]:
-    """Angular velocity (n,) [rad/s] and acceleration (n,) [rad/s^2] by central differences, after moving means over `points` frames."""
-    time = (angle.time_ns - angle.time_ns[0]) * 1e-9
-    omega = np.gradient(_smooth(angle.theta, points), time)
-    alpha = np.gradient(_smooth(omega, points), time)
-    return omega, alpha
+    """Angular velocity (n,) [rad/s] and acceleration (n,) [rad/s^2] by central differences, after moving means over `points` frames.
+
+    A mean over frames of which some are missing is not of its middle: those are put in on a cubic spline first, and taken out again.
+    """
+    time: Array = (angle.time_ns - angle.time_ns[0]) * 1e-9
+    steps = np.diff(time)
+    step = float(np.median(steps))
+    if float(np.max(steps)) < _MISSING * step:
+        return _differentiated(angle.theta, time, points)
+    end = float(time[-1])
+    even: Array = np.linspace(0.0, end, round(end / step) + 1)
+    omega, alpha = _differentiated(CubicSpline(time, angle.theta)(even), even, points)
+    return np.interp(time, even, omega), np.interp(time, even, alpha)
+
+
+def _differentiated(theta: Array, time: Array, points: int) -> tuple[Array, Array]:
+    omega = np.gradient(_smooth(theta, points), time)
+    return omega, np.gradient(_smooth(omega, points), time)
 
 
 def acceleration_noise(points: int) -> float:
@@ -40,11 +59,12 @@ def acceleration_noise(points: int) -> float:
     return float(np.linalg.norm(np.convolve(once, once)))
 
 
-def sign_change(angle: TipAngle, window: tuple[int, int], points: int = 5, k: float | None = None) -> MotionFit:
+def sign_change(angle: TipAngle, window: tuple[int, int], points: int = 5, fit: MotionFit | None = None) -> MotionFit:
     """Find phi as the paper does, over angle[window[0]:window[1]], the window starting in the strike or just after it.
 
     The sd is what the smoothing leaves of the frames' noise at the crossing: sd(alpha) over the slope of alpha by theta. That slope is k at
-    the balance; where no k is given it is what the noisy crossing itself shows.
+    the balance, and the noise no less than what a `fit` of the same motion leaves (a film's coding adds to it); where there is none, the
+    slope is what the noisy crossing itself shows.
 
     Raises:
         EstimationError: the acceleration has no second sign change in the window (the object rocked back).
@@ -63,9 +83,11 @@ def sign_change(angle: TipAngle, window: tuple[int, int], points: int = 5, k: fl
     i = first + int(rising[0])
     share = float(alpha[i] / (alpha[i] - alpha[i + 1]))
     phi = float(angle.theta[i] + share * (angle.theta[i + 1] - angle.theta[i]))
-    step = float(angle.time_ns[i + 1] - angle.time_ns[i]) * 1e-9
-    slope = abs(float(alpha[i + 1] - alpha[i])) / max(step * abs(float(omega[i])), 1e-9) if k is None else k
-    sd = float(np.median(angle.sd[first:last])) * acceleration_noise(points) / step**2 / max(slope, 1e-9)
+    here = float(angle.time_ns[i + 1] - angle.time_ns[i]) * 1e-9
+    slope = abs(float(alpha[i + 1] - alpha[i])) / max(here * abs(float(omega[i])), 1e-9) if fit is None or fit.k is None else fit.k
+    step = float(np.median(np.diff(angle.time_ns))) * 1e-9
+    left = 0.0 if fit is None else float(np.sqrt(np.mean(fit.residual**2)))
+    sd = max(float(np.median(angle.sd[first:last])), left) * acceleration_noise(points) / step**2 / max(slope, 1e-9)
     return MotionFit(
         estimator="sign_change",
         phi=phi,

@@ -94,7 +94,7 @@ def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
 
 def _task(task: StrikeTask, ratio: int) -> StrikeTask:
     end = None if task.images_end_ns is None else task.images_end_ns // ratio
-    return replace(task, contact_time_ns=task.contact_time_ns // ratio, images_end_ns=end)
+    return replace(task, contact_time_ns=task.contact_time_ns // ratio, images_end_ns=end, unmarked_ns=None)
 
 
 def true_rate(ratio: float, rate_hz: float) -> float:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.motion.flank import Flank
-    from analyze.types import CameraModel, Marker, MarkerTrack, MotionFit, TipAngle
+    from analyze.types import CameraModel, IntArray, Marker, MarkerTrack, MotionFit, TipAngle
     from schemas.strike_plan import PlannedStrike
 
 _REST_BEFORE_CONTACT_NS = 4_000_000
@@ -50,6 +50,8 @@ class StrikeTask:
     """of the object across the pivot axis, as its shape has it; None = the plan's rounding is all that is known"""
     lands_at: float | None = None
     """rad, from which on the shape's next face may touch; None = not known, or what touches rolls on"""
+    unmarked_ns: IntArray | None = None
+    """log times of the images without a marker; None = not known: every frame that is missing is taken for one"""
 
 
 def placement_of(planned: PlannedStrike) -> Placement:
@@ -92,9 +94,8 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
     if task.section is not None and is_curved(task.section, task.planned):
         motion = against_rolling(motion, task.section, task.planned)
     angle = motion.angle
-    frame_ns = float(np.median(np.diff(angle.time_ns))) if len(angle.time_ns) > 1 else 1.0
     course = find_course(angle, task.contact_time_ns, settings.window, task.lands_at)
-    judgement = judge_motion(motion, course, frame_ns, task.images_end_ns, task.planned.phi_predicted_rad, settings.verdict)
+    judgement = judge_motion(motion, course, task, settings.verdict)
     tipped = float(np.max(angle.theta[course.moved : course.ended], initial=0.0)) >= settings.verdict.not_moved
     if course.released is None or not tipped:
         return _result(task, judgement or Judgement(Verdict.NOT_MOVED, "no tip"), angle, course, None, ())
@@ -180,7 +181,7 @@ def _alternatives(angle: TipAngle, course: Course, fit: MotionFit, settings: Mot
     if course.moved is None:
         return ()
     try:
-        return (sign_change(angle, (course.moved, fit.window[1]), _points(angle, settings.smoothing_points), fit.k),)
+        return (sign_change(angle, (course.moved, fit.window[1]), _points(angle, settings.smoothing_points), fit),)
     except EstimationError:
         return ()
 

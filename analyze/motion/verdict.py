@@ -12,6 +12,7 @@ from schemas.result import Verdict
 
 if TYPE_CHECKING:
     from analyze.motion.phases import Course
+    from analyze.motion.strike import StrikeTask
     from analyze.motion.tip_angle import PlanarMotion
     from analyze.types import Array, MotionFit
 
@@ -68,29 +69,31 @@ def _smooth_peak(values: Array, sd: Array) -> float:
     return float(np.max(np.median(windows, axis=1) - 2.0 * noise, initial=0.0))
 
 
-def judge_motion(
-    motion: PlanarMotion, course: Course, frame_ns: float, images_end_ns: int | None, phi_predicted: float, limits: VerdictLimits
-) -> Judgement | None:
+def judge_motion(motion: PlanarMotion, course: Course, task: StrikeTask, limits: VerdictLimits) -> Judgement | None:
     """Verdicts that the raw motion gives, None where it looks like a tip."""
     angle = motion.angle
     if course.moved is None or course.released is None:
         return _not_moved(motion, float(np.max(angle.theta, initial=0.0)), limits)
+    frame_ns = float(np.median(np.diff(angle.time_ns)))
     # With the frame before: a gap may hide how it began to move.
     free = slice(max(course.moved - 1, 0), course.ended)
     times = angle.time_ns[free]
-    last_seen = int(angle.time_ns[-1])
-    steps = np.diff(times) / frame_ns if len(times) > 1 else np.zeros(0)
     # Where it lies down the marker may turn away: nothing is missed then.
-    steps = steps[angle.theta[free][: len(steps)] < phi_predicted + _SEEN_PAST_PHI]
-    longest = round(float(np.max(steps, initial=1.0))) - 1
-    share = (len(steps) + 1) / max(1.0, float(np.sum(np.rint(steps))) + 1.0)
-    unseen_end = (images_end_ns - last_seen) / frame_ns if images_end_ns else 0.0
+    times = times[: 1 + int(np.sum(angle.theta[free][:-1] < task.planned.phi_predicted_rad + _SEEN_PAST_PHI))]
+    gaps = np.rint(np.diff(times) / frame_ns) - 1.0
+    missed = gaps if task.unmarked_ns is None else np.diff(np.searchsorted(task.unmarked_ns, times))
+    longest = int(np.max(missed, initial=0.0))
+    share = len(times) / (len(times) + float(np.sum(missed)))
+    unseen_end = (task.images_end_ns - int(angle.time_ns[-1])) / frame_ns if task.images_end_ns else 0.0
     lost_early = (
         unseen_end > limits.gap and course.ended == len(angle.theta) and not course.came_back and angle.theta[-1] < math.radians(30.0)
     )
     if longest > limits.gap or share < limits.found or lost_early:
         gone = max(longest, round(unseen_end) if lost_early else 0)
         return Judgement(Verdict.MARKER_LOST, f"no marker for {gone} frames during the tip: light the marker, or move the camera back")
+    if np.max(gaps, initial=0.0) > limits.gap:
+        missing_ms = 1e-6 * float(np.max(np.diff(times)))
+        return Judgement(Verdict.UNREADABLE, f"no images for {missing_ms:.0f} ms during the tip: the camera left frames out; strike again")
     if float(np.max(angle.theta[free])) < limits.not_moved:
         return _not_moved(motion, float(np.max(angle.theta[free])), limits)
     return None

@@ -39,6 +39,8 @@ _CONVERGED_BLUR_PX = 0.1
 """of s, which the covariance hangs on: left at half its size it makes the sd half as large as the errors"""
 _MOST_STEP, _LEAST_STEP = np.array([0.8, 0.8, 0.5]), np.array([-0.8, -0.8, -0.3])
 """px, of one step: line at the middle and its turn, blur"""
+_ROUNDING = 1.0 / 12.0
+"""grey levels^2, of whole grey levels: a drawn image may have no other noise"""
 _LEAST_CONTRAST = 12.0
 """grey levels"""
 _LEAST_START = 1.0
@@ -263,7 +265,7 @@ def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _
             break
     # The sum is of before the last step; what the step takes off it is known, because the model is as good as linear there.
     remaining = products[:, 5, 5] - (products[:, :5, 5] * fitted).sum(axis=1)
-    variance = np.maximum(remaining, 0.0) / np.maximum(weight - 5.0, 1.0)
+    variance = np.maximum(remaining / np.maximum(weight - 5.0, 1.0), _ROUNDING)
     if breadth is not None:
         shape[:, 2] = np.sqrt(shape[:, 2] ** 2 + breadth**2 / 12.0)
     return _Level(shape, products, contrast, variance, moved)

@@ -54,9 +54,23 @@ class TrackingReport:
     unknown_ids: tuple[int | str, ...]
     """markers of its families that the object does not carry"""
     gaps: tuple[Gap, ...]
-    frames_total: int
-    images_end_ns: int
-    """time of the last image that was looked at, 0 where there was none"""
+    image_times_ns: IntArray
+    """of all images that were looked at"""
+
+    @property
+    def unmarked_ns(self) -> IntArray:
+        """Times of the images in which no marker was found."""
+        return np.setdiff1d(self.image_times_ns, np.concatenate([np.zeros(0, dtype=np.int64), *(track.frame_ns for track in self.tracks)]))
+
+    @property
+    def images_end_ns(self) -> int:
+        """Time of the last image, 0 where there was none."""
+        return int(self.image_times_ns[-1]) if len(self.image_times_ns) else 0
+
+    @property
+    def frames_total(self) -> int:
+        """Images that were looked at."""
+        return len(self.image_times_ns)
 
 
 @dataclass(frozen=True)
@@ -116,8 +130,12 @@ class MarkerFollower:
         self._unknown: dict[int | str, int] = {}
         self._first: NDArray[np.uint8] | None = None
         self._gaps: list[Gap] = []
-        self.frames_total = 0
-        self._last_ns = 0
+        self._image_times_ns: list[int] = []
+
+    @property
+    def frames_total(self) -> int:
+        """Frames that were given."""
+        return len(self._image_times_ns)
 
     def add(self, frame: ImageFrame) -> dict[int | str, Square]:
         """Markers found in this frame, by id.
@@ -130,10 +148,9 @@ class MarkerFollower:
                 f"image {frame.sequence} has {frame.image.shape[1]} x {frame.image.shape[0]} px, the calibration"
                 f" {self._camera.width} x {self._camera.height}: recalibrate, or use the rig file of this recording"
             )
-        self.frames_total += 1
+        self._image_times_ns.append(frame.time_ns)
         if self._first is None:
             self._first = frame.image
-        self._last_ns = frame.time_ns
         found: dict[int | str, _Seen] = {}
         for marker_id, path in self._paths.items():
             if path.time_ns and (seen := self._follow(frame, path)) is not None:
@@ -168,7 +185,7 @@ class MarkerFollower:
             )
         if unknown and not tracks:
             raise TrackingError(f"marker {unknown[0]} is in view, but the object carries {known}: correct the object file or the marker")
-        return TrackingReport(tracks, unknown, tuple(self._gaps), self.frames_total, self._last_ns)
+        return TrackingReport(tracks, unknown, tuple(self._gaps), np.array(self._image_times_ns, dtype=np.int64))
 
     def _follow(self, frame: ImageFrame, path: _Path) -> _Seen | None:
         expected, expected_ideal, reach = path.predict(frame.time_ns)

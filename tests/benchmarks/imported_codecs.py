@@ -1,7 +1,8 @@
 """The same virtual strikes recorded live, and imported from what other cameras write: phi and the centre of mass beside each other.
 
 Each strike window of a virtual rig's recording becomes a file, with the images' own times: H.264 visually lossless and as a phone writes
-it (with B-frames and without), FFV1, MJPEG, a folder of PNG; a Foxglove MCAP file, ROS 2 bags.
+it (with B-frames and without), FFV1, MJPEG, a folder of PNG; a Foxglove MCAP file, ROS 2 bags. And as files come from the world: at a
+variable frame rate, in slow motion, turned, with a dropped stretch, cut short.
 `python -m tests.benchmarks.imported_codecs FILE.mcap` prints the table.
 """
 
@@ -10,16 +11,20 @@ from __future__ import annotations
 import argparse
 import csv
 import tempfile
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import cast
 
 import av
 import click
 import cv2
 import numpy as np
+from av.video.stream import VideoStream
 
+from analyze.errors import ImportRefused
+from analyze.importing.open_source import SourceOptions
 from analyze.importing.run import ImportOptions, prepare
 from analyze.importing.write import write
 from analyze.pipeline import Estimate, estimate_recording
@@ -32,20 +37,30 @@ from tests.benchmarks.imported_topics import foxglove_file, ros_colour_bag, ros_
 MICROSECONDS = Fraction(1, 1_000_000)
 
 
-def film(path: Path, codec: str, pixels: str, options: dict[str, str], frames: Iterable[ImageFrame], rate: int) -> None:
-    """Encode images with their own times."""
+def film(
+    path: Path,
+    codec: str,
+    pixels: str,
+    options: dict[str, str],
+    frames: Iterable[ImageFrame],
+    rate: int,
+    turned_deg: int = 0,
+    slower: int = 1,
+) -> None:
+    """Encode images with their own times, or `slower` times as slow; `turned_deg` is how they are to be shown."""
     with av.open(str(path), "w", options={"video_track_timescale": "1000000"} if path.suffix == ".mp4" else {}) as container:
-        stream = None
+        stream: VideoStream | None = None
         start_ns = 0
         for frame in frames:
             if stream is None:
-                stream = container.add_stream(codec, rate=rate, options=options)
+                stream = cast(VideoStream, container.add_stream(codec, rate=rate, options=options))
                 stream.height, stream.width = frame.image.shape
                 stream.pix_fmt = pixels
                 stream.codec_context.time_base = MICROSECONDS
+                stream.set_display_rotation(turned_deg)
                 start_ns = frame.time_ns
             picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame.image), format="gray").reformat(format=pixels)
-            picture.pts, picture.time_base = (frame.time_ns - start_ns) // 1000, MICROSECONDS
+            picture.pts, picture.time_base = slower * (frame.time_ns - start_ns) // 1000, MICROSECONDS
             container.mux(stream.encode(picture))
         if stream is not None:
             container.mux(stream.encode(None))
@@ -62,6 +77,20 @@ def png_folder(path: Path, frames: Iterable[ImageFrame]) -> None:
             rows.writerow([f"{number:05d}.png", f"{frame.time_ns * 1e-9:.9f}"])
 
 
+def thinned(frames: Iterable[ImageFrame]) -> Iterator[ImageFrame]:
+    """Without every fifth image, at random: a variable frame rate."""
+    rng = np.random.default_rng(1)
+    return (frame for frame in frames if rng.random() > 0.2)
+
+
+def interrupted(frames: Iterable[ImageFrame]) -> Iterator[ImageFrame]:
+    """Without a twelfth of a second in the middle."""
+    every = list(frames)
+    middle = len(every) // 2
+    missing = range(middle, middle + round(len(every) / (every[-1].time_ns - every[0].time_ns) * 1e9 / 12))
+    return (frame for number, frame in enumerate(every) if number not in missing)
+
+
 @dataclass(frozen=True)
 class Way:
     """One way of filming."""
@@ -69,10 +98,34 @@ class Way:
     name: str
     suffix: str
     make: Callable[[Path, Iterable[ImageFrame]], None]
+    source: SourceOptions = field(default_factory=SourceOptions)
 
 
 def _video(codec: str, pixels: str, rate: int, **options: str) -> Callable[[Path, Iterable[ImageFrame]], None]:
     return lambda path, frames: film(path, codec, pixels, options, frames, rate)
+
+
+def _worldly(rate: int) -> list[Way]:
+    """As files come from the world, H.264 at crf 12."""
+    options = {"preset": "veryfast", "g": str(rate), "crf": "12", "bf": "0"}
+
+    def coded(path: Path, frames: Iterable[ImageFrame], turned_deg: int = 0, slower: int = 1) -> None:
+        film(path, "libx264", "yuv420p", options, frames, rate, turned_deg, slower)
+
+    def cut_short(path: Path, frames: Iterable[ImageFrame]) -> None:
+        coded(path, frames)
+        with path.open("r+b") as file:
+            file.truncate(path.stat().st_size * 4 // 5)
+
+    slower = SourceOptions(capture_hz=float(rate))
+    return [
+        Way("variable frame rate", ".mp4", lambda path, frames: coded(path, thinned(frames))),
+        Way("stating an eighth of its rate, `--capture-fps`", ".mp4", lambda path, frames: coded(path, frames, slower=8), slower),
+        Way("saying that it is to be shown turned by 90 deg", ".mp4", lambda path, frames: coded(path, frames, turned_deg=-90)),
+        Way("a twelfth of a second missing", ".mp4", lambda path, frames: coded(path, interrupted(frames))),
+        Way("cut short (MKV)", ".mkv", cut_short),
+        Way("cut short (MP4)", ".mp4", cut_short),
+    ]
 
 
 def ways(rate: int) -> list[Way]:
@@ -88,6 +141,7 @@ def ways(rate: int) -> list[Way]:
         Way("Foxglove MCAP, mono8", ".mcap", foxglove_file),
         Way("ROS 2 bag (sqlite3), bgr8", "", ros_colour_bag),
         Way("ROS 2 bag (mcap), JPEG", "", ros_jpeg_bag),
+        *_worldly(rate),
     ]
 
 
@@ -148,8 +202,13 @@ def main() -> None:
             object_path, plan_path, rig_path = attached(arguments.recording, folder)
             files, planned = strikes_of(arguments.recording, way, folder)
             output = folder / "imported.mcap"
-            with prepare(ImportOptions(tuple(files), object_path, plan_path, rig_path, tuple(planned), whole=True)) as prepared:
-                written = write(prepared, output)
+            options = ImportOptions(tuple(files), object_path, plan_path, rig_path, tuple(planned), whole=True, source=way.source)
+            try:
+                with prepare(options) as prepared:
+                    written = write(prepared, output)
+            except ImportRefused as error:
+                click.echo(f"| {way.name} | refused: {str(error).removeprefix(f'{folder}/')} |  |  |  |  |  |")
+                continue
             size = sum(file.stat().st_size for path in files for file in (path.rglob("*") if path.is_dir() else [path]))
             click.echo(_row(way.name, live, estimate_recording(output), truth, f"{written.size / size:.2f}"))
 

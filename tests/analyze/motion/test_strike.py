@@ -16,10 +16,10 @@ from tests.analyze.motion.tipping import camera, marker, planned, simulate, trac
 ANCHOR = 10**18
 
 
-def analyse(tip, tracks=None, markers=None, rolls=False, contact_known=True, **how):
+def analyse(tip, tracks=None, markers=None, rolls=False, contact_known=True, unmarked=None, **how):
     tracks = tracks or [track_of(tip, np.random.default_rng(4), **how)]
     contact = int(tip.contact * 1e9) + ANCHOR if contact_known else 0
-    task = StrikeTask("s1.1", planned(how.get("rho", 0.002), rolls=rolls), contact, int(tip.time[-1] * 1e9) + ANCHOR)
+    task = StrikeTask("s1.1", planned(how.get("rho", 0.002), rolls=rolls), contact, int(tip.time[-1] * 1e9) + ANCHOR, unmarked_ns=unmarked)
     return analyse_strike(tracks, markers or [marker()], camera(), task)
 
 
@@ -171,15 +171,43 @@ def test_not_moved():
     assert motion.fit is None
 
 
+def seen_in(track, kept):
+    fields = {name: getattr(track, name)[kept] for name in ("time_ns", "corners_px", "corner_sd_px", "R_camera_marker", "p_camera_marker")}
+    return type(track)(track.marker_id, frames_total=track.frames_total, **fields)
+
+
 def test_marker_lost_in_the_tip():
     tip = simulate(1.05)
     track = track_of(tip, np.random.default_rng(1))
     kept = np.ones(len(track.time_ns), dtype=bool)
     kept[45:60] = False
-    fields = {name: getattr(track, name)[kept] for name in ("time_ns", "corners_px", "corner_sd_px", "R_camera_marker", "p_camera_marker")}
-    motion = analyse(tip, [type(track)(track.marker_id, frames_total=track.frames_total, **fields)])
+    motion = analyse(tip, [seen_in(track, kept)])
     assert motion.verdict is Verdict.MARKER_LOST
     assert "15 frames" in motion.reason
+
+
+def test_frames_that_a_camera_left_out_are_no_lost_marker():
+    """A third of the frames were never taken, as by a phone in poor light."""
+    tip = simulate(1.05)
+    track = track_of(tip, np.random.default_rng(1))
+    kept = np.arange(len(track.time_ns)) % 3 > 0
+    assert analyse(tip, [seen_in(track, kept)]).verdict is Verdict.MARKER_LOST, "where no image is known it must be thought so"
+    assert analyse(tip, [seen_in(track, kept)], unmarked=track.time_ns[~kept]).verdict is Verdict.MARKER_LOST
+    motion = analyse(tip, [seen_in(track, kept)], unmarked=np.zeros(0, dtype=np.int64))
+    assert motion.verdict is Verdict.GOOD
+    assert abs(np.degrees(motion.fit.phi - tip.phi)) < 0.02
+    (alternative,) = motion.alternatives
+    assert abs(alternative.phi - motion.fit.phi) < 4 * np.sqrt(alternative.covariance[0, 0])
+
+
+def test_a_stretch_without_images_is_no_lost_marker_either():
+    tip = simulate(1.05)
+    track = track_of(tip, np.random.default_rng(1))
+    kept = np.ones(len(track.time_ns), dtype=bool)
+    kept[45:55] = False
+    motion = analyse(tip, [seen_in(track, kept)], unmarked=np.zeros(0, dtype=np.int64))
+    assert motion.verdict is Verdict.UNREADABLE
+    assert motion.reason == "no images for 92 ms during the tip: the camera left frames out; strike again"
 
 
 def test_no_marker_at_all():
