@@ -66,7 +66,8 @@ def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float
             # numpy's own word for a text that ends in the middle of a number.
             warnings.filterwarnings("error", message="string or file could not be read to its end")
             warnings.filterwarnings("ignore", category=RuntimeWarning)
-            mesh = trimesh.load_scene(BytesIO(data), file_type=suffix, process=False, skip_materials=True).to_mesh()
+            plain = BytesIO(_in_one_alphabet(data, suffix))
+            mesh = trimesh.load_scene(plain, file_type=suffix, process=False, skip_materials=True).to_mesh()
         vertices = np.asarray(mesh.vertices, dtype=np.float64)
         faces = np.asarray(mesh.faces, dtype=np.int64)
     except _Doubtful as doubt:
@@ -78,6 +79,13 @@ def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float
     if suffix == "3mf":
         _refuse_other_unit(data, name, unit)
     return _merged(vertices, faces, name, same)
+
+
+def _in_one_alphabet(data: bytes, suffix: str) -> bytes:
+    """UTF-8, where names and comments may be in any alphabet: trimesh would guess at which, for longer than it reads the numbers."""
+    if suffix == "stl" and len(data) == _binary_stl(data):
+        return bytes(80) + data[80:]
+    return data.decode(errors="replace").encode() if suffix in {"stl", "obj"} else data
 
 
 def ply_has_faces(data: bytes) -> bool:
@@ -107,9 +115,13 @@ def _refuse_false_counts(data: bytes, suffix: str) -> None:
 
 def _refuse_neither_stl(data: bytes) -> None:
     """Raise ValueError if an STL that is not binary, by its size, is no text either: a guess at its alphabet would find some."""
-    count = int.from_bytes(data[80:84], "little")
-    if data and len(data) != 84 + 50 * count and b"\0" in data:
+    if data and len(data) != _binary_stl(data) and b"\0" in data:
         raise ValueError("neither binary nor text")
+
+
+def _binary_stl(data: bytes) -> int:
+    """Bytes that a binary STL has, by its own count of triangles."""
+    return 84 + 50 * int.from_bytes(data[80:84], "little")
 
 
 def refuse_false_ply_counts(data: bytes) -> None:
