@@ -46,8 +46,8 @@ def moulded(radius, declared=0.0, turned=False):
 
 def upright_axes(spec, model):
     believed = hypothesis(model)
-    axes = pivot_axes(model, spec, resting_planes(model), believed)
-    return believed, [axis for axis in axes if axis.plane.up[2] > 0.99999 and abs(axis.tip[0]) > 0.99]
+    upright = [plane for plane in resting_planes(model) if plane.up[2] > 0.99999]
+    return believed, [axis for axis in pivot_axes(model, spec, upright, believed) if abs(axis.tip[0]) > 0.99]
 
 
 @pytest.mark.parametrize(
