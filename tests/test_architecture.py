@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import gc
 import re
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -88,6 +90,14 @@ CV2_ALLOWED = (
 )
 MADE_AT_RUN_TIME = "a name made at run time"
 VIRTUAL_USERS = ("acquire/virtual/", "acquire/demo.py")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_search_for_garbage() -> Iterator[None]:
+    """All trees stay, and as they grow they are gone through again and again: half of what parsing takes."""
+    gc.disable()
+    yield
+    gc.enable()
 
 
 @cache
