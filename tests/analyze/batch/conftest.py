@@ -18,9 +18,9 @@ def archive(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("archive")
     (folder / "a").mkdir()
     for number in range(2):
-        quick_session(folder / "a" / f"session-{number}.mcap", body_of(0), number, 3)
+        quick_session(folder / "a" / f"session-{number}.mcap", body_of(0), number, 3, packed=True)
     other = tmp_path_factory.mktemp("whole") / "other.mcap"
-    quick_session(other, body_of(0), 9, 3)
+    quick_session(other, body_of(0), 9, 1, packed=True)
     for kind in KINDS:
         break_file(other, folder, kind)
     return folder
