@@ -59,7 +59,8 @@ def test_excluding_a_strike_is_said_and_changes_the_answer(answer):
     assert less["centre_of_mass"]["value"] != whole["centre_of_mass"]["value"]
 
 
-def test_the_report_is_one_file_that_needs_nothing_else(tmp_path):
+def test_the_report_is_one_file_that_needs_nothing_else(tmp_path, undrawn):
+    """Its plots neither: results/test_report.py, which draws them."""
     run("report", SAMPLE, "-o", tmp_path / "r.html")
     html = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "centre of mass" in html.lower()
