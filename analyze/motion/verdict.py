@@ -45,6 +45,8 @@ class VerdictLimits:
     """share of frames with a marker between strike and landing"""
     gap: int = 5
     """frames in a row without one"""
+    left_out: float = 0.4
+    """share of the tip's time, in one piece, of which there are no images: what moves by gravity alone is foretold across less"""
 
 
 _SEEN_PAST_PHI = math.radians(35.0)
@@ -80,8 +82,8 @@ def judge_motion(motion: PlanarMotion, course: Course, task: StrikeTask, limits:
     times = angle.time_ns[free]
     # Where it lies down the marker may turn away: nothing is missed then.
     times = times[: 1 + int(np.sum(angle.theta[free][:-1] < task.planned.phi_predicted_rad + _SEEN_PAST_PHI))]
-    gaps = np.rint(np.diff(times) / frame_ns) - 1.0
-    missed = gaps if task.unmarked_ns is None else np.diff(np.searchsorted(task.unmarked_ns, times))
+    apart_ns = np.diff(times)
+    missed = np.rint(apart_ns / frame_ns) - 1.0 if task.unmarked_ns is None else np.diff(np.searchsorted(task.unmarked_ns, times))
     longest = int(np.max(missed, initial=0.0))
     share = len(times) / (len(times) + float(np.sum(missed)))
     unseen_end = (task.images_end_ns - int(angle.time_ns[-1])) / frame_ns if task.images_end_ns else 0.0
@@ -91,9 +93,10 @@ def judge_motion(motion: PlanarMotion, course: Course, task: StrikeTask, limits:
     if longest > limits.gap or share < limits.found or lost_early:
         gone = max(longest, round(unseen_end) if lost_early else 0)
         return Judgement(Verdict.MARKER_LOST, f"no marker for {gone} frames during the tip: light the marker, or move the camera back")
-    if np.max(gaps, initial=0.0) > limits.gap:
-        missing_ms = 1e-6 * float(np.max(np.diff(times)))
-        return Judgement(Verdict.UNREADABLE, f"no images for {missing_ms:.0f} ms during the tip: the camera left frames out; strike again")
+    left_out_ns = float(np.max(apart_ns, initial=0.0))
+    if left_out_ns > max(limits.left_out * float(np.sum(apart_ns)), (limits.gap + 1) * frame_ns):
+        text = f"no images for {1e-6 * left_out_ns:.0f} ms during the tip: the camera left frames out; strike again"
+        return Judgement(Verdict.UNREADABLE, text)
     if float(np.max(angle.theta[free])) < limits.not_moved:
         return _not_moved(motion, float(np.max(angle.theta[free])), limits)
     return None
