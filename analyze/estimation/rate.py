@@ -35,6 +35,8 @@ LEAST_DOUBT = 0.02
 """relative, of each axis's k R: what slip and air may do to it at least"""
 WIDEST = 0.5
 """of the same, above which a strike bounds nothing"""
+NEAREST = 0.1
+"""of the shape's mean distance from an edge, at which c is at least"""
 BELIEVED_LESS = (1.0, 2.0, 4.0, 8.0)
 TRUSTED = 0.3
 """weight of a strike among all, below which it bounds nothing"""
@@ -100,19 +102,22 @@ def rate_check(
 def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[float, float] | None:
     """Least and greatest ratio of the true rate to the stated one, for any masses at `points` (n, 3) with the c that phi alone tells.
 
-    Strikes that contradict each other at any rate are each believed less, until they do not.
+    Strikes that contradict each other at any rate are each believed less, until they do not. Where phi leaves c open (edges of one
+    corner), so that no R is known, each strike bounds the rate by itself.
 
     None where no strike has a k that can be used, or no filling fits at any rate.
     """
     model, x, P = by_phi.model, by_phi.x, by_phi.covariance
     R, by_c = model.distances(x), model.distance_design(x)
     doubt = np.sqrt(np.einsum("si,ij,sj->s", by_c, P, by_c)) / R
-    about, lever, stated, loose = [], [], [], []
+    about, lever, stated, loose, alone = [], [], [], [], []
     for i, plane in enumerate(model.planes):
         if plane.k is None or not plane.sd_k or by_phi.weight[i] < TRUSTED:
             continue
-        own = max(LEAST_DOUBT, SIGMAS * float(np.hypot(np.hypot(doubt[i], plane.sd_k / plane.k), scale.k_relative_sd)))
+        by_k = SIGMAS * float(np.hypot(plane.sd_k / plane.k, scale.k_relative_sd))
+        own = max(LEAST_DOUBT, float(np.hypot(by_k, SIGMAS * doubt[i])))
         if own > WIDEST:
+            alone += [] if by_k > WIDEST else [_extremes(plane, plane.k / scale.gravity, max(LEAST_DOUBT, by_k), points)]
             continue
         arm = points - plane.point
         about.append(np.sum(arm**2, axis=1) - (arm @ plane.direction) ** 2)
@@ -120,7 +125,7 @@ def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[flo
         stated.append(scale.gravity * R[i] / plane.k)
         loose.append(own)
     if not about:
-        return None
+        return _common([each for each in alone if each is not None])
     variance, along = np.linalg.eigh(P[COM, COM])
     middle, reach = along.T @ x[COM], SIGMAS * np.sqrt(variance)
     programme = _Programme(
@@ -132,6 +137,42 @@ def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[flo
         if least is not None and most is not None and least > 0:
             return most**-0.5, least**-0.5
     return None
+
+
+def _extremes(plane: EquiPlane, k_over_g: float, loose: float, points: Array) -> tuple[float, float] | None:
+    """Least and greatest s of one strike, for any masses at `points` (n, 3) whose c lies on its plane; None where no c does.
+
+    s = (k / g) I_edge / (m R) is a ratio of two sums over the shares, a linear programme in the shares over R (Charnes and Cooper 1962).
+
+    Args:
+        plane: of the strike.
+        k_over_g: its k over gravity [1/m].
+        loose: relative, of k.
+        points: (n, 3) m.
+    """
+    arm = points - plane.point
+    towards = np.cross(plane.normal, plane.direction)
+    towards = towards if towards @ plane.up > 0 else -towards
+    about = np.sum(arm**2, axis=1) - (arm @ plane.direction) ** 2
+    size = float(about.mean()) ** 0.5
+    along, across, about = arm @ towards / size, arm @ plane.normal / size, about / size**2
+    off = float(np.tan(SIGMAS * plane.sd_phi + LEAST_DOUBT))
+    ends: list[float] = []
+    for sign in (1.0, -1.0):
+        rows, most = np.stack([across, -across, np.ones(len(points))]), [off, off, 1 / NEAREST]
+        found = linprog(sign * about, A_ub=rows, b_ub=most, A_eq=along[None], b_eq=[1.0], method="highs")
+        if found.status != 0:
+            return None
+        ends.append((sign * float(found.fun) * size + 2 * plane.edge_radius) * k_over_g * (1 - sign * loose))
+    return ends[0], ends[1]
+
+
+def _common(each: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+    """Least and greatest ratio of the rates that all of some bounds of s allow; None where there are none, or they exclude each other."""
+    if not each:
+        return None
+    least, most = max(low for low, _ in each), min(high for _, high in each)
+    return (float(most) ** -0.5, float(least) ** -0.5) if 0 < least <= most else None
 
 
 @dataclass(frozen=True)

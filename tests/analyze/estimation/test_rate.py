@@ -87,3 +87,15 @@ def test_an_axis_known_badly_bounds_nothing():
     some = solve_joint([*vague[:-2], *planes[-2:]], ERRORS, PRIOR)
     low, high = rate_bounds(some, scale, points)
     assert low < 1 < high
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_edges_of_one_corner_that_leave_c_open_bound_it_each(seed):
+    body = body_of(seed)
+    right, _ = check_of(body, 1.0, UPRIGHT[:2], seed=seed)
+    assert right is not None
+    assert right.possible
+    wrong, _ = check_of(body, 8.0, UPRIGHT[:2], seed=seed)
+    assert wrong is not None
+    assert not wrong.possible
+    assert 2 < wrong.low < 8 < wrong.high < 32
