@@ -39,6 +39,8 @@ _CHANGED = 0.05
 """1 - correlation of a place with itself at rest, from which on something happens there; brightness does not enter"""
 _TURNED = math.radians(5.0)
 """from which on it tips"""
+_LEAPT = math.radians(45.0)
+"""by which nothing turns between two images: the film was stopped, or put together of several"""
 _SHIFTED = 0.3
 """of its side, from which on it no longer lies where it lay"""
 _REACH = 6.0
@@ -87,9 +89,11 @@ class OnsetFinder:
         markers: names of those that the object carries.
         frame_ns: between two images. Where it is long the film may be slow motion that nobody has spoken of: all waits are longer then,
             so that what moves slowly is not taken for what rests.
+        ways: in which strikes turn a marker in the image: clockwise, or not; an object that is set up again turns the other way.
     """
 
-    def __init__(self, markers: Iterable[int | str], frame_ns: float = 0.0) -> None:
+    def __init__(self, markers: Iterable[int | str], frame_ns: float = 0.0, ways: frozenset[bool] = frozenset((True, False))) -> None:
+        self._ways = ways
         self._slower = frame_ns / _CAPTURED_NS if frame_ns > _STATED_NS else 1.0
         self._known = frozenset(markers)
         self._families = families_of(self._known)
@@ -100,6 +104,8 @@ class OnsetFinder:
         self._next_ns = 0
         self.ever_seen = False
         """any of the markers, at any time"""
+        self.ever_rested = False
+        """any of the markers lay still, at any time"""
 
     def add(self, frame: TimedImage) -> Onset | None:
         """The strike that has just begun; None where none has."""
@@ -130,14 +136,18 @@ class OnsetFinder:
         corners = {name: latest[name] for name in still}
         place = _place(corners, frame.image.shape)
         self._rest = _Rest(self._seen[0][0], frame.time_ns, corners, place, _look(frame.image, place))
-        self._moving, self._seen = False, []
+        self._moving, self._seen, self.ever_rested = False, [], True
 
     def _watch(self, frame: TimedImage, rest: _Rest) -> Onset | None:
         self._next_ns = frame.time_ns + self._wait(_WATCH_NS)
         found = self._find(frame.image)
         for name in rest.corners.keys() & found.keys():
             turn, shift, reach = _motion(rest.corners[name], found[name])
-            if abs(turn) > _TURNED and self._moved_ns - rest.quiet_ns > self._wait(_UNSEEN_NS):
+            if abs(turn) > _TURNED and (
+                self._moved_ns - rest.quiet_ns > self._wait(_UNSEEN_NS)
+                or (abs(turn) > _LEAPT and frame.time_ns == self._moved_ns)
+                or (turn > 0) not in self._ways
+            ):
                 self._forget(frame.time_ns)
                 return None
             if abs(turn) > _TURNED:

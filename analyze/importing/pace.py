@@ -113,6 +113,20 @@ def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:
     return bool(off.max() <= 1.0 and np.median(np.diff(places)) < 1 + _NEAR)
 
 
+def paces(times_ns: NDArray[np.int64]) -> tuple[float, float]:
+    """Shortest and longest interval between frames [ns], each the median of some in a row: alike, where a film has one pace.
+
+    Args:
+        times_ns: (n,) of all its frames, rising.
+    """
+    gaps = np.diff(times_ns)
+    if not len(gaps):
+        return 0.0, 0.0
+    windows = np.lib.stride_tricks.sliding_window_view(gaps, min(_REMEMBERED, len(gaps)))
+    usual = np.median(windows, axis=1)
+    return float(usual.min()), float(usual.max())
+
+
 @dataclass
 class Missing:
     """Finds frames that are missing between others. Feed times that rise."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from analyze.annex_b import VideoFormat
 from analyze.errors import ImportRefused
@@ -28,6 +31,8 @@ from schemas.strike_plan import StrikePlan, parse_strike_plan
 
 _SAME_RATE = 1.2
 """times another: a phone's rate changes with the light by less"""
+_PLAYED_HZ = 61.0
+"""below which a film may be slow motion"""
 _TOLD_EVERY = 50
 """frames between two looks of the progress bar"""
 _INTO_MOTION_NS = 600_000_000
@@ -102,7 +107,15 @@ class Import:
     def remarks(self) -> list[str]:
         """What is to be said of the sources, as far as they were read."""
         lens = [f"the lens is as {self.camera.path} says it"] if self.camera.of_topic else []
-        return [*lens, *self._other_rates(), *(remark for source in self.sources for remark in source.remarks)]
+        return [*lens, *self._other_rates(), *self._slow_motion(), *_alike(self.sources)]
+
+    def _slow_motion(self) -> Iterator[str]:
+        """Of films that may play slower than they were filmed, and nobody says so."""
+        if all(isinstance(source, VideoSource) and source.pace.slowed == 1 for source in self.sources) and self.rate_hz < _PLAYED_HZ:
+            yield (
+                f"{self.rate_hz:.4g} frames per second are few for a strike: if this is slow motion, say with --capture-fps how many a "
+                "second were captured"
+            )
 
     def _other_rates(self) -> Iterator[str]:
         """Of films that were looked through: those whose frames come at another rate than the first one's."""
@@ -147,11 +160,15 @@ def prepare(options: ImportOptions, progress: Progress = lambda _text, _done, _t
         if options.whole:
             films = tuple(Film(path) for path in options.sources)
         else:
-            look = _Look([marker.name for marker in files.spec.marker], splits, progress)
+            ways = frozenset(math.cos(strike.heading_rad) > 0 for strike in plan.strikes)
+            look = _Look([marker.name for marker in files.spec.marker], splits, ways, progress)
             films = tuple(look.through(*each) for each in zip(options.sources, sources, spools, strict=True))
         windows = split(films[0], planned, options.strikes) if splits else one_each(films, planned, options.strikes)
         if not windows:
             raise ImportRefused("nothing is left to be imported: every source is left out")
+        if not camera.placed and not options.whole and all(window.onset is None for window in windows):
+            film = films[windows[0].film]
+            raise ImportRefused(f"{film.path}: no strike is seen in it: {film.why_none}")
         place = None if camera.placed else _place(files, plan, camera, images, windows, progress)
         calibration = camera.calibration
         if place is not None:
@@ -175,14 +192,26 @@ def prepare(options: ImportOptions, progress: Progress = lambda _text, _done, _t
         )
 
 
+def _alike(sources: Sequence[FrameSource]) -> Iterator[str]:
+    """What is to be said of each; of several alike once."""
+    said: dict[str, list[str]] = {}
+    for source in sources:
+        for remark in source.remarks:
+            said.setdefault(remark.removeprefix(f"{source.name}: "), []).append(source.name)
+    for remark, names in said.items():
+        yield f"{names[0] if len(names) == 1 else f'{names[0]} and {len(names) - 1} more'}: {remark}"
+
+
 def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
     spec = camera.calibration
     if (source.width, source.height) != (spec.width, spec.height):
-        turned = " (a calibration is of the sensor's image, however it is turned for display)" if spec.width == source.height else ""
-        raise ImportRefused(
-            f"{source.name}: has {source.width} x {source.height} px, {camera.path} is of {spec.width} x {spec.height}{turned}: "
-            "calibrate in the mode that the strikes were filmed in"
-        )
+        said = f"{source.name}: has {source.width} x {source.height} px, {camera.path} is of {spec.width} x {spec.height}"
+        if (source.width, source.height) == (spec.height, spec.width):
+            raise ImportRefused(
+                f"{said}: one of them was turned when it was edited or shared: import and calibrate with the films as the camera took "
+                "them, which stay as the sensor has them however it was held"
+            )
+        raise ImportRefused(f"{said}: calibrate with a film of the mode that the strikes were filmed in, not with photos")
 
 
 def _kept(sources: Sequence[FrameSource]) -> tuple[VideoSource, ...] | None:
@@ -207,17 +236,19 @@ class _Look(NamedTuple):
     markers: Sequence[int | str]
     every_strike: bool
     """of a source; else its first alone"""
+    ways: frozenset[bool]
+    """in which the plan's strikes tip, as the camera sees them: clockwise, or not"""
     progress: Progress
 
     def through(self, path: Path, source: FrameSource, spool: Spool | None) -> Film:
         """Where its strikes are; their images are put aside."""
         frame_ns = 1e9 / source.rate_hz
-        finder = OnsetFinder(self.markers, frame_ns)
-        onsets, last_ns = list[Onset](), None
+        finder = OnsetFinder(self.markers, frame_ns, self.ways)
+        onsets, times = list[Onset](), list[int]()
         for number, frame in enumerate(source.frames()):
             if number % _TOLD_EVERY == 0:
                 self.progress(f"looking through {source.name}", number, source.frame_count or number)
-            last_ns = frame.time_ns
+            times.append(frame.time_ns)
             if spool is not None:
                 spool.add(frame)
             if (onset := finder.add(frame)) is not None:
@@ -227,7 +258,9 @@ class _Look(NamedTuple):
         if not finder.ever_seen:
             names = ", ".join(str(name) for name in self.markers) or "none"
             raise ImportRefused(f"{path}: no tag of the object ({names}) is seen in it: film nearer, sharper or with more light")
-        return Film(path, tuple(onsets), last_ns, frame_ns)
+        if isinstance(source, VideoSource):
+            source.heed_paces(np.array(times, np.int64))
+        return Film(path, tuple(onsets), times[-1] if times else None, frame_ns, finder.ever_rested)
 
 
 def _place(

@@ -39,7 +39,9 @@ def render_import(prepared: Import) -> list[str]:
     click.echo(f"{prepared.rate_hz:.6g} frames per second; {prepared.formats}")
     if prepared.place is not None:
         apart = f"{math.degrees(prepared.place.apart_rad):.2f} deg and {1000 * prepared.place.apart_m:.1f} mm"
-        click.echo(f"the camera is placed by the object at rest in {prepared.place.views} strikes, which agree within {apart} (rms)")
+        views = prepared.place.views
+        checked = "1 strike, which no other checks" if views == 1 else f"{views} strikes, which agree within {apart} (rms)"
+        click.echo(f"the camera is placed by the object at rest in {checked}")
     return _remark(prepared.remarks())
 
 
@@ -61,7 +63,7 @@ def _remark(lines: list[str]) -> list[str]:
 def _note(prepared: Import, film: Film, window: StrikeWindow) -> str:
     notes: list[str] = []
     if window.onset is None:
-        return "no tip is seen: all of it is taken" if film.last_ns is not None else ""
+        return f"no tip is seen, all of it is taken: {film.why_none}" if film.last_ns is not None else ""
     if len(film.onsets) > 1 and not prepared.was_split:
         notes.append(f"{len(film.onsets)} tips are seen: the first is taken")
     planned = next(strike for strike in prepared.plan.strikes if strike.id == window.plan_strike_id)

@@ -18,6 +18,7 @@ import av
 import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
+from numpy.typing import NDArray
 
 from analyze.annex_b import VideoFormat
 from analyze.compressed_video import grey_values
@@ -25,7 +26,7 @@ from analyze.errors import ImportRefused
 from analyze.importing.access_units import AccessUnits
 from analyze.importing.image_file import image_file
 from analyze.importing.kept import CodedPictures
-from analyze.importing.pace import Pace, pace_of
+from analyze.importing.pace import Pace, pace_of, paces
 from analyze.importing.source import TimedFile, TimedImage
 from schemas.container import Buffer
 from schemas.session_manifest import TimeSource
@@ -35,6 +36,13 @@ _OF_FILES = {"mjpeg", "png"}
 _KEPT = {"h264": VideoFormat.H264, "hevc": VideoFormat.H265}
 _LOOKED_AT = 1000
 """frames from which the pace is read off"""
+_CAPTURED = "com.android.capture.fps"
+"""what Android phones write into slow motion: the rate at which it was captured, where the stamps are those at which it plays"""
+_FASTEST_HZ = 1e6
+_RAMP = 2.5
+"""times another, from which on two paces are no phone's that follows the light"""
+_SLOWED = 1.2
+"""times the rate of the stamps, from which on that is another one"""
 _TOGETHER, _TOGETHER_BYTES = 512, 2 << 20
 """pictures and bytes that are handed on at once"""
 
@@ -44,7 +52,7 @@ class VideoSource:
 
     Args:
         path: of the file.
-        capture_hz: rate at which it was captured, where it plays slower; None: its time stamps are true.
+        capture_hz: rate at which it was captured, where it plays slower; None: as the file says it, else its time stamps are true.
 
     Raises:
         ImportRefused: it is no video, cannot be decoded, or has no time stamps.
@@ -199,6 +207,25 @@ class VideoSource:
         if start_ns is None and end_ns is None:
             self._note_count(seen, last_ns)
 
+    def heed_paces(self, times_ns: NDArray[np.int64]) -> None:
+        """Say that parts of it play slower than others.
+
+        Args:
+            times_ns: (n,) of all its frames, as it gives them.
+
+        Raises:
+            ImportRefused: it is slow motion, which no one rate undoes then.
+        """
+        shortest, longest = paces(times_ns)
+        if longest < _RAMP * shortest or not shortest:
+            return
+        fast, slow = (1e9 / float(self.pace.slowed) / interval for interval in (shortest, longest))
+        what = f"its frames come at {fast:.3g} a second in one part and at {slow:.3g} in another"
+        remedy = "import the film as the camera took it, not as it was edited or shared"
+        if self.pace.slowed != 1:
+            raise ImportRefused(f"{self.path}: {what}, so that one --capture-fps does not make its times true: {remedy}")
+        self._remarks["paces"] = f"{self.name}: {what}: if a slow-motion effect was laid over it, {remedy}"
+
     def close(self) -> None:
         """Nothing is open between two readings."""
 
@@ -245,11 +272,27 @@ class VideoSource:
             if len(stamps) >= _LOOKED_AT:
                 break
         said = stream.average_rate
-        pace = pace_of(stamps, Fraction(stream.time_base or 1), Fraction(said) if said else None, capture_hz)
-        if pace is None:
+        unit, said_hz = Fraction(stream.time_base or 1), Fraction(said) if said else None
+        played = pace_of(stamps, unit, said_hz, None)
+        if played is None:
             why = "holds no two frames with time stamps: film again, or put it into a container that has them (MP4, Matroska)"
             raise ImportRefused(f"{self.path}: {why}")
-        return pace
+        captured_hz = self._captured(container, played, capture_hz)
+        return played if captured_hz is None else pace_of(stamps, unit, said_hz, captured_hz) or played
+
+    def _captured(self, container: InputContainer, played: Pace, given_hz: float | None) -> float | None:
+        """The rate at which it was captured as the user gives it, else as the file says it; None: as it plays."""
+        said_hz = _number(container.metadata.get(_CAPTURED))
+        if said_hz is None or said_hz * played.interval_s < _SLOWED:
+            return given_hz
+        if given_hz is None:
+            self._remarks["captured"] = (
+                f"{self.name}: plays at {1 / played.interval_s:.3g} frames a second and says that {said_hz:.6g} were captured: "
+                "its times are taken so (--capture-fps says another rate)"
+            )
+        elif not 1 / _SLOWED < given_hz / said_hz < _SLOWED:
+            self._remarks["captured"] = f"{self.name}: says that {said_hz:.6g} frames a second were captured, not {given_hz:.6g}"
+        return given_hz or said_hz
 
     def _first_frame(self, container: InputContainer) -> av.VideoFrame:
         try:
@@ -296,6 +339,15 @@ def _video_stream(container: InputContainer, path: Path) -> av.VideoStream:
     if not container.streams.video:
         raise ImportRefused(f"{path}: holds no video: name the file that does")
     return container.streams.video[0]
+
+
+def _number(text: str | None) -> float | None:
+    """A rate as metadata have it; None where it is none."""
+    try:
+        number = float(text or "")
+    except ValueError:
+        return None
+    return number if 1 <= number <= _FASTEST_HZ else None
 
 
 def _said_seconds(container: InputContainer, pace: Pace) -> float | None:

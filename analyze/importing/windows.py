@@ -31,6 +31,18 @@ class Film:
     """time of the last image; None where it was not looked through"""
     frame_ns: float = 0.0
     """between two images, by the times that the source states"""
+    rested: bool = False
+    """a marker lay still in view, at any time"""
+
+    @property
+    def why_none(self) -> str:
+        """Why no strike is seen, and what helps."""
+        if not self.rested:
+            return "its tag is seen, but never lies still: put the camera on a stand, and take your hand off the object"
+        return (
+            "no tag lies still in view and then tips: film all of the tag, sharp, from a second before the strike until the object has "
+            "fallen"
+        )
 
 
 def around(onset: Onset, frame_ns: float) -> tuple[int, int]:
@@ -100,9 +112,7 @@ def split(film: Film, planned: Sequence[str], asked: Sequence[str]) -> tuple[Str
     found = len(film.onsets)
     at = ", ".join(f"{onset.time_ns * 1e-9:.1f}" for onset in film.onsets)
     if not found:
-        raise ImportRefused(
-            f"{film.path}: no strike is seen in it: a marker of the object must rest in view, then tip: film nearer, or with more light"
-        )
+        raise ImportRefused(f"{film.path}: no strike is seen in it: {film.why_none}")
     if not asked and found != len(planned):
         raise ImportRefused(
             f"{film.path}: shows {found} strikes (at {at} s), the plan has {len(planned)}: say which each is: --strike ID for each, "

@@ -183,7 +183,7 @@ def _collect(
 ) -> tuple[_Views, Array]:
     rested = [track for track in tracks if np.count_nonzero(track.time_ns < rest_end_ns) >= 3 and track.marker_id in by_id]
     if not rested:
-        raise TrackingError("no marker is seen at rest before the strike: start the window earlier, or check the light")
+        raise TrackingError("no marker lies still in view before the strike: start earlier, the camera on a stand, and check the light")
     time_ns = np.unique(np.concatenate([track.time_ns for track in rested]))
     n, m = len(time_ns), len(rested)
     ideal = np.zeros((n, m, 4, 2))

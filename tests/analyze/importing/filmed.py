@@ -89,11 +89,15 @@ def film(
     codec: str = "libx264",
     pixels: str = "yuv420p",
     turned: int = 0,
+    captured: str | None = None,
     **options: str,
 ) -> Path:
-    """Encode images, with their times."""
+    """Encode images, with their times; `captured`: what an Android phone says of slow motion's rate."""
     times = range(0, len(images) * 10**6 // RATE + 1, 10**6 // RATE) if times_us is None else times_us
-    with av.open(str(path), "w", options={"video_track_timescale": "1000000"} if path.suffix == ".mp4" else {}) as container:
+    more = {"video_track_timescale": "1000000", "movflags": "use_metadata_tags"} if path.suffix == ".mp4" else {}
+    with av.open(str(path), "w", options=more) as container:
+        if captured is not None:
+            container.metadata["com.android.capture.fps"] = captured
         stream = container.add_stream(codec, rate=RATE, options=options)
         stream.height, stream.width = images[0].shape
         stream.pix_fmt = pixels
