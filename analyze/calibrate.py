@@ -279,7 +279,7 @@ def _place(options: CalibrateOptions, table: Path, found: Calibration) -> Camera
     if view is None:
         raise CalibrationError(
             f"{table}: shows too little of the board ({len(sight.tags)} tags): lay it where the camera looks down on it, or stand it up, "
-            "facing the camera (--upright)"
+            "facing the camera (--upright); films may do without --table: `analyze import` finds the camera's place from the object at rest"
         )
     where = STANDING if options.upright else LYING
     place = place_camera(

@@ -30,7 +30,11 @@ from schemas.command_line import NumberRange
     metavar="ID",
     help="Which planned strike a source is, or a tip in the only source; once for each, - leaves one out.  [default: the plan's order]",
 )
-@click.option("--capture-fps", type=NumberRange(1, 1_000_000), help="Slow motion: frames per second at which it was captured.")
+@click.option(
+    "--capture-fps",
+    type=NumberRange(1, 1_000_000),
+    help="Slow motion: frames per second at which it was captured.  [default: as the file says, else as it plays]",
+)
 @click.option(
     "--capture-fps-sd",
     type=NumberRange(0, 100_000, min_open=True),

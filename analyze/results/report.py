@@ -29,7 +29,7 @@ from schemas.result import Quantity, StrikeResult, Verdict
 
 if TYPE_CHECKING:
     from analyze.pipeline import Estimate
-    from analyze.types import MarkerTrack
+    from analyze.types import MarkerTrack, MassDistribution
 
 JPEG_QUALITY = 88
 
@@ -115,11 +115,20 @@ def verdict_in_words(estimate: Estimate) -> str:
     shift = com.position - estimate.evidence.model.centroid
     text = f"The centre of mass lies {1e3 * np.linalg.norm(shift):.1f}\u00a0mm from the middle of the volume"
     text += f" and is known to {sd:.1f}\u00a0mm in its worst direction (95\u00a0%)."
-    share = estimate.distribution.masses / estimate.distribution.masses.sum()
-    heaviest = int(np.argmax(share))
+    return f"{text} {_heaviest_in_words(estimate.distribution)} {count}"
+
+
+def _heaviest_in_words(distribution: MassDistribution) -> str:
+    """Where most of the mass is, as far as the intervals tell."""
+    mass = distribution.masses.sum()
+    heaviest = int(np.argmax(distribution.masses))
+    least, others = distribution.intervals[heaviest, 0], np.delete(distribution.intervals[:, 1], heaviest)
+    if not distribution.explained or least < np.max(others, initial=0.0):
+        return "The strikes do not tell which part of it is the heaviest."
     where = {"surface": "in the wall", "upper": "inside, above the border", "lower": "inside, below the border"}
-    place = where.get(estimate.distribution.names[heaviest], estimate.distribution.names[heaviest])
-    return f"{text} Most of the mass ({100 * share[heaviest]:.0f}\u00a0%) sits {place}. {count}"
+    place = where.get(distribution.names[heaviest], distribution.names[heaviest])
+    part = "Most" if least > mass / 2 else "The largest part"
+    return f"{part} of the mass ({100 * distribution.masses[heaviest] / mass:.0f}\u00a0%) sits {place}."
 
 
 def stills(estimate: Estimate) -> list[Still]:

@@ -9,7 +9,7 @@ from analyze.errors import OutputError
 from analyze.pipeline import estimate_evidence
 from analyze.results.document import quantity
 from analyze.results.page import manifest_time, number, signed
-from analyze.results.report import Still, render_report, write_report
+from analyze.results.report import Still, render_report, verdict_in_words, write_report
 from analyze.results.truth import shown_truth
 from analyze.score import score_estimate
 from schemas.proto import percuss_pb2 as pb
@@ -58,6 +58,23 @@ def test_it_holds_the_numbers(estimate, undrawn):
         assert f">{number(np.degrees(strike.phi.value), 3)}" in html
     assert estimate.result.inputs.content_id in html
     assert STILL.data_url in html
+
+
+@pytest.mark.parametrize(
+    ("intervals", "said"),
+    [
+        ([(0.011, 0.044), (0, 0.03), (0, 0.03)], "The strikes do not tell which part of it is the heaviest."),
+        ([(0.020, 0.0215), (0.01, 0.012), (0.011, 0.012)], "The largest part of the mass (48\u00a0%) sits in the wall."),
+        ([(0.030, 0.032), (0.004, 0.006), (0.006, 0.008)], "Most of the mass (72\u00a0%) sits in the wall."),
+    ],
+)
+def test_where_most_of_the_mass_is_is_said_where_it_is_known(estimate, intervals, said):
+    ends = np.array(intervals)
+    names = ("surface", "upper", "lower")
+    told = replace(estimate.distribution, names=names, masses=ends.mean(axis=1), intervals=ends, explained=True)
+    assert said in verdict_in_words(replace(estimate, distribution=told))
+    unexplained = verdict_in_words(replace(estimate, distribution=replace(told, explained=False)))
+    assert "The strikes do not tell which part of it is the heaviest." in unexplained
 
 
 def test_a_strike_that_is_not_foretold_is_marked_and_said_once(short, undrawn):
