@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from analyze.board_images import SUFFIXES as PICTURES
+from analyze.board_images import VIDEOS
 from analyze.calibrate import read_rig
-from analyze.errors import ImportRefused
+from analyze.errors import CalibrationError, ImportRefused
 from analyze.importing.calibrations import SUFFIXES, read_calibration
 from analyze.importing.source import FrameSource
 from analyze.importing.topic_source import TopicSource
@@ -47,6 +49,10 @@ def read_camera(path: Path) -> CameraFile:
         CalibrationError: the file is missing, not valid, or holds no lens of a kind that is read.
         DocumentError: it holds an entry that cannot be used.
     """
+    if not path.exists():
+        raise CalibrationError(f"{path}: no such camera file: check the path; `analyze calibrate VIEWS -o {path.name}` makes one")
+    if path.suffix.lower() in {*PICTURES, *VIDEOS}:
+        raise CalibrationError(f"{path}: is a view, no camera file: `analyze calibrate {path.name} -o camera.toml` makes one of 15 views")
     if path.suffix.lower() in SUFFIXES:
         return CameraFile(path, *read_calibration(path))
     rig, place = read_rig(path)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analyze.errors import ImportRefused
+from analyze.errors import CalibrationError, ImportRefused
+from analyze.importing.camera_file import read_camera
 from analyze.importing.open_source import SourceOptions
 from analyze.importing.run import ImportOptions, prepare
 from analyze.importing.video import VideoSource
@@ -101,3 +102,14 @@ def test_a_calibration_of_a_turned_copy_or_a_photo_is_told(tmp_path):
     assert "one of them was turned when it was edited or shared" in refused(tmp_path, turned, placed=True)
     smaller = film(tmp_path / "b.mp4", [image[:120, :160] for image in tip()[:5]])
     assert "calibrate with a film of the mode that the strikes were filmed in, not with photos" in refused(tmp_path, smaller, placed=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("gone.toml", "no such camera file: check the path"), ("board.JPG", "is a view, no camera file")]
+)
+def test_what_is_no_camera_file_leads_to_one(tmp_path, name, said):
+    if name != "gone.toml":
+        (tmp_path / name).write_bytes(b"\xff\xd8")
+    with pytest.raises(CalibrationError, match=said) as caught:
+        read_camera(tmp_path / name)
+    assert "`analyze calibrate" in str(caught.value)
