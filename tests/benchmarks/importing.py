@@ -11,26 +11,35 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 
 import av
 import cv2
+import foxglove
 import numpy as np
+from foxglove.channels import CompressedImageChannel
+from foxglove.messages import CompressedImage, Timestamp
 from rich.console import Console
 from rich.table import Table
 
+from analyze.image_message import image_of_file
+from analyze.importing.message_files import open_message_file
+from analyze.importing.pictures import grey_of, picture_of
 from analyze.importing.run import ImportOptions, prepare
 from analyze.importing.write import write
 from tests.analyze.importing.filmed import REST, angles, picture, setting
 
 WIDTH, HEIGHT, RATE = 1280, 960, 240
-STRIKES = 9
+STRIKES, LARGE_STRIKES = 9, 4
+"""in a gigabyte; of pictures of half a megabyte, so that an object is seen to rest before each"""
 GIGABYTE = 10**9
 TURNS = 3
 BLOCK = 1 << 20
@@ -61,13 +70,11 @@ def packets(codec: str, pixels: str, pictures: list[np.ndarray], options: dict[s
     return bytes(encoder.extradata or b""), [bytes(packet) for packet in coded]
 
 
-def make(path: Path, codec: str, pixels: str, noise: float, size: int, **options: str) -> None:
-    """A film of about `size` bytes with STRIKES tips."""
+def make(path: Path, codec: str, pixels: str, noise: float, size: int, strikes: int, /, **options: str) -> None:
+    """A film of about `size` bytes with tips."""
     pictures = images(noise)
     _, rest = packets(codec, pixels, pictures[:REST], options)
     extra, tip = packets(codec, pixels, pictures, options)
-    each = sum(map(len, rest))
-    between = max(1, (size // STRIKES - sum(map(len, tip))) // each)
     written = 0
     with av.open(str(path), "w", options={"video_track_timescale": "240000"} if path.suffix in {".mp4", ".mov"} else {}) as container:
         stream = container.add_stream(codec, rate=RATE)
@@ -75,15 +82,43 @@ def make(path: Path, codec: str, pixels: str, noise: float, size: int, **options
         if extra:
             stream.codec_context.extradata = extra
         stream.codec_context.options = options
-        for _ in range(STRIKES):
-            for group in [*[rest] * between, tip]:
-                for number, data in enumerate(group):
-                    packet = av.Packet(data)
-                    packet.stream, packet.time_base = stream, Fraction(1, RATE)
-                    packet.pts = packet.dts = written
-                    packet.is_keyframe = codec != "libx264" or number == 0
-                    container.mux(packet)
-                    written += 1
+        for group in _film(rest, tip, size, strikes):
+            for number, data in enumerate(group):
+                packet = av.Packet(data)
+                packet.stream, packet.time_base = stream, Fraction(1, RATE)
+                packet.pts = packet.dts = written
+                packet.is_keyframe = codec != "libx264" or number == 0
+                container.mux(packet)
+                written += 1
+
+
+def _film(rest: list[bytes], tip: list[bytes], size: int, strikes: int) -> Iterator[list[bytes]]:
+    """Stretches at rest and tips, of `size` bytes together."""
+    between = max(1, (size // strikes - sum(map(len, tip))) // sum(map(len, rest)))
+    for _ in range(strikes):
+        yield from [rest] * between
+        yield tip
+
+
+def make_files(path: Path, suffix: str, noise: float, size: int, strikes: int) -> None:
+    """A folder of image files with a CSV of their times; or where `path` is an MCAP file, a topic of them."""
+    coded = [cv2.imencode(suffix, each)[1].tobytes() for each in images(noise)]
+    times_ns = (round(number * 1e9 / RATE) for number in range(10**9))
+    timed = zip(times_ns, chain.from_iterable(_film(coded[:REST], coded, size, strikes)), strict=False)
+    if path.suffix == ".mcap":
+        context = foxglove.Context()
+        with foxglove.open_mcap(path, context=context, allow_overwrite=True):
+            channel = CompressedImageChannel("/camera/image", context=context)
+            for time_ns, data in timed:
+                stamp = Timestamp(1_790_000_000 + time_ns // 10**9, time_ns % 10**9)
+                channel.log(CompressedImage(timestamp=stamp, format=suffix[1:], data=data), log_time=1_790_000_000 * 10**9 + time_ns)
+        return
+    path.mkdir()
+    with (path / "times.csv").open("w", encoding="ascii") as rows:
+        rows.write("name,time_s\n")
+        for number, (time_ns, data) in enumerate(timed):
+            (path / f"{number:06d}{suffix}").write_bytes(data)
+            rows.write(f"{number:06d}{suffix},{time_ns * 1e-9:.9f}\n")
 
 
 def most_memory_mb() -> float:
@@ -92,11 +127,11 @@ def most_memory_mb() -> float:
     return int(line.split()[1]) / 1024
 
 
-def measure(work: str, path: Path, folder: Path) -> Figures:
+def measure(work: str, path: Path, folder: Path, strikes: int) -> Figures:
     """Seconds and the most memory [MB] of one piece of work, in this process; bytes of what it wrote."""
     output = folder / f"written{'.mcap' if work in {'whole', 'split'} else path.suffix}"
     start, started = time.perf_counter(), time.process_time()
-    count = _imported(work, path, folder, output) if work in {"whole", "split"} else _PEERS[work](path, output)
+    count = _imported(work, path, folder, output, strikes) if work in {"whole", "split"} else _PEERS[work](path, output)
     seconds = time.perf_counter() - start
     own = time.process_time() - started
     written = output.stat().st_size if output.exists() else 0
@@ -104,14 +139,20 @@ def measure(work: str, path: Path, folder: Path) -> Figures:
     return {"seconds": seconds, "processor": own, "memory_mb": most_memory_mb(), "frames": count, "bytes": written}
 
 
-def _imported(work: str, path: Path, folder: Path, output: Path) -> int:
-    names = [f"s{number + 1}" for number in range(STRIKES)]
+def _imported(work: str, path: Path, folder: Path, output: Path, strikes: int) -> int:
+    names = [f"s{number + 1}" for number in range(strikes)]
     object_path, plan_path, camera_path = setting(folder, names)
     text = camera_path.read_text(encoding="utf-8").replace("width = 320", f"width = {WIDTH}").replace("height = 240", f"height = {HEIGHT}")
     camera_path.write_text(text, encoding="utf-8")
-    options = ImportOptions((path,), object_path, plan_path, camera_path, ("s1",) if work == "whole" else (), whole=work == "whole")
+    whole = work == "whole"
+    options = ImportOptions((path,), object_path, plan_path, camera_path, ("s1",) if whole else (), whole=whole, aside=folder)
     with prepare(options) as prepared:
         return write(prepared, output).images
+
+
+def _size(path: Path) -> int:
+    """Bytes of a file, or of a folder's files."""
+    return sum(each.stat().st_size for each in path.iterdir()) if path.is_dir() else path.stat().st_size
 
 
 def _demux(path: Path, output: Path) -> int:
@@ -122,6 +163,13 @@ def _demux(path: Path, output: Path) -> int:
 
 def _decode(path: Path, output: Path) -> int:
     del output
+    if path.is_dir():
+        return sum(image_of_file(each.read_bytes()) is not None for each in sorted(path.glob("0*")))
+    if path.suffix == ".mcap":
+        file = open_message_file(path)
+        [topic] = file.topics()
+        pictures = (picture_of(topic.encoding, topic.schema, message.data) for message in file.messages(topic))
+        return sum(1 for picture in pictures if grey_of(picture).size)
     with av.open(str(path)) as container:
         container.streams.video[0].thread_type = "AUTO"
         return sum(1 for _ in container.decode(container.streams.video[0]))
@@ -167,27 +215,30 @@ def _forget(path: Path) -> None:
         os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
 
-def _child(work: str, path: Path, folder: Path) -> Figures:
+def _child(work: str, path: Path, folder: Path, strikes: int) -> Figures:
     command = [sys.executable, "-m", "tests.benchmarks.importing", "--work", work, "--film", str(path), "--folder", str(folder)]
+    command += ["--strikes", str(strikes)]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
-def turns(path: Path, folder: Path, works: Sequence[str], count: int = TURNS, *, cold: bool = False) -> dict[str, Figures]:
+def turns(
+    path: Path, folder: Path, works: Sequence[str], count: int = TURNS, *, cold: bool = False, strikes: int = STRIKES
+) -> dict[str, Figures]:
     """The fastest of `count` turns of each."""
-    if not cold:
-        _child("demux", path, folder)  # into memory
+    if not cold and path.suffix in {".mp4", ".mov"}:
+        _child("demux", path, folder, strikes)  # into memory
     found: dict[str, list[Figures]] = {work: [] for work in works}
     for _ in range(count):
         for work in works:
             if cold:
                 _forget(path)
-            found[work].append(_child(work, path, folder))
+            found[work].append(_child(work, path, folder, strikes))
     return {work: min(each, key=lambda figures: figures["seconds"]) for work, each in found.items()}
 
 
 def told(name: str, path: Path, found: dict[str, Figures], own: str) -> None:
     """Print one film's table: what each took, and how it stands to the import."""
-    size = path.stat().st_size
+    size = _size(path)
     title = f"{size / 1e9:.2f} GB of {name}, {found[own]['frames']:.0f} frames written, recording / film {found[own]['bytes'] / size:.3f}"
     table = Table(
         "", "s", "over the import's", "processor, s", "over the import's", "most memory", title=title, box=None, title_justify="left"
@@ -201,6 +252,41 @@ def told(name: str, path: Path, found: dict[str, Figures], own: str) -> None:
     Console(width=120).print(table)
 
 
+def _kept_videos(folder: Path, size: int) -> None:
+    """Tables of H.264."""
+    h264, phone = folder / "h264.mp4", folder / "phone.mp4"
+    usual = {"bf": "0", "preset": "veryfast", "g": "1000"}
+    kept = ("write", "demux", "demux and write", "remux", "whole")
+    make(h264, "libx264", "yuv420p", 8.0, size, STRIKES, crf="22", **usual)
+    told("H.264 of 9 kB a picture, from memory", h264, turns(h264, folder, kept), "whole")
+    told("H.264 of 9 kB a picture, from disk", h264, turns(h264, folder, kept[1:], cold=True), "whole")
+    make(h264, "libx264", "yuv420p", 8.0, size // 4, STRIKES, crf="22", **usual)
+    told("H.264 of 9 kB a picture, split", h264, turns(h264, folder, ("decode", "split"), 2), "split")
+    h264.unlink()
+    make(phone, "libx264", "yuv420p", 8.0, size, STRIKES, crf="20", **usual)
+    told("H.264 of 77 kB a picture, from memory", phone, turns(phone, folder, kept), "whole")
+    told("H.264 of 77 kB a picture, from disk", phone, turns(phone, folder, kept[1:], cold=True), "whole")
+    phone.unlink()
+
+
+def _images(folder: Path, size: int) -> None:
+    """Tables of what is decoded for its strikes, and of which only their windows are stored."""
+    mjpeg, ffv1 = folder / "mjpeg.mov", folder / "ffv1.mkv"
+    works = ("decode", "split")
+    make(mjpeg, "mjpeg", "yuvj420p", 3.0, size, STRIKES, qmin="2", qmax="2")
+    told("Motion JPEG", mjpeg, turns(mjpeg, folder, works, 2), "split")
+    mjpeg.unlink()
+    make(ffv1, "ffv1", "gray", 3.0, size, LARGE_STRIKES, level="3", slices="4")
+    told("FFV1", ffv1, turns(ffv1, folder, works, 2, strikes=LARGE_STRIKES), "split")
+    ffv1.unlink()
+    cases = (("a folder of PNG", ".png", LARGE_STRIKES), ("a folder of JPEG", ".jpeg", STRIKES), ("a topic of JPEG", ".jpeg", STRIKES))
+    for name, suffix, strikes in cases:
+        path = folder / ("topic.mcap" if "topic" in name else "images")
+        make_files(path, suffix, 3.0, size, strikes)
+        told(name, path, turns(path, folder, works, 2, strikes=strikes), "split")
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
 def main() -> None:
     """Make the films, measure, print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -208,27 +294,17 @@ def main() -> None:
     parser.add_argument("--work", help="one measurement, in this process")
     parser.add_argument("--film", type=Path)
     parser.add_argument("--folder", type=Path)
+    parser.add_argument("--strikes", type=int, default=STRIKES)
+    parser.add_argument("--images", action="store_true", help="only what is not kept as a video")
     arguments = parser.parse_args()
     if arguments.work:
-        sys.stdout.write(json.dumps(measure(arguments.work, arguments.film, arguments.folder)))
+        sys.stdout.write(json.dumps(measure(arguments.work, arguments.film, arguments.folder, arguments.strikes)))
         return
     with tempfile.TemporaryDirectory(dir=Path.cwd() / "recordings") as name:
         folder = Path(name)
-        h264, phone, mjpeg = folder / "h264.mp4", folder / "phone.mp4", folder / "mjpeg.mov"
-        usual = {"bf": "0", "preset": "veryfast", "g": "1000"}
-        kept = ("write", "demux", "demux and write", "remux", "whole")
-        make(h264, "libx264", "yuv420p", 8.0, arguments.bytes, crf="22", **usual)
-        told("H.264 of 9 kB a picture, from memory", h264, turns(h264, folder, kept), "whole")
-        told("H.264 of 9 kB a picture, from disk", h264, turns(h264, folder, kept[1:], cold=True), "whole")
-        make(h264, "libx264", "yuv420p", 8.0, arguments.bytes // 4, crf="22", **usual)
-        told("H.264 of 9 kB a picture, split", h264, turns(h264, folder, ("decode", "split"), 2), "split")
-        h264.unlink()
-        make(phone, "libx264", "yuv420p", 8.0, arguments.bytes, crf="20", **usual)
-        told("H.264 of 77 kB a picture, from memory", phone, turns(phone, folder, kept), "whole")
-        told("H.264 of 77 kB a picture, from disk", phone, turns(phone, folder, kept[1:], cold=True), "whole")
-        phone.unlink()
-        make(mjpeg, "mjpeg", "yuvj420p", 3.0, arguments.bytes, qmin="2", qmax="2")
-        told("Motion JPEG, split", mjpeg, turns(mjpeg, folder, ("decode", "split"), 2), "split")
+        if not arguments.images:
+            _kept_videos(folder, arguments.bytes)
+        _images(folder, arguments.bytes)
 
 
 if __name__ == "__main__":
