@@ -101,7 +101,9 @@ def _rms(fit: MotionFit) -> float:
 
 
 def scatter(residual: Array) -> float:
-    """Noise of single frames from second differences, which know nothing of what varies slowly."""
+    """Noise of single frames from second differences, which know nothing of what varies slowly; NaN where there are none."""
+    if len(residual) < 3:
+        return math.nan
     return 1.4826 * float(np.median(np.abs(np.diff(residual, 2)))) / math.sqrt(6.0)
 
 
