@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -12,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from analyze.annex_b import VideoFormat
-from analyze.errors import ImportRefused
+from analyze.errors import ImportRefused, OutputError
 from analyze.evidence import placed_markers
 from analyze.importing.camera_file import CameraFile, camera_of, read_camera
 from analyze.importing.onsets import Onset, OnsetFinder
@@ -58,7 +59,7 @@ class ImportOptions:
     rate_sd_hz: float | None = None
     """1 sigma of the frame rate, where it was measured"""
     aside: Path | None = None
-    """folder with room for the strikes' images until they are written; None: they are decoded again for it"""
+    """folder of the recording, with room for the strikes' images until they are written; None: they are decoded again for it"""
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,7 @@ def prepare(options: ImportOptions, progress: Progress = lambda _text, _done, _t
 
     Raises:
         ImportRefused: a source cannot be read or is of another camera, or which strike is which cannot be told.
+        OutputError: the disk has no room for what will surely be written.
         ShapeError, DocumentError, CalibrationError: the object's, the plan's or the camera's file cannot be used.
         TrackingError: the images show another object.
     """
@@ -154,6 +156,7 @@ def prepare(options: ImportOptions, progress: Progress = lambda _text, _done, _t
         camera = given or camera_of(sources)
         for source in sources:
             _refuse_other_camera(source, camera)
+        _refuse_full(options.aside, _kept(sources) or ())
         splits = len(sources) == 1 and not options.whole and len(options.strikes) != 1 and len(planned) > 1
         spools = _spools(options, sources, stack)
         images: tuple[Frames, ...] = tuple(spool or source for spool, source in zip(spools, sources, strict=True))
@@ -200,6 +203,13 @@ def _alike(sources: Sequence[FrameSource]) -> Iterator[str]:
             said.setdefault(remark.removeprefix(f"{source.name}: "), []).append(source.name)
     for remark, names in said.items():
         yield f"{names[0] if len(names) == 1 else f'{names[0]} and {len(names) - 1} more'}: {remark}"
+
+
+def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:
+    """Films that are kept as they are need as much room as they have: said before they are looked through."""
+    needed = sum(video.path.stat().st_size for video in kept)
+    if folder is not None and (free := shutil.disk_usage(folder).free) < needed:
+        raise OutputError(f"{folder}: has {free / 1e6:.0f} MB free, the recording needs {needed / 1e6:.0f} MB: choose another place")
 
 
 def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:

@@ -6,7 +6,9 @@ import errno
 from collections import Counter, namedtuple
 
 import numpy as np
+import pytest
 
+from analyze.errors import OutputError
 from analyze.importing import spool as module
 from analyze.importing.run import ImportOptions, prepare
 from analyze.importing.source import TimedImage
@@ -99,6 +101,14 @@ def test_a_disk_that_fills_up_costs_that_window_alone(tmp_path, monkeypatch):
         assert not source.read
         assert numbers(spool, 500, 800) == list(range(500, 801))
         assert sum(source.read.values()) == 301
+
+
+def test_a_full_disk_is_said_before_a_film_is_looked_through(tmp_path, monkeypatch):
+    path = film(tmp_path / "a.mp4", tip()[:5])
+    monkeypatch.setattr(module.shutil, "disk_usage", lambda _: Usage(1000))
+    monkeypatch.setattr(VideoSource, "frames", lambda *_: pytest.fail("it is looked through"))
+    with pytest.raises(OutputError, match="has 0 MB free, the recording needs"):
+        prepare(ImportOptions((path,), *setting(tmp_path), aside=tmp_path))
 
 
 def test_a_film_that_is_split_is_decoded_once(tmp_path, monkeypatch):
