@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import chain, pairwise, repeat
+from typing import cast
+
 import av
+import numpy as np
 from av.error import FFmpegError
 
-from analyze.annex_b import StartMarker, VideoFormat, has_long_lengths, holds_parameter_sets, is_annex_b
+from analyze.annex_b import VideoFormat, has_long_lengths, holds_parameter_sets, is_annex_b, mark_starts
 from schemas.container import Buffer
 
 _FILTER = {VideoFormat.H264: "h264_mp4toannexb", VideoFormat.H265: "hevc_mp4toannexb"}
+
+
+def has_lengths(stream: av.VideoStream) -> bool:
+    """Whether the file tells its access units apart by itself, as MP4 and Matroska do: lengths are in place of start codes."""
+    head = bytes(stream.codec_context.extradata or b"")
+    return bool(head) and not is_annex_b(head)
 
 
 class AccessUnits:
@@ -17,27 +28,40 @@ class AccessUnits:
     Args:
         video: how it is coded.
         stream: the stream.
+        room: bytes left free before each access unit, for what stands there in a recording.
     """
 
-    def __init__(self, video: VideoFormat, stream: av.VideoStream) -> None:
-        self._video, self._stream = video, stream
+    def __init__(self, video: VideoFormat, stream: av.VideoStream, room: int) -> None:
+        self._video, self._room = video, bytes(room)
         self._head = bytes(stream.codec_context.extradata or b"")
         self._has_starts = is_annex_b(self._head)
-        self._marker = StartMarker(video) if has_long_lengths(video, self._head) else None
+        self._has_long_lengths = has_lengths(stream) and has_long_lengths(video, self._head)
+        self._filter = av.BitStreamFilterContext(_FILTER[video], stream)
 
-    def of(self, packet: av.Packet) -> Buffer | None:
-        """A packet's access unit, in its own memory where it can be; None where it is damaged."""
+    def of(self, packets: Sequence[av.Packet]) -> list[memoryview | None]:
+        """Room and access unit of each packet, writable; None where it is damaged. Packets may be used up."""
+        if not self._has_long_lengths:
+            return [self._one(packet) for packet in packets]
+        sizes = np.array([packet.size for packet in packets])
+        data = bytearray().join(chain.from_iterable(zip(repeat(self._room), cast("Sequence[Buffer]", packets))))
+        ends = np.cumsum(sizes + len(self._room))
+        marked = mark_starts(self._video, data, ends - sizes, ends).tolist()
+        view, places = memoryview(data), pairwise([0, *ends.tolist()])
+        return [
+            view[start:end] if good else self._turned(packet) for packet, good, (start, end) in zip(packets, marked, places, strict=True)
+        ]
+
+    def _one(self, packet: av.Packet) -> memoryview | None:
         data = memoryview(packet)
-        if self._has_starts or (not self._head and is_annex_b(data)):
-            if packet.is_keyframe and not holds_parameter_sets(self._video, data):
-                return self._head + bytes(data)
-            return data
-        if self._marker is not None and self._marker.mark(data):
-            return data
-        # A filter of its own: one that has seen parameter sets leaves them out.
-        turn = av.BitStreamFilterContext(_FILTER[self._video], self._stream)
+        if not self._has_starts and (self._head or not is_annex_b(data)):
+            return self._turned(packet)
+        head = self._head if packet.is_keyframe and not holds_parameter_sets(self._video, data) else b""
+        return memoryview(bytearray().join((self._room, head, data)))
+
+    def _turned(self, packet: av.Packet) -> memoryview | None:
+        self._filter.flush()  # one that has seen parameter sets leaves them out
         try:
-            turned = turn.filter(packet)
+            turned = self._filter.filter(packet)
         except FFmpegError:
             return None
-        return memoryview(turned[0]) if turned else None
+        return memoryview(bytearray().join((self._room, cast("Buffer", turned[0])))) if turned else None

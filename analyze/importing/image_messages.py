@@ -5,8 +5,8 @@ Protobuf fields may stand in any order, and a message may be put together from p
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +24,8 @@ from schemas.packed import timestamp_field, varint
 _FILE_DATA = bytes([2 << 3 | 2])
 _RAW_DATA = bytes([6 << 3 | 2])
 _VIDEO_DATA = bytes([3 << 3 | 2])
+_VARINT = 5
+"""bytes of a video's varints, so that all heads are as long: seconds until the year 3058, nanoseconds, bytes of a picture"""
 _RECORD_HEAD = np.dtype([("opcode", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")])
 """of a message (schemas/container.py)"""
 
@@ -66,51 +68,45 @@ def _video_head(camera: str, kind: VideoFormat) -> bytes:
     return CompressedVideo(frame_id=camera, format=kind.value).SerializeToString(deterministic=True)
 
 
-def video_heads(camera: str, kind: VideoFormat, channel: int, messages: VideoMessages) -> list[bytes]:
-    """What stands before each picture's bytes: its message record's head, and all other fields of its foxglove.CompressedVideo.
+def video_room(camera: str, kind: VideoFormat) -> int:
+    """Bytes that stand before each picture in the file."""
+    return _video_layout(camera, kind).itemsize
 
-    All are put together at once, as columns of bytes: a gigabyte of video has 100 000 pictures.
+
+def put_video_heads(camera: str, kind: VideoFormat, channel: int, messages: VideoMessages, data: Sequence[memoryview]) -> None:
+    """Put before each picture its message record's head, and all other fields of its foxglove.CompressedVideo.
+
+    All are put together at once, as columns: a gigabyte of video has 100 000 pictures.
+
+    Args:
+        camera: its name.
+        kind: how the pictures are coded.
+        channel: of the topic.
+        messages: of the pictures.
+        data: n pictures, each after `video_room` bytes.
     """
-    seconds, second_used = _varints(messages.times_ns // 10**9)
-    nanoseconds, nanosecond_used = _varints(messages.times_ns % 10**9)
-    lengths, length_used = _varints(messages.sizes)
-    stamp = 2 + second_used.sum(axis=1) + nanosecond_used.sum(axis=1)
-    named = _video_head(camera, kind) + _VIDEO_DATA
-    count = len(messages.sizes)
-    head = np.empty(count, _RECORD_HEAD)
-    sizes = 2 + stamp + len(named) + length_used.sum(axis=1) + messages.sizes
-    head["opcode"], head["size"], head["channel"] = container.MESSAGE, container.MESSAGE_HEAD - container.RECORD_HEAD + sizes, channel
-    head["sequence"] = messages.sequences & 0xFFFFFFFF
-    head["log"] = head["publish"] = messages.times_ns
-    columns = (
-        head.view(np.uint8).reshape(count, _RECORD_HEAD.itemsize),
-        _same(b"\x0a", count),
-        stamp[:, None].astype(np.uint8),
-        _same(b"\x08", count),
-        seconds,
-        _same(b"\x10", count),
-        nanoseconds,
-        _same(named, count),
-        lengths,
-    )
-    used = {4: second_used, 6: nanosecond_used, 8: length_used}
-    table = np.hstack(columns)
-    there = np.hstack([used.get(number, np.ones(column.shape, np.bool_)) for number, column in enumerate(columns)])
-    flat = table[there].tobytes()
-    ends = np.cumsum(there.sum(axis=1)).tolist()
-    return [flat[start:end] for start, end in pairwise([0, *ends])]
+    heads = np.empty(len(data), _video_layout(camera, kind))
+    room = heads.itemsize
+    heads["opcode"], heads["size"], heads["channel"] = container.MESSAGE, room - container.RECORD_HEAD + messages.sizes, channel
+    heads["sequence"] = messages.sequences & 0xFFFFFFFF
+    heads["log"] = heads["publish"] = messages.times_ns
+    heads["stamp"], heads["seconds"] = bytes([1 << 3 | 2, 2 + 2 * _VARINT, 1 << 3]), _varints(messages.times_ns // 10**9)
+    heads["nanos"], heads["nanoseconds"] = bytes([2 << 3]), _varints(messages.times_ns % 10**9)
+    heads["fields"], heads["length"] = _video_head(camera, kind) + _VIDEO_DATA, _varints(messages.sizes)
+    packed = heads.tobytes()
+    for number, each in enumerate(data):
+        each[:room] = packed[number * room : (number + 1) * room]
 
 
-def _same(value: bytes, count: int) -> NDArray[np.uint8]:
-    return np.broadcast_to(np.frombuffer(value, np.uint8), (count, len(value)))
+@cache
+def _video_layout(camera: str, kind: VideoFormat) -> np.dtype[np.void]:
+    fields = len(_video_head(camera, kind) + _VIDEO_DATA)
+    seconds, nanoseconds, length = ((name, "u1", _VARINT) for name in ("seconds", "nanoseconds", "length"))
+    return np.dtype([*_RECORD_HEAD.descr, ("stamp", "S3"), seconds, ("nanos", "S1"), nanoseconds, ("fields", f"S{fields}"), length])
 
 
-def _varints(values: NDArray[np.int64]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """(n, k) bytes of each value's varint, and which of these are its."""
-    groups = max(1, -(-int(values.max(initial=0)).bit_length() // 7))
-    left = values[:, None] >> (7 * np.arange(groups))
-    used = left > 0
-    used[:, 0] = True
-    table = (left & 127).astype(np.uint8)
-    table[:, :-1] |= used[:, 1:].astype(np.uint8) << 7
-    return table, used
+def _varints(values: NDArray[np.int64]) -> NDArray[np.uint8]:
+    """(n, _VARINT) bytes of each value's varint: filled up with zeros, which the encoding allows."""
+    table = (values[:, None] >> 7 * np.arange(_VARINT) & 127).astype(np.uint8)
+    table[:, :-1] |= 128
+    return table

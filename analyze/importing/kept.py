@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyze.errors import ImportRefused
-from schemas.container import Buffer
 
 _REORDERED = 32
 """pictures by which one may be coded ahead of its time; H.264 and H.265 allow 16"""
@@ -24,8 +23,8 @@ class CodedPictures(NamedTuple):
     """(n,) since the source's start; in the order of decoding these need not rise"""
     keys: NDArray[np.bool_]
     """(n,) whether a decoder may begin with it"""
-    data: list[Buffer]
-    """n access units with start codes; a key one brings its parameter sets"""
+    data: list[memoryview]
+    """n access units with start codes, each after the room that was asked for; a key one brings its parameter sets"""
 
 
 class NumberedPictures(NamedTuple):

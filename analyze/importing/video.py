@@ -23,12 +23,11 @@ from numpy.typing import NDArray
 from analyze.annex_b import VideoFormat
 from analyze.compressed_video import grey_values
 from analyze.errors import ImportRefused
-from analyze.importing.access_units import AccessUnits
+from analyze.importing.access_units import AccessUnits, has_lengths
 from analyze.importing.image_file import image_file
 from analyze.importing.kept import CodedPictures
 from analyze.importing.pace import Pace, pace_of, paces
 from analyze.importing.source import TimedFile, TimedImage
-from schemas.container import Buffer
 from schemas.session_manifest import TimeSource
 
 _OF_FILES = {"mjpeg", "png"}
@@ -45,6 +44,8 @@ _SLOWED = 1.2
 """times the rate of the stamps, from which on that is another one"""
 _TOGETHER, _TOGETHER_BYTES = 512, 2 << 20
 """pictures and bytes that are handed on at once"""
+_UNPARSED = {"fflags": "noparse+nofillin"}
+"""for FFmpeg: where a file says of every access unit what it is, it need not be looked into, which takes as long as reading it"""
 
 
 class VideoSource:
@@ -66,6 +67,7 @@ class VideoSource:
         with closing(self._open()) as container:
             stream = _video_stream(container, path)
             self.codec = stream.codec_context.name
+            self._has_lengths = has_lengths(stream)
             self.pace = self._pace(container, stream, capture_hz)
             self.frame_count = stream.frames or None
             self.wall_start_ns = _wall_start(container)
@@ -139,43 +141,31 @@ class VideoSource:
         if start_ns is None and end_ns is None:
             self._note_count(decoded, last_ns)
 
-    def coded(self) -> Iterator[CodedPictures]:
+    def coded(self, room: int = 0) -> Iterator[CodedPictures]:
         """Coded pictures in the order in which they are decoded, some at a time.
+
+        Args:
+            room: bytes left free before each of them, for what stands there in a recording.
 
         Raises:
             ImportRefused: a picture has no time stamp, or the file is none that can be kept.
         """
         if self.keeps is None:
             raise ImportRefused(f"{self.path}: {self.codec} is not kept as it is")
-        seen, damaged, last_ns, size = 0, 0, 0, 0
-        stamps, keys, data = list[int](), list[bool](), list[Buffer]()
-        with closing(self._open()) as container:
+        seen = damaged = last_ns = 0
+        with closing(self._open(_UNPARSED if self._has_lengths else {})) as container:
             stream = _video_stream(container, self.path)
-            units = AccessUnits(self.keeps, stream)
-            for packet in self._packets(container, stream):
-                stamp = packet.pts
-                if stamp is None:
-                    if packet.dts is None and not packet.size:  # the end
-                        continue
+            units = AccessUnits(self.keeps, stream, room)
+            for packets in _groups(self._packets(container, stream)):
+                stamps, keys = [packet.pts for packet in packets], [packet.is_keyframe for packet in packets]
+                if None in stamps:
                     raise ImportRefused(f"{self.path}: a frame has no time stamp: put it into a container that has them (MP4, Matroska)")
-                seen += 1
-                key, unit = packet.is_keyframe, units.of(packet)
-                if unit is None:
-                    damaged += 1
-                    continue
-                stamps.append(stamp)
-                keys.append(key)
-                data.append(unit)
-                size += len(unit)
-                if size >= _TOGETHER_BYTES or len(data) >= _TOGETHER:
-                    pictures = CodedPictures(self.pace.times_ns(stamps), np.array(keys, np.bool_), data)
-                    last_ns = max(last_ns, int(pictures.times_ns.max()))
-                    yield pictures
-                    stamps, keys, data, size = [], [], [], 0
-        if data:
-            pictures = CodedPictures(self.pace.times_ns(stamps), np.array(keys, np.bool_), data)
-            last_ns = max(last_ns, int(pictures.times_ns.max()))
-            yield pictures
+                data = units.of(packets)
+                whole = np.array([unit is not None for unit in data])
+                seen, damaged = seen + len(data), damaged + data.count(None)
+                times_ns = self.pace.times_ns(cast("list[int]", stamps))[whole]
+                last_ns = int(times_ns.max(initial=last_ns))
+                yield CodedPictures(times_ns, np.array(keys)[whole], [unit for unit in data if unit is not None])
         self._note_damaged(damaged)
         self._note_count(seen, last_ns)
 
@@ -237,9 +227,9 @@ class VideoSource:
 
     # --- the file -------------------------------------------------------------------------------------------------
 
-    def _open(self) -> InputContainer:
+    def _open(self, options: dict[str, str] | None = None) -> InputContainer:
         try:
-            return av.open(str(self.path))
+            return av.open(str(self.path), options=options)
         except FileNotFoundError:
             raise ImportRefused(f"{self.path}: no such file: check the path") from None
         except IsADirectoryError:
@@ -330,6 +320,21 @@ class VideoSource:
 
     def _note_cut(self, what: str) -> None:
         self._remarks["cut"] = f"{self.name}: is cut short{what or ''}; what is there is imported"
+
+
+def _groups(packets: Iterator[av.Packet]) -> Iterator[list[av.Packet]]:
+    """Some at a time; without the empty one at the end."""
+    group, size = list[av.Packet](), 0
+    for packet in packets:
+        if packet.pts is None and packet.dts is None and not packet.size:
+            continue
+        group.append(packet)
+        size += packet.size
+        if size >= _TOGETHER_BYTES or len(group) >= _TOGETHER:
+            yield group
+            group, size = [], 0
+    if group:
+        yield group
 
 
 _INDEXED = {".mp4", ".mov", ".m4v", ".3gp"}

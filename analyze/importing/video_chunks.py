@@ -27,12 +27,11 @@ _PACKED: Final = "zstd"
 
 
 class VideoChunk(NamedTuple):
-    """A chunk of coded pictures: message by message its head and its picture."""
+    """A chunk of coded pictures."""
 
     messages: VideoMessages
-    heads: list[bytes]
-    """record head and all fields but the picture"""
-    pictures: list[Buffer]
+    records: list[memoryview]
+    """whole message records"""
 
 
 class CheckedChunk(NamedTuple):
@@ -51,51 +50,42 @@ class OpenChunk:
     """A chunk that still grows."""
 
     _messages: list[VideoMessages] = field(default_factory=list)
-    _heads: list[bytes] = field(default_factory=list)
-    _pictures: list[Buffer] = field(default_factory=list)
+    _records: list[memoryview] = field(default_factory=list)
     size: int = 0
     """bytes of its pictures"""
 
-    def add(self, messages: VideoMessages, heads: list[bytes], pictures: list[Buffer]) -> None:
+    def add(self, messages: VideoMessages, records: list[memoryview]) -> None:
         """Some more."""
         self._messages.append(messages)
-        self._heads += heads
-        self._pictures += pictures
+        self._records += records
         self.size += int(messages.sizes.sum())
 
     def closed(self) -> VideoChunk:
         """All of them; nothing may be added any more."""
         columns = [np.concatenate(column) for column in zip(*self._messages, strict=True)]
-        return VideoChunk(VideoMessages(*columns), self._heads, self._pictures)
+        return VideoChunk(VideoMessages(*columns), self._records)
 
 
 def checked(chunk: VideoChunk) -> CheckedChunk:
     """Checksums, index, and where it pays compression."""
     crc = 0
     identity: list[tuple[int, int, Buffer, int]] = []
-    sizes: list[int] = []
-    buffers: list[Buffer] = []
-    own_head = container.MESSAGE_HEAD
-    for time_ns, head, picture in zip(chunk.messages.times_ns.tolist(), chunk.heads, chunk.pictures, strict=True):
-        sizes.append(len(head) + len(picture))
-        buffers += (head, picture)
-        crc = deflate.crc32(picture, deflate.crc32(head, crc))
-        fields = head[own_head:]
-        size = len(fields) + len(picture)
-        if size < container.LARGE_MESSAGE:
-            identity.append((time_ns, size, fields + picture, 0))
-        else:
-            identity.append((time_ns, size, b"", deflate.crc32(picture, deflate.crc32(fields, 0))))
-    total = sum(sizes)
+    for time_ns, record in zip(chunk.messages.times_ns.tolist(), chunk.records, strict=True):
+        crc = deflate.crc32(record, crc)
+        data = record[container.MESSAGE_HEAD :]
+        size = len(data)
+        identity.append((time_ns, size, data, 0) if size < container.LARGE_MESSAGE else (time_ns, size, b"", deflate.crc32(data, 0)))
+    sizes = np.array([len(record) for record in chunk.records])
+    total = int(sizes.sum())
     entries = _entries(chunk.messages.times_ns, sizes)
     if total < min(_PACKED_TOGETHER, _SMALL_PICTURE * len(sizes)):
-        packed = zstandard.ZstdCompressor(level=_LEVEL).compress(b"".join(buffers))
+        packed = zstandard.ZstdCompressor(level=_LEVEL).compress(b"".join(chunk.records))
         if len(packed) < total:
             return CheckedChunk([packed], ChunkSize(total, crc, _PACKED, len(packed)), entries, identity)
-    return CheckedChunk(buffers, ChunkSize(total, crc, "", total), entries, identity)
+    return CheckedChunk(chunk.records, ChunkSize(total, crc, "", total), entries, identity)
 
 
-def _entries(times_ns: NDArray[np.int64], sizes: list[int]) -> bytes:
-    places = np.cumsum([0, *sizes[:-1]])
+def _entries(times_ns: NDArray[np.int64], sizes: NDArray[np.int64]) -> bytes:
+    places = np.cumsum(sizes) - sizes
     order = np.argsort(times_ns, kind="stable")
     return np.stack((times_ns[order], places[order]), axis=1).astype("<u8").tobytes()

@@ -153,9 +153,10 @@ class _Session:
         if video.keeps is None:
             return
         channel, chunk = self._writer.channel(self._image_topic), OpenChunk()
+        room = image_messages.video_room(CAMERA, video.keeps)
         first = last = self._sequence
         lost: dict[int, tuple[int, int]] = {}
-        for pictures, numbers, in_order_ns in numbered(video.coded(), video.name):
+        for pictures, numbers, in_order_ns in numbered(video.coded(room), video.name):
             missed = missing.before_each(in_order_ns)
             for at in np.flatnonzero(missed).tolist():
                 lost[last + at] = int(in_order_ns[at]), int(missed[at])
@@ -164,14 +165,14 @@ class _Session:
             last += len(in_order_ns)
             self.images += len(in_order_ns)
             self._tell(video)
-            sizes = np.fromiter(map(len, pictures.data), np.int64, len(pictures.data))
+            sizes = np.fromiter(map(len, pictures.data), np.int64, len(pictures.data)) - room
             messages = VideoMessages(self._at_ns + pictures.times_ns, first + numbers, sizes)
-            heads = image_messages.video_heads(CAMERA, video.keeps, channel, messages)
+            image_messages.put_video_heads(CAMERA, video.keeps, channel, messages, pictures.data)
             for part, begins in _parts(pictures.keys):
                 if chunk.size >= (WHOLE_CHUNK if begins else topics.VIDEO_CHUNK_BYTES):
                     self._video_chunk(chunk, lost)
                     chunk = OpenChunk()
-                chunk.add(VideoMessages(*(column[part] for column in messages)), heads[part], pictures.data[part])
+                chunk.add(VideoMessages(*(column[part] for column in messages)), pictures.data[part])
         self._video_chunk(chunk, lost)
         self._sequence = last
 

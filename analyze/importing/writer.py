@@ -1,5 +1,6 @@
-"""Writes an imported recording as `acquire` writes one (schemas/README.md, "A file"): one thread gives messages, another puts them down.
+"""Writes an imported recording as `acquire` writes one (schemas/README.md, "A file").
 
+One thread puts it together, another only gives it to the system: two that both run Python would wait for each other.
 While it is written the file is called `<name>.part`; the rename is the last step, and what failed leaves nothing.
 """
 
@@ -29,10 +30,8 @@ from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
 from schemas.topics import Topic
 
 _WAITING: Final = 3
-"""chunks between the two threads"""
+"""writes between the two threads"""
 _SMALL_CHUNK_BYTES: Final = 64 << 10
-_SMALL_TOGETHER: Final = 512
-"""small messages that are handed over at once: each time costs as much as writing ten"""
 _BUFFERS: Final = 1024
 """that writev takes at once on Linux"""
 PART_SUFFIX: Final = ".part"
@@ -44,10 +43,6 @@ class Message(NamedTuple):
     log_time_ns: int
     sequence: int
     parts: Sequence[Buffer]
-
-
-_Entry = tuple[int, str, Sequence[Message] | VideoChunk] | list[tuple[int, str, Message]]
-"""channel, topic and a chunk; or small messages"""
 
 
 @dataclass
@@ -96,8 +91,7 @@ class RecordingWriter:
         self._size = 0
         self._manifest_sha256 = ""
         self.messages = 0
-        self._gathered: list[tuple[int, str, Message]] = []
-        self._queue: queue.Queue[_Entry | None] = queue.Queue(_WAITING)
+        self._queue: queue.Queue[Sequence[Buffer] | None] = queue.Queue(_WAITING)
         self._failed: OSError | None = None
         self._thread = threading.Thread(target=self._put_down, name="import-writer", daemon=True)
         self._thread.start()
@@ -136,14 +130,36 @@ class RecordingWriter:
         Raises:
             OutputError: the disk refused something that was given before.
         """
-        if messages:
-            self._refuse_failed()
-            self._queue.put((self._channels[topic.name], topic.name, messages))
+        if not messages:
+            return
+        channel = self._channels[topic.name]
+        buffers: list[Buffer] = []
+        index: list[tuple[int, int]] = []
+        identity: list[tuple[int, int, Buffer, int]] = []
+        at = crc = 0
+        for time_ns, sequence, parts in messages:
+            size = sum(map(len, parts))
+            head = container.message_head(channel, sequence, time_ns, time_ns, size)
+            crc = zlib.crc32(head, crc)
+            own = 0
+            for part in parts:
+                crc, own = deflate.crc32(part, crc), deflate.crc32(part, own)
+            identity.append((time_ns, size, b"" if size >= container.LARGE_MESSAGE else b"".join(parts), own))
+            index.append((time_ns, at))
+            buffers += (head, *parts)
+            at += len(head) + size
+        self._hash.add_all(topic.name, identity)
+        self._frame_chunk(buffers, at, crc, {channel: index})
 
     def video(self, topic: Topic, chunk: VideoChunk) -> None:
         """Coded pictures as one chunk; as `chunk`."""
-        self._refuse_failed()
-        self._queue.put((self._channels[topic.name], topic.name, chunk))
+        channel, times, ready = self._channels[topic.name], chunk.messages.times_ns, checked(chunk)
+        self._hash.add_all(topic.name, ready.identity)
+        packed = pack_chunk_of_channel(self._size, (int(times.min()), int(times.max())), ready.size, channel, ready.entries)
+        self._append([packed.head, *ready.buffers, packed.indexes])
+        self._summary.chunks.append(packed.entry)
+        self._summary.message_counts[channel] += len(times)
+        self.messages += len(times)
 
     def channel(self, topic: Topic) -> int:
         """Its number in the file."""
@@ -155,9 +171,12 @@ class RecordingWriter:
         Raises:
             OutputError: as from `chunk`.
         """
-        self._gathered.append((self._channels[topic.name], topic.name, Message(log_time_ns, sequence, (data,))))
-        if len(self._gathered) >= _SMALL_TOGETHER:
-            self._hand_over()
+        channel = self._channels[topic.name]
+        self._hash.add(topic.name, log_time_ns, len(data), data)
+        self._small.index.setdefault(channel, []).append((log_time_ns, len(self._small.data)))
+        self._small.data += container.message_head(channel, sequence, log_time_ns, log_time_ns, len(data)) + data
+        if len(self._small.data) >= _SMALL_CHUNK_BYTES:
+            self._flush_small()
 
     def finish(self) -> str:
         """Write what waits, the seal and the summary; give the file its name. Its content id.
@@ -165,14 +184,13 @@ class RecordingWriter:
         Raises:
             OutputError: the disk refuses, or the name was taken meanwhile.
         """
-        self._hand_over()
+        self._flush_small()
+        content_id = self._hash.hexdigest()
+        self._metadata(SEAL_NAME, {"content_id": content_id, "manifest_sha256": self._manifest_sha256})
+        self._append([self._summary.pack(self._size)])
         self._join()
         self._refuse_failed()
         try:
-            self._flush_small()
-            content_id = self._hash.hexdigest()
-            self._metadata(SEAL_NAME, {"content_id": content_id, "manifest_sha256": self._manifest_sha256})
-            self._append([self._summary.pack(self._size)])
             os.close(
                 self._fd
             )  # no fsync, which may take a minute for a gigabyte: a power cut loses nothing that the film does not still hold
@@ -195,59 +213,7 @@ class RecordingWriter:
             with suppress(OSError):
                 self._part.unlink()
 
-    # --- the other thread -----------------------------------------------------------------------------------------
-
-    def _put_down(self) -> None:
-        while (entry := self._queue.get()) is not None:
-            if self._failed is not None:
-                continue
-            try:
-                if isinstance(entry, list):
-                    self._write_small(entry)
-                elif isinstance(entry[2], VideoChunk):
-                    self._write_video(entry[0], entry[1], entry[2])
-                else:
-                    self._write_chunk(entry[0], entry[1], entry[2])
-            except OSError as error:
-                self._failed = error
-
-    def _write_chunk(self, channel: int, topic: str, messages: Sequence[Message]) -> None:
-        buffers: list[Buffer] = []
-        index: list[tuple[int, int]] = []
-        identity: list[tuple[int, int, Buffer, int]] = []
-        at = crc = 0
-        for time_ns, sequence, parts in messages:
-            size = sum(map(len, parts))
-            head = container.message_head(channel, sequence, time_ns, time_ns, size)
-            crc = zlib.crc32(head, crc)
-            own = 0
-            for part in parts:
-                crc, own = deflate.crc32(part, crc), deflate.crc32(part, own)
-            identity.append((time_ns, size, b"" if size >= container.LARGE_MESSAGE else b"".join(parts), own))
-            index.append((time_ns, at))
-            buffers += (head, *parts)
-            at += len(head) + size
-        self._hash.add_all(topic, identity)
-        self._frame_chunk(buffers, at, crc, {channel: index})
-
-    def _write_video(self, channel: int, topic: str, chunk: VideoChunk) -> None:
-        ready = checked(chunk)
-        self._hash.add_all(topic, ready.identity)
-        times = chunk.messages.times_ns
-        packed = pack_chunk_of_channel(self._size, (int(times.min()), int(times.max())), ready.size, channel, ready.entries)
-        self._append([packed.head, *ready.buffers, packed.indexes])
-        self._summary.chunks.append(packed.entry)
-        self._summary.message_counts[channel] += len(times)
-        self.messages += len(times)
-
-    def _write_small(self, entries: Sequence[tuple[int, str, Message]]) -> None:
-        for channel, topic, (time_ns, sequence, parts) in entries:
-            data = b"".join(parts)
-            self._hash.add(topic, time_ns, len(data), data)
-            self._small.index.setdefault(channel, []).append((time_ns, len(self._small.data)))
-            self._small.data += container.message_head(channel, sequence, time_ns, time_ns, len(data)) + data
-            if len(self._small.data) >= _SMALL_CHUNK_BYTES:
-                self._flush_small()
+    # --- the file -------------------------------------------------------------------------------------------------
 
     def _flush_small(self) -> None:
         if self._small.data:
@@ -263,15 +229,28 @@ class RecordingWriter:
             self._summary.message_counts[number] += len(entries)
             self.messages += len(entries)
 
-    # --- the file -------------------------------------------------------------------------------------------------
-
     def _metadata(self, name: str, entries: dict[str, str]) -> None:
         offset = self._size
         length = self._append([container.record(container.METADATA, container.string(name) + container.string_map(entries))])
         self._summary.add_metadata(offset, length, name)
 
     def _append(self, buffers: Sequence[Buffer]) -> int:
+        self._refuse_failed()
+        self._queue.put(buffers)
         total = sum(map(len, buffers))
+        self._size += total
+        return total
+
+    def _put_down(self) -> None:
+        """The other thread."""
+        while (buffers := self._queue.get()) is not None:
+            try:
+                if self._failed is None:
+                    self._write(buffers)
+            except OSError as error:
+                self._failed = error
+
+    def _write(self, buffers: Sequence[Buffer]) -> None:
         for first in range(0, len(buffers), _BUFFERS):
             left = [memoryview(buffer) for buffer in buffers[first : first + _BUFFERS]]
             while left:
@@ -280,14 +259,6 @@ class RecordingWriter:
                     taken -= len(left.pop(0))
                 if taken:
                     left[0] = left[0][taken:]
-        self._size += total
-        return total
-
-    def _hand_over(self) -> None:
-        self._refuse_failed()
-        if self._gathered:
-            self._queue.put(self._gathered)
-            self._gathered = []
 
     def _join(self) -> None:
         if self._thread.is_alive():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+
 import av
 import cv2
 import numpy as np
@@ -9,9 +11,9 @@ import pytest
 from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
 from mcap.reader import make_reader
 
-from analyze.annex_b import StartMarker, VideoFormat
-from analyze.errors import ImportRefused
-from analyze.importing.image_messages import VideoMessages, video_heads
+from analyze.annex_b import VideoFormat, mark_starts
+from analyze.errors import ImportRefused, OutputError
+from analyze.importing.image_messages import VideoMessages, put_video_heads, video_room
 from analyze.importing.jpeg import jpeg_file
 from analyze.importing.kept import CodedPictures, numbered
 from analyze.importing.pace import Missing
@@ -25,7 +27,7 @@ from tests.analyze.importing.filmed import HEIGHT, RATE, WIDTH, film, setting, t
 
 
 def _group(times) -> CodedPictures:
-    return CodedPictures(np.array(times, np.int64), np.zeros(len(times), np.bool_), [str(time).encode() for time in times])
+    return CodedPictures(np.array(times, np.int64), np.zeros(len(times), np.bool_), [memoryview(str(time).encode()) for time in times])
 
 
 @pytest.mark.parametrize("together", [1, 7, 40, 300])
@@ -61,25 +63,28 @@ def test_missing_frames_of_many_are_those_of_each():
 def test_heads_make_messages():
     times = np.array([5, 946_684_800_000_000_000, 1_763_000_000_123_456_789], np.int64)
     sizes = np.array([1, 200, 70_000], np.int64)
-    heads = video_heads("main", VideoFormat.H265, 3, VideoMessages(times, np.array([0, 1, 2**32 + 5]), sizes))
-    for head, time, size, sequence in zip(heads, times.tolist(), sizes.tolist(), (0, 1, 5), strict=True):
-        [(opcode, _, body)] = container.walk(memoryview(head + bytes(size)))
-        record = container.parse_message(body)
-        assert (opcode, record.channel_id, record.sequence, record.log_time_ns) == (container.MESSAGE, 3, sequence, time)
-        message = CompressedVideo.FromString(bytes(record.data))
+    records = [memoryview(bytearray(video_room("main", VideoFormat.H265) + size)) for size in sizes.tolist()]
+    put_video_heads("main", VideoFormat.H265, 3, VideoMessages(times, np.array([0, 1, 2**32 + 5]), sizes), records)
+    for record, time, size, sequence in zip(records, times.tolist(), sizes.tolist(), (0, 1, 5), strict=True):
+        [(opcode, _, body)] = container.walk(record)
+        found = container.parse_message(body)
+        assert (opcode, found.channel_id, found.sequence, found.log_time_ns) == (container.MESSAGE, 3, sequence, time)
+        message = CompressedVideo.FromString(bytes(found.data))
         assert message.timestamp.ToNanoseconds() == time
         assert (message.frame_id, message.format, len(message.data)) == ("main", "h265", size)
 
 
 def test_lengths_become_start_codes_where_they_add_up():
-    marker = StartMarker(VideoFormat.H264)
-    whole = bytearray(b"\0\0\0\2\x06\x01\0\0\0\3\x41ab")
-    assert marker.mark(memoryview(whole))
-    assert whole == b"\0\0\0\1\x06\x01\0\0\0\1\x41ab"
-    for left_alone in (b"\0\0\0\3\x65ab", b"\0\0\0\2\x06\x01\0\0\0\2\x65a", b"\0\0\0\2\x06\x01\0\0\0\4\x41ab", b"\0\0\0"):
-        data = bytearray(left_alone)
-        assert not marker.mark(memoryview(data))
-        assert data == left_alone
+    whole = [b"\0\0\0\2\x06\x01\0\0\0\3\x41ab", b"\0\0\0\1\x41"]
+    left_alone = [b"\0\0\0\3\x65ab", b"\0\0\0\2\x06\x01\0\0\0\2\x65a", b"\0\0\0\2\x06\x01\0\0\0\4\x41ab", b"\0\0\0", bytes(90)]
+    units = [*left_alone[:2], whole[0], *left_alone[2:], whole[1]]
+    data = bytearray(b"".join(b"--" + unit for unit in units))
+    ends = np.cumsum([len(unit) + 2 for unit in units])
+    starts = ends - [len(unit) for unit in units]
+    marked = mark_starts(VideoFormat.H264, data, starts, ends)
+    assert marked.tolist() == [unit in whole for unit in units]
+    turned = [bytes(data[start:end]) for start, end, good in zip(starts, ends, marked, strict=True) if good]
+    assert turned == [b"\0\0\0\1\x06\x01\0\0\0\1\x41ab", b"\0\0\0\1\x41"]
 
 
 @pytest.mark.parametrize("b_frames", ["0", "3"])
@@ -174,3 +179,32 @@ def test_damaged_pictures_are_left_out_and_counted(tmp_path):
     with VideoSource(path) as source:
         assert sum(len(group.data) for group in source.coded()) == 29
         assert any("1 frames cannot be decoded" in remark for remark in source.remarks)
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv", "ts"])
+def test_pictures_and_keys_are_those_that_ffmpeg_finds_in_them(tmp_path, suffix):
+    path = film(tmp_path / f"a.{suffix}", tip()[:40], bf="3", g="15", preset="veryfast")
+    with av.open(str(path)) as video:  # its parser looks into every packet
+        found = [(packet.pts, packet.is_keyframe) for packet in video.demux(video=0) if packet.size]
+    with VideoSource(path) as source:
+        groups = list(source.coded(room=3))
+        assert np.concatenate([group.times_ns for group in groups]).tolist() == [source.pace.time_ns(stamp) for stamp, _ in found]
+        assert np.concatenate([group.keys for group in groups]).tolist() == [key for _, key in found]
+        units = [bytes(unit) for group in groups for unit in group.data]
+    assert {unit[:3] for unit in units} == {bytes(3)}
+    decoder = av.CodecContext.create("h264", "r")
+    images = [image for unit in units for image in decoder.decode(av.Packet(unit[3:]))] + decoder.decode(None)
+    assert len(images) == 40
+
+
+def test_a_full_disk_is_said_and_leaves_nothing(tmp_path, monkeypatch):
+    path = film(tmp_path / "a.mp4", tip()[:5])
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared:
+        monkeypatch.setattr("analyze.importing.writer.os.writev", full)
+        with pytest.raises(OutputError, match=r"o\.mcap: cannot be written: No space"):
+            write(prepared, tmp_path / "o.mcap")
+    assert not list(tmp_path.glob("o.mcap*"))
