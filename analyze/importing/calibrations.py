@@ -49,6 +49,7 @@ _DISTORTION = (
     "d",
 )
 _WIDTH, _HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
+_ADDED = ("tworldcamera", "linetimes")
 _SIZE = ("resolution", "imagesize", "imgsize")
 
 
@@ -102,7 +103,7 @@ def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibra
             "another image size"
         )
     model = _model(entries, name)
-    place = _first(entries, ("tworldcamera",))
+    place = _first(entries, _ADDED[:1])
     spec: dict[str, Any] = {
         "model": model.value,
         "width": width,
@@ -111,7 +112,7 @@ def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibra
         "distortion": _coefficients(entries, model, name),
         "T_world_camera": np.eye(4).tolist() if place is None else _numbers(place, name, "T_world_camera", (16,)).reshape(4, 4).tolist(),
     }
-    line_time = _first(entries, ("linetimes",))
+    line_time = _first(entries, _ADDED[1:])
     if line_time is not None:
         spec["line_time_s"] = line_time
     return validate(CameraCalibrationSpec, spec, name), place is not None
@@ -200,7 +201,8 @@ def _one_camera(found: Any, name: str) -> Mapping[str, Any]:
     if len(cameras) > 1:
         raise CalibrationError(f"{name}: holds {len(cameras)} cameras ({', '.join(cameras[:4])}): leave the one that filmed in the file")
     inner = found[cameras[0]] if cameras else found.get("calibration")
-    return inner if isinstance(inner, dict) else found
+    # What we let people add may stand beside the camera's own entries, or among them.
+    return {**{key: value for key, value in found.items() if _plain(key) in _ADDED}, **inner} if isinstance(inner, dict) else found
 
 
 def _first(entries: Mapping[str, Any], names: tuple[str, ...]) -> Any:
@@ -257,4 +259,4 @@ def _yaml(text: str) -> Any:
     reader.Constructor = _Constructor
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of an anchor used twice, an integer with a dot: none of it bears on a lens
-        return reader.load("\n".join(lines))
+        return next(iter(reader.load_all("\n".join(lines))), None)

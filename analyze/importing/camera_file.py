@@ -16,6 +16,9 @@ from analyze.importing.topic_source import TopicSource
 from schemas.rig import RigConfig
 from schemas.session_manifest import CameraCalibrationSpec
 
+_OF_OTHERS = (".xml", ".txt", ".ini", ".npz", ".mat")
+"""files in which other programs keep calibrations too"""
+
 
 @dataclass(frozen=True)
 class CameraFile:
@@ -55,6 +58,10 @@ def read_camera(path: Path) -> CameraFile:
         raise CalibrationError(f"{path}: is a view, no camera file: `analyze calibrate {path.name} -o camera.toml` makes one of 15 views")
     if path.suffix.lower() in SUFFIXES:
         return CameraFile(path, *read_calibration(path))
+    if path.suffix.lower() in _OF_OTHERS:
+        raise CalibrationError(
+            f"{path}: {path.suffix} is not read: save the calibration as YAML or JSON, or give what `analyze calibrate -o` wrote"
+        )
     rig, place = read_rig(path)
     return CameraFile(path, rig.camera.calibration, place is not None, rig)
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Iterator
 from decimal import Decimal, InvalidOperation
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,14 +128,16 @@ def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
     found: list[tuple[Decimal, Path]] = []
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = csv.DictReader(file)
+            rows = _rows(file)
             if not {_NAME, _TIME} <= set(rows.fieldnames or ()):
                 raise ImportRefused(f"{path}: has the columns {','.join(rows.fieldnames or ()) or 'none'}: it needs {_NEEDED}")
             for row in rows:
+                if not (row[_NAME] or "").strip():
+                    raise ImportRefused(f"{path}: line {rows.line_num}: names no image: correct it, or leave the line out")
                 time_s = _seconds(row[_TIME])
                 if time_s is None:
                     raise ImportRefused(f"{path}: line {rows.line_num}: {_TIME} {row[_TIME]!r} is no number of seconds")
-                found.append((time_s, folder / str(row[_NAME])))
+                found.append((time_s, folder / row[_NAME].strip()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ImportRefused(f"{path}: cannot be read as CSV ({error}): it needs the columns {_NEEDED}") from None
     found.sort()
@@ -142,6 +145,9 @@ def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
         raise ImportRefused(f"{path}: names {len(found)} images: a strike has more")
     start = found[0][0]
     timed = [(round((time_s - start) * 10**9), image) for time_s, image in found]
+    often, count = Counter(str(image) for _, image in found).most_common(1)[0]
+    if count > 1:
+        raise ImportRefused(f"{path}: names {often} {count} times: an image was taken at one time: correct it")
     for (earlier, _), (later, image) in pairwise(timed):
         if later <= earlier:
             raise ImportRefused(f"{path}: two images have the same time, one is {image.name}: correct it")
@@ -149,6 +155,13 @@ def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
     if not _LEAST_S < usual_s < _MOST_S:
         raise ImportRefused(f"{path}: its images come every {usual_s:.3g} s: {_TIME} is in seconds: are these milliseconds, or numbers?")
     return timed
+
+
+def _rows(file: TextIO) -> csv.DictReader[str]:
+    """Columns by their names, whatever their case and the blanks around them."""
+    rows = csv.DictReader(file)
+    rows.fieldnames = [name.strip().lower() for name in rows.fieldnames or ()]
+    return rows
 
 
 def _seconds(text: str | None) -> Decimal | None:
@@ -163,5 +176,5 @@ def _seconds(text: str | None) -> Decimal | None:
 def _step_ns(path: Path) -> int:
     """1 sigma of the times by the digits they are written with."""
     with path.open(encoding="utf-8-sig", newline="") as file:
-        digits = max((len(row[_TIME].partition(".")[2]) for row in csv.DictReader(file) if "e" not in row[_TIME].lower()), default=9)
+        digits = max((len(row[_TIME].partition(".")[2]) for row in _rows(file) if "e" not in row[_TIME].lower()), default=9)
     return max(1, round(10.0 ** (9 - digits) / 12**0.5))

@@ -38,6 +38,11 @@ class Pace:
     steady_s: Fraction | None = None
     """interval, as the file plays, where the stamps are those of a constant rate rounded to coarse steps; None: they are times"""
 
+    @property
+    def played_hz(self) -> float:
+        """Frames per second as the file plays."""
+        return 1.0 / (self.interval_s * float(self.slowed))
+
     def time_ns(self, stamp: int) -> int:
         """Time since the first frame, as it was captured [ns]."""
         steps = stamp - self.first

@@ -119,7 +119,16 @@ class Import:
             )
 
     def _other_rates(self) -> Iterator[str]:
-        """Of films that were looked through: those whose frames come at another rate than the first one's."""
+        """Of films that were looked through: those whose frames come, or are played, at another rate than the first one's."""
+        said_hz = self.options.source.capture_hz
+        videos = [source for source in self.sources if isinstance(source, VideoSource) and said_hz is not None]
+        for video in videos[1:]:
+            mine, others = video.pace.played_hz, videos[0].pace.played_hz
+            if not 1 / _SAME_RATE < mine / others < _SAME_RATE:
+                yield (
+                    f"{video.name}: plays {mine:.4g} frames per second, {videos[0].name} {others:.4g}, and --capture-fps {said_hz:g} is of "
+                    "both: import by itself what was not captured so"
+                )
         first = self.films[0]
         for film in self.films[1:]:
             if film.frame_ns and first.frame_ns and not 1 / _SAME_RATE < film.frame_ns / first.frame_ns < _SAME_RATE:

@@ -235,7 +235,11 @@ class VideoSource:
         except IsADirectoryError:
             raise ImportRefused(f"{self.path}: is a folder: name a video, or a folder of images with its CSV of times") from None
         except (FFmpegError, OSError) as error:
-            cut = ": an MP4 file that was cut short has no index: film again, or repair it first" if self.path.suffix in _INDEXED else ""
+            cut = (
+                ": an MP4 file that was cut short has no index: film again, or repair it first"
+                if self.path.suffix.lower() in _INDEXED and _begins_as_mp4(self.path)
+                else ""
+            )
             raise ImportRefused(f"{self.path}: is no video that can be read ({error.strerror}){cut}") from None
 
     def _packets(self, container: InputContainer, stream: av.VideoStream) -> Iterator[av.Packet]:
@@ -338,6 +342,12 @@ def _groups(packets: Iterator[av.Packet]) -> Iterator[list[av.Packet]]:
 
 
 _INDEXED = {".mp4", ".mov", ".m4v", ".3gp"}
+
+
+def _begins_as_mp4(path: Path) -> bool:
+    """What is something else, or empty, was not cut short."""
+    with path.open("rb") as file:
+        return file.read(8)[4:] in {b"ftyp", b"moov", b"mdat", b"wide", b"free"}
 
 
 def _video_stream(container: InputContainer, path: Path) -> av.VideoStream:

@@ -94,6 +94,8 @@ def test_an_old_opencv_file_with_its_directive(tmp_path):
         (KALIBR.replace("equidistant", "none").replace(str(FISHEYE), "[]"), LensModel.PINHOLE, [0.0] * 5),
         (json.dumps(PYTHONS), LensModel.PINHOLE, BENT),
         (json.dumps(ECHOED), LensModel.PINHOLE, RATIONAL),
+        (CAMERA_INFO + "\n---\n", LensModel.PINHOLE, BENT),
+        (CAMERA_INFO + "\n---\n" + CAMERA_INFO + "\n---\n", LensModel.PINHOLE, BENT),
     ],
 )
 def test_one_camera_however_it_is_written(text, model, distortion):
@@ -112,6 +114,21 @@ def test_where_the_camera_stands_and_how_its_rows_are_read_may_be_added():
     assert camera_from_spec(spec).line_time_s == 9.3e-6
     assert "line_time_s" in spec.model_dump(mode="json")
     assert "line_time_s" not in spec_of(json.dumps(PYTHONS)).model_dump(mode="json")
+
+
+def test_they_may_stand_beside_kalibrs_camera():
+    place = np.diag([1.0, -1.0, -1.0, 1.0]).tolist()
+    spec, placed = parse_calibration(f"{KALIBR}\nT_world_camera: {place}\nline_time_s: 9.3e-6\n".encode(), "lens")
+    assert placed
+    assert (spec.T_world_camera, spec.line_time_s) == (place, 9.3e-6)
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".txt"])
+def test_other_files_of_lenses_are_refused_with_what_is_read(tmp_path, suffix):
+    path = tmp_path / f"lens{suffix}"
+    path.write_text("<opencv_storage/>")
+    with pytest.raises(CalibrationError, match=f"{suffix} is not read: save the calibration as YAML or JSON"):
+        read_camera(path)
 
 
 def without(entries, *names):

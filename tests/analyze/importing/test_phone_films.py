@@ -77,6 +77,15 @@ def test_few_frames_a_second_ask_for_the_rate_and_alike_is_said_once(tmp_path):
     assert turned.startswith("s1.mp4 and 2 more: is shown turned by 180 deg")
 
 
+def test_one_capture_rate_for_films_that_play_differently_is_told(tmp_path):
+    paths = film(tmp_path / "s1.mp4", tip(), played(tip())), film(tmp_path / "s2.mp4", tip(), played(tip(), 2 * PLAYED_US))
+    options = ImportOptions(paths, *setting(tmp_path, ("s1", "s2")), source=SourceOptions(capture_hz=RATE))
+    with prepare(options) as prepared:
+        assert "s2.mp4: plays 15 frames per second, s1.mp4 30, and --capture-fps 120 is of both: import by itself" in " ".join(
+            prepared.remarks()
+        )
+
+
 def test_a_camera_held_by_hand_is_told(tmp_path):
     swing = [picture(theta, (25 * np.sin(0.09 * number), 0.0)) for number, theta in enumerate(angles())]
     assert "never lies still: put the camera on a stand" in refused(tmp_path, film(tmp_path / "a.mp4", swing))

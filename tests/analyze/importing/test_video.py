@@ -120,6 +120,34 @@ def test_times_that_are_no_seconds_are_refused(tmp_path, unit, said):
         open_source(tmp_path, SourceOptions())
 
 
+@pytest.mark.parametrize("content", [b"", b"These are words and no film."])
+def test_what_is_no_mp4_was_not_cut_short(tmp_path, content):
+    (tmp_path / "a.mp4").write_bytes(content)
+    with pytest.raises(ImportRefused, match="is no video that can be read") as caught:
+        VideoSource(tmp_path / "a.mp4")
+    assert "cut short" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (["Time_s, Name", "0, 0.png", "0.01, 1.png"], None),
+        (["name,time_s", "0.png,0", ",0.01"], "line 3: names no image"),
+        (["name,time_s", "0.png,0", "0.png,0.01"], "0.png 2 times: an image was taken at one time"),
+    ],
+)
+def test_a_csv_as_people_write_it(tmp_path, rows, said):
+    for number in range(2):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
+    (tmp_path / "times.csv").write_text("\n".join(rows))
+    if said is None:
+        with open_source(tmp_path, SourceOptions()) as source:
+            assert [image.time_ns for image in source.frames()] == [0, 10_000_000]
+        return
+    with pytest.raises(ImportRefused, match=said):
+        open_source(tmp_path, SourceOptions())
+
+
 def test_times_are_not_for_a_video(tmp_path):
     path = film(tmp_path / "a.mkv", tip()[:2])
     with pytest.raises(ImportRefused, match="--times is of folders of images"):
