@@ -14,6 +14,7 @@ from typing import Self, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
+from analyze.board_images import SUFFIXES as PICTURES
 from analyze.errors import ImportRefused
 from analyze.image_message import image_of_file
 from analyze.importing.image_file import ImageFile, image_file
@@ -57,7 +58,10 @@ class ImageFolder:
     @property
     def remarks(self) -> tuple[str, ...]:
         """See FrameSource."""
-        return ()
+        named = {path.resolve() for _, path in self._images}
+        there = [path.resolve() for path in self.path.iterdir() if path.suffix.lower() in PICTURES]
+        unnamed = sum(path not in named for path in there)
+        return (f"{self.name}: left out what {self._csv.name} does not name: {unnamed} of {len(there)} images",) if unnamed else ()
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
         """See FrameSource."""

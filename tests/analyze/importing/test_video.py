@@ -148,6 +148,17 @@ def test_a_csv_as_people_write_it(tmp_path, rows, said):
         open_source(tmp_path, SourceOptions())
 
 
+def test_images_that_a_csv_does_not_name_are_told(tmp_path):
+    for number in range(4):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
+    (tmp_path / "times.csv").write_text("name,time_s\n0.png,0\n./1.png,0.01\n2.png,0.02\n")
+    with open_source(tmp_path, SourceOptions()) as source:
+        assert source.remarks == (f"{tmp_path.name}: left out what times.csv does not name: 1 of 4 images",)
+    (tmp_path / "3.png").unlink()
+    with open_source(tmp_path, SourceOptions()) as source:
+        assert source.remarks == ()
+
+
 def test_times_are_not_for_a_video(tmp_path):
     path = film(tmp_path / "a.mkv", tip()[:2])
     with pytest.raises(ImportRefused, match="--times is of folders of images"):
