@@ -86,7 +86,7 @@ def check(rig: Path, as_json: bool) -> None:
 def run(rig: Path, as_json: bool, parent: int | None) -> None:
     """Run the daemon for RIG (a rig file, TOML) until stopped."""
     from acquire.config import read_rig
-    from acquire.daemon import Daemon
+    from acquire.daemon.daemon import Daemon
 
     config = read_rig(rig)
 
@@ -108,10 +108,10 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
 @_one_line_errors
 def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_json: bool) -> None:
     """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon; asks you to place it."""
-    from acquire.api import DaemonClient
-    from acquire.console import ConsoleOperator, SessionProgress
+    from acquire.console.session import ConsoleOperator, SessionProgress
+    from acquire.daemon.api import DaemonClient
     from acquire.recorder.atomic import refuse_unwritable
-    from acquire.session_runner import SessionInput, SessionRunner
+    from acquire.session.runner import SessionInput, SessionRunner
 
     refuse_unwritable(output)
     given = SessionInput(object_file, plan)
@@ -143,7 +143,7 @@ def demo(
     object_name: str, seed: int, output: Path, address: str, strikes: int, axes: int | None, method: str, force: bool, as_json: bool
 ) -> None:
     """Run a whole session on the virtual rig: real GigE Vision, real Dynamixel protocol, no hardware."""
-    from acquire.console import SessionProgress
+    from acquire.console.session import SessionProgress
     from acquire.demo import DemoPlan, fresh_output, replaced_output, run_demo
 
     place = replaced_output(output) if force else fresh_output(output)
@@ -181,7 +181,7 @@ def strike(
     as_json: bool,
 ) -> None:
     """Strike once without a session, or --calibrate a bare striker. Asks before every strike."""
-    from acquire import strike_command
+    from acquire.console import strike as strike_command
 
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)  # as Ctrl-C: the arm is stopped
@@ -206,7 +206,7 @@ def strike(
 @_one_line_errors
 def status(rig: Path | None, as_json: bool) -> None:
     """Show what the daemon is doing."""
-    from acquire.api import DaemonClient
+    from acquire.daemon.api import DaemonClient
 
     with DaemonClient(_socket(rig)) as client:
         answer = client.call("status")
@@ -223,7 +223,7 @@ def status(rig: Path | None, as_json: bool) -> None:
 @_one_line_errors
 def stop(rig: Path | None, whole: bool) -> None:
     """Stop the striker now."""
-    from acquire.api import DaemonClient
+    from acquire.daemon.api import DaemonClient
 
     try:
         with DaemonClient(_socket(rig), patience_s=2.0) as client:
@@ -242,8 +242,8 @@ def stop(rig: Path | None, whole: bool) -> None:
 @_one_line_errors
 def recover(file: Path, output: Path | None, as_json: bool) -> None:
     """Rebuild a recording that was cut short. Exits with 3 when anything was lost, be it only what came behind a cut."""
-    from acquire.recorder.recover import default_output
-    from acquire.recorder.recover import recover as recover_file
+    from acquire.recorder.recover.recover import default_output
+    from acquire.recorder.recover.recover import recover as recover_file
 
     report = recover_file(file, output or default_output(file))
     click.echo(json.dumps(report.as_dict()) if as_json else report.text())

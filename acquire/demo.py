@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from acquire.api import DaemonClient, wait_for_socket
 from acquire.config import read_rig
+from acquire.daemon.api import DaemonClient, wait_for_socket
 from acquire.errors import ConfigError, RecorderError, SessionError
 from acquire.recorder.atomic import refuse_unwritable
-from acquire.session_runner import Progress, SessionInput, SessionReport, SessionRunner
+from acquire.session.runner import Progress, SessionInput, SessionReport, SessionRunner
 from acquire.virtual.objects import VirtualObject, load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink

@@ -9,19 +9,19 @@ import os
 
 import click
 
-from analyze.commands.batch import batch, query
-from analyze.commands.camera import calibrate
-from analyze.commands.import_ import import_
-from analyze.commands.markers import register
-from analyze.commands.plan import plan
-from analyze.commands.published import reproduce
-from analyze.commands.recording import inspect, watch
-from analyze.commands.replay import replay
-from analyze.commands.result import estimate, report, score
-from analyze.commands.shape import parts
-from analyze.commands.simulator import export
-from analyze.commands.table import gravity
-from analyze.commands.tags import print_tags
+from analyze.verbs.batch import batch, query
+from analyze.verbs.calibrate.command import calibrate
+from analyze.verbs.estimate import estimate, report, score
+from analyze.verbs.export import export
+from analyze.verbs.gravity.command import gravity
+from analyze.verbs.import_ import import_
+from analyze.verbs.inspect.command import inspect, watch
+from analyze.verbs.parts import parts
+from analyze.verbs.plan.command import plan
+from analyze.verbs.print_tags import print_tags
+from analyze.verbs.register.command import register
+from analyze.verbs.replay import replay
+from analyze.verbs.reproduce import reproduce
 from schemas.command_line import Commands
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from mcap.writer import Writer
 
 from acquire.recorder.writer import McapWriter
-from analyze.recording import open_recording
+from analyze.reading.recording import open_recording
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT

@@ -34,15 +34,16 @@ ATTEMPTS = 4
 LONGEST = (
     "analyze/reproduce/test_paper.py",
     "analyze/batch/test_run.py",
-    "analyze/calibration/test_calibrate_command.py",
+    "analyze/verbs/calibrate/test_calibrate_command.py",
     "analyze/replay/test_run.py",
-    "analyze/results/",
-    "analyze/test_answer.py",
+    "analyze/report/",
+    "analyze/pipeline/test_answer.py",
     "analyze/geometry/test_shape_files.py",
     "analyze/tracking/test_recovery.py",
     "analyze/cards/test_cards.py",
     "analyze/planning/",
     "analyze/registration/",
+    "analyze/verbs/register/",
 )
 """of those that compute, begun first, so that no worker is busy with one when the others have nothing left; what keeps time stays in its
 order, in which whole sessions do not run beside a camera at full rate"""

@@ -16,9 +16,9 @@ import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from acquire.recorder.edit import append_topics
+from acquire.recorder.recover.edit import append_topics
 from acquire.recorder.writer import McapWriter
-from analyze.recording import open_recording, read_truth
+from analyze.reading.recording import open_recording, read_truth
 from analyze.types import ImageFrame
 from schemas import topics
 from schemas.document import canonical_json

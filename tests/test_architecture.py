@@ -16,12 +16,12 @@ PACKAGES = ("acquire", "analyze", "schemas")
 SOURCES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py") if "_pb2" not in p.name)
 
 OWNERS = {
-    "av": {"analyze/importing/", "analyze/compressed_video.py"},
+    "av": {"analyze/sources/", "analyze/importing/", "analyze/reading/compressed_video.py"},
     "gi": {"acquire/camera/aravis_library.py"},
     "dynamixel_sdk": {"acquire/striker/"},
     "serial": {"acquire/striker/"},
-    "rosbags": {"analyze/importing/"},
-    "ruamel": {"analyze/importing/calibrations.py"},
+    "rosbags": {"analyze/sources/"},
+    "ruamel": {"analyze/cameras/foreign_calibrations.py"},
     "rerun": {"analyze/replay/"},
     "trimesh": {"analyze/geometry/mesh_files.py"},
     "laspy": {"analyze/geometry/cloud_files.py"},
@@ -29,7 +29,7 @@ OWNERS = {
     "distributed": {"analyze/batch/cluster.py"},
     "duckdb": {"analyze/batch/query.py"},
     "fsspec": {"analyze/batch/"},
-    "mcap": {"acquire/recorder/", "analyze/recording.py", "analyze/importing/message_files.py"},
+    "mcap": {"acquire/recorder/", "analyze/reading/recording.py", "analyze/sources/message_files.py"},
     # The second reads files back; no estimator does.
     "mujoco": {"acquire/virtual/", "analyze/export/read_back.py"},
     "pxr": {"analyze/export/"},
@@ -79,12 +79,12 @@ CV2_ALLOWED = (
     "analyze/tracking",
     "analyze/calibration",
     "analyze/geometry",
-    "analyze/image_message.py",
-    "analyze/importing/pictures.py",
+    "analyze/reading/image_message.py",
+    "analyze/sources/pictures.py",
     "analyze/replay/",
-    "analyze/watch.py",
+    "analyze/verbs/watch.py",
     "analyze/batch",
-    "analyze/results",
+    "analyze/report",
     "analyze/tags",
     "acquire/",
 )
@@ -243,11 +243,11 @@ def test_every_module_says_what_it_is():
 
 
 def test_colours_of_plots_stand_in_the_style_file_alone():
-    """A plot takes its colours by name from `analyze/results/style.py`; nothing and white are no colours."""
+    """A plot takes its colours by name from `analyze/report/style.py`; nothing and white are no colours."""
     keywords = {"color", "colors", "facecolor", "facecolors", "edgecolor", "edgecolors", "ecolor", "mfc", "mec", "c", "cmap"}
     found = []
     for path in SOURCES:
-        if not _name(path).startswith("analyze/results/") or _name(path).endswith("/style.py"):
+        if not _name(path).startswith(("analyze/report/", "analyze/reproduce/")) or _name(path).endswith("/style.py"):
             continue
         for node in _nodes(path):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and re.fullmatch(r"#([0-9a-fA-F]{3,4}){1,2}", node.value):
@@ -257,5 +257,5 @@ def test_colours_of_plots_stand_in_the_style_file_alone():
     assert not found
     # Nobody else draws plots; printed tags and boards are black on white.
     assert not _violations(
-        lambda path, module: _top(module) == "matplotlib" and not path.startswith(("analyze/results/", "analyze/tags/pdf"))
+        lambda path, module: _top(module) == "matplotlib" and not path.startswith(("analyze/report/", "analyze/reproduce/", "analyze/tags/pdf"))
     )

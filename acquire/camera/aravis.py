@@ -16,7 +16,7 @@ from acquire.camera.settings import settings_of
 from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
 
 if TYPE_CHECKING:
-    from acquire.clock import Clock
+    from acquire.clock.clock import Clock
     from acquire.config import CameraConfig
 
 _LATCH, _LATCH_HIGH, _LATCH_LOW, _TICKS_HIGH, _TICKS_LOW = 0x944, 0x948, 0x94C, 0x93C, 0x940

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from acquire.page_memory import page_memory, whole_pages
+from acquire.recorder.page_memory import page_memory, whole_pages
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from acquire.camera.base import Camera, CameraInfo, ClockReading, Frame
-from acquire.clock import Clock, DeviceClockMapper
+from acquire.clock.clock import Clock, DeviceClockMapper
 from acquire.errors import CameraError, CameraLost
 
 if TYPE_CHECKING:

@@ -20,14 +20,15 @@ import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
-from acquire.api import DaemonClient
-from acquire.capture_link import CaptureProcess
+from acquire.capture.link import CaptureProcess
 from acquire.config import RecorderConfig
+from acquire.daemon.api import DaemonClient
+from acquire.daemon.watcher import Watcher
 from acquire.errors import RecorderError
-from acquire.recorder.rewrite import mapped, read_layout
-from acquire.watcher import Watcher
-from schemas import container, topics
+from acquire.recorder.recover.rewrite import mapped, read_layout
+from schemas import topics
 from schemas.document import canonical_json, sha256_text
+from schemas.mcap import records as container
 from schemas.object_spec import object_sha256, parse_object_spec
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import ManifestCamera, SessionManifest, TimeSource
@@ -37,7 +38,7 @@ from schemas.watch_lines import WatchEvent
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from acquire.clock import Clock
+    from acquire.clock.clock import Clock
     from acquire.config import RigConfig
 
 FILM_S = 1.0

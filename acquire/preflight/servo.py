@@ -10,7 +10,7 @@ from acquire.errors import StrikerError
 from acquire.preflight.check import Check, Measured, failed, failed_as, not_checked, passed
 
 if TYPE_CHECKING:
-    from acquire.clock import Clock
+    from acquire.clock.clock import Clock
     from acquire.config import StrikerConfig
 
 LOWEST_V, HIGHEST_V = 10.0, 14.8

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from acquire.api import DaemonClient
-from acquire.clock import Clock, SystemClock
+from acquire.clock.clock import Clock, SystemClock
 from acquire.config import RigConfig, read_rig
+from acquire.daemon.api import DaemonClient
 from acquire.errors import AcquireError, ConfigError, DaemonNotRunning
 from acquire.preflight.camera import CAMERA_LINES, check_camera
 from acquire.preflight.check import Check, failed, failed_as, not_checked, passed

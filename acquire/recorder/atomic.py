@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from acquire.errors import RecorderError
-from schemas.container import Buffer
+from schemas.mcap.records import Buffer
 from schemas.output_file import why_unwritable
 
 _IOV_MAX = 1024

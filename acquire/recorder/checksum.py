@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 
 import deflate
 
-from schemas.container import Buffer
+from schemas.mcap.records import Buffer
 
 _LARGE_BYTES: Final = 8192
 """below it reading twice is cheaper than combining"""

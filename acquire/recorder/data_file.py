@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import ClassVar, NamedTuple, Protocol
 
-from schemas.container import Buffer
+from schemas.mcap.records import Buffer
 
 
 class LentRun(NamedTuple):

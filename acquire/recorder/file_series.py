@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from acquire.errors import RecorderError
-from acquire.recorder.block_memory import BlockMemory
+from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.messages import ImageMessage, LentImage, SmallMessage
 from acquire.recorder.writer import Channel, McapWriter, Seal
-from schemas.container import Buffer
+from schemas.mcap.records import Buffer
 from schemas.topics import Topic
 
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from acquire.errors import RecorderError
 from acquire.recorder.checksum import crc_of
+from acquire.recorder.direct.borrowed_queue import LentFrame
 from acquire.recorder.image import RawImageEncoder, png_message
-from acquire.recorder.lent_queue import LentFrame
 from acquire.recorder.messages import DiskBehind, ImageMessage, LentImage, SmallMessage
 from acquire.recorder.ring import ImageRing
 from acquire.recorder.writer import Channel
 from schemas import topics
-from schemas.container import Buffer
+from schemas.mcap.records import Buffer
 from schemas.proto import percuss_pb2 as pb
 
 BATCH_BYTES: Final = 3 << 19

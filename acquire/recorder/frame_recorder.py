@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
-from acquire.page_memory import PAGE
-from acquire.recorder.block_memory import BLOCK_BYTES, BlockMemory
+from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
+from acquire.recorder.direct.borrowed_queue import Lender, LentQueue
 from acquire.recorder.frame_queue import AtOnce, FrameFile, FrameQueue, ImageSink, Queued
-from acquire.recorder.lent_queue import Lender, LentQueue
+from acquire.recorder.page_memory import PAGE
 from schemas.proto import percuss_pb2 as pb
 
 BACKLOG_S: Final = 2.0

@@ -9,8 +9,8 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
 from acquire.errors import RecorderError
-from schemas.container import Buffer
-from schemas.packed import timestamp_field, varint
+from schemas.mcap.packed import timestamp_field, varint
+from schemas.mcap.records import Buffer
 
 _DATA_FIELD = bytes([6 << 3 | 2])
 

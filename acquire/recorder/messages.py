@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from acquire.errors import RecorderError
-from schemas.container import Buffer
+from schemas.mcap.records import Buffer
 
 
 class DiskBehind(RecorderError):

@@ -11,7 +11,7 @@ from typing import ClassVar, Final
 
 from acquire.recorder import atomic
 from acquire.recorder.data_file import LentRun
-from schemas.container import Buffer
+from schemas.mcap.records import Buffer
 
 RESERVE_BYTES: Final = 8 << 20
 """kept from other writers on the disk, so that a full disk still lets the summary be written"""

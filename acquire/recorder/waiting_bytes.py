@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from acquire.recorder.block_memory import BLOCK_BYTES, BlockMemory
 from acquire.recorder.data_file import LentRun
+from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
 
 
 class _Stretch:

@@ -17,17 +17,17 @@ from typing import Final
 
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
-from acquire.recorder.block_memory import BlockMemory
 from acquire.recorder.checksum import checksums
 from acquire.recorder.data_file import DataFile, LentRun
-from acquire.recorder.direct_file import DirectFile
-from acquire.recorder.lent_chunks import pack_lent
+from acquire.recorder.direct.block_memory import BlockMemory
+from acquire.recorder.direct.borrowed_chunks import pack_lent
+from acquire.recorder.direct.direct_file import DirectFile
 from acquire.recorder.messages import DiskBehind, ImageMessage, LentImage, SmallMessage
 from acquire.recorder.page_cache_file import PageCacheFile
-from schemas import container
-from schemas.container import Buffer, ContentHash
-from schemas.container_summary import Summary, pack_chunk, pack_topic
 from schemas.document import sha256_text
+from schemas.mcap import records as container
+from schemas.mcap.records import Buffer, ContentHash
+from schemas.mcap.summary import Summary, pack_chunk, pack_topic
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME
 from schemas.topics import Topic
 

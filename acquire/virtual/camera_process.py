@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Protocol
 import cv2
 import numpy as np
 
-from acquire.clock import Clock, SystemClock
+from acquire.clock.clock import Clock, SystemClock
 from acquire.errors import AcquireError
 from acquire.virtual.gige_camera import ImageSource, StreamSettings, VirtualGigeCamera
 from acquire.virtual.pose_ring import PoseRing, PoseRingError

@@ -34,7 +34,7 @@ from acquire.virtual.gige_interposer import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from acquire.clock import Clock
+    from acquire.clock.clock import Clock
 
 SENSOR_WIDTH, SENSOR_HEIGHT = 656, 492
 DRIFT = 37e-6

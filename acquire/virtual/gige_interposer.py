@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import random
     from collections.abc import Callable
 
-    from acquire.clock import Clock
+    from acquire.clock.clock import Clock
 
 GVCP_PORT = 3956
 LOOPBACK = "127.0.0.1"

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from acquire.api import DaemonClient
+from acquire.daemon.api import DaemonClient
 from acquire.errors import AcquireError
 from acquire.virtual.operator_link import OperatorLink
 

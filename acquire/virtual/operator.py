@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from acquire.api import DaemonClient
+from acquire.daemon.api import DaemonClient
 from acquire.errors import AcquireError
 from acquire.virtual.operator_link import OperatorLink
 

@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from acquire.clock import Clock
+    from acquire.clock.clock import Clock
     from acquire.virtual.gige_camera import StreamSettings
 
 _STAMP_BYTES = 16

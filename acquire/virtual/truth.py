@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from acquire.recorder.edit import append_topics, read_manifest
+from acquire.recorder.recover.edit import append_topics, read_manifest
 from acquire.virtual.truth_file import read_truth_file
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb

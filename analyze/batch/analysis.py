@@ -29,9 +29,9 @@ from analyze.errors import (
     ShapeError,
     TrackingError,
 )
-from analyze.evidence import RecordingHead, read_evidence, read_head
-from analyze.pipeline import EstimateOptions, estimate_evidence
-from analyze.verify import refuse_changed_content
+from analyze.pipeline.estimate import EstimateOptions, estimate_evidence
+from analyze.pipeline.evidence import RecordingHead, read_evidence, read_head
+from analyze.reading.verify import refuse_changed_content
 
 _NO_STRIKES = "no_strikes"
 _KINDS: tuple[tuple[type[Exception], str], ...] = (

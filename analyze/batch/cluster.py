@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from analyze.batch.archive import Source
-from analyze.batch.lane import Lane, Limits
 from analyze.batch.request import DIED, Outcome, Request, failed
 from analyze.batch.settings import analysis_version
+from analyze.batch.worker_process import Lane, Limits
 from analyze.errors import ArchiveError
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from analyze.batch.archive import Source
-from analyze.batch.lane import SCRATCH, Lane, LaneStoppedError, Limits
 from analyze.batch.ledger import Entry, Ledger, read_ledgers
 from analyze.batch.request import FAILURES, ROWS, Outcome, Request
 from analyze.batch.settings import BatchSettings, analysis_version
+from analyze.batch.worker_process import SCRATCH, Lane, LaneStoppedError, Limits
 from analyze.errors import ArchiveError
 
 Told = Callable[[Outcome, int, int], None]

@@ -14,7 +14,7 @@ from analyze.errors import ArchiveError
 
 _ROOT = Path(__file__).resolve().parent.parent.parent
 _PACKAGES = ("analyze", "schemas")
-_OF_NO_MATTER = ("analyze/batch", "analyze/cards", "analyze/commands", "analyze/replay", "analyze/reproduce", "analyze/results/templates")
+_OF_NO_MATTER = ("analyze/batch", "analyze/cards", "analyze/verbs", "analyze/replay", "analyze/reproduce", "analyze/report/templates")
 """what shows results, or asks for them"""
 _BUT = ("analyze/batch/analysis.py", "analyze/batch/sparse_copy.py", "analyze/batch/table.py")
 """of these what makes rows"""
@@ -64,7 +64,7 @@ class BatchSettings:
 
 
 def _sha256_of(path: Path) -> str:
-    from analyze.object_files import object_files  # a run over an archive that did not change needs none
+    from analyze.reading.object_file import object_files  # a run over an archive that did not change needs none
 
     files = object_files(path)
     return hashlib.sha256(path.read_bytes() + (files.shape_bytes or b"")).hexdigest()

@@ -17,9 +17,9 @@ from fsspec.core import url_to_fs
 
 from analyze.batch.archive import Source
 from analyze.errors import RecordingCut, RecordingError, RecordingForeign
-from analyze.recording import open_recording
-from schemas import container
-from schemas.container import ContainerError
+from analyze.reading.recording import open_recording
+from schemas.mcap import records as container
+from schemas.mcap.records import ContainerError
 from schemas.topics import VIDEO_CHUNK_BYTES
 
 _TAIL = 1 << 16

@@ -19,7 +19,7 @@ from analyze.batch.answer import plain_console
 from analyze.batch.summary import Repeated, Summary
 from analyze.errors import ArchiveError
 from analyze.output_file import write_bytes, write_text
-from analyze.results.page import page_environment
+from analyze.report.page import page_environment
 
 SUFFIXES = (".html", ".csv", ".parquet")
 _TYPES = {"str": pa.string(), "int": pa.int64(), "float": pa.float64()}

@@ -16,7 +16,7 @@ from analyze.output_file import write_bytes
 from schemas.result import Quantity, Result
 
 if TYPE_CHECKING:
-    from analyze.pipeline import Estimate
+    from analyze.pipeline.estimate import Estimate
 
 _F, _S, _I, _B = pa.float64(), pa.string(), pa.int64(), pa.bool_()
 _STRIKE = pa.struct(

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analyze.errors import ExportError
-from analyze.evidence import Progress
 from analyze.geometry.object_model import ObjectModel, load_object_model
-from analyze.given_files import read_result
-from analyze.object_files import object_files
-from analyze.pipeline import EstimateOptions, estimate_recordings
+from analyze.pipeline.estimate import EstimateOptions, estimate_recordings
+from analyze.pipeline.evidence import Progress
+from analyze.pipeline.given_results import read_result
+from analyze.reading.object_file import object_files
 from schemas.object_spec import ObjectSpec
 from schemas.result import Result
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from analyze.importing.source import TimedImage
+    from analyze.sources.source import TimedImage
     from analyze.types import Array
 
 _STATED_NS = 1e9 / 61

@@ -12,18 +12,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analyze.annex_b import VideoFormat
+from analyze.cameras.camera_file import CameraFile, camera_of, read_camera
 from analyze.errors import ImportRefused, OutputError
-from analyze.evidence import placed_markers
-from analyze.importing.camera_file import CameraFile, camera_of, read_camera
 from analyze.importing.onsets import Onset, OnsetFinder
-from analyze.importing.open_source import SourceOptions, open_source
 from analyze.importing.place import CameraPlace, CameraView, placed_by, view_of
-from analyze.importing.source import Frames, FrameSource
 from analyze.importing.spool import Spool
-from analyze.importing.video import VideoSource
 from analyze.importing.windows import Film, StrikeWindow, around, one_each, split
-from analyze.object_files import ObjectFiles, object_files
+from analyze.pipeline.evidence import placed_markers
+from analyze.reading.annex_b import VideoFormat
+from analyze.reading.object_file import ObjectFiles, object_files
+from analyze.sources.open_source import SourceOptions, open_source
+from analyze.sources.source import Frames, FrameSource
+from analyze.sources.video import VideoSource
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import ImageFrame
 from schemas.document import read_text

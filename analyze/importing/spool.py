@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from analyze.importing.source import FrameSource, TimedImage
+from analyze.sources.source import FrameSource, TimedImage
 
 _HELD_S = 1.5
 """of a source's latest images: what a window has before its strike, and a second in which a strike is known as one"""

@@ -13,7 +13,7 @@ from rich.table import Table
 if TYPE_CHECKING:
     from analyze.importing.run import Import
     from analyze.importing.windows import Film, StrikeWindow
-    from analyze.importing.write import Written
+    from analyze.importing.write_recording import Written
 
 
 def render_import(prepared: Import) -> list[str]:

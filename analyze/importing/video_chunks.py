@@ -11,10 +11,10 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from analyze.importing.image_messages import VideoMessages
-from schemas import container
-from schemas.container import Buffer
-from schemas.container_summary import ChunkSize
+from analyze.sources.image_messages import VideoMessages
+from schemas.mcap import records as container
+from schemas.mcap.records import Buffer
+from schemas.mcap.summary import ChunkSize
 
 WHOLE_CHUNK: Final = 1 << 20
 """bytes of pictures from which on the next key picture begins another chunk: each costs as much time as ten pictures"""

@@ -22,10 +22,10 @@ import deflate
 
 from analyze.errors import OutputError
 from analyze.importing.video_chunks import VideoChunk, checked
-from schemas import container
-from schemas.container import Buffer, ContentHash
-from schemas.container_summary import Summary, pack_chunk, pack_chunk_of_channel, pack_topic
 from schemas.document import canonical_json, sha256_text
+from schemas.mcap import records as container
+from schemas.mcap.records import Buffer, ContentHash
+from schemas.mcap.summary import Summary, pack_chunk, pack_chunk_of_channel, pack_topic
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
 from schemas.topics import Topic
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from analyze.errors import RecordingError
-from analyze.followed_series import FollowedSeries
-from analyze.indexed_file import RecordedMessage
+from analyze.reading.followed_series import FollowedSeries
+from analyze.reading.indexed_file import RecordedMessage
 from analyze.types import ImageFrame
 from schemas import topics
 from schemas.object_spec import ObjectSpec

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import rerun as rr
 
 from analyze.errors import RecordingError
-from analyze.followed import PART_SUFFIX
-from analyze.recording import Recording
+from analyze.reading.followed_recording import PART_SUFFIX
+from analyze.reading.recording import Recording
 from analyze.replay.layout import ANSWER, SESSION_PAGE
 from analyze.replay.live import LiveRecording
 from analyze.replay.pictures import send_pictures, thinned
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from analyze.indexed_file import RecordedMessage
+    from analyze.reading.indexed_file import RecordedMessage
     from analyze.replay.target import Target
     from schemas.proto import percuss_pb2 as pb
     from schemas.session_manifest import SessionManifest
@@ -178,7 +178,7 @@ def _send_live(
 
 
 def _end(recording: Recording, show: _Show, target: Target, progress: Progress) -> Replayed:
-    from analyze.evidence import head_of
+    from analyze.pipeline.evidence import head_of
 
     count = len(recording.strikes)
     progress("estimating", count, count + 1)

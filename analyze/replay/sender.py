@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from analyze.evidence import RecordingHead, StrikeReading, StrikeSource, StruckObject
-    from analyze.pipeline import Estimate
+    from analyze.pipeline.estimate import Estimate
+    from analyze.pipeline.evidence import RecordingHead, StrikeReading, StrikeSource, StruckObject
     from analyze.replay.body import Body
     from analyze.types import Array
     from schemas.proto import percuss_pb2 as pb
@@ -109,7 +109,7 @@ class Sender:
 
     def read(self, source: StrikeSource, record: pb.StrikeRecord, *, more: bool) -> None:
         """What a strike's images show. Loads what computes when it is called first."""
-        from analyze.evidence import read_strike
+        from analyze.pipeline.evidence import read_strike
         from analyze.replay.strike_scene import send_strike
 
         struck, body = self._object(source)
@@ -135,7 +135,7 @@ class Sender:
     def _object(self, source: StrikeSource) -> tuple[StruckObject | None, Body | None]:
         if not self._asked:
             self._asked = True
-            from analyze.evidence import placed_markers, struck_object
+            from analyze.pipeline.evidence import placed_markers, struck_object
             from analyze.replay.body import Body, log_shape
             from analyze.tracking.camera_model import camera_from_spec
 
@@ -153,9 +153,9 @@ class Sender:
 
     def answer(self, head: RecordingHead) -> None:
         """The joint estimate, or why there is none; at last the pages once more, with the answer in front."""
-        from analyze.evidence import evidence_of
-        from analyze.joined import strikes_to_leave_out
-        from analyze.pipeline import EstimateOptions, estimate_evidence
+        from analyze.pipeline.estimate import EstimateOptions, estimate_evidence
+        from analyze.pipeline.evidence import evidence_of
+        from analyze.pipeline.merge import strikes_to_leave_out
 
         try:
             if self._struck is None or self._body is None or self.no_answer:

@@ -17,7 +17,7 @@ from schemas.proto import percuss_pb2 as pb
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from analyze.recording import RecordedMessage, Recording
+    from analyze.reading.recording import RecordedMessage, Recording
     from analyze.replay.timelines import Timelines
     from analyze.types import Array, IntArray
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from analyze.errors import RecordingError, RecordingVersion
-from analyze.recording import Recording, open_partial, open_recording
+from analyze.reading.recording import Recording, open_partial, open_recording
 
 if TYPE_CHECKING:
     from pathlib import Path

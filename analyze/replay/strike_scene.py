@@ -8,12 +8,12 @@ import numpy as np
 import rerun as rr
 
 from analyze.geometry.rotations import wxyz_from_matrix
+from analyze.pipeline.sections import section_of
 from analyze.replay import overlay, views
 from analyze.replay.body import log_inside, log_shape
 from analyze.replay.palette import GREEN, GREY, ORANGE, PHASES, PURPLE, RED, SKY, TABLE, Colour
 from analyze.replay.timelines import contact_of, strike_path
 from analyze.replay.words import strike_text
-from analyze.sections import section_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from analyze.estimation.voxel_map import VoxelMap
     from analyze.geometry.object_model import ObjectModel
     from analyze.motion.flank import Flank
-    from analyze.pipeline import Estimate
+    from analyze.pipeline.estimate import Estimate
 
 _MOST_POINTS = 700
 _PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")

@@ -14,7 +14,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
 from analyze.output_file import write_bytes
-from analyze.results.style import style
+from analyze.report.style import style
 from analyze.tags.sheet import MARGIN, RULER_FOOT, RULER_MM, STRIP, Page, PlacedTag, Rect
 
 INCH = 25.4

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analyze.errors import TagError
-from analyze.object_files import object_spec
+from analyze.reading.object_file import object_spec
 from analyze.tags import families
 from analyze.tags.pdf import write_pdf
 from analyze.tags.sheet import Board, Page, Tag, board_page, parse_ids, refuse_impossible, tag_pages

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from acquire import session as s
 from acquire.config import StrikerConfig
+from acquire.session import machine as s
 from acquire.striker.detector import ContactDetector
 from acquire.striker.servo import (
     ACCELERATION_UNIT_RAD_S2,
@@ -36,11 +36,11 @@ from acquire.virtual.world import StrikerContact, World, WorldState
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion, verdict_of
 from analyze.motion.tip_angle import PlanarMotion
+from analyze.pipeline.sections import landing_of
 from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import Request, finish, prepare
-from analyze.sections import landing_of
 from analyze.types import TipAngle, TipMotion
 from schemas.object_spec import object_sha256
 from schemas.strike_plan import PlannedStrike, StrikePlan

@@ -20,7 +20,7 @@ import numpy as np
 
 from acquire.camera.base import Camera, CameraInfo, ClockReading, Frame
 from acquire.camera.buffers import FrameBuffers
-from acquire.clock import Clock
+from acquire.clock.clock import Clock
 from acquire.config import CameraConfig
 from acquire.errors import CameraLost, CameraNotFound
 
@@ -151,7 +151,7 @@ def make(config: CameraConfig, clock: Clock, spare_buffers: int = 0) -> Camera:
 
 
 if __name__ == "__main__":
-    from acquire.capture import serve
+    from acquire.capture.process import serve
 
     fd, heart_fd = (int(sys.argv[sys.argv.index(name) + 1]) for name in ("--fd", "--heart"))
     serve(fd, heart_fd, make)

@@ -11,7 +11,7 @@ import sys
 import cv2
 import numpy as np
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.virtual.gige_camera import StreamSettings, VirtualGigeCamera
 
 TAG, EDGE_PX = 5, 96

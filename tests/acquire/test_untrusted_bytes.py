@@ -14,10 +14,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from acquire import wire
-from acquire.api import ApiServer, DaemonClient
-from acquire.capture import Capture
-from acquire.clock import SystemClock
+from acquire.capture import wire
+from acquire.capture.process import Capture
+from acquire.clock.clock import SystemClock
+from acquire.daemon.api import ApiServer, DaemonClient
 from acquire.errors import AcquireError, DaemonError
 
 QUICK = settings(max_examples=60, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

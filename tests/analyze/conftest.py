@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from markupsafe import Markup
 
-SAMPLES = Path(__file__).resolve().parents[2] / "recordings"
+from tests.places import RECORDINGS
 
 
 @pytest.fixture(scope="session", autouse=True)
 def samples_are_tracked_once() -> Iterator[None]:
     """Many tests look at the committed sample: a strike of it is tracked once for the same markers and object. A copy is another file."""
-    from analyze import evidence  # here, because what only hands tests out to workers needs none of it
+    from analyze.pipeline.estimate import evidence
 
     track, known = evidence._strike, {}
 
     def remembered(recording, struck, markers, record):
-        if recording.path.resolve().parent != SAMPLES:
+        if recording.path.resolve().parent != RECORDINGS:
             return track(recording, struck, markers, record)
         places = tuple((m.id, m.size, None if m.T_object_marker is None else m.T_object_marker.tobytes()) for m in markers)
         key = (recording.path.name, record.strike_id, places, struck.sha256, struck.overridden)
@@ -36,6 +35,6 @@ def samples_are_tracked_once() -> Iterator[None]:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """For what a report says beside its plots: making and drawing them is nine tenths of its time."""
     for figure in ("regions", "voxel", "moments", "foretold", "sources", "influence", "strike"):
-        monkeypatch.setattr(f"analyze.results.report.{figure}_figure", lambda *_: None)
-    monkeypatch.setattr("analyze.results.report.projection_figures", lambda *_: [None] * 3)
-    monkeypatch.setattr("analyze.results.report.drawn", lambda _: Markup("<svg></svg>"))
+        monkeypatch.setattr(f"analyze.report.report.{figure}_figure", lambda *_: None)
+    monkeypatch.setattr("analyze.report.report.projection_figures", lambda *_: [None] * 3)
+    monkeypatch.setattr("analyze.report.report.drawn", lambda _: Markup("<svg></svg>"))

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from analyze.evidence import Evidence, RecordingHead
 from analyze.geometry.object_model import load_object_model
+from analyze.pipeline.evidence import Evidence, RecordingHead
 from analyze.types import MotionFit, Phases, TipAngle, TipMotion
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape, object_sha256
 from schemas.result import Verdict

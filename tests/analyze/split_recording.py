@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from acquire.recorder.edit import append_topics
+from acquire.recorder.recover.edit import append_topics
 from acquire.recorder.writer import McapWriter
-from analyze.indexed_file import open_finished
-from analyze.indexed_row import IndexedRow
-from analyze.recording import open_recording
+from analyze.reading.indexed_file import open_finished
+from analyze.reading.indexed_series import IndexedRow
+from analyze.reading.recording import open_recording
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME

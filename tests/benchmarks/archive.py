@@ -27,13 +27,13 @@ from rich.console import Console
 from rich.progress import track
 
 from analyze.batch.archive import find_sources
-from analyze.batch.lane import Lane, Limits
 from analyze.batch.ledger import Entry, Ledger
 from analyze.batch.query import rows_of
 from analyze.batch.request import Request
 from analyze.batch.settings import BatchSettings, analysis_version
 from analyze.batch.sparse_copy import fetched_without_images
 from analyze.batch.table import STAMPS
+from analyze.batch.worker_process import Lane, Limits
 from tests.broken_files import KINDS, break_file
 from tests.quick_archive import body_of, quick_session
 

@@ -39,13 +39,13 @@ from rich.progress import track
 from rich.table import Table
 
 from acquire.config import RecorderConfig
-from acquire.page_memory import page_memory, whole_pages
-from acquire.recorder.block_memory import BlockMemory
-from acquire.recorder.direct_file import can_write_directly
+from acquire.recorder.direct.block_memory import BlockMemory
+from acquire.recorder.direct.direct_file import can_write_directly
 from acquire.recorder.frame_queue import BATCH_BYTES
 from acquire.recorder.frame_recorder import Arrival, FrameRecorder, backlog_frames, lent_memory
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.messages import ImageMessage
+from acquire.recorder.page_memory import page_memory, whole_pages
 from acquire.recorder.writer import SYNC_BYTES, McapWriter
 from schemas import topics
 

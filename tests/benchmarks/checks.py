@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.progress import track
 
 from analyze.errors import EstimationError
-from analyze.evidence import Evidence
-from analyze.pipeline import estimate_evidence
+from analyze.pipeline.estimate import estimate_evidence
+from analyze.pipeline.evidence import Evidence
 from schemas.result import Verdict, WarningCode
 from tests.benchmarks.simulated_tips import session
 

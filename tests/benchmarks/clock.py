@@ -26,16 +26,16 @@ from rich.console import Console
 from rich.table import Table
 
 from acquire.camera.base import ClockReading
-from acquire.capture_link import CaptureProcess
-from acquire.clock import DeviceClockMapper, SystemClock
+from acquire.capture.link import CaptureProcess
+from acquire.clock.clock import DeviceClockMapper, SystemClock
 from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.virtual.pattern_source import read_stamp
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import CameraCalibrationSpec
 from tests import small_recording
+from tests.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 CAMERA = ROOT / "tests" / "acquire" / "camera" / "pattern_camera.py"
 WIDTH, HEIGHT = 160, 120
 LIMIT_US = 30.0

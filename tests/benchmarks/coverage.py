@@ -20,8 +20,8 @@ from rich.progress import track
 from rich.table import Table
 
 from analyze.errors import EstimationError
-from analyze.evidence import Evidence
-from analyze.pipeline import Estimate, estimate_evidence
+from analyze.pipeline.estimate import Estimate, estimate_evidence
+from analyze.pipeline.evidence import Evidence
 from tests.benchmarks.simulated_tips import Truth, session
 
 EMPTY = 0.01

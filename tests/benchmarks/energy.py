@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from acquire import session as s
+from acquire.session import machine as s
 from acquire.virtual.objects import load_object
 from tests.acquire.simulated_rig import SimulatedRig, mistaken, plan_for
 

@@ -16,9 +16,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from analyze import pipeline
 from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion
 from analyze.motion.tip_angle import PlanarMotion
+from analyze.pipeline.estimate import estimate as pipeline
 from analyze.types import TipMotion
 from tests.benchmarks.coverage import PER_SHAPE
 from tests.benchmarks.simulated_tips import session

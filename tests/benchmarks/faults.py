@@ -10,9 +10,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+from tests.places import ROOT
 from tests.system.fault_rig import TABLE_VARIABLE
 
-ROOT = Path(__file__).resolve().parents[2]
 TESTS = tuple(
     f"tests/system/test_{name}.py"
     for name in (

@@ -24,11 +24,11 @@ import numpy as np
 from av.video.stream import VideoStream
 
 from analyze.errors import ImportRefused
-from analyze.importing.open_source import SourceOptions
 from analyze.importing.run import ImportOptions, prepare
-from analyze.importing.write import write
-from analyze.pipeline import Estimate, estimate_recording
-from analyze.recording import open_recording, read_truth
+from analyze.importing.write_recording import write
+from analyze.pipeline.estimate import Estimate, estimate_recording
+from analyze.reading.recording import open_recording, read_truth
+from analyze.sources.open_source import SourceOptions
 from analyze.types import ImageFrame
 from schemas.result import Verdict
 from schemas.session_manifest import OBJECT_ATTACHMENT, PLAN_ATTACHMENT, RIG_ATTACHMENT

@@ -33,11 +33,11 @@ from foxglove.messages import CompressedImage, Timestamp
 from rich.console import Console
 from rich.table import Table
 
-from analyze.image_message import image_of_file
-from analyze.importing.message_files import open_message_file
-from analyze.importing.pictures import grey_of, picture_of
 from analyze.importing.run import ImportOptions, prepare
-from analyze.importing.write import write
+from analyze.importing.write_recording import write
+from analyze.reading.image_message import image_of_file
+from analyze.sources.message_files import open_message_file
+from analyze.sources.pictures import grey_of, picture_of
 from tests.analyze.importing.filmed import REST, angles, picture, setting
 
 WIDTH, HEIGHT, RATE = 1280, 960, 240

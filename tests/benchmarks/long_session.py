@@ -8,13 +8,13 @@ import numpy as np
 
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.writer import McapWriter
-from analyze.recording import Recording, open_recording
+from analyze.reading.recording import Recording, open_recording
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import MANIFEST_NAME
+from tests.places import FIRST_SAMPLE
 
-SAMPLE = Path(__file__).parents[2] / "recordings" / "sample-1.0.mcap"
 STRIKES, SECONDS = 10, 600
 LAST_STRIKE = "s2.3"
 _PERIOD_NS = 8_333_333
@@ -28,7 +28,7 @@ def make_long_session(path: Path) -> None:
     """Write it; every strike takes its minute."""
     rng = np.random.default_rng(1)
     noise = np.rint(rng.normal(0.0, _NOISE, (16, 492, 656))).astype(np.int16)
-    with open_recording(SAMPLE) as sample, McapWriter(path) as writer:
+    with open_recording(FIRST_SAMPLE) as sample, McapWriter(path) as writer:
         writer.metadata(MANIFEST_NAME, {"json": canonical_json(sample.manifest)})
         for name, data in sample.attachments.items():
             writer.attachment(name, "application/octet-stream", data)

@@ -28,10 +28,11 @@ from scipy.spatial import ConvexHull
 
 from analyze.errors import ShapeError
 from analyze.geometry.object_model import ObjectModel, load_object_model
-from analyze.plan_files import PlanOptions, plan_object
 from analyze.planning.hypothesis import Region
 from analyze.planning.stable_planes import COPLANAR, SMALLEST_AREA, RestingPlane, resting_planes, stable_planes
+from analyze.verbs.plan.files import PlanOptions, plan_object
 from tests.analyze.geometry.shapes import spec_of
+from tests.places import CARTON
 
 BODIES = {
     "box 60 x 200 x 50": lambda: trimesh.creation.box([60.0, 200.0, 50.0]),
@@ -40,7 +41,6 @@ BODIES = {
 }
 NOISE_MM = (0.1, 1.0, 5.0, 10.0, 15.0)
 POINTS = 20_000
-CARTON = Path(__file__).parents[2] / "acquire" / "virtual" / "object_data" / "carton.toml"
 SAME_POSE = np.radians(1.0)
 
 

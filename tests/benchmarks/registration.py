@@ -91,7 +91,7 @@ def recorded(paths: tuple[Path, ...]) -> Found:
         done = subprocess.run(
             [sys.executable, "-m", "analyze", "register", str(path), "--json"], capture_output=True, text=True, check=True
         )
-        from analyze.evidence import read_head
+        from analyze.pipeline.evidence import read_head
 
         truth = {m.name: np.array(m.T_object_marker) for m in read_head(path).manifest.object.marker}
         for entry in json.loads(done.stdout)["markers"]:

@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from analyze.errors import PlanError
-from analyze.evidence import Evidence, RecordingHead
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion
 from analyze.motion.tip_angle import PlanarMotion
+from analyze.pipeline.evidence import Evidence, RecordingHead
+from analyze.pipeline.sections import landing_of, section_of
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
-from analyze.sections import landing_of, section_of
 from analyze.types import TipMotion
 from schemas.object_spec import MarkerSpec, ObjectSpec, Shape, object_sha256
 from schemas.result import Verdict

@@ -23,19 +23,19 @@ import numpy as np
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from acquire.camera.frame_loss import FrameLoss
-from acquire.capture_link import CaptureProcess
-from acquire.clock import SystemClock
+from acquire.capture.link import CaptureProcess
+from acquire.clock.clock import SystemClock
 from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.errors import RecorderError
-from acquire.recorder.rewrite import mapped, read_layout
+from acquire.recorder.recover.rewrite import mapped, read_layout
 from acquire.virtual.pattern_source import noise, read_stamp, stamped
-from schemas import container
+from schemas.mcap import records as container
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import CameraCalibrationSpec
 from tests import small_recording
+from tests.places import ROOT
 
 WIDTH, HEIGHT, SEED = 656, 492, 7
-ROOT = Path(__file__).parents[2]
 CAMERA = ROOT / "tests" / "acquire" / "camera" / "pattern_camera.py"
 CHECK_EVERY = 100
 

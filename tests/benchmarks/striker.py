@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial import ConvexHull
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.config import StrikerConfig
 from acquire.striker.dynamixel import DynamixelStriker
 from acquire.virtual.objects import VirtualObject, load_object

@@ -25,14 +25,15 @@ from rich.progress import track
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
-from analyze.evidence import read_evidence, read_head
 from analyze.motion.tip_angle import Placement, tip_angle
-from analyze.recording import open_recording
+from analyze.pipeline.evidence import read_evidence, read_head
+from analyze.reading.recording import open_recording
 from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.pose import marker_corners
 from analyze.tracking.track import track_markers
 from analyze.types import CameraModel, ImageFrame, Marker
 from tests.analyze.tracking.rendering import render
+from tests.places import FIRST_SAMPLE
 
 SIZE = 0.03
 FRAME_NS = 8_333_333
@@ -42,7 +43,6 @@ FLIP_DEG = 5.0
 SIDES = (40, 60, 80, 120)
 ALONG, ACROSS = "on the axis", "across it"
 REFINE = {"SUBPIX": cv2.aruco.CORNER_REFINE_SUBPIX, "APRILTAG": cv2.aruco.CORNER_REFINE_APRILTAG}
-SAMPLE = Path(__file__).resolve().parents[2] / "recordings" / "sample-1.0.mcap"
 
 Array = NDArray[np.float64]
 
@@ -216,7 +216,7 @@ def main(films: int, path: Path | None) -> None:
             table.add_row(f"{px} px", *(each for name in ("ours", *REFINE) for each in errors[view, px][name].row()))
         console.print(table)
     speeds(console)
-    for each in [SAMPLE, *([path] if path else [])]:
+    for each in [FIRST_SAMPLE, *([path] if path else [])]:
         console.print(session(each), highlight=False)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from acquire.camera.aravis import AravisCamera
 from acquire.camera.base import Camera, Frame
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.config import CameraConfig, RigConfig
 from acquire.errors import CameraError
 from acquire.virtual.gige_camera import VirtualGigeCamera

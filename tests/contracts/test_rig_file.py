@@ -11,18 +11,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.config import read_rig
 from acquire.errors import ConfigError, StrikerRefused
 from acquire.striker.dynamixel import DynamixelStriker
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
-from analyze.plan_files import planned_rig, striker_model
 from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import Prepared, Request, finish, prepare
+from analyze.verbs.plan.files import planned_rig, striker_model
 from schemas.rig import StrikerConfig
 from tests.analyze.geometry.shapes import spec_of
 from tests.analyze.planning.random_bodies import FAR_TAG

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.config import RigConfig, StrikerConfig
 from acquire.errors import StrikerNotFound, StrikerRefused, StrikerStopped
 from acquire.striker.base import Striker, StrikerState

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 
 from schemas import topics
+from tests.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 ALL = [value for value in vars(topics).values() if isinstance(value, topics.Topic)] + [
     topics.raw_image("main"),
     topics.compressed_image("main"),

@@ -19,17 +19,18 @@ from typing import Any
 import numpy as np
 from mcap.reader import make_reader
 
-from acquire.api import DaemonClient
+from acquire.daemon.api import DaemonClient
 from acquire.errors import AcquireError, StrikerLost
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.object_spec import object_sha256, parse_object_spec
 from schemas.proto import percuss_pb2 as pb
 from schemas.strike_plan import StrikePlan
+from tests.acquire.session.test_machine import planned
 from tests.acquire.striker.plant import EFFECTIVE_MASS, Plant
-from tests.acquire.test_session import planned
 from tests.carton import CARTON
 from tests.loopback import loopback
+from tests.places import PATTERN_CAMERA
 from tests.rig_text import CALIBRATION
 
 SLOW_M_S, FAST_M_S = 0.15, 0.3
@@ -38,7 +39,6 @@ TABLE_VARIABLE = "PERCUSS_FAULT_TABLE"
 """names the file that rows are added to, as JSON lines"""
 RATE_HZ = 120.0
 ADDRESS, OTHER_ADDRESS = loopback(121), loopback(122)
-_CAMERA = Path(__file__).parents[1] / "acquire" / "camera" / "pattern_camera.py"
 
 
 def add_row(fault: str, lost: str, again: str) -> None:
@@ -111,7 +111,7 @@ class Camera:
 
     def __init__(self, address: str = ADDRESS, packet_loss: float = 0.0) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, str(_CAMERA), address, str(packet_loss)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, str(PATTERN_CAMERA), address, str(packet_loss)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
         self._counts: dict[str, int] | None = None
         assert self.process.stdout is not None

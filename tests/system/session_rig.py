@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from acquire.api import DaemonClient
+from acquire.daemon.api import DaemonClient
 from acquire.demo import rig_toml
-from acquire.session_runner import Progress, SessionInput, SessionReport, SessionRunner
+from acquire.session.runner import Progress, SessionInput, SessionReport, SessionRunner
 from acquire.virtual.objects import load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink

@@ -25,12 +25,13 @@ from tests import small_recording
 from tests.analyze.motion.tipping import SIZE, camera, marker, marker_poses, simulate
 from tests.analyze.tracking.rendering import render
 from tests.carton import CARTON
+from tests.places import OBJECTS
 from tests.system.complaints import complaint, names_in, spec_and_plan, write
 
 pytestmark = pytest.mark.usefixtures("nothing_left")
 
 MESH = CARTON.replace("box = { size_m = [0.08, 0.06, 0.15] }", 'file = "body.stl"\nunit = "mm"')
-JUICE_STL = (Path(__file__).parents[2] / "acquire/virtual/object_data/juice.stl").read_bytes()
+JUICE_STL = (OBJECTS / "juice.stl").read_bytes()
 
 
 # --- object, mesh, rig and plan files ----------------------------------------------------------------------------------

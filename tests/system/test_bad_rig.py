@@ -19,9 +19,9 @@ import pytest
 import serial
 from click.testing import CliRunner
 
-from acquire.api import DaemonClient, wait_for_socket
 from acquire.cli import main as acquire
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
+from acquire.daemon.api import DaemonClient, wait_for_socket
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource
 from tests.acquire.striker.plant import Plant

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from acquire.api import DaemonClient
+from acquire.capture.heartbeat import SILENCE_S
 from acquire.config import RecorderConfig
+from acquire.daemon.api import DaemonClient
 from acquire.errors import DaemonSilent, RecordingBroken
-from acquire.heart import SILENCE_S
-from acquire.recorder.edit import read_manifest
+from acquire.recorder.recover.edit import read_manifest
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from tests.system.fault_rig import FAST_M_S, RATE_HZ, FaultRig, Frames, add_row, fault_rig, messages, milliseconds, wait_until, works_again

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 
 from acquire.cli import main as acquire
-from schemas import container
+from schemas.mcap import records as container
 from tests import small_recording as small
 from tests.system.fault_rig import add_row
 

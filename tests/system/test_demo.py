@@ -8,9 +8,9 @@ import math
 import pytest
 from click.testing import CliRunner
 
-from acquire.recorder.edit import remove_topics
+from acquire.recorder.recover.edit import remove_topics
 from analyze.cli import main as analyze
-from analyze.recording import open_recording, read_truth
+from analyze.reading.recording import open_recording, read_truth
 from schemas import topics
 from schemas.result import Result
 

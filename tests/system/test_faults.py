@@ -19,7 +19,7 @@ from pathlib import Path
 
 import pytest
 
-from acquire.api import DaemonClient
+from acquire.daemon.api import DaemonClient
 from acquire.errors import AcquireError, RecorderError
 from schemas import topics
 from tests.system.fault_rig import (
@@ -201,7 +201,7 @@ def test_watcher_killed(rig: FaultRig) -> None:
 CLIENT = """
 import json, sys
 from pathlib import Path
-from acquire.api import DaemonClient
+from acquire.daemon.api import DaemonClient
 client = DaemonClient(Path(sys.argv[1]))
 client.call("recording.open", **json.loads(sys.argv[2]))
 for verb in ("home", "arm", "cock"):

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from acquire.virtual.hand import TOUCH_S, VirtualHand
 from acquire.virtual.truth import merge_truth
 from analyze.cli import main as analyze
-from analyze.recording import open_recording, read_truth
+from analyze.reading.recording import open_recording, read_truth
 from schemas.strike_plan import read_strike_plan
 from tests.system.session_rig import SEED, session_rig
 

@@ -9,10 +9,10 @@ import socket
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
+from tests.places import ROOT
 from tests.system.fault_rig import FaultRig, Frames, add_row, alive, fault_rig, wait_until, works_again
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(90)]
@@ -98,7 +98,7 @@ def test_a_killed_daemon_that_is_started_again_as_the_unit_says(rig: FaultRig) -
     """Nobody touches its children, as with KillMode=process: the new daemon comes up beside them, and gets camera, port and socket."""
     unit = configparser.ConfigParser()
     unit.optionxform = str  # type: ignore[assignment,method-assign]
-    unit.read(Path(__file__).parents[2] / "docs" / "percuss.service")
+    unit.read(ROOT / "docs" / "percuss.service")
     service = unit["Service"]
     assert (service["Type"], service["KillMode"], service["Restart"]) == ("notify", "process", "on-failure")
     assert unit["Unit"]["StartLimitIntervalSec"] == "0"

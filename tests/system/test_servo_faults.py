@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.errors import StrikerFault, StrikerLost, StrikerNotFound
 from acquire.striker.base import StrikerState
 from acquire.striker.dynamixel import DynamixelStriker

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from acquire.api import DaemonClient
 from acquire.cli import main as acquire
+from acquire.daemon.api import DaemonClient
 from acquire.errors import StrikerStopped
 from tests.acquire.striker.lateness import Lateness
 from tests.system.fault_rig import OTHER_ADDRESS, Daemon, FaultRig, fault_rig, wait_until

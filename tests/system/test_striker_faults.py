@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from acquire.api import DaemonClient
-from acquire.recorder.recover import recover
+from acquire.daemon.api import DaemonClient
+from acquire.recorder.recover.recover import recover
 from acquire.virtual.dynamixel_servo import HardwareError
 from schemas import topics
 from tests.acquire.striker.lateness import Lateness

@@ -13,7 +13,7 @@ from analyze.types import Array, EquiPlane, MotionFit, TipMotion
 from schemas.result import Verdict
 
 if TYPE_CHECKING:
-    from analyze.pipeline import Estimate
+    from analyze.pipeline.estimate import Estimate
     from schemas.strike_plan import PlannedStrike
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from analyze.types import Array, MotionFit, TipMotion
 
 if TYPE_CHECKING:
-    from analyze.evidence import Evidence
+    from analyze.pipeline.evidence import Evidence
     from schemas.strike_plan import PlannedStrike
 
 TILT_SD = math.radians(0.2)

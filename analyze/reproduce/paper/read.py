@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analyze.evidence import read_evidence, read_head
-from analyze.recording import read_truth
+from analyze.pipeline.evidence import read_evidence, read_head
+from analyze.pipeline.score import refuse_without_truth
+from analyze.reading.recording import read_truth
 from analyze.reproduce.paper.record import SessionRecord, Source
 from analyze.reproduce.paper.session import session_record
-from analyze.score import refuse_without_truth
 
 if TYPE_CHECKING:
-    from analyze.evidence import Progress
+    from analyze.pipeline.evidence import Progress
 
 
 def read_session(path: Path, progress: Progress | None = None) -> SessionRecord:

@@ -10,7 +10,7 @@ import numpy as np
 
 from analyze.errors import AnalyzeError
 from analyze.geometry.object_model import ObjectModel, load_object_model
-from analyze.pipeline import estimate_evidence
+from analyze.pipeline.estimate import estimate_evidence
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.stable_planes import resting_planes
@@ -22,7 +22,7 @@ from schemas.object_spec import Shape
 from schemas.strike_plan import Pivot
 
 if TYPE_CHECKING:
-    from analyze.evidence import Evidence
+    from analyze.pipeline.evidence import Evidence
     from schemas.proto import percuss_pb2 as pb
     from schemas.strike_plan import PlannedStrike
 

@@ -14,14 +14,14 @@ from analyze.estimation.equiplane import equiplane_normal
 from analyze.estimation.paper import paper_centre_of_mass
 from analyze.estimation.regions import mass_distribution
 from analyze.estimation.stated import ComPrior
-from analyze.pipeline import systematic_errors
+from analyze.pipeline.estimate import systematic_errors
+from analyze.pipeline.score import tip_truth
 from analyze.reproduce.paper.chain import regions_at
 from analyze.reproduce.paper.record import Sensitivity
-from analyze.score import tip_truth
 from analyze.types import Array, EquiPlane
 
 if TYPE_CHECKING:
-    from analyze.pipeline import Estimate
+    from analyze.pipeline.estimate import Estimate
     from schemas.proto import percuss_pb2 as pb
 
 PAPER_NOISE_DEG = 1.85

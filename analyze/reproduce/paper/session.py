@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from analyze.estimation.paper import distance_from
-from analyze.pipeline import Estimate, estimate_evidence
+from analyze.pipeline.estimate import Estimate, estimate_evidence
+from analyze.pipeline.score import tip_truth
 from analyze.reproduce.paper.chain import PaperAnswer, paper_answers, refuse_empty
 from analyze.reproduce.paper.miscalibrated import miscalibrated
 from analyze.reproduce.paper.own_choice import own_choice
@@ -35,12 +36,11 @@ from analyze.reproduce.paper.sensitivity import (
     masses_over_moments,
     sided,
 )
-from analyze.score import tip_truth
 from analyze.types import Array, TipMotion
 from schemas.result import Verdict
 
 if TYPE_CHECKING:
-    from analyze.evidence import Evidence, Progress
+    from analyze.pipeline.evidence import Evidence, Progress
     from schemas.proto import percuss_pb2 as pb
 
 SWEPT = "carton"

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import sys
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.virtual.gige_camera import DRIFT, VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource
 

@@ -18,7 +18,7 @@ from acquire.camera.aravis import AravisCamera
 from acquire.camera.aravis_library import discover
 from acquire.camera.base import Frame
 from acquire.camera.discovery import is_controlled
-from acquire.clock import DeviceClockMapper, SystemClock
+from acquire.clock.clock import DeviceClockMapper, SystemClock
 from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped

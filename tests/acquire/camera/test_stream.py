@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from acquire.camera.stream import CameraStream, TimedFrame
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from tests.acquire.synthetic_camera import Faults, SyntheticCamera
 
 FRAMES = 90

@@ -16,13 +16,14 @@ from mcap.reader import make_reader
 
 from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
-from acquire.recorder.block_memory import BlockMemory
-from acquire.recorder.direct_file import can_write_directly
+from acquire.recorder.direct.block_memory import BlockMemory
+from acquire.recorder.direct.direct_file import can_write_directly
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
 from acquire.recorder.frame_recorder import Arrival, FrameRecorder
 from acquire.recorder.writer import McapWriter
 from schemas import topics
+from tests.places import ROOT
 
 ANCHOR_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 10_000_000
@@ -196,12 +197,11 @@ def fill(folder: Path) -> None:
 
 def test_a_disk_that_fills_up_in_a_window_leaves_a_whole_recording(tmp_path: Path) -> None:
     """On a real file system of 20 MB, in a mount namespace of its own."""
-    root = Path(__file__).parents[3]
     mount = 'mount -t tmpfs -o size=20m none "$1" 2>/dev/null || exit 77; shift; exec "$@"'
     code = "import sys, pathlib; from tests.acquire.recorder.test_file_series import fill; fill(pathlib.Path(sys.argv[1]))"
     command = ["unshare", "-rm", "sh", "-c", mount, "sh", str(tmp_path), sys.executable, "-c", code, str(tmp_path)]
     try:
-        done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=False, timeout=60)
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60)
     except FileNotFoundError:
         pytest.skip("no unshare on this machine")
     if done.returncode == 77 or "unshare" in done.stderr:

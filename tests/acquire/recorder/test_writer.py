@@ -16,7 +16,7 @@ from acquire.errors import RecorderError
 from acquire.recorder.image import RawImageEncoder, png_message
 from acquire.recorder.writer import McapWriter
 from schemas import topics
-from schemas.container import ContentHash
+from schemas.mcap.records import ContentHash
 from schemas.proto import percuss_pb2 as pb
 
 T0 = 1_700_000_000_000_000_000

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.config import StrikerConfig
 from acquire.striker.dynamixel import DynamixelStriker
 from schemas.proto import percuss_pb2 as pb

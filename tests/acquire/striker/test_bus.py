@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.errors import StrikerError, StrikerLost, StrikerNotFound, StrikerRefused
 from acquire.striker.bus import ServoBus
 from acquire.striker.control_table import Register, control_table

@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.errors import StrikerNotFound
 from acquire.striker.bus import ServoBus
 from acquire.striker.control_table import control_table
@@ -20,7 +20,7 @@ from tests.acquire.striker.plant import Plant
 
 OWNER = """
 import sys
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.striker.bus import ServoBus
 from acquire.striker.control_table import control_table
 from acquire.striker.deadman import DeadMan

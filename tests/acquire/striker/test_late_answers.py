@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.errors import StrikerLost
 from acquire.striker.bus import ServoBus
 from acquire.virtual.dynamixel_protocol import Parser, encode

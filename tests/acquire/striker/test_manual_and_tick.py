@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.config import StrikerConfig
 from acquire.errors import StrikerRefused
 from acquire.striker import manual

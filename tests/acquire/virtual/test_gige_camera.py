@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from acquire.camera.discovery import ask, is_controlled
-from acquire.clock import SystemClock
+from acquire.clock.clock import SystemClock
 from acquire.errors import CameraError
 from acquire.virtual.gige_camera import DeviceClock, StreamSettings, VirtualGigeCamera
 from acquire.virtual.gige_interposer import descriptors

@@ -18,7 +18,7 @@ from analyze.batch.settings import BatchSettings, analysis_version
 from analyze.batch.sparse_copy import fetched_without_images, sparse_copies
 from analyze.batch.table import STAMPS
 from analyze.errors import ArchiveError
-from analyze.recording import open_recording
+from analyze.reading.recording import open_recording
 from tests.broken_files import break_file
 from tests.quick_archive import body_of, quick_session
 

@@ -17,13 +17,13 @@ import pytest
 
 from analyze.batch.analysis import analyse
 from analyze.batch.archive import find_sources
-from analyze.batch.lane import Lane, LaneStoppedError, Limits
 from analyze.batch.ledger import Ledger
 from analyze.batch.query import ask, rows_of
 from analyze.batch.request import Request
 from analyze.batch.run import BatchOptions, run_batch, work_of
 from analyze.batch.settings import BatchSettings
 from analyze.batch.table import STAMPS
+from analyze.batch.worker_process import Lane, LaneStoppedError, Limits
 from analyze.errors import ArchiveError
 from tests.broken_files import KINDS
 from tests.quick_archive import body_of

@@ -2,7 +2,6 @@
 
 import re
 from functools import cache
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -15,15 +14,14 @@ from analyze.cards.page import cards, render_cards
 from analyze.cards.view import Frame, from_above, from_the_camera, from_the_front_right
 from analyze.cli import main
 from analyze.geometry.object_model import load_object_model
-from analyze.object_files import object_files
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
+from analyze.reading.object_file import object_files
 from schemas.object_spec import LengthUnit
 from schemas.strike_plan import StrikePlan
 from schemas.tags import family_and_id
 from tests.analyze.balanced_html import Balanced
-
-OBJECTS = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data"
+from tests.places import OBJECTS
 
 
 @cache

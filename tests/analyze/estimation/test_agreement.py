@@ -6,7 +6,7 @@ import pytest
 from analyze.estimation.agreement import centres_apart, estimators_apart
 from analyze.estimation.paper import PaperCentre
 from analyze.estimation.stated import ComPrior
-from analyze.pipeline import estimate_evidence
+from analyze.pipeline.estimate import estimate_evidence
 from schemas.result import Verdict, WarningCode
 from tests.analyze.simulated_session import carton, session
 

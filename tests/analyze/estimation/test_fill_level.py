@@ -14,8 +14,8 @@ from analyze.estimation.fill_level import KnownDensity, Shell, fill_level
 from analyze.estimation.part_masses import MeasuredMoments
 from analyze.geometry.object_model import load_object_model
 from analyze.geometry.voxels import voxelise
-from analyze.pipeline import estimate_evidence
-from analyze.results.summary import _filling
+from analyze.pipeline.estimate import estimate_evidence
+from analyze.report.summary import _filling
 from schemas.document import DocumentError
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, PartLabel, Shape, object_sha256, parse_object_spec
 from schemas.result import WarningCode

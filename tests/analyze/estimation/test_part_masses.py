@@ -19,8 +19,8 @@ from analyze.estimation.part_masses import MeasuredMoments, part_masses
 from analyze.geometry.bodies import bodies_of
 from analyze.geometry.object_model import load_object_model
 from analyze.geometry.voxels import voxelise
-from analyze.parts_table import bodies_in, bodies_json, render_bodies
-from analyze.pipeline import estimate_evidence, render_summary
+from analyze.pipeline.estimate import estimate_evidence, render_summary
+from analyze.verbs.parts_table import bodies_in, bodies_json, render_bodies
 from schemas.document import DocumentError
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, PartLabel, Shape, parse_object_spec
 from tests.analyze.simulated_session import carton, session

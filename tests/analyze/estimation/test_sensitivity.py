@@ -12,7 +12,7 @@ from analyze.estimation.joint import Moments, solve_joint
 from analyze.estimation.joint_model import COM
 from analyze.estimation.sensitivity import ErrorSource
 from analyze.estimation.stated import ComPrior
-from analyze.pipeline import equiplanes, estimate_evidence, systematic_errors
+from analyze.pipeline.estimate import equiplanes, estimate_evidence, systematic_errors
 from schemas.object_spec import MarkerSpec
 from tests.analyze.simulated_session import carton, session
 

@@ -8,8 +8,8 @@ import pytest
 from analyze.estimation.part_masses import MeasuredMoments, measured_moments
 from analyze.estimation.voxel_map import voxel_map
 from analyze.geometry.object_model import DENSITIES
-from analyze.pipeline import estimate_evidence
-from analyze.results.voxels import told_in_words, voxel_figure, write_voxels
+from analyze.pipeline.estimate import estimate_evidence
+from analyze.report.voxel_map import told_in_words, voxel_figure, write_voxels
 from tests.analyze.simulated_session import carton, session
 
 

@@ -18,13 +18,11 @@ from analyze.export.measured_only import refuse_prior
 from analyze.export.provenance import ENTRIES, prior_entries, provenance
 from analyze.export.read_back import read_back
 from analyze.export.write import refuse_other
-from analyze.object_files import object_files
-from analyze.recording import open_recording
-from schemas.document import SCHEMA_VERSION
+from analyze.reading.object_file import object_files
+from analyze.reading.recording import open_recording
 from schemas.result import Result
 from tests.analyze.export.bodies import model_of, spec_of, wedge_obj
-
-SAMPLE = Path(__file__).resolve().parents[3] / "recordings" / f"sample-{SCHEMA_VERSION}.mcap"
+from tests.places import SAMPLE
 
 
 def run(*arguments: object) -> tuple[int, str, str]:

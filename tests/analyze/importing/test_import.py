@@ -14,15 +14,15 @@ from analyze.batch.archive import find_sources
 from analyze.batch.sparse_copy import sparse_copies
 from analyze.cli import main
 from analyze.errors import ImportRefused, OutputError
-from analyze.evidence import read_evidence, read_head
 from analyze.importing.onsets import OnsetFinder
-from analyze.importing.open_source import SourceOptions, open_source
 from analyze.importing.run import ImportOptions, prepare
-from analyze.importing.source import TimedImage
-from analyze.importing.video import VideoSource
-from analyze.importing.write import write
-from analyze.recording import Recording, open_recording
-from analyze.verify import refuse_changed_content
+from analyze.importing.write_recording import write
+from analyze.pipeline.evidence import read_evidence, read_head
+from analyze.reading.recording import Recording, open_recording
+from analyze.reading.verify import refuse_changed_content
+from analyze.sources.open_source import SourceOptions, open_source
+from analyze.sources.source import TimedImage
+from analyze.sources.video import VideoSource
 from schemas.result import Verdict
 from schemas.session_manifest import TimeSource
 from tests.analyze.importing.filmed import PHI, RATE, REST, T_WORLD_CAMERA, K, angles, film, picture, setting, tip

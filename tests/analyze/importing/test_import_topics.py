@@ -8,8 +8,8 @@ from click.testing import CliRunner
 from rosbags.rosbag2 import StoragePlugin
 
 from analyze.cli import main
-from analyze.evidence import read_evidence, read_head
-from analyze.recording import open_recording
+from analyze.pipeline.evidence import read_evidence, read_head
+from analyze.reading.recording import open_recording
 from schemas.result import Verdict
 from schemas.session_manifest import TimeSource
 from tests.analyze.importing.filmed import FOCAL, HEIGHT, PHI, RATE, WIDTH, K, setting, tip

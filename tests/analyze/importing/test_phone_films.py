@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analyze.cameras.camera_file import read_camera
 from analyze.errors import CalibrationError, ImportRefused
-from analyze.importing.camera_file import read_camera
-from analyze.importing.open_source import SourceOptions
 from analyze.importing.run import ImportOptions, prepare
-from analyze.importing.video import VideoSource
+from analyze.sources.open_source import SourceOptions
+from analyze.sources.video import VideoSource
 from tests.analyze.importing.filmed import RATE, REST, angles, film, picture, setting, tip
 
 PLAYED_US = 33_333

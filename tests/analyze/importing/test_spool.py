@@ -11,11 +11,11 @@ import pytest
 from analyze.errors import OutputError
 from analyze.importing import spool as module
 from analyze.importing.run import ImportOptions, prepare
-from analyze.importing.source import TimedImage
 from analyze.importing.spool import Spool
-from analyze.importing.video import VideoSource
-from analyze.importing.write import write
-from analyze.recording import open_recording
+from analyze.importing.write_recording import write
+from analyze.reading.recording import open_recording
+from analyze.sources.source import TimedImage
+from analyze.sources.video import VideoSource
 from tests.analyze.importing.filmed import film, setting, tip
 
 WIDTH, HEIGHT, STEP_NS = 8, 6, 10_000_000

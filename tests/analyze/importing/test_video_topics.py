@@ -13,7 +13,7 @@ from foxglove.channels import CompressedVideoChannel
 from foxglove.messages import CompressedVideo, Timestamp
 
 from analyze.errors import ImportRefused
-from analyze.importing.topic_source import TopicSource
+from analyze.sources.topic_source import TopicSource
 from tests.analyze.importing.foreign_files import FRAME_NS, START_NS
 
 COUNT = 30
@@ -98,7 +98,7 @@ def test_b_frames_that_are_stamped_as_they_are_coded(tmp_path):
 
 
 def test_b_frames_that_begin_late(tmp_path, monkeypatch):
-    monkeypatch.setattr("analyze.importing.topic_source._LOOKED_AT", 10)
+    monkeypatch.setattr("analyze.sources.topic_source._LOOKED_AT", 10)
     units = [*coded()[:10], *coded("h264", 3)[10:]]
     refused(written(tmp_path / "a.mcap", [(at, at + 1, data) for at, (_, data) in enumerate(units)]), "holds B-frames")
 

@@ -11,7 +11,6 @@ from rich.console import Console
 
 from analyze.cards.page import render_cards
 from analyze.geometry.object_model import load_object_model
-from analyze.plan_table import render_plan
 from analyze.planning import design, view
 from analyze.planning.examine import Bench
 from analyze.planning.footing import SHARES, footing
@@ -19,6 +18,7 @@ from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import Prepared, Request, finish, prepare
 from analyze.planning.stable_planes import resting_planes, stable_planes
+from analyze.verbs.plan.table import render_plan
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.planning.comparison import compare

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,16 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
-from analyze.object_files import object_files
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import ImpactPoint, StrikerModel, best_impact, impact_points
 from analyze.planning.pivots import pivot_axes, swing
 from analyze.planning.plan import make_plan
 from analyze.planning.stable_planes import resting_planes, stable_planes
+from analyze.reading.object_file import object_files
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
+from tests.places import OBJECTS
 
-OBJECTS = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data"
 STRIKER = StrikerModel()
 SIZE = np.array([0.08, 0.06, 0.15])
 SD_LIMIT = 0.001

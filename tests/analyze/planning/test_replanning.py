@@ -10,11 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyze import plan_files
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
-from analyze.joined import edge_line
-from analyze.plan_files import PlanOptions, plan_object
+from analyze.pipeline.merge import edge_line
 from analyze.planning.design import choose
 from analyze.planning.examine import Bench
 from analyze.planning.forecast import MOST_STRIKES, strikes_for
@@ -23,10 +21,12 @@ from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
 from analyze.planning.plan import Request, finish, make_plan, prepare
 from analyze.planning.view import default_camera
-from analyze.recording import open_recording
-from schemas.document import SCHEMA_VERSION
+from analyze.reading.recording import open_recording
+from analyze.verbs.plan import files as plan_files
+from analyze.verbs.plan.files import PlanOptions, plan_object
 from tests.analyze.geometry.shapes import spec_of
 from tests.analyze.planning.random_bodies import FAR_TAG
+from tests.places import SAMPLE
 
 BENCH = Bench(StrikerModel(), default_camera(), 0.6)
 COM = np.array([0.004, -0.003, 0.012])
@@ -181,20 +181,19 @@ def test_a_level_table_and_good_edges_help():
 @pytest.mark.slow
 def test_a_recordings_result_is_taken_up(tmp_path: Path):
     """The committed sample: estimated, its posterior becomes the prior; the result's JSON does the same."""
-    from analyze.pipeline import estimate_recording
-    from analyze.results.document import result_json
+    from analyze.pipeline.estimate import estimate_recording
+    from analyze.result.document import result_json
 
-    sample = Path(__file__).parents[3] / "recordings" / "sample-1.0.mcap"
-    estimate = estimate_recording(sample)
+    estimate = estimate_recording(SAMPLE)
     spec = estimate.evidence.spec
     assert spec.shape.file is None
     result = result_json(estimate.result)
     (tmp_path / "r.json").write_text(result)
     thing = tmp_path / "object.toml"
-    thing.write_bytes(_attachment(sample))
+    thing.write_bytes(_attachment(SAMPLE))
     plan = plan_object(thing, PlanOptions(strikes=2, given=(tmp_path / "r.json",))).plan
     assert plan.strikes[0].id == f"s{sum(strike['used'] for strike in json.loads(result)['strikes']) + 1}"
-    taught = plan_object(thing, PlanOptions(strikes=2, given=(sample,))).plan
+    taught = plan_object(thing, PlanOptions(strikes=2, given=(SAMPLE,))).plan
     assert taught.prediction == plan.prediction
     assert [strike.axis_id for strike in taught.strikes] == [strike.axis_id for strike in plan.strikes]
     # Only the recording holds what the striker gave.
@@ -224,14 +223,13 @@ def test_a_target_that_is_reached_already_is_said():
 
 def test_the_rig_of_the_last_recording_given_is_the_one_planned_for(tmp_path):
     """A plan that goes on is struck on the rig that made the recording, unless another is named."""
-    sample = Path(__file__).resolve().parents[3] / "recordings" / f"sample-{SCHEMA_VERSION}.mcap"
-    with open_recording(sample) as recording:
+    with open_recording(SAMPLE) as recording:
         rig_file = tmp_path / "rig.toml"
         rig_file.write_bytes(recording.attachments["rig.toml"])
-    found, notes = plan_files._rig_of(PlanOptions(given=(sample,)))
-    named, silent = plan_files._rig_of(PlanOptions(rig_path=rig_file, given=(sample,)))
+    found, notes = plan_files._rig_of(PlanOptions(given=(SAMPLE,)))
+    named, silent = plan_files._rig_of(PlanOptions(rig_path=rig_file, given=(SAMPLE,)))
     assert found.config == named.config
     assert np.array_equal(found.bench.camera.T_world_camera, named.bench.camera.T_world_camera)
-    assert notes == [f"planned for the rig of {sample}: for another, give its file with --rig"]
+    assert notes == [f"planned for the rig of {SAMPLE}: for another, give its file with --rig"]
     assert silent == []
     assert plan_files._rig_of(PlanOptions())[0].config is None

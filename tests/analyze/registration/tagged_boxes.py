@@ -13,9 +13,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from analyze.evidence import unplaced_markers
 from analyze.geometry.object_model import load_object_model
 from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.pipeline.evidence import unplaced_markers
 from analyze.registration.views import strike_view
 from analyze.tracking.track import track_markers
 from analyze.types import ImageFrame, Marker, MarkerTrack

@@ -1,7 +1,6 @@
 """The cards in rerun: a step per strike, and something to see."""
 
 import time
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,14 +11,13 @@ from analyze.cards.page import cards
 from analyze.cli import main
 from analyze.errors import OutputError
 from analyze.geometry.object_model import load_object_model
-from analyze.object_files import object_files
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
 from analyze.planning.view import default_camera
+from analyze.reading.object_file import object_files
 from analyze.replay.cards import STRIKE, card_text, log_scenes, write_card_scenes
 from analyze.replay.picture import showing
-
-CARTON = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data" / "carton.toml"
+from tests.places import CARTON
 
 
 @pytest.fixture(scope="module")

@@ -7,14 +7,13 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.analyze.watched_page import watched_viewer
+from tests.places import FIRST_SAMPLE
 
-SAMPLE = Path(__file__).parents[3] / "recordings" / "sample-1.0.mcap"
 SIZE = (800, 600)
 SCENE = (slice(100, 400), slice(20, 420))
 """of the window's pixels, on the page with the answer: the body with its equi-planes"""
@@ -33,7 +32,7 @@ def coloured_on_dark(picture: np.ndarray) -> float:
 
 @pytest.fixture
 def address():
-    command = [sys.executable, "-m", "analyze", "replay", str(SAMPLE), "--web", "--no-browser"]
+    command = [sys.executable, "-m", "analyze", "replay", str(FIRST_SAMPLE), "--web", "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:
             told = process.stdout.readline()

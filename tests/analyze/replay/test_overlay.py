@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from analyze.evidence import placed_markers, read_strike, struck_object
-from analyze.recording import open_recording
+from analyze.pipeline.evidence import placed_markers, read_strike, struck_object
+from analyze.reading.recording import open_recording
 from analyze.replay import overlay, views
 from analyze.replay.timelines import contact_of
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.pose import marker_corners
 from analyze.types import CameraModel
-
-SAMPLE = Path(__file__).parents[3] / "recordings" / "sample-1.0.mcap"
+from tests.places import FIRST_SAMPLE
 
 
 @pytest.fixture(scope="module")
 def read():
-    with open_recording(SAMPLE) as recording:
+    with open_recording(FIRST_SAMPLE) as recording:
         struck = struck_object(recording)
         markers = placed_markers(struck.spec)
         reading = read_strike(recording, struck, markers, recording.strikes[0])

@@ -15,8 +15,8 @@ from rerun.chunk import RrdReader
 
 from acquire.recorder.writer import McapWriter
 from analyze.cli import main
-from analyze.evidence import read_strike
-from analyze.recording import open_recording
+from analyze.pipeline.evidence import read_strike
+from analyze.reading.recording import open_recording
 from analyze.replay.pictures import ImageChoice, send_pictures
 from analyze.replay.place import find
 from analyze.replay.run import replay_recording
@@ -27,8 +27,8 @@ from analyze.replay.viewer import ReplayError, native
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME
+from tests.places import FIRST_SAMPLE
 
-SAMPLE = Path(__file__).parents[3] / "recordings" / "sample-1.0.mcap"
 TOPICS = [
     topics.compressed_image("main"), topics.frame_meta("main"), topics.STRIKER_EVENT, topics.CLOCK_SAMPLE, topics.SESSION_STATE,
     topics.SESSION_STRIKE, topics.LOG,
@@ -82,8 +82,8 @@ def sample(read, tmp_path_factory):
         return read[record.strike_id]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analyze.evidence.read_strike", remembering)
-        return replay(SAMPLE, tmp_path_factory.mktemp("replay") / "sample.rrd")
+        patch.setattr("analyze.pipeline.evidence.read_strike", remembering)
+        return replay(FIRST_SAMPLE, tmp_path_factory.mktemp("replay") / "sample.rrd")
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def read_before(sample, read, monkeypatch):
         assert list(source.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns))
         return read[record.strike_id]
 
-    monkeypatch.setattr("analyze.evidence.read_strike", known)
+    monkeypatch.setattr("analyze.pipeline.evidence.read_strike", known)
 
 
 def test_every_strike_has_its_images_curves_bands_and_pose(sample):
@@ -137,7 +137,7 @@ def test_the_first_strike_goes_out_first(sample):
 
 def test_images_are_thinned_jpeg_unless_more_is_asked(tmp_path):
     found = {}
-    with open_recording(SAMPLE) as recording:
+    with open_recording(FIRST_SAMPLE) as recording:
         record = recording.strikes[0]
         frames = list(recording.images(start_ns=record.window_start_ns, end_ns=record.window_start_ns + 200_000_000))
     for choice in (ImageChoice(), ImageChoice(every_frame=True), ImageChoice(lossless=True)):
@@ -162,7 +162,7 @@ def test_images_are_thinned_jpeg_unless_more_is_asked(tmp_path):
 def recorded(tmp_path_factory):
     """The sample with every message where a recorder would have put it: a strike is told once its images are there."""
     path = tmp_path_factory.mktemp("recorded") / "session.mcap"
-    with open_recording(SAMPLE) as recording, McapWriter(path) as writer:
+    with open_recording(FIRST_SAMPLE) as recording, McapWriter(path) as writer:
         writer.metadata(MANIFEST_NAME, {"json": canonical_json(recording.manifest)})
         for name, data in recording.attachments.items():
             writer.attachment(name, "application/octet-stream", data)
@@ -194,7 +194,7 @@ def test_a_cut_recording_is_replayed_up_to_the_cut_and_says_so(recorded, tmp_pat
 
 
 def test_a_recording_cut_before_its_first_strike_was_told_shows_its_images(tmp_path):
-    data = SAMPLE.read_bytes()
+    data = FIRST_SAMPLE.read_bytes()
     path, output = tmp_path / "cut.mcap", tmp_path / "cut.rrd"
     path.write_bytes(data[: int(len(data) * 0.5)])
     done = CliRunner().invoke(main, ["replay", str(path), "--save", str(output)])
@@ -205,8 +205,8 @@ def test_a_recording_cut_before_its_first_strike_was_told_shows_its_images(tmp_p
 
 @pytest.mark.usefixtures("read_before")
 def test_a_damaged_chunk_costs_its_images_and_is_told(tmp_path):
-    data = bytearray(SAMPLE.read_bytes())
-    with open_recording(SAMPLE) as recording:
+    data = bytearray(FIRST_SAMPLE.read_bytes())
+    with open_recording(FIRST_SAMPLE) as recording:
         record = recording.strikes[1]
         frames = list(recording.messages("/camera/main/image", record.window_start_ns, record.window_end_ns))
         middle = frames[60]
@@ -230,7 +230,7 @@ def test_a_damaged_chunk_costs_its_images_and_is_told(tmp_path):
 @pytest.mark.usefixtures("read_before")
 def test_too_few_strikes_are_still_replayed(tmp_path):
     output = tmp_path / "few.rrd"
-    done = CliRunner().invoke(main, ["replay", str(SAMPLE), "--exclude", "s1.1", "--exclude", "s2.2", "--save", str(output)])
+    done = CliRunner().invoke(main, ["replay", str(FIRST_SAMPLE), "--exclude", "s1.1", "--exclude", "s2.2", "--save", str(output)])
     assert done.exit_code == 1
     (line,) = done.stderr.splitlines()
     assert "2 good strikes of 4, 3 are needed" in line
@@ -244,7 +244,7 @@ def test_an_object_that_cannot_be_read_leaves_the_images(tmp_path):
     broken = tmp_path / "object.toml"
     broken.write_text("name = 3", encoding="utf-8")
     output = tmp_path / "r.rrd"
-    done = CliRunner().invoke(main, ["replay", str(SAMPLE), "--object", str(broken), "--save", str(output)])
+    done = CliRunner().invoke(main, ["replay", str(FIRST_SAMPLE), "--object", str(broken), "--save", str(output)])
     assert done.exit_code == 1
     assert "object.toml" in done.stderr
     shown = Shown(output)
@@ -262,7 +262,7 @@ def test_an_object_that_cannot_be_read_leaves_the_images(tmp_path):
 )
 def test_what_is_asked_wrongly_gives_one_line(more, says, tmp_path):
     output = [] if "--save" in more else ["--save", str(tmp_path / "r.rrd")]
-    done = CliRunner().invoke(main, ["replay", str(SAMPLE), *more, *output])
+    done = CliRunner().invoke(main, ["replay", str(FIRST_SAMPLE), *more, *output])
     assert done.exit_code == 1
     (line,) = done.stderr.splitlines()
     assert says in line
@@ -271,7 +271,7 @@ def test_what_is_asked_wrongly_gives_one_line(more, says, tmp_path):
 
 def test_ways_of_looking_that_exclude_each_other_are_wrong_usage():
     for more in (["--web", "--save", "r.rrd"], ["--no-browser"]):
-        assert CliRunner().invoke(main, ["replay", str(SAMPLE), *more]).exit_code == 2
+        assert CliRunner().invoke(main, ["replay", str(FIRST_SAMPLE), *more]).exit_code == 2
 
 
 # --- a session that still runs ----------------------------------------------------------------------------------------
@@ -316,7 +316,7 @@ def test_a_running_session_is_followed_strike_by_strike(recorded, tmp_path, monk
 def test_a_session_that_died_is_told_once_its_file_stands_still(tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.replay.run._POLL_S", 0.02)
     monkeypatch.setattr("analyze.replay.place.STILL_S", 0.3)
-    data = SAMPLE.read_bytes()
+    data = FIRST_SAMPLE.read_bytes()
     part = tmp_path / "dead.mcap.part"
     part.write_bytes(data[: len(data) // 2])
     done, shown, _ = replay(tmp_path / "dead.mcap", tmp_path / "dead.rrd")

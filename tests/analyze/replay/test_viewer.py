@@ -18,9 +18,9 @@ from analyze.replay.place import find
 from analyze.replay.run import replay_recording
 from analyze.replay.sender import ReplayOptions
 from analyze.replay.target import to_file
+from tests.places import FIRST_SAMPLE
 
-SAMPLE = Path(__file__).parents[3] / "recordings" / "sample-1.0.mcap"
-ROOT = SAMPLE.parents[1]
+ROOT = FIRST_SAMPLE.parents[1]
 
 
 def listening(port: int) -> set[str]:
@@ -40,7 +40,7 @@ def children(pid: int) -> list[int]:
 
 def test_the_web_viewer_serves_on_loopback_and_ends_with_ctrl_c(tmp_path):
     stderr = (tmp_path / "stderr").open("w+")
-    command = [sys.executable, "-m", "analyze", "replay", str(SAMPLE), "--web", "--no-browser"]
+    command = [sys.executable, "-m", "analyze", "replay", str(FIRST_SAMPLE), "--web", "--no-browser"]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=stderr, text=True)
     try:
         line = process.stdout.readline()
@@ -66,7 +66,7 @@ def test_the_web_viewer_serves_on_loopback_and_ends_with_ctrl_c(tmp_path):
 
 
 def test_a_terminated_replay_leaves_no_viewer():
-    command = [sys.executable, "-m", "analyze", "replay", str(SAMPLE), "--web", "--no-browser"]
+    command = [sys.executable, "-m", "analyze", "replay", str(FIRST_SAMPLE), "--web", "--no-browser"]
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     assert process.stdout is not None
     assert process.stdout.readline()
@@ -85,7 +85,7 @@ def test_a_terminated_replay_leaves_no_viewer():
 def test_pages_rendered_without_a_screen_are_not_blank(tmp_path):
     rrd, picture = tmp_path / "r.rrd", tmp_path / "r.png"
     with to_file(rrd) as target:
-        done = replay_recording(find(SAMPLE), target, ReplayOptions(page="s1.1"), lambda *_: None)
+        done = replay_recording(find(FIRST_SAMPLE), target, ReplayOptions(page="s1.1"), lambda *_: None)
     screenshot(rrd, picture, done.moment_s)
     image = cv2.imread(str(picture))
     height, width = image.shape[:2]

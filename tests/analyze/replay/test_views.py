@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from analyze.pipeline import estimate_evidence
+from analyze.pipeline.estimate import estimate_evidence
 from analyze.replay import views
 from tests.analyze.simulated_session import carton, session
 

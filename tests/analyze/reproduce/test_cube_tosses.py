@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +12,9 @@ from analyze.cli import main
 from analyze.errors import RecordingError
 from analyze.reproduce.cube_tosses import GRAVITY_M_S2, read_tosses
 from tests.analyze.motion.tossed_cube import EDGE, MASS, Cube, tossed
+from tests.places import ROOT
 
-DATA = Path(__file__).resolve().parents[3].parent / "shared" / "data" / "contactnets_tosses.npz"
+DATA = ROOT.parent / "shared" / "data" / "contactnets_tosses.npz"
 CUBE = Cube(np.array([0.0, 0.001, 0.006]), np.array([1.0, 0.95, 0.9]) * 1e-3)
 
 

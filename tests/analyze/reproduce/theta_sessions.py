@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from acquire import session as s
-from analyze.evidence import Evidence, RecordingHead
+from acquire.session import machine as s
+from analyze.pipeline.evidence import Evidence, RecordingHead
 from schemas.object_spec import object_sha256
 from schemas.proto import percuss_pb2 as pb
 from tests.acquire.simulated_rig import SimulatedRig, model_of, plan_for, thing_of

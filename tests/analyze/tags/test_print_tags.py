@@ -2,7 +2,6 @@
 
 import re
 import zlib
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,8 +13,8 @@ from analyze.cli import main
 from analyze.errors import TagError
 from analyze.tags.families import FAMILIES, cells, count
 from analyze.tags.sheet import Board, Tag, board_page, parse_ids, tag_pages
+from tests.places import OBJECTS
 
-OBJECTS = Path(__file__).parents[3] / "acquire" / "virtual" / "object_data"
 PX_PER_MM = 12.0
 WITHIN_MM = 0.1
 

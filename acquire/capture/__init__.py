@@ -1,0 +1,1 @@
+"""The capture process: reads the camera and writes the recording, nothing else."""

@@ -1,0 +1,5 @@
+"""`python -m acquire.capture --fd N`: started by the daemon."""
+
+from acquire.capture.process import main
+
+main()

@@ -1,0 +1,274 @@
+"""The daemon's end of the capture process: start it, tell it what to do, hear what became of it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from acquire import errors
+from acquire.camera.base import CameraInfo
+from acquire.capture import wire
+from acquire.capture.heartbeat import SILENCE_S, Listener
+from acquire.config import RigConfig
+from acquire.errors import AcquireError, CaptureGone, RecorderError
+from acquire.recorder.frame_recorder import WindowReport
+from schemas.document import canonical_json
+from schemas.session_manifest import SessionManifest
+
+BATCH_S: Final = 0.05
+"""small topics travel together this often"""
+BATCH_LIMIT: Final = 8 << 20
+"""bytes that may wait when the capture process does not read; beyond it messages are dropped and counted"""
+REPLY_S: Final = 10.0
+START_S: Final = 30.0
+FINISH_S: Final = 90.0
+"""a slow disk may have gigabytes to write before fsync returns"""
+
+
+@dataclass(frozen=True)
+class CaptureStatus:
+    """How camera and recording do."""
+
+    frames: int
+    """since the capture process started"""
+    lost: int
+    """on the way from the camera, since then"""
+    dropped: int
+    """images a slow disk could not take, in this recording"""
+    waiting_bytes: int
+    """images in memory before the disk, in this recording"""
+    fps: float
+    recording: Path | None
+    first_frame_ns: int | None
+    """log time of this recording's first frame, None before it"""
+    bytes_written: int
+    receive_buffer_bytes: int
+    camera: CameraInfo | None
+    connected: bool
+    clock_latched: bool
+    """frame times are mapped from the camera's clock; else they are arrival times"""
+    last_frame_age_s: float | None
+    error: str
+    """what went wrong last, empty when all is well"""
+    warnings: tuple[str, ...]
+    """what works less well than it could"""
+
+
+@dataclass(frozen=True)
+class RecordingReport:
+    """A finished recording."""
+
+    path: Path
+    frames: int
+    lost: int
+    content_id: str
+
+
+class CaptureProcess:
+    """The capture process as an object. Methods may be called from any thread; every one but `write` waits for the answer.
+
+    Raises:
+        AcquireError: the same subclass and text as raised in the process; CaptureGone when the process itself is gone. One that
+            gives no sign of life is ended, whoever waits for it.
+    """
+
+    def __init__(self, rig: RigConfig, command: Sequence[str] = (sys.executable, "-m", "acquire.capture")) -> None:
+        self._rig = rig
+        self._command = command
+        self._process: subprocess.Popen[bytes] | None = None
+        self._socket: socket.socket | None = None
+        self._call_lock = threading.Lock()
+        self._send_lock = threading.Lock()
+        self._batch_lock = threading.Lock()
+        self._batch = bytearray()
+        self._batch_topics: dict[str, int] = {}
+        self._known = frozenset(wire.small_topics(rig.camera.name))
+        self._number = 0
+        self._stopping = threading.Event()
+        self._sender: threading.Thread | None = None
+        self._heart: Listener | None = None
+        self._hung = False
+        self.dropped_messages = 0
+
+    @property
+    def alive(self) -> bool:
+        """Whether the process runs."""
+        process = self._process
+        return process is not None and process.poll() is None
+
+    @property
+    def end(self) -> str:
+        """How the process ended, as a part of a sentence; for one that did."""
+        if self._hung:
+            return f"gave no sign of life for {SILENCE_S:g} s and was ended"
+        code = None
+        if self._process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = self._process.wait(1.0)
+        return f"ended (exit code {code})"
+
+    def start(self) -> CameraInfo:
+        """Start the process, open the camera, stream."""
+        here, there = socket.socketpair()
+        hear, beat = os.pipe()
+        try:
+            fds = (there.fileno(), beat)
+            self._process = process = subprocess.Popen([*self._command, "--fd", str(fds[0]), "--heart", str(fds[1])], pass_fds=fds)
+        except OSError:
+            os.close(hear)
+            here.close()
+            raise
+        finally:
+            there.close()
+            os.close(beat)
+        self._hung = False
+        self._heart = Listener(hear, lambda: self._end_hung(process))
+        with self._batch_lock:  # what was meant for the process before this one belongs to no recording of this one
+            self._batch.clear()
+            self._batch_topics.clear()
+        self._socket = here
+        self._stopping.clear()
+        self._sender = threading.Thread(target=self._send_batches, name="capture-batches")
+        self._sender.start()
+        try:
+            return CameraInfo(**self._call({"op": "start", "rig": self._rig.model_dump_json()}, timeout_s=START_S))
+        except AcquireError as error:
+            if isinstance(error, RecorderError):  # no answer at all: it will give none to `stop` either
+                process.kill()
+            self.stop()
+            raise
+
+    def open_recording(self, path: Path, manifest: SessionManifest, attachments: list[tuple[str, str, bytes]]) -> None:
+        """Begin a recording; `attachments` are (name, media type, bytes)."""
+        header = {
+            "op": "open_recording",
+            "path": str(path.absolute()),
+            "manifest": canonical_json(manifest),
+            "attachments": [(name, media_type, len(data)) for name, media_type, data in attachments],
+        }
+        self._call(header, b"".join(data for _, _, data in attachments))
+
+    def require_space(self) -> None:
+        """Raise RecorderError unless the disk has room for a whole window beyond its reserve: asked before the striker is armed."""
+        self._call({"op": "require_space"})
+
+    def open_window(self) -> int:
+        """Keep every image from `pre_trigger_s` before now on. Returns the start as a log time."""
+        return int(self._call({"op": "open_window"})["start_ns"])
+
+    def close_window(self, end_ns: int = 0) -> WindowReport:
+        """Stop keeping every image, from now or from `end_ns` (log time) where that has passed; what is reported is in the file."""
+        return WindowReport(**self._call({"op": "close_window", "end_ns": end_ns}, timeout_s=FINISH_S))
+
+    def write(self, topic_name: str, log_time_ns: int, data: bytes) -> None:
+        """Record one small message. Returns at once; messages travel in batches, in order, and before any later command.
+
+        Raises:
+            RecorderError: no such topic.
+        """
+        if topic_name not in self._known:
+            raise RecorderError(f"topic {topic_name!r} is not one of a recording's small topics")
+        with self._batch_lock:
+            if len(self._batch) > BATCH_LIMIT or self._socket is None:
+                self.dropped_messages += 1
+                return
+            number = self._batch_topics.setdefault(topic_name, len(self._batch_topics))
+            self._batch += wire.pack_message(number, log_time_ns, data)
+
+    def status(self) -> CaptureStatus:
+        """How camera and recording do."""
+        reply = self._call({"op": "status"})
+        reply["recording"] = Path(reply["recording"]) if reply["recording"] is not None else None
+        reply["camera"] = CameraInfo(**reply["camera"]) if reply["camera"] is not None else None
+        reply["warnings"] = tuple(reply["warnings"])
+        return CaptureStatus(**reply)
+
+    def close_recording(self) -> RecordingReport:
+        """Finish the file. Until this returns it is called `<path>.part`."""
+        reply = self._call({"op": "close_recording"}, timeout_s=FINISH_S)
+        return RecordingReport(Path(reply["path"]), reply["frames"], reply["lost"], reply["content_id"])
+
+    def stop(self) -> None:
+        """End the process; an open recording is finished first. Safe to call twice, and before `start`."""
+        process = self._process
+        if process is None:
+            return
+        with contextlib.suppress(AcquireError):
+            self._call({"op": "stop"}, timeout_s=FINISH_S)
+        self._stopping.set()
+        if self._sender is not None:
+            self._sender.join()
+        with self._batch_lock:
+            here, self._socket = self._socket, None
+        if here is not None:
+            here.close()
+        for ask in (lambda: None, process.terminate, process.kill):
+            ask()
+            try:
+                process.wait(15.0)
+                break
+            except subprocess.TimeoutExpired:
+                continue
+        if self._heart is not None:
+            self._heart.join()
+        self._process = None
+
+    def _end_hung(self, process: subprocess.Popen[bytes]) -> None:
+        self._hung = True
+        process.kill()  # SIGTERM would have to be handled by the very interpreter that does not run
+
+    # --- transport ------------------------------------------------------------------------------------------------
+
+    def _call(self, header: dict[str, Any], payload: bytes = b"", timeout_s: float = REPLY_S) -> dict[str, Any]:
+        with self._call_lock:
+            connection = self._socket
+            if connection is None:
+                raise CaptureGone("the capture process is not running: the daemon starts it again, see `acquire status`")
+            self._number += 1
+            number = self._number
+            try:
+                self._flush(connection)
+                with self._send_lock:
+                    wire.send(connection, {"id": number, **header}, payload)
+                connection.settimeout(timeout_s)
+                while True:
+                    reply, _ = wire.receive(connection)
+                    if reply.pop("id", None) == number:  # an older number answers a call that was given up
+                        break
+            except TimeoutError:
+                raise RecorderError(f"the capture process gave no answer to {header['op']!r} within {timeout_s:g} s") from None
+            except wire.WireClosed:
+                raise CaptureGone(self._obituary()) from None
+        if "raised" in reply:
+            raise errors.by_name(reply["raised"])(reply["message"])
+        return reply
+
+    def _obituary(self) -> str:
+        return f"the capture process {self.end}: the daemon starts it again; `acquire recover` reads what it left as *.part"
+
+    def _flush(self, connection: socket.socket) -> None:
+        with self._send_lock:
+            with self._batch_lock:
+                batch, names = bytes(self._batch), list(self._batch_topics)
+                self._batch.clear()
+                self._batch_topics.clear()
+            if batch:
+                wire.send(connection, {"op": "messages", "topics": names}, batch)
+
+    def _send_batches(self) -> None:
+        while not self._stopping.wait(BATCH_S):
+            connection = self._socket
+            if connection is None:
+                return
+            try:
+                self._flush(connection)
+            except wire.WireClosed:
+                return  # the next call says why

@@ -1,0 +1,305 @@
+"""The capture process: reads the camera and writes the recording, nothing else. `python -m acquire.capture --fd N`.
+
+The daemon tells it what to do over a socket pair (capture_link.py is the other end), and hears that it lives (heart.py). It finishes
+the recording by itself when it is terminated and when the daemon dies. Ctrl-C in a terminal reaches every process there; this one
+leaves it to the daemon.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import select
+import signal
+import socket
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from pydantic import ValidationError
+
+from acquire.camera.base import Camera, CameraInfo, ClockReading
+from acquire.camera.stream import CameraStream, TimedFrame
+from acquire.capture import wire
+from acquire.capture.heartbeat import Heart
+from acquire.capture.open_recording import Attachments, OpenRecording, spare_buffers
+from acquire.clock.clock import Clock, SystemClock
+from acquire.config import CameraConfig, RigConfig
+from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
+from acquire.recorder.frame_recorder import Arrival, FrameRecorder
+from schemas import topics
+from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import SessionManifest
+
+COMMAND_S = 180.0
+"""a command that takes longer hangs; the longest waits for a slow disk"""
+STUCK_S = 5.0
+"""beyond the stall time: by then a camera that sends nothing was taken for lost, unless its thread is stuck"""
+
+MakeCamera = Callable[[CameraConfig, Clock, int], Camera]
+"""the number is that of spare buffers"""
+
+
+class Capture:
+    """Serves commands from `connection` until it closes, `stop` comes, or the wake-up descriptor says that a signal did."""
+
+    def __init__(self, connection: socket.socket, make_camera: MakeCamera, clock: Clock, wake_fd: int) -> None:
+        self._connection = connection
+        self._make_camera = make_camera
+        self._clock = clock
+        self._wake_fd = wake_fd
+        self._rig: RigConfig | None = None
+        self._stream: CameraStream | None = None
+        self._info: CameraInfo | None = None
+        self._recording: OpenRecording | None = None
+        self._error = ""
+        self._begun_ns: int | None = None
+        """host monotonic, when the command under work came"""
+        self._started_ns = 0
+        self._commands: dict[str, Callable[[dict[str, Any], bytes], dict[str, Any] | None]] = {
+            "start": self._start,
+            "open_recording": self._open_recording,
+            "require_space": self._require_space,
+            "open_window": self._open_window,
+            "close_window": self._close_window,
+            "messages": self._messages,
+            "status": self._status,
+            "close_recording": self._close_recording,
+            "stop": lambda *_: {},
+        }
+
+    def run(self) -> None:
+        """Serve, and whatever ends that: finish the recording and release the camera."""
+        try:
+            while self._serve_one():
+                pass
+        except wire.WireClosed:
+            pass  # the daemon is gone
+        finally:
+            try:
+                if self._recording is not None:
+                    self._close_recording({}, b"")
+            finally:
+                if self._stream is not None:
+                    self._stream.stop()
+
+    def well(self) -> bool:
+        """Whether the threads that matter turn: the one that serves commands, and the one that reads the camera."""
+        now, begun = self._clock.monotonic_ns(), self._begun_ns
+        if begun is not None and now - begun > COMMAND_S * 1e9:
+            return False
+        rig, stream = self._rig, self._stream
+        if rig is None or stream is None:
+            return True
+        status = stream.status()
+        newest_ns = max(status.last_frame_ns or 0, self._started_ns)
+        return not status.connected or now - newest_ns < (rig.camera.stall_s + STUCK_S) * 1e9
+
+    def _serve_one(self) -> bool:
+        ready, _, _ = select.select([self._connection, self._wake_fd], [], [])
+        if self._wake_fd in ready:
+            return False
+        header, payload = wire.receive(self._connection)
+        command = header.get("op", "")
+        self._begun_ns = self._clock.monotonic_ns()
+        try:
+            reply = self._commands[command](header, payload)
+        except AcquireError as error:
+            reply = {"raised": type(error).__name__, "message": str(error)}
+        except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+            reply = {"raised": "AcquireError", "message": f"capture: {command}: {error!r}"}
+        if command == "messages":
+            if reply is not None:
+                self._error = reply["message"]
+        else:
+            wire.send(self._connection, {"id": header.get("id"), **(reply or {})})
+        self._begun_ns = None
+        return command != "stop"
+
+    # --- commands -------------------------------------------------------------------------------------------------
+
+    def _start(self, header: dict[str, Any], _: bytes) -> dict[str, Any]:
+        try:
+            self._rig = rig = RigConfig.model_validate_json(header["rig"])
+        except ValidationError as error:
+            raise ConfigError(f"rig: {error.errors()[0]['msg']}") from None
+        if self._stream is not None:
+            self._stream.stop()
+        self._stream = CameraStream(
+            lambda: self._make_camera(rig.camera, self._clock, spare_buffers(rig)),
+            rig.camera,
+            self._clock,
+            self._on_frame,
+            self._on_clock,
+            self._on_text,
+        )
+        self._info = self._stream.start()
+        self._started_ns = self._clock.monotonic_ns()
+        return asdict(self._info)
+
+    def _open_recording(self, header: dict[str, Any], payload: bytes) -> dict[str, Any]:
+        if self._recording is not None:
+            raise RecorderError(f"{self._recording.path} is being recorded: close it first")
+        rig, stream = self._started()
+        manifest = SessionManifest.model_validate_json(header["manifest"])
+        attachments: Attachments = []
+        at = 0
+        for name, media_type, size in header["attachments"]:
+            attachments.append((name, media_type, payload[at : at + size]))
+            at += size
+        log_time_ns = manifest.wall_anchor_ns + self._clock.monotonic_ns()
+        recording = OpenRecording(Path(header["path"]), manifest, attachments, log_time_ns, rig, stream.spare_buffers)
+        try:
+            recording.begin()
+        except BaseException:
+            recording.abandon()
+            raise
+        self._error = ""
+        self._recording = recording
+        for text in (*stream.status().warnings, stream.status().trouble):
+            if text:
+                self._on_text(text)
+        stream.latch()
+        return {}
+
+    def _require_space(self, *_: object) -> dict[str, Any]:
+        self._open().require_space()
+        return {}
+
+    def _open_window(self, *_: object) -> dict[str, Any]:
+        recording = self._open()
+        recording.require_space()
+        return {"start_ns": self._frames(recording).open_window(self._clock.monotonic_ns())}
+
+    def _close_window(self, header: dict[str, Any], *_: object) -> dict[str, Any]:
+        return asdict(self._frames(self._open()).close_window(self._clock.monotonic_ns(), int(header.get("end_ns", 0))))
+
+    def _messages(self, header: dict[str, Any], payload: bytes) -> None:
+        recording = self._recording
+        if recording is not None:
+            names = header["topics"]
+            for topic, log_time_ns, data in wire.unpack_messages(payload):
+                recording.write(names[topic], log_time_ns, data)
+
+    def _status(self, *_: object) -> dict[str, Any]:
+        stream = self._started()[1]
+        status, recording = stream.status(), self._recording
+        frames = recording.frames if recording is not None else None
+        error = str(frames.error) if frames is not None and frames.error is not None else self._error or status.trouble
+        now = self._clock.monotonic_ns()
+        return {
+            "frames": status.frames,
+            "lost": status.lost,
+            "dropped": frames.dropped if frames is not None else 0,
+            "waiting_bytes": recording.waiting_bytes if recording is not None else 0,
+            "fps": status.fps,
+            "recording": str(recording.path) if recording is not None else None,
+            "first_frame_ns": recording.first_frame_ns if recording is not None else None,
+            "bytes_written": recording.files.size if recording is not None else 0,
+            "receive_buffer_bytes": status.receive_buffer_bytes,
+            "camera": asdict(self._info) if self._info is not None else None,
+            "connected": status.connected,
+            "clock_latched": status.latched,
+            "last_frame_age_s": (now - status.last_frame_ns) * 1e-9 if status.last_frame_ns is not None else None,
+            "error": error,
+            "warnings": status.warnings,
+        }
+
+    def _close_recording(self, *_: object) -> dict[str, Any]:
+        recording = self._open()
+        self._recording = None
+        return recording.finish()
+
+    def _started(self) -> tuple[RigConfig, CameraStream]:
+        if self._rig is None or self._stream is None:
+            raise CameraError("the camera was not started")
+        return self._rig, self._stream
+
+    def _open(self) -> OpenRecording:
+        if self._recording is None:
+            raise RecorderError("no recording is open")
+        return self._recording
+
+    def _frames(self, recording: OpenRecording) -> FrameRecorder:
+        if recording.frames is None:
+            raise RecorderError(f"{recording.path}: takes no frames yet")
+        return recording.frames
+
+    # --- from the camera's threads --------------------------------------------------------------------------------
+
+    def _on_frame(self, timed: TimedFrame) -> None:
+        recording = self._recording
+        if recording is not None and recording.frames is not None:
+            frame = timed.frame
+            if recording.first_frame_ns is None:
+                recording.first_frame_ns = recording.anchor + timed.mid_exposure_ns
+            recording.frames.add(
+                Arrival(
+                    image=frame.image,
+                    sequence=timed.sequence,
+                    frame_id=frame.frame_id,
+                    device_time_ns=frame.device_time_ns,
+                    host_time_ns=frame.host_time_ns,
+                    mid_exposure_ns=timed.mid_exposure_ns,
+                    mapping_sd_ns=timed.mapping_sd_ns,
+                    exposure_us=frame.exposure_us,
+                    lost_before=timed.lost_before,
+                    lender=timed.lease,
+                )
+            )
+
+    def _on_clock(self, reading: ClockReading) -> None:
+        if (recording := self._recording) is not None:
+            sample = pb.ClockSample(
+                clock=f"camera/{recording.camera}",
+                device_time_ns=reading.device_time_ns,
+                host_before_ns=reading.host_before_ns,
+                host_after_ns=reading.host_after_ns,
+            )
+            middle = (reading.host_before_ns + reading.host_after_ns) // 2
+            self._write_quietly(recording, topics.CLOCK_SAMPLE, middle, sample.SerializeToString())
+
+    def _on_text(self, text: str) -> None:
+        if (recording := self._recording) is not None:
+            now = self._clock.monotonic_ns()
+            message = Log(level=Log.Level.WARNING, message=text, name="capture")
+            message.timestamp.FromNanoseconds(recording.anchor + now)
+            self._write_quietly(recording, topics.LOG, now, message.SerializeToString())
+
+    def _write_quietly(self, recording: OpenRecording, topic: topics.Topic, host_ns: int, data: bytes) -> None:
+        # The recording may be closed in this very moment, or its disk be full: neither may end the camera's thread.
+        with contextlib.suppress(RecorderError):
+            recording.write(topic.name, recording.anchor + host_ns, data)
+
+
+def serve(fd: int, heart_fd: int, make_camera: MakeCamera) -> None:
+    """Run the capture process on socket `fd`, in the main thread; signs of life go to the pipe `heart_fd`."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    wake_read, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: None)  # the wake-up descriptor carries it to the select in _serve_one
+    signal.set_wakeup_fd(wake_write, warn_on_full_buffer=False)
+    # The camera's thread must get the interpreter soon after a frame came, whatever else runs; the default is 5 ms.
+    sys.setswitchinterval(0.0005)
+    with socket.socket(fileno=fd) as connection:
+        capture = Capture(connection, make_camera, SystemClock(), wake_read)
+        heart = Heart(heart_fd, capture.well)
+        try:
+            capture.run()
+        finally:
+            heart.stop()
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description="Capture process of the daemon; not meant to be started by hand.")
+    parser.add_argument("--fd", type=int, required=True, help="inherited socket to take commands from")
+    parser.add_argument("--heart", type=int, required=True, help="inherited pipe to give signs of life on")
+    arguments = parser.parse_args()
+    from acquire.camera.aravis import AravisCamera
+
+    serve(arguments.fd, arguments.heart, AravisCamera)

@@ -1,0 +1,226 @@
+"""Clocks: the host's, injected wherever time is read, and the mapping of a device's clock to it."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from acquire.clock.bounds import LineBounds, lines_between
+
+if TYPE_CHECKING:
+    from acquire.camera.base import ClockReading
+
+DRIFT_LIMIT = 3e-4
+"""greatest rate between two clocks: twice a poor crystal's 100 ppm, and what NTP slews the host's by"""
+DRIFT_PRIOR_SD = 1e-4
+"""1 sigma of a crystal's rate before anything is known: 100 ppm"""
+BURST_NS = 20_000_000
+"""of readings closer than this only the quickest counts: the others bound the same line less tightly"""
+MAPPING_SD_FLOOR_NS = 2_000.0
+"""no clock that is read over a wire is known better than this"""
+
+
+class Clock(Protocol):
+    """Host time. Everything that reads time or sleeps takes one, so that tests can bring their own."""
+
+    def monotonic_ns(self) -> int:
+        """CLOCK_MONOTONIC [ns]."""
+        ...
+
+    def wall_ns(self) -> int:
+        """CLOCK_REALTIME [ns]; only for the wall anchor and for names."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Block the calling thread."""
+        ...
+
+
+class SystemClock:
+    """The real one."""
+
+    def monotonic_ns(self) -> int:
+        """CLOCK_MONOTONIC [ns]."""
+        return time.monotonic_ns()
+
+    def wall_ns(self) -> int:
+        """CLOCK_REALTIME [ns]."""
+        return time.time_ns()
+
+    def sleep(self, seconds: float) -> None:
+        """Block the calling thread; negative durations return at once."""
+        if seconds > 0:
+            time.sleep(seconds)
+
+
+@dataclass(frozen=True)
+class _Point:
+    device_ns: int
+    host_ns: int
+    sd_ns: float
+
+
+@dataclass(frozen=True)
+class _Line:
+    """host = host0 + (device - device0) + offset + rate * (device - device0); only the small terms are floating point."""
+
+    device0_ns: int
+    host0_ns: int
+    offset_ns: float
+    rate: float
+    covariance: tuple[float, float, float]
+    """of (offset, rate): var(offset), cov, var(rate)"""
+
+    def host_ns(self, device_ns: int) -> int:
+        elapsed = device_ns - self.device0_ns
+        return self.host0_ns + elapsed + round(self.offset_ns + self.rate * elapsed)
+
+    def sd_ns(self, device_ns: int) -> float:
+        elapsed = float(device_ns - self.device0_ns)
+        var_offset, cov, var_rate = self.covariance
+        return max(0.0, var_offset + 2.0 * elapsed * cov + elapsed * elapsed * var_rate) ** 0.5
+
+
+class DeviceClockMapper:
+    """Maps a device's clock to the host's monotonic clock: offset and drift over a sliding window.
+
+    Each `ClockReading` holds the device's clock between two of the host's: a bound that no delay on the wire can break (Cristian 1989,
+    "Probabilistic clock synchronization"). All straight lines between all bounds (Marzullo 1984) are a convex polygon in offset and
+    drift; none of them is more probable than another, so the mapping is their mean and its uncertainty their spread. A slow machine
+    or a queue in one direction makes the polygon larger, never wrong. The marginal of a uniform polygon ends within 2.83 sd of its
+    mean (a triangle's tip): **while the drift is steady, the error is below 3 sd, always.** Where no line fits, the drift was not
+    steady (the device was warmed up, the host's clock was slewed) and the oldest readings are given up.
+
+    Where the device cannot latch, `add_arrival` takes the frames themselves: the least delay in each half second stands for the
+    bin (queues only ever add delay), and the result lags the truth by the constant least delay, which is `least_delay_ns` if known.
+    Latched readings, once there are any, are the only ones used.
+    """
+
+    def __init__(self, window_s: float = 10.0, least_delay_ns: int = 0, bin_s: float = 0.5) -> None:
+        self._window_ns = round(window_s * 1e9)
+        self._bin_ns = round(bin_s * 1e9)
+        self._least_delay_ns = least_delay_ns
+        self._readings: deque[ClockReading] = deque()
+        self._bins: deque[_Point] = deque()
+        self._bin_start_ns: int | None = None
+        self._line: _Line | None = None
+        self._newest_device_ns = 0
+
+    @property
+    def ready(self) -> bool:
+        """Whether anything can be mapped yet."""
+        return self._line is not None
+
+    @property
+    def latched(self) -> bool:
+        """True: from clock readings. False: from arrival times only, late by the least delay."""
+        return bool(self._readings)
+
+    @property
+    def span_s(self) -> float:
+        """Time between the oldest and the newest reading in use; 0 = none."""
+        return (self._readings[-1].host_after_ns - self._readings[0].host_after_ns) * 1e-9 if self._readings else 0.0
+
+    @property
+    def shortest_round_trip_ns(self) -> int:
+        """Of the readings in use; 0 = none."""
+        return min((_round_trip_ns(reading) for reading in self._readings), default=0)
+
+    @property
+    def drift(self) -> float:
+        """Rate of the device clock against the host's, minus 1 (37e-6: it gains 37 us per second)."""
+        return 0.0 if self._line is None else -self._line.rate / (1.0 + self._line.rate)
+
+    @property
+    def sd_ns(self) -> int:
+        """1 sigma of the mapping at the newest time fed [ns]; 0 = nothing known yet."""
+        return self.sd_at(self._newest_device_ns)
+
+    def sd_at(self, device_time_ns: int) -> int:
+        """1 sigma of the mapping at a device time [ns]; it grows with the time since the last reading. 0 = nothing known yet."""
+        return 0 if self._line is None else round(max(MAPPING_SD_FLOOR_NS, self._line.sd_ns(device_time_ns)))
+
+    def add(self, reading: ClockReading) -> None:
+        """Take a reading of the device's clock. A clock that ran backwards (device restarted) empties the window."""
+        if self._readings and reading.device_time_ns < self._readings[-1].device_time_ns:
+            self._readings.clear()
+        self._newest_device_ns = reading.device_time_ns
+        if self._readings and reading.device_time_ns - self._readings[-1].device_time_ns < BURST_NS:
+            if _round_trip_ns(reading) >= _round_trip_ns(self._readings[-1]):
+                return
+            self._readings.pop()
+        self._readings.append(reading)
+        while self._readings[0].host_after_ns < reading.host_after_ns - self._window_ns:
+            self._readings.popleft()
+        while (lines := lines_between(self._readings, DRIFT_LIMIT)) is None:
+            self._readings.popleft()
+        self._line = _mean_line(lines, reading)
+
+    def add_arrival(self, device_time_ns: int, host_time_ns: int) -> None:
+        """Take a frame's device time and its arrival; used only while there is no clock reading."""
+        if self._readings:
+            return
+        if self._bins and device_time_ns < self._newest_device_ns:
+            self._bins.clear()
+            self._bin_start_ns = None
+        self._newest_device_ns = device_time_ns
+        point = _Point(device_time_ns, host_time_ns - self._least_delay_ns, 1e5)
+        if self._bin_start_ns is None or device_time_ns - self._bin_start_ns >= self._bin_ns:
+            self._bin_start_ns = device_time_ns
+            self._bins.append(point)
+        elif point.host_ns - point.device_ns < self._bins[-1].host_ns - self._bins[-1].device_ns:
+            self._bins[-1] = point
+        elif self._line is not None:
+            return
+        while self._bins[0].device_ns < device_time_ns - self._window_ns:
+            self._bins.popleft()
+        # The bin still being filled has not met its least delay yet: it counts only while there is no other.
+        self._line = _fit(list(self._bins)[:-1] or list(self._bins))
+
+    def to_host(self, device_time_ns: int) -> int:
+        """Host monotonic time [ns] of a device time [ns].
+
+        Raises:
+            ValueError: nothing was fed yet.
+        """
+        if self._line is None:
+            raise ValueError("the device clock cannot be mapped before its first reading")
+        return self._line.host_ns(device_time_ns)
+
+
+def _round_trip_ns(reading: ClockReading) -> int:
+    return reading.host_after_ns - reading.host_before_ns
+
+
+def _mean_line(lines: LineBounds, newest: ClockReading) -> _Line:
+    return _Line(
+        device0_ns=newest.device_time_ns,
+        host0_ns=newest.host_before_ns,
+        offset_ns=lines.offset_ns,
+        rate=lines.rate,
+        covariance=lines.covariance,
+    )
+
+
+def _fit(points: list[_Point]) -> _Line:
+    """Weighted least squares of host - device against device, with the drift's prior as one more row."""
+    device0, host0 = points[0].device_ns, points[0].host_ns
+    x = np.array([point.device_ns - device0 for point in points], dtype=np.float64)
+    y = np.array([(point.host_ns - host0) - (point.device_ns - device0) for point in points], dtype=np.float64)
+    weight = np.array([point.sd_ns**-2 for point in points])
+    mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
+    total = weight.sum()
+    information = (weight * (x - mean_x) ** 2).sum() + DRIFT_PRIOR_SD**-2
+    rate = float((weight * (x - mean_x) * (y - mean_y)).sum() / information)
+    var_rate, var_mean = float(1.0 / information), float(1.0 / total)
+    return _Line(
+        device0_ns=device0,
+        host0_ns=host0,
+        offset_ns=float(mean_y - rate * mean_x),
+        rate=rate,
+        covariance=(var_mean + mean_x**2 * var_rate, -float(mean_x) * var_rate, var_rate),
+    )

@@ -1,0 +1,1 @@
+"""The terminal side of sessions and single strikes."""

@@ -1,0 +1,1 @@
+"""The daemon: owns camera, striker and recorder, and serves clients over a local socket."""

@@ -1,0 +1,69 @@
+"""Questions to the person at the rig: a client asks, every subscriber hears it, whoever answers first has answered."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from acquire.daemon.api import Connection
+from acquire.errors import SessionError
+
+
+class Prompts:
+    """Open questions by number."""
+
+    def __init__(self, publish: Callable[[str, dict[str, Any]], None]) -> None:
+        self._publish = publish
+        self._numbers = itertools.count(1)
+        self._open: dict[int, dict[str, Any]] = {}
+        self._answers: dict[int, dict[str, Any]] = {}
+        self._changed = threading.Condition()
+        self._closed = False
+
+    def ask(self, connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
+        """Publish a question and wait for its answer.
+
+        Raises:
+            SessionError: the daemon stops, or the asking client leaves, before anybody answers.
+        """
+        with self._changed:
+            number = next(self._numbers)
+            self._open[number] = {"prompt_id": number, **params}
+        self._publish("prompt", self._open[number])
+        with self._changed:
+            while number not in self._answers:
+                if self._closed or connection.gone:
+                    self._open.pop(number, None)
+                    raise SessionError("the question was not answered: the daemon is stopping, or who asked has left")
+                self._changed.wait(0.5)
+            self._open.pop(number, None)
+            return self._answers.pop(number)
+
+    def answer(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
+        """Answer a question; `{"prompt_id": n, "ok": true}` or with `"text"`.
+
+        Raises:
+            SessionError: no such question is open.
+        """
+        number = int(params["prompt_id"])
+        with self._changed:
+            if number not in self._open:
+                raise SessionError(f"question {number} is not open: it was answered already")
+            self._answers[number] = {"ok": bool(params.get("ok", True)), "text": str(params.get("text", ""))}
+            self._changed.notify_all()
+        return {}
+
+    def stop(self) -> None:
+        """Somebody said stop: every open question is answered with no."""
+        with self._changed:
+            for number in self._open:
+                self._answers.setdefault(number, {"ok": False, "text": "stopped on request"})
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """Release everybody who waits."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()

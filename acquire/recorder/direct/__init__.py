@@ -1,0 +1,1 @@
+"""Writing past the page cache: aligned memory, borrowed camera buffers, O_DIRECT."""

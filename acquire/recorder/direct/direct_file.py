@@ -1,0 +1,305 @@
+"""A file written past the page cache (O_DIRECT), from blocks of our own, on a thread of its own.
+
+A write through the page cache copies every byte once more, and hands it to the kernel's threads, which may find the disk busy when
+gigabytes wait; then they hold up whoever writes next. Here bytes are copied once, into a block, and pages that are lent not at all: the
+disk reads them where they lie. Who appends never waits for the disk: while it stands still, blocks fill, and when none is left images
+are refused.
+
+The space of the file is allocated before bytes for it are taken in, so that a disk that fills up refuses the next image, never one
+that was taken. O_DIRECT writes whole pages: the last one is padded with zeros, which no record begins with, and written again when it
+has more. `finish` cuts the file to its length; a file that a killed process leaves ends in such zeros.
+
+A reader that maps the growing file sees whole records only: what it sees behind them is zeros, now or a moment ago.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import mmap
+import os
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar, Final
+
+from acquire.recorder import atomic
+from acquire.recorder.data_file import LentRun
+from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
+from acquire.recorder.page_memory import PAGE
+from acquire.recorder.waiting_bytes import WaitingBytes
+from schemas.mcap.records import Buffer
+
+GATHER_BYTES: Final = 4 << 20
+MOST_GATHER_BYTES: Final = 8 << 20
+"""Written together, the more the more may wait: of 8 MB a frame's share of a write is 12 us, of 2 MB 18 us."""
+MOST_BYTES: Final = 16 << 20
+"""of one write"""
+MOST_VIEWS: Final = 1024
+"""IOV_MAX"""
+FLUSH_S: Final = 0.1
+"""what has not gathered by then is written anyway"""
+RESERVE_BYTES: Final = 8 << 20
+"""allocated, but not for images: small topics, seal and summary"""
+ALLOCATE_BYTES: Final = 64 << 20
+SPARE_BLOCKS: Final = 2
+"""of memory, not for images"""
+_KEEP_SIZE: Final = 1
+
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+def _allocate(fd: int, offset: int, size: int) -> None:
+    """fallocate(2) that leaves the file's length as it is; os.posix_fallocate would change it, and fill by hand where it must."""
+    if _libc.fallocate(fd, _KEEP_SIZE, ctypes.c_int64(offset), ctypes.c_int64(size)) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
+
+
+def can_write_directly(folder: Path) -> bool:
+    """Whether the file system of `folder` takes O_DIRECT writes and allocates space in advance. Leaves nothing behind."""
+    try:
+        fd = os.open(folder, os.O_TMPFILE | os.O_WRONLY | os.O_DIRECT | os.O_CLOEXEC, 0o600)
+    except OSError:
+        return False
+    try:
+        _allocate(fd, 0, 4 * PAGE)
+        with mmap.mmap(-1, PAGE) as page:
+            return os.pwrite(fd, page, PAGE) == PAGE
+    except OSError:
+        return False
+    finally:
+        os.close(fd)
+
+
+class DirectFile:
+    """See DataFile. The bytes wait in blocks of `memory`, which several files may share.
+
+    Raises:
+        RecorderError: `part_path` is taken, or its folder is missing.
+    """
+
+    never_waits: ClassVar = True
+
+    def __init__(self, part_path: Path, memory: BlockMemory, sync_bytes: int) -> None:
+        self.size = 0
+        self._fd = atomic.create_part(part_path, os.O_DIRECT)
+        self._memory = memory
+        self._waiting = WaitingBytes(memory)
+        self._sync_bytes = sync_bytes
+        self._synced = 0
+        self._gather = max(GATHER_BYTES, min(MOST_GATHER_BYTES, memory.most_bytes // 16))
+        self._ahead = memory.most_bytes + RESERVE_BYTES
+        self._allocated = 0
+        self._wanted = 0
+        """where the file will end if what waits to be taken in is"""
+        self._full: OSError | None = None
+        self._committed = 0
+        """bytes that may be written: `size`, or less while more than the memory holds is taken in"""
+        self._written = 0
+        """whole pages that are on the disk and stay as they are"""
+        self._readable = 0
+        """bytes that are in the file, those in its padded last page included"""
+        self._tail = mmap.mmap(-1, PAGE)
+        self._failed: OSError | None = None
+        self._closing = False
+        self._change = threading.Condition()
+        self._allocate_ahead()
+        self._thread = threading.Thread(target=self._write_blocks, name="recorder-disk", daemon=True)
+        self._thread.start()
+
+    def has_room(self, size: int, *, image: bool, lent: int = 0) -> bool:
+        """See DataFile."""
+        blocks = self._memory.free - (SPARE_BLOCKS if image else 0)
+        in_memory = size <= self._waiting.room + blocks * BLOCK_BYTES
+        # Where the disk is full or failing it is for `append` to say so.
+        return in_memory and (self._fits(size + lent, image=image) or self._full is not None or self._failed is not None)
+
+    def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:
+        """See DataFile."""
+        size = sum(map(len, buffers))
+        self._make_room(size, image=image)
+        self._taken_until(self._copy(self.size, buffers, []))
+        return size
+
+    def append_lent(self, run: LentRun) -> int:
+        """See DataFile."""
+        own = run.own_bytes
+        size = own + run.lent_bytes
+        self._make_room(size, image=True)
+        blocks = self._take_blocks(own)  # from here on nothing can fail
+        at = self._waiting.lend(self._copy(self.size, [run.lead], blocks), run, blocks)
+        self._taken_until(self._copy(at, [run.behind[-1]], blocks))
+        return size
+
+    def _make_room(self, size: int, *, image: bool) -> None:
+        """On the disk."""
+        if self._failed is not None:
+            raise self._failed
+        self._wanted = self.size + size
+        while not self._fits(size, image=image):
+            if self._full is not None:
+                raise self._full
+            self._wait_for_the_disk()
+
+    def _copy(self, at: int, buffers: Sequence[Buffer], blocks: list[memoryview]) -> int:
+        """From `at` on, into `blocks` and those that are free; returns where it ends."""
+        waiting = self._waiting
+        for buffer in buffers:
+            view = memoryview(buffer)
+            while view:
+                if not waiting.room:
+                    waiting.add_block(blocks.pop() if blocks else self._take(at))
+                part = view[: waiting.room]
+                waiting.copy(at, part)
+                at += len(part)
+                view = view[len(part) :]
+        return at
+
+    def _taken_until(self, at: int) -> None:
+        self.size = self._committed = at
+        if at - self._written >= self._gather:
+            with self._change:
+                self._change.notify_all()
+
+    def release_reserve(self) -> None:
+        """See DataFile: allocated space stays allocated, and only images were kept out of it."""
+
+    def wait_until(self, size: int) -> None:
+        """See DataFile."""
+        with self._change:
+            self._change.wait_for(lambda: self._readable >= size or self._failed is not None)
+            if self._readable < size and self._failed is not None:
+                raise self._failed
+
+    def sync(self) -> None:
+        """See DataFile: the writing thread does it."""
+
+    def finish(self) -> None:
+        """See DataFile."""
+        try:
+            self._end()
+            if self._failed is not None:
+                raise self._failed
+            os.fsync(self._fd)
+        finally:
+            os.close(self._fd)
+
+    def abort(self) -> None:
+        """See DataFile."""
+        try:
+            self._end()
+        except OSError:  # as far as the disk allows
+            pass
+        finally:
+            os.close(self._fd)
+
+    def _end(self) -> None:
+        with self._change:
+            self._closing = True
+            self._change.notify_all()
+        self._thread.join()
+        self._waiting.close()
+        # Cuts the padding, and gives back what was allocated and not used.
+        os.ftruncate(self._fd, self.size if self._failed is None else self._readable)
+
+    def _fits(self, size: int, *, image: bool) -> bool:
+        return self.size + size + (RESERVE_BYTES if image else 0) <= self._allocated
+
+    def _take(self, at: int) -> memoryview:
+        """A block for the file from `at` on."""
+        while True:
+            try:
+                return self._memory.take()
+            except IndexError:
+                self._committed = at
+                self._wait_for_the_disk()
+
+    def _take_blocks(self, size: int) -> list[memoryview]:
+        """Those that copying `size` bytes needs."""
+        blocks: list[memoryview] = []
+        try:
+            while size > self._waiting.room + len(blocks) * BLOCK_BYTES:
+                blocks.append(self._take(self.size))
+        except OSError:
+            for block in blocks:
+                self._memory.give_back(block)
+            raise
+        return blocks
+
+    def _wait_for_the_disk(self) -> None:
+        with self._change:
+            self._change.notify_all()
+            self._change.wait(FLUSH_S)
+        if self._failed is not None:
+            raise self._failed
+
+    # --- writing thread ---
+
+    def _write_blocks(self) -> None:
+        while True:
+            with self._change:
+                gathered = self._change.wait_for(lambda: self._closing or self._committed - self._written >= self._gather, FLUSH_S)
+                ending, size = self._closing, self._committed
+            try:
+                self._allocate_ahead()
+                # Under load the last page is left for the next write, which is due soon.
+                self._write(size, tail=ending or not gathered)
+                if self._written - self._synced >= self._sync_bytes:
+                    self._synced = self._written
+                    os.fdatasync(self._fd)
+            except Exception as error:  # whatever ends this thread, nobody may wait for it for ever
+                self._failed = error if isinstance(error, OSError) else OSError(errno.EIO, repr(error))
+                self._waiting.give_back_lent()
+            with self._change:
+                self._change.notify_all()
+                if self._failed is not None or (ending and self._readable == self.size):
+                    return
+
+    def _allocate_ahead(self) -> None:
+        step = ALLOCATE_BYTES
+        while self._full is None and self._allocated < max(self._written + self._ahead, self._wanted):
+            try:
+                _allocate(self._fd, self._allocated, step)
+                self._allocated += step
+            except OSError as error:
+                if error.errno == errno.EINTR:
+                    continue
+                if step == BLOCK_BYTES:
+                    self._full = error
+                step = max(BLOCK_BYTES, step // 4)
+
+    def _write(self, size: int, *, tail: bool) -> None:
+        """Bring the file up to `size`, or, without `tail`, up to the last whole page below it."""
+        while True:
+            whole = min(size - size % PAGE, self._written + MOST_BYTES)
+            views = self._waiting.views(self._written, whole)
+            last = whole == size - size % PAGE
+            padded = size % PAGE if last and tail and self._readable < size else 0
+            if padded:
+                self._tail[:padded] = b"".join(self._waiting.views(whole, size))
+                self._tail[padded:] = bytes(PAGE - padded)
+                views.append(memoryview(self._tail))
+            if views:
+                _write_pages(self._fd, views, self._written)
+            with self._change:
+                self._written = whole
+                self._readable = max(self._readable, whole + padded)
+            self._waiting.let_go(whole)
+            if last:
+                return
+
+
+def _write_pages(fd: int, views: list[memoryview], offset: int) -> None:
+    while views:
+        first = views[:MOST_VIEWS]
+        taken = os.pwritev(fd, first, offset)
+        if taken == sum(map(len, first)):
+            offset += taken
+            views = views[MOST_VIEWS:]
+            continue
+        taken -= taken % PAGE  # a piece of a page is written again
+        if taken == 0:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        offset += taken
+        views = atomic.behind(views, taken)

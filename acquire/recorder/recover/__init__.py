@@ -1,0 +1,1 @@
+"""Rebuilding recordings that were cut short, and editing whole ones."""

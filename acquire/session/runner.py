@@ -1,0 +1,369 @@
+"""Carries out what the session's state machine asks for, as a client of the daemon."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from acquire.daemon.api import DaemonClient
+from acquire.errors import RecordingBroken, SessionError, StrikerError, StrikerLost, StrikerNotFound, StrikerRefused, StrikerStopped
+from acquire.session import machine as s
+from acquire.session.plan_fit import RigLimits, beyond_striker, camera_elsewhere
+from acquire.striker.base import StrikerState
+from schemas.document import DocumentError
+from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
+from schemas.strike_plan import PlannedStrike, StrikePlan, read_strike_plan
+from schemas.watch_lines import StrikeVerdict, WatchEvent
+
+POSE_TIMEOUT_S = 8.0
+"""for the object to come to rest and be seen after it was placed"""
+WATCHER_RESTART_S = 1.5
+"""for the daemon to start a dead `analyze watch` again"""
+POSE_TOLERANCE_RAD = 0.14
+"""8 degrees: far above a careful placement, far below a wrong face"""
+SERVO_TIMEOUT_S, SERVO_RETRY_S = 120.0, 0.5
+"""for somebody to see to the servo's cable or supply in the middle of a session, and between two looks"""
+REST_TIMEOUT_S = 3.0
+"""of images, for the object to come to rest; one that still rolls then has long landed, and a window of it is large and says no more"""
+LATE_TIMEOUT_S = 9.0
+"""of the host's time for the same: images that come late are waited for so long"""
+REST_MINIMUM_S = 0.9
+"""a tip that hangs at the top looks like rest"""
+
+
+@dataclass
+class SessionInput:
+    """The files a session starts from, read and checked against each other."""
+
+    object_path: Path
+    plan_path: Path
+    object_toml: str = field(init=False)
+    plan_json: str = field(init=False)
+    spec: ObjectSpec = field(init=False)
+    plan: StrikePlan = field(init=False)
+    shape: tuple[str, bytes] | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        try:
+            self.spec = read_object_spec(self.object_path)
+            self.plan = read_strike_plan(self.plan_path)
+        except DocumentError as error:
+            raise SessionError(str(error)) from None
+        self.object_toml = self.object_path.read_text(encoding="utf-8")
+        self.plan_json = self.plan_path.read_text(encoding="utf-8")
+        if self.spec.shape.file is not None:
+            shape_path = self.object_path.parent / self.spec.shape.file
+            try:
+                self.shape = (shape_path.name, shape_path.read_bytes())
+            except OSError as error:
+                raise SessionError(f"{shape_path}: the object's shape file cannot be read: {error.strerror}") from None
+        digest = object_sha256(self.spec, self.shape[1] if self.shape else None)
+        if digest != self.plan.object_sha256:
+            raise SessionError(
+                f"{self.plan_path}: made for another object ({self.plan.object_name!r}) than {self.object_path} as it is now: "
+                f"run `analyze plan {self.object_path} -o {self.plan_path}` anew"
+            )
+
+    @property
+    def plan_anew(self) -> str:
+        """What to do where the plan is for another rig."""
+        return f"plan for this rig: `analyze plan {self.object_path} --rig RIG.toml -o {self.plan_path}`"
+
+
+@dataclass(frozen=True)
+class SessionReport:
+    """What a session leaves behind."""
+
+    path: Path
+    files: tuple[Path, ...]
+    """more than one where the capture process died on the way"""
+    strikes: int
+    frames: int
+    lost: int
+    aborted: bool
+    text: str
+
+
+Progress = Callable[[str, int, int], None]
+"""text, planned strikes done, planned strikes"""
+
+
+class SessionRunner:
+    """Runs one session to its end.
+
+    Raises:
+        SessionError, StrikerError, CameraError, DaemonError: as the daemon reports them; the recording so far is kept.
+    """
+
+    def __init__(self, client: DaemonClient, given: SessionInput, output: Path, progress: Progress = lambda *_: None) -> None:
+        self._client = client
+        self._input = given
+        self._output = output
+        self._progress = progress
+        self._machine = s.SessionMachine(given.plan)
+        self._anchor_ns = 0
+        self._ordered = 0
+        """strikes that the striker was told to make"""
+        self._kept = 0
+        """of them, those whose record is in the file"""
+        self._frames = 0
+        self._lost = 0
+
+    def run(self) -> SessionReport:
+        """Open the recording, strike by the plan, close the recording."""
+        limits = RigLimits.from_dict(self._client.call("rig"))
+        self._refuse_beyond_striker(limits)
+        shape = self._input.shape
+        opened = self._client.call(
+            "recording.open",
+            path=str(self._output.resolve()),
+            object_toml=self._input.object_toml,
+            object_name=str(self._input.object_path),
+            plan_json=self._input.plan_json,
+            plan_name=str(self._input.plan_path),
+            shape_name=shape[0] if shape else None,
+            shape_base64=base64.b64encode(shape[1]).decode() if shape else None,
+        )
+        self._anchor_ns = int(opened["wall_anchor_ns"])
+        if elsewhere := camera_elsewhere(self._input.plan, limits):
+            self._progress(f"{self._input.plan_path}: {elsewhere}: {self._input.plan_anew}", *self._machine.progress)
+        event: s.Event = s.Started()
+        try:
+            self._client.call("striker.home", after_stop=False)
+            while True:
+                for action in self._machine.handle(event):
+                    if isinstance(action, s.Finish):
+                        return self._finish(action)
+                    answer = self._carried_out(action)
+                    if answer is not None:
+                        event = answer
+                    if isinstance(answer, s.BrokenOff | s.StopRequested):
+                        break  # what was to follow is done after the strike that has to be made again, or not at all
+        except BaseException:
+            with contextlib.suppress(Exception), self._client.another() as client:
+                client.call("striker.stop")
+                self._keep_or_discard([Path(path) for path in client.call("recording.close")["files"]])
+            raise
+
+    def _refuse_beyond_striker(self, limits: RigLimits) -> None:
+        if beyond := beyond_striker(self._input.plan, limits):
+            raise SessionError(f"{self._input.plan_path}: is not for this rig's striker: {beyond}: {self._input.plan_anew}")
+
+    def _keep_or_discard(self, files: list[Path]) -> None:
+        """After a failure: only a recording in which nothing was struck is of no use to anybody."""
+        named = ", ".join(map(str, files))
+        if not files:
+            return
+        if self._ordered:
+            unjudged = self._ordered - self._kept
+            more = f", and {unjudged} that ended before the verdict" if unjudged else ""
+            self._progress(f"kept: {self._kept} strikes{more} in {named}", *self._machine.progress)
+            return
+        for path in files:
+            path.unlink(missing_ok=True)
+        self._progress(f"discarded: {named}: no strike was ordered yet", *self._machine.progress)
+
+    def _finish(self, action: s.Finish) -> SessionReport:
+        report = self._client.call("recording.close")
+        if self._kept:
+            done, total = self._machine.progress
+            self._progress(f"learned: {self._machine.learner.striker.text()}", done, total)
+        files = tuple(Path(path) for path in report["files"])
+        return SessionReport(
+            Path(report["path"]), files, self._kept, int(report["frames"]), int(report["lost"]), action.aborted, action.text
+        )
+
+    def _carried_out(self, action: s.Action) -> s.Event | None:
+        try:
+            return self._carry_out(action)
+        except RecordingBroken as error:
+            self._progress(f"{error}: strike again", *self._machine.progress)
+            return s.BrokenOff(str(error))
+
+    def _carry_out(self, action: s.Action) -> s.Event | None:
+        match action:
+            case s.Announce():
+                self._announce(action)
+                return None
+            case s.AskToPlace(strike=strike, hint=hint):
+                return self._ask_to_place(strike, hint)
+            case s.CheckPose(strike=strike):
+                return self._check_pose(strike)
+            case s.Arm():
+                return self._arm()
+            case s.ClearFault():
+                return self._clear_fault()
+            case s.Strike():
+                return self._strike(action)
+            case s.RecordUntilRest():
+                return self._record_until_rest()
+            case s.Judge():
+                return self._judge(action)
+            case s.Keep():
+                self._keep(action)
+                return None
+            case s.Finish():
+                raise SessionError("a finished session was carried on")
+
+    def _announce(self, action: s.Announce) -> None:
+        done, total = self._machine.progress
+        self._client.call("recording.state", state=action.state, strike_id=action.strike_id, attempt=action.attempt, text=action.text)
+        name = s.State.Name(action.state).replace("_", " ").lower()
+        self._progress(f"{action.strike_id} {name} {action.text}".strip(), done, total)
+
+    def _ask_to_place(self, strike: PlannedStrike, hint: str) -> s.Event:
+        rotation, p = strike.R_world_object, strike.p_world_object
+        impact = [sum(rotation[i][j] * strike.impact.point[j] for j in range(3)) + p[i] for i in range(3)]
+        answer = self._client.call(
+            "prompt",
+            kind="place",
+            strike_id=strike.id,
+            text=strike.card,
+            hint=hint,
+            R_world_object=rotation,
+            p_world_object=p,
+            impact_point_world=impact,
+            heading_rad=strike.heading_rad,
+        )
+        return s.Placed() if answer["ok"] else s.StopRequested(answer["text"] or "stopped by the operator")
+
+    def _check_pose(self, strike: PlannedStrike) -> s.Event:
+        since_ns = int(self._client.call("watch.expect", plan_strike_id=strike.id)["now_ns"])
+        end = time.monotonic() + POSE_TIMEOUT_S
+        text = "no marker of the object is in view"
+        alive_until = time.monotonic() + WATCHER_RESTART_S
+        seen_ns = 0
+        while time.monotonic() < end:
+            answer = self._client.call("watch.latest")
+            if answer["alive"]:
+                alive_until = time.monotonic() + WATCHER_RESTART_S
+            elif time.monotonic() > alive_until:
+                return s.PoseChecked(good=True, text="analyze watch is not running: the placement was not checked")
+            event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
+            if event is not None and seen_ns < event.time_ns <= since_ns:
+                seen_ns, end = event.time_ns, time.monotonic() + POSE_TIMEOUT_S  # started anew, it reads the recording from its beginning
+            if event is not None and event.time_ns > since_ns and event.markers:
+                error = event.placement_error_rad
+                if event.at_rest and error is not None and error < POSE_TOLERANCE_RAD:
+                    return s.PoseChecked(good=True)
+                text = event.text or "the object does not come to rest"
+            time.sleep(0.05)
+        trouble = self._client.call("status")["trouble"]
+        return s.PoseChecked(good=False, text=trouble or text)
+
+    def _arm(self) -> s.Event:
+        try:
+            self._client.call("striker.arm")
+            self._client.call("striker.cock")
+        except StrikerError as error:
+            return self._striker_failed(error)
+        return s.Ready()
+
+    def _clear_fault(self) -> s.StopRequested | None:
+        """Home the striker again; where its servo is away, wait until somebody has put that right, or says stop."""
+        end = time.monotonic() + SERVO_TIMEOUT_S
+        said = ""
+        while True:
+            try:
+                self._client.call("striker.home", after_stop=False)
+            except StrikerStopped as error:
+                return s.StopRequested(str(error))
+            except (StrikerNotFound, StrikerLost) as error:
+                if time.monotonic() > end:
+                    raise
+                if str(error) != said:
+                    said = str(error)
+                    self._progress(f"waiting for the striker: {said}", *self._machine.progress)
+                time.sleep(SERVO_RETRY_S)
+            else:
+                return None
+
+    def _striker_failed(self, error: StrikerError) -> s.Event:
+        """A fault can be cleared; a stop is an order, also where it ended in a fault, and so is a refusal without one."""
+        in_fault = self._client.call("status")["striker"] == StrikerState.FAULT.value
+        if isinstance(error, StrikerStopped) or (isinstance(error, StrikerRefused) and not in_fault):
+            return s.StopRequested(str(error))
+        return s.StrikerFailed(str(error))
+
+    def _strike(self, action: s.Strike) -> s.Event:
+        self._client.call("window.open")
+        self._ordered += 1  # from here on the file may hold what happens once only
+        try:
+            outcome = self._client.call("striker.strike", strike_id=action.strike_id, tip_speed_m_s=action.tip_speed_m_s)
+        except StrikerError as error:
+            with contextlib.suppress(RecordingBroken):  # there is nothing in it that is needed
+                self._client.call("window.close")
+            return self._striker_failed(error)
+        return s.Struck(outcome["contact_time_ns"], outcome["contact_time_sd_ns"], outcome["tip_speed_m_s"], outcome["contacts"])
+
+    def _record_until_rest(self) -> s.Event:
+        start = time.monotonic()
+        struck_ns, end_ns = time.monotonic_ns() + self._anchor_ns, 0
+        while time.monotonic() - start < LATE_TIMEOUT_S:
+            time.sleep(0.05)
+            answer = self._client.call("watch.latest")
+            event = answer["event"] if answer["alive"] else None
+            if event is None:  # nobody looks: the tip is recorded all the same
+                if time.monotonic() - start > REST_TIMEOUT_S:
+                    break
+                continue
+            since_s = 1e-9 * (event["time_ns"] - struck_ns)
+            if since_s > REST_TIMEOUT_S or (event["at_rest"] and since_s > REST_MINIMUM_S):
+                end_ns = event["time_ns"]
+                break
+        report = self._client.call("window.close", end_ns=end_ns)
+        self._frames += int(report["frames"])
+        self._lost += int(report["lost"])
+        return s.Recorded(int(report["start_ns"]), int(report["end_ns"]), int(report["frames"]), int(report["lost"]))
+
+    def _judge(self, action: s.Judge) -> s.Event:
+        contact = action.struck.contact_time_ns
+        answer = self._client.call(
+            "watch.judge",
+            plan_strike_id=action.strike.id,
+            strike_id=action.strike_id,
+            window_start_ns=action.recorded.window_start_ns,
+            window_end_ns=action.recorded.window_end_ns,
+            contact_time_ns=contact + self._anchor_ns if contact else 0,
+        )
+        return s.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
+
+    def _contact(self, action: s.Keep) -> tuple[int, float]:
+        """Log time and sd of the contact [ns]: as the striker felt it, or for a hand as the images tell it; 0 where nobody knows."""
+        felt, verdict = action.struck.contact_time_ns, action.verdict
+        if felt:
+            return felt + self._anchor_ns, action.struck.contact_time_sd_ns
+        if verdict is not None and verdict.contact_time_ns is not None:
+            return verdict.contact_time_ns, verdict.contact_time_sd_ns or 0.0
+        return 0, 0.0
+
+    def _keep(self, action: s.Keep) -> None:
+        verdict = action.verdict
+        contact_ns, contact_sd_ns = self._contact(action)
+        record: dict[str, Any] = {
+            "strike_id": action.strike_id,
+            "plan_strike_id": action.strike.id,
+            "attempt": action.attempt,
+            "window_start_ns": action.recorded.window_start_ns,
+            "window_end_ns": action.recorded.window_end_ns,
+            "contact_time_ns": contact_ns,
+            "contact_time_sd_ns": contact_sd_ns,
+            "tip_speed_command_m_s": action.tip_speed_command_m_s,
+            "tip_speed_m_s": action.struck.tip_speed_m_s,
+            "R_world_object": [value for row in action.strike.R_world_object for value in row],
+            "p_world_object": action.strike.p_world_object,
+            "impact_height_m": action.strike.impact_height_m,
+        }
+        if verdict is not None:
+            record |= {"verdict_code": verdict.code.value, "verdict_text": verdict.reason, "energy_ratio": verdict.energy_ratio or 0.0}
+        self._client.call("recording.strike", **record)
+        self._kept += 1
+        done, total = self._machine.progress
+        code = verdict.code.value.replace("_", " ") if verdict else "no verdict"
+        energy = f", E = {verdict.energy_ratio:.2f}" if verdict and verdict.energy_ratio else ""
+        self._progress(f"{action.strike_id}: {code}{energy}", done, total)

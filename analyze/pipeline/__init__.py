@@ -1,0 +1,1 @@
+"""From recordings to numbers: evidence of each strike, merged recordings, one estimate."""

@@ -1,0 +1,381 @@
+"""From a recording to what its strikes showed: markers tracked, motions fitted, nothing estimated yet. Never reads /truth/."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from analyze.errors import PlanError, TrackingError
+from analyze.geometry.bodies import Body, bodies_of
+from analyze.geometry.object_model import ObjectModel, load_object_model
+from analyze.geometry.station import turned_camera
+from analyze.motion.slow_motion import ratio_of_a_tip, slow_motion_text
+from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.pipeline.sections import landing_of, section_of
+from analyze.planning.corrected import corrected_plan
+from analyze.reading.object_file import object_files
+from analyze.reading.recording import Recording, open_recording
+from analyze.tracking.camera_model import camera_from_spec
+from analyze.tracking.track import TrackingReport, track_markers
+from analyze.types import ImageFrame, Marker, TipMotion
+from schemas.object_spec import ObjectSpec, object_sha256
+from schemas.proto import percuss_pb2 as pb
+from schemas.result import Verdict
+from schemas.session_manifest import RIG_ATTACHMENT, SessionManifest, TimeSource
+from schemas.software import software_version
+from schemas.strike_plan import PlannedStrike, StrikePlan
+
+OVERRIDE_TOLERANCE = 0.05
+"""of the longest edge, by which an object file given afterwards may move the edges that were planned"""
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class RecordingHead:
+    """What a recording is, known before its images are looked at."""
+
+    path: Path
+    manifest: SessionManifest
+    content_id: str
+    strike_ids: tuple[str, ...] = ()
+    """in its order, as it names them"""
+    shape_sha256: str = ""
+    """of the shape file, "" for a primitive"""
+    files: tuple[str, ...] = ()
+    """names of its files"""
+    missing_files: tuple[int, ...] = ()
+    """numbers of its files that were not there"""
+    rig_toml: str | None = None
+    """the rig file it was made with, if it is kept"""
+
+
+@dataclass(frozen=True)
+class Blow:
+    """What the striker gave, as it felt it."""
+
+    tip_speed: float
+    """m/s, just before contact"""
+    height: float
+    """m, of the tip over the table"""
+
+
+class StrikeSource(Protocol):
+    """Where strikes are read from: a recording, or one that is still being written."""
+
+    @property
+    def path(self) -> Path:
+        """For messages."""
+        ...
+
+    @property
+    def manifest(self) -> SessionManifest:
+        """Of its first file."""
+        ...
+
+    @property
+    def plan(self) -> StrikePlan:
+        """The plan that was carried out."""
+        ...
+
+    @property
+    def object_spec(self) -> ObjectSpec:
+        """The object as the user described it."""
+        ...
+
+    @property
+    def shape_bytes(self) -> bytes | None:
+        """The object's shape file, None for a primitive."""
+        ...
+
+    def frame_meta(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
+        """One per frame that arrived, of the first camera."""
+        ...
+
+    def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
+        """Images by time, of the first camera."""
+        ...
+
+
+@dataclass(frozen=True)
+class StruckObject:
+    """What strikes are read with, beside the images."""
+
+    spec: ObjectSpec
+    """with its markers' masses"""
+    model: ObjectModel
+    plan: StrikePlan
+    """its edges as the object's file has them"""
+    sha256: str
+    bodies: tuple[Body, ...]
+    """as in Evidence"""
+    overridden: bool
+    """by an object file given afterwards"""
+
+
+@dataclass(frozen=True)
+class StrikeReading:
+    """What one strike showed."""
+
+    record: pb.StrikeRecord
+    motion: TipMotion
+    report: TrackingReport | None
+    """None where no marker could be followed"""
+    problem: TrackingError | None
+    """why"""
+    frames_lost: int
+    """in its window"""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the strikes of one object showed, before anything is estimated from it: of one recording, or of several joined (joined.py)."""
+
+    recordings: tuple[RecordingHead, ...]
+    """by time; at least one"""
+    spec: ObjectSpec
+    model: ObjectModel
+    plan: StrikePlan
+    """of several recordings: all their strikes, renamed"""
+    object_sha256: str
+    motions: tuple[TipMotion, ...]
+    """in the order of the recordings"""
+    tracking: Mapping[str, TrackingReport] = field(default_factory=dict[str, TrackingReport])
+    """by strike id"""
+    object_path_used: bool = False
+    frames_lost: Mapping[str, int] = field(default_factory=dict[str, int])
+    """in each strike's window, by strike id"""
+    blows: Mapping[str, Blow] = field(default_factory=dict[str, Blow])
+    """by strike id, where the striker measured its speed"""
+    software: str = "percuss"
+    """the program that read the recordings"""
+    recorded_in: Mapping[str, int] = field(default_factory=dict[str, int])
+    """place in `recordings` by strike id, where there are several"""
+    bodies: tuple[Body, ...] = ()
+    """of the shape's mesh, largest first, where the object's labels name them"""
+
+    @property
+    def manifest(self) -> SessionManifest:
+        """Of the first recording."""
+        return self.recordings[0].manifest
+
+    def recording_of(self, strike_id: str) -> RecordingHead:
+        """The recording that holds a strike."""
+        return self.recordings[self.recorded_in.get(strike_id, 0)]
+
+    def planned(self, motion: TipMotion) -> PlannedStrike:
+        """The plan's entry for a strike."""
+        return next(strike for strike in self.plan.strikes if strike.id == motion.plan_strike_id)
+
+
+def read_head(path: Path) -> RecordingHead:
+    """Open a recording and look at its head.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+    with open_recording(path) as recording:
+        return head_of(recording)
+
+
+def head_of(recording: Recording) -> RecordingHead:
+    """What an open recording is."""
+    shape, rig = recording.shape_bytes, recording.attachments.get(RIG_ATTACHMENT)
+    return RecordingHead(
+        recording.path,
+        recording.manifest,
+        recording.content_id or "",
+        tuple(record.strike_id for record in recording.strikes),
+        "" if shape is None else hashlib.sha256(shape).hexdigest(),
+        tuple(part.path.name for part in recording.parts),
+        recording.missing_parts,
+        None if rig is None else rig.decode(errors="replace"),
+    )
+
+
+def placed_markers(spec: ObjectSpec) -> list[Marker]:
+    """The object's markers, where its file says they are."""
+    return [
+        Marker(marker.name, marker.size_m, None if marker.T_object_marker is None else np.array(marker.T_object_marker))
+        for marker in spec.marker
+    ]
+
+
+def unplaced_markers(spec: ObjectSpec) -> list[Marker]:
+    """The object's markers, wherever they may be."""
+    return [Marker(marker.name, marker.size_m, None) for marker in spec.marker]
+
+
+def read_evidence(
+    head: RecordingHead,
+    object_path: Path | None = None,
+    progress: Progress | None = None,
+    markers_of: Callable[[ObjectSpec], list[Marker]] = placed_markers,
+) -> Evidence:
+    """Track the markers and fit the motion of every strike.
+
+    Args:
+        head: of the recording.
+        object_path: use this object file instead of the recording's.
+        progress: called with (text, done, total) before each strike.
+        markers_of: the markers that are followed, of the object's file.
+
+    Raises:
+        RecordingError: the file cannot be read.
+        ShapeError: the object's shape cannot be used.
+        PlanError: the plan is of another object.
+        TrackingError: no strike's marker can be followed.
+    """
+    with open_recording(head.path) as recording:
+        struck = struck_object(recording, object_path)
+        markers = markers_of(struck.spec)
+        readings: list[StrikeReading] = []
+        for done, record in enumerate(recording.strikes):
+            if progress is not None:
+                progress(f"strike {record.strike_id}", done, len(head.strike_ids))
+            readings.append(read_strike(recording, struck, markers, record))
+        return evidence_of(head, struck, readings)
+
+
+def struck_object(recording: StrikeSource, object_path: Path | None = None) -> StruckObject:
+    """The object of a recording, as it was struck.
+
+    Args:
+        recording: whose plan must be of its object.
+        object_path: use this object file instead of the recording's.
+
+    Raises:
+        RecordingError: it holds no plan.
+        ShapeError: the object's shape cannot be used.
+        PlanError: the plan is of another object.
+    """
+    spec, shape_bytes, shape_name = recording.object_spec, recording.shape_bytes, recording.object_spec.shape.file or str(recording.path)
+    _refuse_other_plan(recording)
+    if object_path is not None:
+        files = object_files(object_path)
+        spec, shape_bytes, shape_name = files.spec, files.shape_bytes, files.shape_name
+    model, plan = load_object_model(spec, shape_bytes, shape_name), recording.plan
+    if object_path is not None:
+        _refuse_other_shape(object_path, model, recording)
+        plan = corrected_plan(plan, recording.object_spec, spec, model)
+    own_hash = object_sha256(spec, shape_bytes)
+    bodies = tuple(bodies_of(spec, shape_bytes, shape_name)) if any(label.bodies for label in spec.labels or []) else ()
+    return StruckObject(as_struck(spec), model, plan, own_hash, bodies, object_path is not None)
+
+
+def read_strike(recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord) -> StrikeReading:
+    """Track the markers and fit the motion of one strike; a strike whose marker cannot be followed is a reading too.
+
+    Raises:
+        RecordingError: the file is damaged there.
+        PlanError: the plan does not hold the strike.
+    """
+    problem, report = None, None
+    try:
+        motion, report = _strike(recording, struck, markers, record)
+    except TrackingError as error:
+        problem = error
+        motion = TipMotion(record.strike_id, record.plan_strike_id, Verdict.UNREADABLE, str(error), None, None, None, (), None)
+    return StrikeReading(record, motion, report, problem, _frames_lost(recording, record))
+
+
+def evidence_of(head: RecordingHead, struck: StruckObject, readings: Sequence[StrikeReading]) -> Evidence:
+    """What all strikes of a recording showed.
+
+    Raises:
+        TrackingError: no strike's marker can be followed.
+    """
+    problems = [reading.problem for reading in readings if reading.problem is not None]
+    if problems and len(problems) == len(readings):
+        raise TrackingError(f"{head.path}: {problems[0]}")
+    records = [reading.record for reading in readings]
+    return Evidence(
+        (head,),
+        struck.spec,
+        struck.model,
+        struck.plan,
+        struck.sha256,
+        tuple(reading.motion for reading in readings),
+        {reading.record.strike_id: reading.report for reading in readings if reading.report is not None},
+        struck.overridden,
+        {reading.record.strike_id: reading.frames_lost for reading in readings},
+        {
+            record.strike_id: Blow(record.tip_speed_m_s, record.impact_height_m)
+            for record in records
+            if record.tip_speed_m_s > 0 and record.impact_height_m > 0
+        },
+        software_version(),
+        bodies=struck.bodies,
+    )
+
+
+def as_struck(spec: ObjectSpec) -> ObjectSpec:
+    """The body that tips: with its markers, whose masses are added where `mass_kg` was weighed without them."""
+    if spec.mass_includes_markers:
+        return spec
+    whole = spec.mass_kg + sum(marker.mass_kg for marker in spec.marker)
+    return spec.model_copy(update={"mass_kg": whole, "mass_includes_markers": True})
+
+
+def _frames_lost(recording: StrikeSource, record: pb.StrikeRecord) -> int:
+    """Frames missing between the first and the last of the strike's window."""
+    metas = recording.frame_meta(start_ns=record.window_start_ns + 1, end_ns=record.window_end_ns)
+    return sum(meta.frames_lost_before for meta in metas)
+
+
+def _refuse_other_plan(recording: StrikeSource) -> None:
+    own = object_sha256(recording.object_spec, recording.shape_bytes)
+    if recording.plan.object_sha256 != own:
+        raise PlanError(
+            f"{recording.path}: its plan is of another object ({recording.plan.object_name}, {recording.plan.object_sha256[:12]},"
+            f" the object's is {own[:12]}): plan this object and record again"
+        )
+
+
+def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: StrikeSource) -> None:
+    """A corrected object file keeps the body where it was: the plan's edges still lie on it."""
+    tolerance = OVERRIDE_TOLERANCE * float(model.extent.max())
+    strikes = recording.plan.strikes
+    off = np.abs(model.depth(np.array([strike.pivot.point for strike in strikes])) - [strike.pivot.radius_m for strike in strikes])
+    worst = int(np.argmax(off))
+    if off[worst] > tolerance:
+        raise PlanError(
+            f"{object_path}: is of another shape than {recording.path}: the edge of strike {strikes[worst].id} lies "
+            f"{1000 * off[worst]:.0f} mm off its surface: give a corrected file of the object that was struck"
+        )
+
+
+def _strike(
+    recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
+) -> tuple[TipMotion, TrackingReport]:
+    planned = next((strike for strike in struck.plan.strikes if strike.id == record.plan_strike_id), None)
+    if planned is None:
+        raise PlanError(
+            f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r}, which its plan does not hold"
+        )
+    camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
+    frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
+    report = track_markers(frames, camera, markers, planned.visible_markers)
+    section, lands_at = section_of(struck.model, planned), landing_of(struck.model, planned)
+    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section, lands_at, report.unmarked_ns)
+    motion = analyse_strike(report.tracks, markers, camera, task)
+    manifest = recording.manifest
+    if manifest.time_source is not TimeSource.CONTAINER_PTS:
+        return motion, report
+    faster = ratio_of_a_tip(motion, report.tracks, markers, camera, task, _k_foretold(struck, planned, manifest.g_m_s2))
+    if faster is None:
+        return motion, report
+    text = slow_motion_text(faster, manifest.cameras[0].frame_rate_hz)
+    return replace(motion, verdict=Verdict.UNREADABLE, reason=text, fit=None, alternatives=(), faster=faster), report
+
+
+def _k_foretold(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
+    """Roughly [rad/s^2]: with the moment that the plan expects, and the centre of mass in the shape's middle."""
+    arm = struck.model.centroid - np.array(planned.pivot.point)
+    R = float(np.linalg.norm(np.cross(arm, planned.pivot.direction)))
+    return struck.spec.mass_kg * gravity * R / planned.i_edge_predicted_kg_m2

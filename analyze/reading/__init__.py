@@ -1,0 +1,1 @@
+"""Recordings as they lie on disk: ours, cut short, still growing, written by others."""

@@ -1,0 +1,111 @@
+"""Image messages to arrays: RawImage as a view, PNG and JPEG through OpenCV."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from google.protobuf.message import DecodeError
+from numpy.typing import NDArray
+
+from schemas.mcap.records import ContainerError
+
+_WIDTH, _HEIGHT, _ENCODING, _STEP, _DATA = 2, 3, 4, 5, 6
+"""fields of foxglove.RawImage"""
+
+
+def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
+    """(height, width) mono8 image of a foxglove.RawImage (a view of `data`) or a foxglove.CompressedImage.
+
+    Raises:
+        ContainerError: not such a message.
+    """
+    if schema == "foxglove.RawImage":
+        return _raw(data)
+    if schema == "foxglove.CompressedImage":
+        return _compressed(data)
+    raise ContainerError(f"images of type {schema!r} are not read: RawImage and CompressedImage are")
+
+
+def image_of_file(data: bytes) -> NDArray[np.uint8] | None:
+    """(height, width) grey values of an image file's content, unturned; None where it is none."""
+    import cv2
+
+    if not data:
+        return None
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+    except cv2.error:
+        return None
+    return None if image is None else np.asarray(image, dtype=np.uint8)
+
+
+def png_of(image: NDArray[np.uint8]) -> bytes:
+    """A PNG file of an image (height, width)."""
+    import cv2
+
+    return cv2.imencode(".png", image)[1].tobytes()
+
+
+def _raw(data: memoryview) -> NDArray[np.uint8]:
+    numbers = {_WIDTH: 0, _HEIGHT: 0, _STEP: 0}
+    encoding, pixels = "", memoryview(b"")
+    at = 0
+    try:
+        while at < len(data):
+            tag, at = _varint(data, at)
+            number, kind = tag >> 3, tag & 7
+            if kind == 2:
+                size, at = _varint(data, at)
+                if size > len(data) - at:
+                    raise ContainerError("the image message ends early")
+                if number == _DATA:
+                    pixels = data[at : at + size]
+                elif number == _ENCODING:
+                    encoding = str(data[at : at + size], "ascii", "replace")
+                at += size
+            elif kind == 5:
+                (value,) = struct.unpack_from("<I", data, at)
+                numbers[number] = value
+                at += 4
+            elif kind == 0:
+                _, at = _varint(data, at)
+            elif kind == 1:
+                at += 8
+            else:
+                raise ContainerError("not a RawImage")
+    except (IndexError, struct.error):
+        raise ContainerError("the image message ends early") from None
+    width, height, step = numbers[_WIDTH], numbers[_HEIGHT], numbers[_STEP]
+    if encoding not in {"mono8", "8UC1"}:
+        raise ContainerError(f"encoding {encoding!r} is not read: mono8 is")
+    if not 0 < width <= step or height <= 0 or step * height != len(pixels):
+        raise ContainerError(f"an image of {width} x {height} cannot have {len(pixels)} bytes")
+    return np.frombuffer(pixels, np.uint8).reshape(height, step)[:, :width]
+
+
+def _compressed(data: memoryview) -> NDArray[np.uint8]:
+    message = CompressedImage()
+    try:
+        message.ParseFromString(bytes(data))
+    except DecodeError:
+        raise ContainerError("not a CompressedImage") from None
+    image = image_of_file(message.data)
+    if image is None:
+        raise ContainerError(f"a {message.format!r} image cannot be decoded")
+    return image
+
+
+def _varint(data: memoryview, at: int) -> tuple[int, int]:
+    """Value and the position behind it."""
+    value = shift = 0
+    while True:
+        byte = data[at]
+        at += 1
+        value |= (byte & 127) << shift
+        if byte < 128:
+            return value, at
+        shift += 7
+        if shift > 63:
+            raise ContainerError("not a RawImage")

@@ -1,0 +1,131 @@
+"""The files of one recording as one: messages of all of them by topic and time."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analyze.reading.indexed_file import IndexedFile, RecordedMessage
+
+
+@dataclass(frozen=True)
+class RowIndex:
+    """Where a topic's messages stand, by time; equal times keep the order of the files."""
+
+    time_ns: NDArray[np.int64]
+    """(n,)"""
+    file: NDArray[np.int64]
+    """(n,) number of the file in the row"""
+    number: NDArray[np.int64]
+    """(n,) number of the message in its file's index"""
+
+
+class IndexedRow:
+    """Mapped files of one recording, in their order. Views stay valid after `close`."""
+
+    def __init__(self, files: Sequence[IndexedFile]) -> None:
+        self.files = tuple(files)
+        self._indexes: dict[str, RowIndex] = {}
+
+    def release_memory(self) -> None:
+        """Let the system take back what it holds of the files."""
+        for file in self.files:
+            file.release_memory()
+
+    def close(self) -> None:
+        """Let go of the files, as far as no view is in use."""
+        self._indexes.clear()
+        for file in self.files:
+            file.close()
+
+    def topic_names(self) -> tuple[str, ...]:
+        """Topics in the order of their channels."""
+        return tuple(dict.fromkeys(name for file in self.files for name in file.topic_names()))
+
+    def schema_of(self, topic: str) -> str:
+        """Full name of the topic's message type."""
+        return next((schema for file in self.files if (schema := file.schema_of(topic))), "")
+
+    def index(self, topic: str) -> RowIndex:
+        """Where the topic's messages stand; read once.
+
+        Raises:
+            RecordingError: a file is damaged.
+        """
+        if topic not in self._indexes:
+            times = [file.index(topic).time_ns for file in self.files]
+            time_ns = np.concatenate(times)
+            file = np.repeat(np.arange(len(times)), [len(each) for each in times])
+            number = np.concatenate([np.arange(len(each)) for each in times])
+            order = np.argsort(time_ns, kind="stable")
+            self._indexes[topic] = RowIndex(time_ns[order], file[order], number[order])
+        return self._indexes[topic]
+
+    def messages(self, topic: str, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[RecordedMessage]:
+        """A topic's messages by time; the range includes both ends.
+
+        Raises:
+            RecordingError: a file is damaged.
+        """
+        index = self.index(topic)
+        first = 0 if start_ns is None else int(np.searchsorted(index.time_ns, start_ns, "left"))
+        last = len(index.time_ns) if end_ns is None else int(np.searchsorted(index.time_ns, end_ns, "right"))
+        for at in range(first, last):
+            yield self._message(topic, index, at)
+
+    def as_written(
+        self, topic: str, start_ns: int | None, end_ns: int | None, begins: Callable[[RecordedMessage], bool]
+    ) -> Iterator[RecordedMessage]:
+        """What it takes to decode a range of a video, in the order in which it was written: times need not rise.
+
+        Args:
+            topic: of the video.
+            start_ns: of the range; None for the first.
+            end_ns: of the range, included; None for the last.
+            begins: whether a decoder may begin with a message; the last that does and is no later than the range is the first given out.
+
+        Raises:
+            RecordingError: a file is damaged.
+        """
+        index = self.index(topic)
+        first = 0 if start_ns is None else int(np.searchsorted(index.time_ns, start_ns, "left"))
+        last = len(index.time_ns) if end_ns is None else int(np.searchsorted(index.time_ns, end_ns, "right"))
+        if first >= last:
+            return
+        order = self._written(topic, index)
+        wanted = np.flatnonzero((order >= first) & (order < last))
+        begin, end = int(wanted[0]), int(wanted[-1])
+        while begin > 0 and not (order[begin] <= first and begins(self._message(topic, index, int(order[begin])))):
+            begin -= 1
+        for at in order[begin : end + 1]:
+            yield self._message(topic, index, int(at))
+
+    def _message(self, topic: str, index: RowIndex, at: int) -> RecordedMessage:
+        file = self.files[int(index.file[at])]
+        message = file.message(file.index(topic), int(index.number[at]))
+        return RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
+
+    def _written(self, topic: str, index: RowIndex) -> NDArray[np.intp]:
+        """(n,) places in the index in the order of the files' bytes."""
+        chunk, offset = np.empty_like(index.number), np.empty_like(index.number)
+        for number, file in enumerate(self.files):
+            own = index.file == number
+            chunk[own] = file.index(topic).chunk[index.number[own]]
+            offset[own] = file.index(topic).offset[index.number[own]]
+        return np.lexsort((offset, chunk, index.file))
+
+    def first_times(self, topic: str) -> list[int]:
+        """Time of the topic's first message in each file that has one [ns]."""
+        return [int(times[0]) for file in self.files if len(times := file.index(topic).time_ns)]
+
+
+def row_content_id(content_ids: Sequence[str | None]) -> str | None:
+    """A row's content_id: its only file's, or BLAKE2b-256 over those of its files (hexadecimal, in order). None if one has none."""
+    known = [each for each in content_ids if each is not None]
+    if len(known) < len(content_ids):
+        return None
+    return known[0] if len(known) == 1 else hashlib.blake2b("".join(known).encode("ascii"), digest_size=32).hexdigest()

@@ -1,0 +1,151 @@
+"""A calibration as one picture: where corners were seen, how well pixels are known, and what is left between lens and corners."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from analyze.calibration.verdict import PIXEL_DOUBTED, PIXEL_REFUSED
+from analyze.output_file import write_bytes
+from analyze.report.style import BLUE, CYCLE, EMPTY, EMPTY_LINES, GOOD_TO_BAD, INK, MUTED, RED, style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from analyze.calibration.calibrate import Calibration
+
+LEVELS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""px"""
+_ARROW = 0.06
+"""of the image's width, for the longest usual residual"""
+
+
+def picture(found: Calibration) -> Figure:
+    """Three panels over the same image."""
+    lens = found.lens
+    ratio = lens.height / lens.width
+    with style():
+        figure = Figure(figsize=(13.2, 4.1 * ratio + (0.95 if found.undetermined else 0.7)), layout="constrained", dpi=130)
+        covered, known, left = figure.subplots(1, 3)
+        _coverage(covered, found)
+        _known(figure, known, found)
+        _residuals(left, found)
+        for axes in (covered, known, left):
+            axes.set_xlim(-0.5, lens.width - 0.5)
+            axes.set_ylim(lens.height - 0.5, -0.5)
+            axes.set_aspect("equal")
+            axes.grid(visible=False)
+            axes.spines[["top", "right"]].set_visible(True)
+            axes.set_xticks([0, lens.width - 1])
+            axes.set_yticks([0, lens.height - 1])
+            axes.tick_params(length=2)
+        if found.undetermined:
+            figure.suptitle(
+                f"not determined: {found.undetermined[0].split(':')[0]}", color=RED, fontsize=10, fontweight="bold", x=0.01, ha="left"
+            )
+    return figure
+
+
+def write_picture(found: Calibration, output: Path) -> None:
+    """Write it as PNG.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    data = io.BytesIO()
+    with style():
+        FigureCanvasAgg(picture(found)).print_png(data, metadata={"Software": "Percuss"})
+    write_bytes(output, data.getvalue())
+
+
+def _coverage(axes: Axes, found: Calibration) -> None:
+    lens, count = found.lens, found.covered.count
+    rows, columns = count.shape
+    for row in range(rows):
+        for column in range(columns):
+            if not count[row, column]:
+                axes.add_patch(_hatched(column * lens.width / columns, row * lens.height / rows, lens.width / columns, lens.height / rows))
+    for number, shot in enumerate(found.shots):
+        axes.plot(*shot.view.place.T, ".", ms=3.8, color=CYCLE[number % len(CYCLE)], alpha=0.75, mew=0)
+    axes.set_title(f"{sum(len(shot.view.place) for shot in found.shots)} corners in {len(found.shots)} views")
+    bare = 100 * (1 - found.covered.share)
+    axes.set_xlabel("colour: the view" + (f"; hatched: no corner there ({bare:.0f} %)" if bare > 0.5 else "; corners everywhere"))
+
+
+def _hatched(x: float, y: float, width: float, height: float) -> Rectangle:
+    return Rectangle((x - 0.5, y - 0.5), width, height, facecolor=EMPTY, edgecolor=EMPTY_LINES, hatch="////", linewidth=0)
+
+
+def _known(figure: Figure, axes: Axes, found: Calibration) -> None:
+    pixels = found.pixels
+    value = np.ma.masked_invalid(pixels.value)
+    mesh = axes.pcolormesh(
+        pixels.column,
+        pixels.row,
+        np.clip(value, LEVELS[0], LEVELS[-1]),
+        norm=LogNorm(LEVELS[0], LEVELS[-1]),
+        cmap=GOOD_TO_BAD,
+        shading="gouraud",
+        rasterized=True,
+    )
+    drawn = [
+        level
+        for level in (0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0)
+        if pixels.value[np.isfinite(pixels.value)].min() < level < pixels.worst
+    ]
+    if drawn:
+        lines = axes.contour(pixels.column, pixels.row, value, levels=drawn, colors=INK, linewidths=0.7)
+        axes.clabel(lines, fmt="%g px", fontsize=7)
+    at = pixels.worst_at
+    axes.plot(*at, "o", ms=7, mfc="none", mec=INK, mew=1.1, clip_on=False)
+    axes.set_title(f"pixels known to ± {pixels.worst:.2g} px at worst")
+    axes.set_xlabel("sd of the pixel that a direction falls on; circle: the worst")
+    bar = figure.colorbar(mesh, cax=axes.inset_axes((1.025, 0.0, 0.028, 1.0)), ticks=LEVELS)
+    bar.ax.set_yticklabels([f"{level:g}" for level in LEVELS])
+    bar.ax.minorticks_off()
+    bar.outline.set_visible(False)
+    bar.ax.set_title("px", fontsize=8, fontweight="normal", loc="center")
+    for level, colour in ((PIXEL_DOUBTED, INK), (PIXEL_REFUSED, RED)):
+        bar.ax.axhline(level, color=colour, lw=1.2)
+
+
+def _residuals(axes: Axes, found: Calibration) -> None:
+    lens = found.lens
+    place = np.concatenate([shot.view.place for shot in found.shots])
+    residual = np.concatenate(found.bundle.residuals)
+    usual = float(np.quantile(np.hypot(*residual.T), 0.95))
+    scale = _ARROW * lens.width / max(usual, 1e-6)
+    axes.quiver(
+        *place.T,
+        *residual.T,
+        angles="xy",
+        scale_units="xy",
+        scale=1.0 / scale,
+        width=0.0022,
+        color=BLUE,
+        alpha=0.7,
+        headwidth=3.5,
+        headlength=4,
+    )
+    magnified = max(step * 10.0**power for power in range(-6, 3) for step in (1, 2, 5) if step * 10.0**power <= 1.5 * max(usual, 1e-6))
+    long = magnified * scale
+    x, y = 0.03 * lens.width, 0.95 * lens.height
+    axes.plot([x, x + long], [y, y], color=INK, lw=2, solid_capstyle="butt")
+    axes.annotate(
+        f"{magnified:g} px",
+        (x + long, y),
+        (4, 0),
+        textcoords="offset points",
+        va="center",
+        fontsize=8,
+        bbox={"fc": "white", "ec": "none", "pad": 1, "alpha": 0.8},
+    )
+    axes.set_title(f"what is left: {found.rms_px:.3f} px (rms)")
+    axes.set_xlabel("corner less lens; should point anywhere, without a pattern", color=MUTED)

@@ -1,0 +1,154 @@
+"""`analyze report --compare`: repeated sessions of one object as one HTML page and as tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.output_file import write_text
+from analyze.report.comparison_document import comparison_document
+from analyze.report.comparison_plots import angles_figure, forest_figure
+from analyze.report.csv_table import Cell, CsvTable
+from analyze.report.page import drawn, manifest_time, page_environment
+from analyze.report.summary import DEGREES, GRAM_CM2
+from schemas.document import canonical_json
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from analyze.pipeline.comparison import SessionComparison
+    from schemas.comparison import Comparison, QuantityPrecision
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """How a kind of quantity is written."""
+
+    title: str
+    unit: str
+    factor: float
+    digits: int
+
+
+SHOWN = {
+    "centre_of_mass": _Shown("Centre of mass", "mm", 1e3, 3),
+    "moment": _Shown("Moments of inertia about the centre of mass", "g cm²", GRAM_CM2, 1),
+    "region": _Shown("Region masses", "g", 1e3, 2),
+    "phi": _Shown("Balance angle φ, by planned strike", "°", DEGREES, 3),
+}
+
+
+def comparison_json(compared: SessionComparison) -> str:
+    """What `analyze report --compare --json` prints: one line."""
+    return canonical_json(comparison_document(compared))
+
+
+def write_comparison(compared: SessionComparison, output: Path) -> None:
+    """Write the page; either whole or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    write_text(output, render_comparison(compared))
+
+
+def render_comparison(compared: SessionComparison) -> str:
+    """The page as HTML text."""
+    document = comparison_document(compared)
+    odd = compared.stands_out
+    names = [f"session {number}" for number in range(1, len(document.sessions) + 1)]
+    by_kind = {kind: [each for each in document.precision if each.kind == kind] for kind in SHOWN}
+    forests = {
+        kind: drawn(forest_figure(rows, names, SHOWN[kind].factor, SHOWN[kind].unit, odd))
+        for kind, rows in by_kind.items()
+        if rows and kind != "phi"
+    }
+    return (
+        page_environment()
+        .get_template("comparison.html")
+        .render(
+            document=document,
+            shown=SHOWN,
+            by_kind=by_kind,
+            forests=forests,
+            angles=drawn(angles_figure(by_kind["phi"], names, odd)) if by_kind["phi"] else None,
+            setups=max(session.setup for session in document.sessions),
+            created=[manifest_time(session.recording.created) for session in document.sessions],
+            lead=lead(document),
+            distance_r=_distance([each.s_r for each in by_kind["centre_of_mass"]]),
+            distance_R=_distance([each.s_R for each in by_kind["centre_of_mass"]]),
+        )
+    )
+
+
+def lead(document: Comparison) -> str:
+    """The answer in two sentences."""
+    of_c = [each for each in document.precision if each.kind == "centre_of_mass"]
+    s_r, s_R = _distance([each.s_r for each in of_c]), _distance([each.s_R for each in of_c])
+    parts = [
+        f"{1e3 * value:.2g}\u00a0mm {under}"
+        for value, under in ((s_r, "in one set-up (s_r)"), (s_R, "across set-ups (s_R)"))
+        if value is not None
+    ]
+    odd = next((number for number, session in enumerate(document.sessions, 1) if session.stands_out), None)
+    agree = "agree" if document.may_join else "do not agree"
+    text = f"The {len(document.sessions)} sessions {agree}" + (f"; session {odd} stands out" if odd is not None else "")
+    return f"{text}. The centre of mass repeats to {' and '.join(parts)}."
+
+
+def comparison_tables(compared: SessionComparison) -> list[CsvTable]:
+    """For other programs, SI throughout: sessions, precision, and every result that it stands on."""
+    document = comparison_document(compared)
+    sessions: list[Sequence[Cell]] = []
+    for session in document.sessions:
+        told, com = session.against_others, session.centre_of_mass
+        values, sd = np.array(com.value).tolist(), np.array(com.sd).tolist()
+        recording = session.recording
+        sessions.append(
+            (
+                *(recording.number, " ".join(recording.files), recording.recording_id, recording.created, session.setup),
+                *(session.strikes, session.strikes_used, *values, *sd),
+                *(told.chi_squared, told.freedom, told.chance, told.apart_m, session.stands_out),
+            )
+        )
+    return [
+        CsvTable(
+            "sessions",
+            [
+                *("session", "files", "recording_id", "created", "setup", "strikes", "strikes_used", "c_x_m", "c_y_m", "c_z_m"),
+                *("c_x_sd_m", "c_y_sd_m", "c_z_sd_m", "chi_squared", "freedom", "chance", "apart_m", "stands_out"),
+            ],
+            sessions,
+        ),
+        CsvTable(
+            "precision",
+            ["quantity", "kind", "unit", "grouped_by", "mean", "s_r", "freedom_r", "s_L", "s_R", "freedom_R"],
+            [
+                (each.name, each.kind, each.unit, each.grouped_by, each.mean, each.s_r, each.freedom_r, each.s_L, each.s_R, each.freedom_R)
+                for each in document.precision
+            ],
+        ),
+        CsvTable(
+            "results",
+            ["quantity", "kind", "unit", "session", "result", "low95", "high95", "mandel_h"],
+            [row for each in document.precision for row in _results(each)],
+        ),
+    ]
+
+
+def _results(quantity: QuantityPrecision) -> list[Sequence[Cell]]:
+    rows: list[Sequence[Cell]] = []
+    for i, row in enumerate(quantity.sessions):
+        low, high = row.interval95 or (None, None)
+        h = None if quantity.mandel_h is None else quantity.mandel_h[i]
+        rows += [(quantity.name, quantity.kind, quantity.unit, row.session, result, low, high, h) for result in row.results]
+    return rows
+
+
+def _distance(parts: Sequence[float | None]) -> float | None:
+    """Of three components the root of the sum of squares; None where they are not told."""
+    known = [part for part in parts if part is not None]
+    return float(np.linalg.norm(known)) if len(known) == len(parts) else None

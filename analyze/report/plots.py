@@ -1,0 +1,225 @@
+"""Plots of a result. Each returns a figure of its own; nothing is kept in matplotlib's global state."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse, Polygon
+from scipy.spatial import ConvexHull
+
+from analyze.estimation.equiplane import raised
+from analyze.report.style import BLUE, BODY, CYCLE, GREEN, INK, MUTED, ORANGE, PHASES, RED, plain, style
+from analyze.types import Array, EquiPlane, TipMotion
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from matplotlib.axes import Axes
+
+    from analyze.pipeline.estimate import Estimate
+
+VIEWS = ((0, 2, "front"), (1, 2, "side"), (0, 1, "top"))
+"""horizontal and vertical axis of O in each projection"""
+SIGMAS95_2D = 2.4477
+PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
+
+
+def strike_figure(motion: TipMotion, title: str) -> Figure:
+    """Angle theta measured and fitted with the phases as bands, residuals below.
+
+    Raises:
+        ValueError: the motion holds no angle.
+    """
+    if motion.angle is None:
+        raise ValueError(f"strike {motion.strike_id} has no angle to plot")
+    angle, fit = motion.angle, motion.fit
+    time: Array = (angle.time_ns - (angle.time_ns[0] if fit is None else fit.time0_ns)).astype(np.float64) * 1e-9
+    with style():
+        figure = Figure(figsize=(4.6, 3.3), layout="constrained")
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3.2, 1))
+        _bands(upper, motion, time)
+        _bands(lower, motion, time)
+        upper.plot(time, np.degrees(angle.theta), ".", color=MUTED, ms=3, label="measured")
+        if fit is not None:
+            start, stop = fit.window
+            inside = slice(start, stop)
+            upper.plot(time[inside], np.degrees(angle.theta[inside] - fit.residual), color=BLUE, lw=1.6, label="fitted")
+            upper.axhline(np.degrees(fit.phi), color=RED, lw=0.9, ls=(0, (4, 3)))
+            upper.annotate(
+                f"φ = {np.degrees(fit.phi):.2f}°", (0.015, np.degrees(fit.phi)), xycoords=("axes fraction", "data"), color=RED, va="bottom"
+            )
+            lower.fill_between(
+                time[inside], -2 * np.degrees(angle.sd[inside]), 2 * np.degrees(angle.sd[inside]), color=BLUE, alpha=0.12, lw=0
+            )
+            lower.plot(time[inside], np.degrees(fit.residual), ".", color=BLUE, ms=3)
+            lower.set_xlim(time[max(0, start - 30)], time[min(len(time) - 1, stop + 30)])
+        upper.margins(y=0.12)
+        upper.set_title(title)
+        upper.set_ylabel("θ [°]")
+        lower.set_ylabel("residual [°]")
+        lower.set_xlabel("time [s]")
+        upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2, handlelength=1.2)
+        figure.align_ylabels()
+    return figure
+
+
+def _bands(axes: Axes, motion: TipMotion, time: Array) -> None:
+    if motion.phases is None:
+        return
+    for name in PHASE_NAMES:
+        span = getattr(motion.phases, name)
+        if span is not None and span[1] > span[0]:
+            end = min(span[1], len(time) - 1)
+            axes.axvspan(float(time[span[0]]), float(time[end]), color=PHASES[name], lw=0, zorder=0)
+
+
+def projection_figures(estimate: Estimate, com_true: Array | None = None) -> list[Figure]:
+    """Per view a silhouette with the equi-planes seen edge-on and the centre of mass; below, the same many times closer.
+
+    Args:
+        estimate: with model and planes.
+        com_true: (3,) m, drawn where it is known.
+    """
+    extent = np.ptp(estimate.evidence.model.vertices, axis=0)
+    com, covariance = estimate.com.position, estimate.com.covariance
+    # The close-up shows the ellipse, the truth, and the planes passing by.
+    widest = 3 * float(np.sqrt(np.diag(covariance)).max())
+    off = 0.0 if com_true is None else 1.5 * float(np.abs(com_true - com).max())
+    reach = float(np.clip(max(widest, off, 1.3 * float(np.abs(estimate.com.residuals).max()), 5e-4), 0.0, 0.5 * extent.max()))
+    return [_projection(estimate, com_true, reach, view, name) for *view, name in VIEWS]
+
+
+def _projection(estimate: Estimate, com_true: Array | None, reach: float, view: Sequence[int], name: str) -> Figure:
+    i, j = view
+    vertices = estimate.evidence.model.vertices
+    com = estimate.com.position
+    with style():
+        # Fixed margins: the views stand beside each other in the page, and their close-ups shall be level.
+        figure = Figure(figsize=(3.05, 5.9))
+        margins = {"left": 0.21, "right": 0.98, "top": 0.96, "bottom": 0.075, "hspace": 0.27}
+        whole, close = figure.subplots(2, 1, height_ratios=(1.2, 1), gridspec_kw=margins)
+        outline = vertices[:, view][ConvexHull(vertices[:, view]).vertices]
+        whole.add_patch(Polygon(1e3 * outline, facecolor=BODY, edgecolor=INK, lw=1.0))
+        for axes in (whole, close):
+            _planes(axes, estimate.planes, (i, j))
+            _centre(axes, com, estimate.com.covariance, (i, j))
+            if com_true is not None:
+                axes.plot(*(1e3 * com_true[list(view)]), "x", color=RED, ms=7, mew=1.8, zorder=6)
+            axes.set_xlabel(f"{'xyz'[i]} [mm]")
+            axes.set_ylabel(f"{'xyz'[j]} [mm]")
+        close.plot(*(1e3 * estimate.com_paper.position[list(view)]), "D", color=ORANGE, ms=5, zorder=4)
+        _axis_names(whole, estimate.planes, (i, j), com)
+        close.set_aspect("equal")
+        plain(whole)
+        margin = 0.12 * np.ptp(vertices, axis=0).max()
+        low, high = vertices.min(axis=0) - margin, vertices.max(axis=0) + margin
+        whole.set_xlim(1e3 * low[i], 1e3 * high[i])
+        whole.set_ylim(1e3 * low[j], 1e3 * high[j])
+        whole.set_title(name)
+        close.set_xlim(1e3 * (com[i] - reach), 1e3 * (com[i] + reach))
+        close.set_ylim(1e3 * (com[j] - reach), 1e3 * (com[j] + reach))
+        close.set_title(f"{name}, close up")
+    return figure
+
+
+def _planes(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int]) -> None:
+    depth = 3 - view[0] - view[1]
+    names = sorted({plane.axis_id for plane in planes})
+    for plane in planes:
+        # Only planes seen nearly edge-on are lines in this view.
+        if abs(plane.direction[depth]) < 0.9:
+            continue
+        along = raised(plane.direction, plane.up, plane.phi)[list(view)]
+        start = plane.point[list(view)]
+        line = 1e3 * np.array([start, start + 0.6 * along])
+        colour = CYCLE[names.index(plane.axis_id) % len(CYCLE)]
+        axes.plot(line[:, 0], line[:, 1], color=colour, lw=0.9, alpha=0.75, zorder=2)
+        axes.plot(*line[0], "o", color=colour, ms=3.5, zorder=3)
+
+
+def _axis_names(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int], com: Array) -> None:
+    """Each pivot axis's name beside its dot, away from the middle: colours alone do not tell."""
+    depth = 3 - view[0] - view[1]
+    named = {plane.axis_id: plane for plane in planes if abs(plane.direction[depth]) >= 0.9}
+    taken: list[Array] = []
+    for name, plane in sorted(named.items()):
+        place = 1e3 * plane.point[list(view)]
+        right, up = place - 1e3 * com[list(view)] > 0
+        # Edges that lie behind one another share a dot.
+        below = sum(float(np.linalg.norm(place - other)) < 4.0 for other in taken)
+        taken.append(place)
+        axes.annotate(
+            name,
+            tuple(place),
+            (4 if right else -4, (4 if up else -4) + (9 if up else -9) * below),
+            textcoords="offset points",
+            ha="left" if right else "right",
+            va="bottom" if up else "top",
+            fontsize=7,
+            color=INK,
+        )
+
+
+def _centre(axes: Axes, com: Array, covariance: Array, view: tuple[int, int]) -> None:
+    rows = list(view)
+    values, vectors = np.linalg.eigh(covariance[np.ix_(rows, rows)])
+    width, height = 2 * SIGMAS95_2D * 1e3 * np.sqrt(values)
+    turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
+    axes.add_patch(Ellipse(tuple(1e3 * com[rows]), width, height, angle=turn, facecolor=INK, alpha=0.18, lw=0, zorder=4))
+    axes.add_patch(Ellipse(tuple(1e3 * com[rows]), width, height, angle=turn, facecolor="none", edgecolor=INK, lw=0.9, zorder=5))
+    axes.plot(*(1e3 * com[rows]), "+", color=INK, ms=8, mew=1.6, zorder=6)
+
+
+def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None) -> Figure:
+    """Region masses with 95 % intervals, the naive answers as marks, and the truth [kg] by region where it is known."""
+    distribution = estimate.distribution
+    masses, (low, high) = 1e3 * distribution.masses, 1e3 * distribution.intervals.T
+    place = np.arange(len(masses))
+    with style():
+        figure = Figure(figsize=(4.6, 3.3), layout="constrained")
+        axes = figure.subplots()
+        axes.barh(place, masses, height=0.5, color=BLUE, alpha=0.85)
+        axes.errorbar(
+            masses, place, xerr=np.maximum([masses - low, high - masses], 0.0), fmt="none", ecolor=INK, elinewidth=1.2, capsize=3, zorder=4
+        )
+        marks = {"surface": "s", "uniform": "o", "surface_and_uniform": "^"}
+        for name, naive in sorted(distribution.baselines.items()):
+            label = f"naive: {name.replace('_', ' ')}"
+            axes.plot(1e3 * naive, place + 0.36, marks.get(name, "v"), color=MUTED, mfc="white", ms=5, label=label)
+        if estimate.distribution_paper is not None:
+            axes.plot(1e3 * estimate.distribution_paper.masses, place + 0.36, "D", color=ORANGE, ms=5, label="the paper's")
+        if truth is not None:
+            values = [1e3 * truth[name] for name in distribution.names]
+            axes.plot(values, place, "|", color=RED, ms=24, mew=2.4, zorder=5)
+            axes.plot([], [], "|", color=RED, ms=9, mew=2.4, label="truth")  # in the legend no taller than a line
+        axes.set_yticks(place, distribution.names)
+        axes.set_ylim(len(masses) - 0.45, -0.5)
+        axes.set_xlim(left=0)
+        axes.set_xlabel("mass [g]")
+        axes.grid(visible=False, axis="y")
+        figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
+def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None) -> Figure:
+    """Moments about the parallel axes through c, per pivot axis, with 95 % intervals; truth [kg m^2] by axis where it is known."""
+    axes_of = estimate.inertial.axes
+    place = np.arange(len(axes_of))
+    with style():
+        figure = Figure(figsize=(4.6, 0.9 + 0.3 * len(axes_of)), layout="constrained")
+        axes = figure.subplots()
+        value = 1e7 * np.array([axis.i_com for axis in axes_of])
+        spread = 1.96e7 * np.array([axis.i_com_sd for axis in axes_of])
+        axes.errorbar(value, place, xerr=spread, fmt="o", color=GREEN, ms=5, elinewidth=1.4, capsize=3, label="estimate")
+        if truth is not None:
+            axes.plot(1e7 * np.array([truth[axis.axis_id] for axis in axes_of]), place, "|", color=RED, ms=14, mew=2.2)
+            axes.plot([], [], "|", color=RED, ms=9, mew=2.2, label="truth")
+        axes.set_yticks(place, [axis.axis_id for axis in axes_of])
+        axes.set_ylim(len(axes_of) - 0.5, -0.5)
+        axes.set_xlim(left=0)
+        axes.set_xlabel("moment about the centre of mass [g cm²]")
+        if truth is not None:
+            figure.legend(loc="outside lower center", ncols=2)
+    return figure

@@ -1,0 +1,74 @@
+"""Theta(t) of every strike less what all other strikes foretell of it, as small multiples."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+from analyze.report.style import BLUE, INK, MUTED, RED, style
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+
+    from analyze.pipeline.prediction import ForetoldStrike
+
+COLUMNS = 3
+LINEAR_DEG = 0.2
+"""up to which the scale is even; beyond, it is logarithmic: a band of 0.1 deg widens to 6"""
+TICKS = (0.2, 1.0, 5.0, 20.0)
+
+
+def foretold_figure(strikes: Sequence[ForetoldStrike]) -> Figure:
+    """Measured less foretold angle with its band of 1.96 sd, one panel per strike; those not foretold in red.
+
+    Raises:
+        ValueError: there is no strike.
+    """
+    if not strikes:
+        raise ValueError("no strike was foretold")
+    rows = math.ceil(len(strikes) / COLUMNS)
+    columns = min(COLUMNS, len(strikes))
+    most = max(float(np.max(np.maximum(np.abs(each.motion.offset), 1.96 * each.motion.sd))) for each in strikes)
+    limit = 1.15 * max(np.degrees(most), LINEAR_DEG)
+    longest = max(float(each.motion.time[-1]) for each in strikes)
+    with style():
+        figure = Figure(figsize=(9.4, 0.45 + 1.4 * rows), layout="constrained")
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        for axes, strike in zip(panels, strikes, strict=False):
+            _panel(axes, strike)
+        first = panels[0]
+        first.set_yscale("asinh", linear_width=LINEAR_DEG)
+        first.set_ylim(-limit, limit)
+        ticks = [tick for tick in TICKS if tick < limit]
+        first.yaxis.set_major_locator(FixedLocator([*(-tick for tick in reversed(ticks)), 0.0, *ticks]))
+        first.yaxis.set_minor_locator(NullLocator())
+        first.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:+g}".replace("-", "−") if value else "0"))
+        first.set_xlim(0.0, 1.02 * longest)
+        for axes in panels[len(strikes) :]:
+            axes.set_visible(False)
+        for column in range(columns):
+            lowest = panels[max(i for i in range(column, len(strikes), columns))]
+            lowest.tick_params(labelbottom=True)
+            lowest.set_xlabel("time [s]")
+        figure.supylabel("measured less foretold [°]", fontsize=8.5)
+    return figure
+
+
+def _panel(axes: Axes, strike: ForetoldStrike) -> None:
+    motion = strike.motion
+    colour = BLUE if strike.holds else RED
+    offset, band = np.degrees(motion.offset), np.degrees(1.96 * motion.sd)
+    axes.axvspan(0.0, float(motion.time[motion.start]), color=MUTED, alpha=0.1, lw=0, zorder=0)
+    axes.axhline(0.0, color=INK, lw=0.6, zorder=1)
+    axes.fill_between(motion.time, -band, band, color=colour, alpha=0.16, lw=0, zorder=2)
+    axes.plot(motion.time, offset, ".-", color=colour, ms=2.6, lw=0.8, zorder=3)
+    sigmas = max(strike.told.sigmas, strike.motion_sigmas)
+    said = f"{sigmas:.1f} sd" if strike.holds else f"{sigmas:.1f} sd: not foretold"
+    axes.set_title(strike.told.strike_id, fontsize=8.5)
+    axes.set_title(said, loc="right", fontsize=8, fontweight="normal" if strike.holds else "bold", color=MUTED if strike.holds else RED)

@@ -1,0 +1,211 @@
+"""One HTML file with the answer, its reasons and its plots: nothing is loaded from elsewhere, and it prints."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from markupsafe import Markup
+
+from analyze.output_file import write_text
+from analyze.reading.recording import open_recording
+from analyze.report.page import drawn, manifest_time, number, page_environment, signed
+from analyze.report.plots import moments_figure, projection_figures, regions_figure, strike_figure
+from analyze.report.prediction_plot import foretold_figure
+from analyze.report.sensitivity_plot import influence_figure, source_rows, sources_figure, told_in_words
+from analyze.report.summary import DEGREES, GRAM_CM2, filling_rows
+from analyze.report.truth import ShownTruth, shown_truth
+from analyze.report.voxel_map import told_in_words as voxels_told_in_words
+from analyze.report.voxel_map import voxel_figure
+from analyze.result.frame_times import frame_time_lines
+from analyze.result.tilt import tilt_lines
+from schemas.result import Quantity, StrikeResult, Verdict
+
+if TYPE_CHECKING:
+    from analyze.pipeline.estimate import Estimate
+    from analyze.types import MarkerTrack, MassDistribution
+
+JPEG_QUALITY = 88
+
+
+@dataclass(frozen=True)
+class Still:
+    """One image of a strike, with the marker's outline."""
+
+    axis_id: str
+    caption: str
+    data_url: str
+
+
+def write_report(estimate: Estimate, output: Path, score: Mapping[str, Any] | None = None) -> None:
+    """Write the report; either whole or not at all.
+
+    Args:
+        estimate: its recordings are read again, for the stills.
+        output: the HTML file.
+        score: from `score_estimate`, to show the truth beside the estimate.
+
+    Raises:
+        RecordingError: a recording cannot be read.
+        OutputError: the file cannot be written.
+    """
+    write_text(output, render_report(estimate, stills(estimate), score))
+
+
+def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
+    """The report as HTML text."""
+    result = estimate.result
+    truth = None if score is None else shown_truth(score, estimate)
+    rows = source_rows(estimate.sensitivity, estimate.com.covariance)
+    half = 1.96 * float(np.sqrt(np.linalg.eigvalsh(estimate.com.covariance)[-1]))
+    return (
+        page_environment()
+        .get_template("report.html")
+        .render(
+            name=estimate.evidence.spec.name,
+            result=result,
+            recordings=estimate.evidence.recordings,
+            verdict=verdict_in_words(estimate),
+            com=_com_rows(result.centre_of_mass, truth),
+            used=[strike for strike in result.strikes if strike.used],
+            axes=len({plane.axis_id for plane in estimate.planes}),
+            reasons=[strike for strike in result.strikes if strike.reason and strike.verdict is not Verdict.GOOD],
+            stills=images,
+            created=list(dict.fromkeys(manifest_time(each.manifest.created) for each in estimate.evidence.recordings)),
+            truth=truth,
+            projections=[drawn(figure) for figure in projection_figures(estimate, None if truth is None else truth.com)],
+            regions=drawn(regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)),
+            voxels=drawn(voxel_figure(estimate.voxels)),
+            voxels_told=voxels_told_in_words(estimate.voxels),
+            moments=drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
+            foretold=drawn(foretold_figure(estimate.foretold)) if estimate.foretold else None,
+            foretold_count=sum(each.holds for each in estimate.foretold),
+            warnings=[each for each in result.warnings if not any(each.text in sentence for sentence in result.verdict or [])],
+            missed=[each for each in estimate.foretold if not each.holds],
+            filling=[] if result.filling is None else filling_rows(result.filling),
+            strikes=_strike_plots(estimate),
+            tilts=[*tilt_lines(result), *frame_time_lines(result.frame_times, len(estimate.evidence.recordings) > 1)],
+            sources=drawn(sources_figure(rows, half)),
+            sources_told=told_in_words(rows),
+            influences=drawn(influence_figure(estimate.sensitivity)),
+            naive=sorted(result.regions.baselines) if result.regions is not None else [],
+            score=score,
+            best_naive=min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
+            if score is not None and truth is not None and truth.regions
+            else None,
+            inertia_rows=_inertia_rows(estimate),
+        )
+    )
+
+
+def verdict_in_words(estimate: Estimate) -> str:
+    """What was found, in two or three sentences."""
+    result, com = estimate.result, estimate.com
+    sd = 1.96e3 * np.sqrt(np.linalg.eigvalsh(com.covariance)[-1])
+    axes = len({plane.axis_id for plane in estimate.planes})
+    count = f"{len(estimate.planes)} of {len(result.strikes)} strikes on {axes} {'axis' if axes == 1 else 'axes'} were used."
+    if not com.observed:
+        return f"{count} They leave one direction of the centre of mass open; the number given along it comes from the shape."
+    shift = com.position - estimate.evidence.model.centroid
+    text = f"The centre of mass lies {1e3 * np.linalg.norm(shift):.1f}\u00a0mm from the middle of the volume"
+    text += f" and is known to {sd:.1f}\u00a0mm in its worst direction (95\u00a0%)."
+    return f"{text} {_heaviest_in_words(estimate.distribution)} {count}"
+
+
+def _heaviest_in_words(distribution: MassDistribution) -> str:
+    """Where most of the mass is, as far as the intervals tell."""
+    mass = distribution.masses.sum()
+    heaviest = int(np.argmax(distribution.masses))
+    least, others = distribution.intervals[heaviest, 0], np.delete(distribution.intervals[:, 1], heaviest)
+    if not distribution.explained or least < np.max(others, initial=0.0):
+        return "The strikes do not tell which part of it is the heaviest."
+    where = {"surface": "in the wall", "upper": "inside, above the border", "lower": "inside, below the border"}
+    place = where.get(distribution.names[heaviest], distribution.names[heaviest])
+    part = "Most" if least > mass / 2 else "The largest part"
+    return f"{part} of the mass ({100 * distribution.masses[heaviest] / mass:.0f}\u00a0%) sits {place}."
+
+
+def stills(estimate: Estimate) -> list[Still]:
+    """One image per pivot axis: the first strike used, when the object stands near its balance point, with the marker outlined."""
+    found: list[Still] = []
+    seen: set[str] = set()
+    evidence = estimate.evidence
+    with ExitStack() as stack:
+        opened = {head.content_id: stack.enter_context(open_recording(head.path)) for head in evidence.recordings}
+        motions = {motion.strike_id: motion for motion in evidence.motions}
+        # Strikes that tipped over first: one that rocked back never stood at phi.
+        for plane in sorted(estimate.planes, key=lambda plane: motions[plane.strike_id].verdict is not Verdict.GOOD):
+            report = evidence.tracking.get(plane.strike_id)
+            motion = motions[plane.strike_id]
+            if plane.axis_id in seen or report is None or not report.tracks or motion.angle is None:
+                continue
+            seen.add(plane.axis_id)
+            nearest = int(np.argmin(np.abs(motion.angle.theta - plane.phi)))
+            moment = int(motion.angle.time_ns[nearest])
+            caption = f"strike {plane.strike_id} at θ\u00a0=\u00a0{DEGREES * motion.angle.theta[nearest]:.1f}°"
+            shown = _frame_at(report.tracks, moment)
+            frames = opened[evidence.recording_of(plane.strike_id).content_id].images(start_ns=shown, end_ns=shown)
+            found.extend(Still(plane.axis_id, caption, _outlined(frame.image, report.tracks, moment)) for frame in frames)
+    return found
+
+
+def _frame_at(tracks: tuple[MarkerTrack, ...], time_ns: int) -> int:
+    """Time of the image in which markers were seen at `time_ns`."""
+    return next((int(track.frame_ns[where[0]]) for track in tracks if len(where := np.flatnonzero(track.time_ns == time_ns))), time_ns)
+
+
+def _outlined(image: Any, tracks: tuple[MarkerTrack, ...], time_ns: int) -> str:
+    picture = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_GRAY2BGR)
+    for track in tracks:
+        where = np.flatnonzero(track.time_ns == time_ns)
+        if len(where):
+            corners = np.round(track.corners_px[int(where[0])] * 8).astype(np.int32)
+            cv2.polylines(picture, [corners], isClosed=True, color=(0, 159, 230), thickness=2, lineType=cv2.LINE_AA, shift=3)
+    encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
+    return f"data:image/jpeg;base64,{base64.b64encode(encoded.tobytes()).decode()}"
+
+
+def _strike_plots(estimate: Estimate) -> list[tuple[StrikeResult, Markup]]:
+    by_id = {strike.id: strike for strike in estimate.result.strikes}
+    plots: list[tuple[StrikeResult, Markup]] = []
+    for motion in estimate.evidence.motions:
+        if motion.angle is None:
+            continue
+        strike = by_id[motion.strike_id]
+        plots.append((strike, drawn(strike_figure(motion, f"{strike.id}: {strike.verdict.value.replace('_', ' ')}"))))
+    return plots
+
+
+def _com_rows(com: Quantity, truth: ShownTruth | None) -> list[dict[str, str]]:
+    values, half = 1e3 * np.array(com.value), 1.96e3 * np.array(com.sd)
+    rows = [{"axis": axis, "value": number(v, 2), "half": number(h, 2)} for axis, v, h in zip("xyz", values, half, strict=True)]
+    if truth is not None:
+        digits = 3 if half.max() < 0.2 else 2
+        for row, value, spread, true in zip(rows, values, half, 1e3 * truth.com, strict=True):
+            row.update(
+                estimate=f"{number(value, digits)} ± {number(spread, digits)}",
+                true=number(true, digits),
+                error=signed(value - true, digits),
+            )
+    return rows
+
+
+def _inertia_rows(estimate: Estimate) -> list[list[dict[str, Any]]]:
+    inertial = estimate.inertial
+    return [
+        [
+            {
+                "value": number(GRAM_CM2 * inertial.inertia[i, j], 0),
+                "half": f"{1.96 * GRAM_CM2 * inertial.inertia_sd[i, j]:.0f}",
+                "measured": bool(inertial.measured[i, j]),
+            }
+            for j in range(3)
+        ]
+        for i in range(3)
+    ]

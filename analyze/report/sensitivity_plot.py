@@ -1,0 +1,125 @@
+"""What moves the centre of mass: strike by strike, and by kind of error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from analyze.estimation.sensitivity import ErrorSource
+from analyze.report.style import BLUE, CYCLE, INK, MUTED, style
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analyze.estimation.sensitivity import Sensitivity
+    from analyze.types import Array
+
+TENTH_DEG = float(np.radians(0.1))
+SIGMAS95 = 1.96
+LEAST_SHARE = 0.005
+"""of the variance, below which a kind of error is not drawn"""
+REMEDIES = {
+    ErrorSource.NOISE: "more strikes, or a larger marker nearer to the camera",
+    ErrorSource.SCATTER: "more strikes, and an edge that does not slip",
+    ErrorSource.TILT: "an edge struck again with the object turned by 180°, or a level's reading in the rig file",
+    ErrorSource.SCALE: "the object measured along one length, and its shape corrected",
+    ErrorSource.ROUNDING: "the edges' rounding measured (edge_radius_m), or upright and lying tips together",
+    ErrorSource.PLACE: "a finer scan, or strikes over other edges and faces",
+    ErrorSource.ANGLE: "strikes over other edges, or with the object turned on the table",
+    ErrorSource.K: "strikes that pass upright, in which k tells little and φ all",
+    ErrorSource.PRIOR: "strikes in directions that none had so far",
+    ErrorSource.MASS: "object and markers weighed better",
+}
+"""what makes each kind smaller"""
+
+
+@dataclass(frozen=True)
+class SourceRow:
+    """One kind of error along the direction in which c is known worst."""
+
+    source: ErrorSource
+    half: float
+    """m, half a 95 % interval that it alone would leave"""
+    share: float
+    """of the variance"""
+
+
+def worst_direction(covariance: Array) -> Array:
+    """Unit (3,), in which c is known worst; its largest part is positive."""
+    worst = np.linalg.eigh(covariance)[1][:, -1]
+    return worst * np.sign(worst[int(np.argmax(np.abs(worst)))])
+
+
+def source_rows(sensitivity: Sensitivity, covariance: Array) -> list[SourceRow]:
+    """All kinds, the largest first; `covariance` (3, 3) is c's."""
+    worst = worst_direction(covariance)
+    whole = float(worst @ covariance @ worst)
+    rows = [
+        SourceRow(each.source, SIGMAS95 * float(np.sqrt(max(variance, 0.0))), variance / whole)
+        for each in sensitivity.shares
+        for variance in [float(worst @ each.covariance @ worst)]
+    ]
+    return sorted(rows, key=lambda row: -row.share)
+
+
+def told_in_words(rows: Sequence[SourceRow]) -> str:
+    """What most of the uncertainty is, and what would help."""
+    first, *others = rows
+    text = f"{100 * first.share:.0f} % of the variance is {first.source.value}"
+    if others and others[0].share > 0.15:
+        text += f", {100 * others[0].share:.0f} % {others[0].source.value}"
+    return f"{text}. What would help most: {REMEDIES[first.source]}."
+
+
+def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
+    """Half intervals as bars, all together first.
+
+    Args:
+        rows: from `source_rows`.
+        half: m, of all together.
+    """
+    shown = [row for row in rows if row.share >= LEAST_SHARE]
+    names = ["all together", *(row.source.value for row in shown)]
+    values = 1e3 * np.array([half, *(row.half for row in shown)])
+    place = np.arange(len(names))
+    with style():
+        figure = Figure(figsize=(4.6, 0.75 + 0.27 * len(names)), layout="constrained")
+        axes = figure.subplots()
+        axes.barh(place, values, height=0.62, color=[INK, *[BLUE] * len(shown)])
+        digits = 2 if values[0] >= 0.05 else 3
+        for y, value, row in zip(place, values, [None, *shown], strict=True):
+            share = "" if row is None else f"  {100 * row.share:.0f} %"
+            axes.annotate(f"±{value:.{digits}f}{share}", (value, y), (3, 0), textcoords="offset points", va="center", fontsize=8)
+        axes.set_yticks(place, names)
+        axes.set_ylim(len(names) - 0.5, -0.6)
+        axes.set_xlim(0, 1.32 * values.max())
+        axes.set_xlabel("half a 95 % interval [mm]")
+        axes.grid(visible=False, axis="y")
+    return figure
+
+
+def influence_figure(sensitivity: Sensitivity) -> Figure:
+    """How far c moves along x, y, z if a strike's phi were 0.1 deg larger; colours by pivot axis, as in the projections."""
+    strikes = sensitivity.strikes
+    moved = 1e3 * TENTH_DEG * np.array([strike.by_phi for strike in strikes])
+    names = sorted({strike.axis_id for strike in strikes})
+    colours = [CYCLE[names.index(strike.axis_id) % len(CYCLE)] for strike in strikes]
+    place = np.arange(len(strikes))
+    reach = 1.1 * float(np.abs(moved).max())
+    with style():
+        figure = Figure(figsize=(4.6, 0.75 + 0.27 * (len(strikes) + 1)), layout="constrained")
+        panels = figure.subplots(1, 3, sharey=True, sharex=True)
+        for axes, along, name in zip(panels, moved.T, "xyz", strict=True):
+            axes.barh(place, along, height=0.62, color=colours)
+            axes.axvline(0.0, color=MUTED, lw=0.7)
+            axes.set_title(name)
+            axes.grid(visible=False, axis="y")
+            axes.locator_params(axis="x", nbins=3)
+        panels[0].set_yticks(place, [strike.strike_id for strike in strikes])
+        panels[0].set_ylim(len(strikes) - 0.5, -0.6)
+        panels[0].set_xlim(-reach, reach)
+        figure.supxlabel("c moves [mm] if φ is larger by 0.1°", fontsize=8.5)
+    return figure

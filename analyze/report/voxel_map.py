@@ -1,0 +1,81 @@
+"""The voxel map drawn, in words and as a table: always with its prior and with how little of it was measured."""
+
+from __future__ import annotations
+
+import io
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from analyze.output_file import write_text
+from analyze.report.plots import VIEWS
+from analyze.report.style import DENSITY_MAP, style
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from analyze.estimation.voxel_map import VoxelMap
+
+_BINS = 24
+"""along the longest side"""
+_SPREAD = np.stack(np.meshgrid((-0.375, -0.125, 0.125, 0.375), (-0.375, -0.125, 0.125, 0.375))).reshape(2, -1, 1)
+"""(2, n, 1): places in a cell, over its edge, at which it is drawn"""
+_UNEXPLAINED = 3.0
+"""rms of residuals over their sd"""
+
+
+def voxel_figure(voxels: VoxelMap) -> Figure:
+    """Mean density along the line of sight from three sides."""
+    masses = voxels.density * voxels.volumes
+    low, high = 1e3 * voxels.points.min(axis=0), 1e3 * voxels.points.max(axis=0)
+    step = float((high - low).max()) / _BINS
+    size = np.cbrt(voxels.volumes)
+    images = []
+    for across, up, _ in VIEWS:
+        edges = [np.arange(low[i] - step / 2, high[i] + step, step) for i in (across, up)]
+        # A cell is as wide as its cube: as a point it would leave bins between cells empty.
+        places = [(1e3 * (voxels.points[:, i] + _SPREAD[j] * size)).ravel() for j, i in enumerate((across, up))]
+        mass, *_ = np.histogram2d(*places, bins=edges, weights=np.tile(masses, len(_SPREAD[0])))
+        volume, *_ = np.histogram2d(*places, bins=edges, weights=np.tile(voxels.volumes, len(_SPREAD[0])))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            images.append((edges, np.where(volume > 0.02 * volume.max(), 1e-3 * mass / volume, np.nan)))
+    most = max(float(np.nanmax(image)) for _, image in images)
+    with style():
+        figure = Figure(figsize=(7.4, 2.9), layout="constrained")
+        panels = figure.subplots(1, 3)
+        for axes, (across, up, name), (edges, image) in zip(panels, VIEWS, images, strict=True):
+            axes.pcolormesh(*edges, image.T, cmap=DENSITY_MAP, vmin=0.0, vmax=most, linewidth=0)
+            axes.set_title(name)
+            axes.set_aspect("equal")
+            axes.set_xlabel(f"{'xyz'[across]} [mm]")
+            axes.set_ylabel(f"{'xyz'[up]} [mm]")
+            axes.grid(visible=False)
+        bar = figure.colorbar(panels[0].collections[0], ax=panels, shrink=0.8)
+        bar.set_label("mean density [g/cm³]")
+    return figure
+
+
+def told_in_words(voxels: VoxelMap) -> str:
+    """What the map is, and is not."""
+    low, high = 100 * float(voxels.determined.min()), 100 * float(voxels.determined.max())
+    text = (
+        f"The evenest distribution with the measured moments (bounded maximum entropy around {1e-3 * voxels.prior:.2g} g/cm³ everywhere): "
+        f"one of many. {voxels.directions} of its {len(voxels.points)} numbers were measured; of the variance that the prior leaves each "
+        f"octant's mass, the moments take {low:.0f} to {high:.0f} %. The rest of the picture is the prior."
+    )
+    if voxels.misfit > _UNEXPLAINED:
+        text += f" It misses the moments by {voxels.misfit:.1f} times their sd: no such body has them."
+    return text
+
+
+def write_voxels(voxels: VoxelMap, output: Path) -> None:
+    """One line per cell: place, volume and density, SI; what it is worth stands in its first lines.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    text = io.StringIO()
+    text.write(f"# {told_in_words(voxels)}\n# place in the object's frame [m], volume [m^3], density [kg/m^3]\nx,y,z,volume,density\n")
+    np.savetxt(text, np.column_stack([voxels.points, voxels.volumes, voxels.density]), fmt="%.9g", delimiter=",")
+    write_text(output, text.getvalue())

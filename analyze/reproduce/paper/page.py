@@ -1,0 +1,194 @@
+"""`analyze reproduce paper`'s page: tables and figures in one HTML file, and each as a CSV file beside it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from analyze.output_file import write_text
+from analyze.report.csv_table import csv_text
+from analyze.report.page import drawn, page_environment
+from analyze.reproduce.paper import scores
+from analyze.reproduce.paper.figures import angles_figure, pictures_figure, profile_figure, results_figure, scan_figure, sensitivity_figure
+from analyze.reproduce.paper.moments_table import moments_table
+from analyze.reproduce.paper.published import published_centres, published_masses
+from analyze.reproduce.paper.record import SessionRecord
+from analyze.reproduce.paper.tables import Table, Value, all_tables
+from analyze.reproduce.paper.targets import missed, targets, targets_table
+
+PAGE = "index.html"
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    title: str
+    caption: str
+    svg: Markup
+
+
+_FIGURES: tuple[tuple[Callable[[Sequence[SessionRecord]], Figure | None], str, str], ...] = (
+    (
+        profile_figure,
+        "Fig. 6: profile of one strike",
+        (
+            "Angle, rate and acceleration of a carton's tip; derivatives are plain differences over five frames, which is what the "
+            "sign change is read from. The dashed line is the truth. t1: the striker has let go; t2: the balance; t3: the next face lands."
+        ),
+    ),
+    (
+        angles_figure,
+        "Fig. 9(a): angles of the equi-planes",
+        "Every strike on the carton that went over, all seeds. The paper's scatter was 1.85°, worst about 4°.",
+    ),
+    (
+        sensitivity_figure,
+        "Fig. 9(b, c): sensitivity",
+        (
+            "Noise put on true angles and on true moments about the edges; lines are medians, bands the middle two thirds. The dotted "
+            "line is the paper's own noise."
+        ),
+    ),
+    (
+        scan_figure,
+        "Fig. 10: noise of the scan",
+        (
+            "20 000 points of the carton, each moved by up to so much in any direction; the body and its edges are what is made of "
+            "them, the strikes are the same. The paper's method stands on our edges."
+        ),
+    ),
+    (
+        results_figure,
+        "Fig. 11: all results",
+        "One dot per result, the line is the mean. Printed: the paper's own nine. The two in the middle are with calibration errors drawn.",
+    ),
+    (
+        pictures_figure,
+        "Fig. 12: where it is",
+        (
+            "Above: centres of mass seen along y, all seeds, calibration errors drawn; below that the same as errors, close up. At the "
+            "foot a slice through c of the first seed: wall grey, upper blue, lower green, red where the truth says otherwise; masses in g "
+            "of surface (S), upper (U) and lower (L), in brackets the truth."
+        ),
+    ),
+)
+
+
+def write_page(records: Sequence[SessionRecord], folder: Path) -> Path:
+    """Write `index.html` and one CSV file per table and sweep into `folder`.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    tables = [targets_table(records), *all_tables(records)]
+    if (moments := moments_table(records)).rows:
+        tables.insert(3, moments)
+    for table in tables:
+        write_text(folder / f"{table.name}.csv", csv_text([column.name for column in table.columns], table.rows))
+    for name, headings, rows in _series(records):
+        write_text(folder / f"{name}.csv", csv_text(headings, rows))
+    write_text(folder / PAGE, render_page(records, tables))
+    return folder / PAGE
+
+
+def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> str:
+    """The page as HTML."""
+    environment = page_environment()
+    environment.filters["cell"] = _cell
+    figures = [(make(records), title, caption) for make, title, caption in _FIGURES]
+    ours = scores.designed(records)
+    return environment.get_template("paper.html").render(
+        lead=summary(records),
+        missed=missed(records),
+        sources=[f"{count} × {source}" for source, count in sorted(Counter(record.source.value for record in records).items())],
+        seeds=len({record.seed for record in ours}),
+        sessions=len(records),
+        tables=tables,
+        figures=[_Drawn(title, caption, drawn(figure)) for figure, title, caption in figures if figure is not None],
+    )
+
+
+def summary(records: Sequence[SessionRecord]) -> str:
+    """In two sentences."""
+    lines = {each.quantity: each for each in targets(records)}
+    not_reached = [each.quantity for each in lines.values() if each.verdict == "missed"]
+    exact = next(each for name, each in lines.items() if "calibration exact" in name)
+    drawn = lines["the same with calibration errors drawn"]
+    masses = lines["region masses, the paper's metric"]
+    if not len(exact.values):
+        return "No session on the paper's objects yet."
+    text = (
+        f"Centre of mass {np.median(exact.values):.2f} mm from the truth (median of {len(exact.values)} sessions; "
+        f"{np.median(drawn.values):.2f} mm with calibration errors drawn), where the paper printed 12.5 mm; "
+        f"region masses off by {np.median(masses.values):.1f} %, where it printed 11.5 %."
+    )
+    return f"{text} Missed: {'; '.join(not_reached)}." if not_reached else f"{text} No target is missed."
+
+
+def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequence[Sequence[Value]]]]:
+    """What the figures are drawn from."""
+    mine = scores.designed(records)
+    found: list[tuple[str, list[str], Sequence[Sequence[Value]]]] = []
+    profile = next((record.profile for record in mine if record.profile is not None), None)
+    if profile is not None:
+        rows = list(zip(profile.time_s, profile.theta_rad, profile.rate_rad_s, profile.acceleration_rad_s2, strict=True))
+        found.append(("fig6", ["time [s]", "theta [rad]", "rate [rad/s]", "acceleration [rad/s2]"], rows))
+    angles = [
+        (r.object, r.seed, a.axis_id, a.strike_id, a.true_rad, a.ours_rad, a.ours_sd_rad, a.paper_rad) for r in mine for a in r.angles
+    ]
+    headings = ["object", "seed", "axis", "strike", "true phi [rad]", "ours [rad]", "sd [rad]", "sign change [rad]"]
+    found.append(("fig9a", headings, list(angles)))
+    for name, level, value, rows_of in (
+        ("fig9b", "noise of the angles [deg]", "error of c [m]", lambda r: r.angle_noise),
+        ("fig9c", "noise of the moments", "paper's metric", lambda r: r.moment_noise),
+        ("fig10a", "largest shift [m]", "error of c [m]", lambda r: r.scan_noise_com),
+        ("fig10b", "largest shift [m]", "paper's metric", lambda r: r.scan_noise_masses),
+    ):
+        rows = [
+            (r.object, r.seed, row.level, ours, paper)
+            for r in mine
+            for row in rows_of(r)
+            for ours, paper in zip(row.ours, row.paper, strict=True)
+        ]
+        if rows:
+            found.append((name, ["object", "seed", level, f"{value}, ours", f"{value}, paper's method"], list(rows)))
+    points = [
+        (r.object, r.seed, condition.value, whose, *answer.com_m, *r.true_com_m)
+        for r in mine
+        for condition in r.ours
+        for whose, answers in (("ours", [r.ours[condition]]), ("paper", r.paper.get(condition, [])))
+        for answer in answers
+    ]
+    found.append(("fig11", ["object", "seed", "calibration", "whose", "error of c [m]", "paper's metric"], _results(mine)))
+    axes = ["x [m]", "y [m]", "z [m]"]
+    found.append(("fig12", ["object", "seed", "calibration", "whose", *axes, *(f"true {name}" for name in axes)], list(points)))
+    return found
+
+
+def _results(records: Sequence[SessionRecord]) -> list[tuple[Value, ...]]:
+    """Every dot of Fig. 11, and the paper's printed ones: its tables of c and of masses each have their own."""
+    rows: list[tuple[Value, ...]] = [(each.object, None, None, "printed", each.distance_m, None) for each in published_centres()]
+    rows += [(each.object, None, None, "printed", None, each.metric) for each in published_masses()]
+    for record in scores.within_class(records):
+        for condition in record.ours:
+            for whose, answers in (("ours", [record.ours[condition]]), ("paper", record.paper.get(condition, []))):
+                for answer in answers:
+                    metric = None if answer.masses_kg is None else scores.metric(answer.masses_kg, record)
+                    rows.append((record.object, record.seed, condition.value, whose, scores.distance(answer, record), metric))
+    return rows
+
+
+def _cell(value: Value, digits: int | None) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float) and digits is not None:
+        if not np.isfinite(value):
+            return "–"
+        least = 10.0**-digits
+        return f"< {least:.{digits}f}" if 0 < abs(value) < least / 2 else f"{value:.{digits}f}"
+    return str(value)

@@ -1,0 +1,243 @@
+"""Image messages of others to grey values: Foxglove's (protobuf, JSON), ROS 2's (CDR), raw, JPEG or PNG; and the stamp in their header."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import cv2
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.CompressedVideo_pb2 import CompressedVideo
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from google.protobuf.message import DecodeError
+from numpy.typing import NDArray
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from analyze.reading.image_message import image_of_file
+from schemas.mcap.records import ContainerError
+
+Image = NDArray[np.uint8]
+
+VIDEO = "foxglove.CompressedVideo"
+_ROS_RAW, _ROS_COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+_RAW, _COMPRESSED = "foxglove.RawImage", "foxglove.CompressedImage"
+
+
+@dataclass(frozen=True)
+class RawPicture:
+    """Pixels as they stand in a message."""
+
+    stamp_ns: int
+    """of its header, 0 where it has none"""
+    width: int
+    height: int
+    encoding: str
+    step: int
+    """bytes of a row"""
+    data: Image
+    """(n,) bytes"""
+    big_endian: bool = False
+
+
+@dataclass(frozen=True)
+class CodedPicture:
+    """An image file's content, or a coded picture of a video."""
+
+    stamp_ns: int
+    """of its header, 0 where it has none"""
+    format: str
+    data: bytes
+
+
+Picture = RawPicture | CodedPicture
+
+
+def is_read(message_encoding: str, schema: str) -> bool:
+    """Whether messages of a topic are images that are read."""
+    return (message_encoding, schema) in _PARSERS
+
+
+def picture_of(message_encoding: str, schema: str, data: bytes) -> Picture:
+    """The image in a message.
+
+    Raises:
+        ContainerError: it is damaged.
+    """
+    try:
+        return _PARSERS[message_encoding, schema](data)
+    except (DecodeError, SerdeError, ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError, OverflowError):
+        raise ContainerError(f"a message is no {schema}") from None
+
+
+def grey_of(picture: Picture) -> Image:
+    """Its grey values (height, width).
+
+    Raises:
+        ContainerError: the encoding is not read, or the pixels are damaged.
+    """
+    if isinstance(picture, RawPicture):
+        return _grey_of_raw(picture)
+    image = image_of_file(picture.data)
+    if image is None:
+        raise ContainerError(f"a {picture.format!r:.40} image cannot be decoded")
+    return image
+
+
+# --- raw pixels ---------------------------------------------------------------------------------------------------
+
+_COLOURS = {
+    "rgb8": (3, cv2.COLOR_RGB2GRAY),
+    "8uc3": (3, cv2.COLOR_BGR2GRAY),
+    "bgr8": (3, cv2.COLOR_BGR2GRAY),
+    "rgba8": (4, cv2.COLOR_RGBA2GRAY),
+    "bgra8": (4, cv2.COLOR_BGRA2GRAY),
+    "8uc4": (4, cv2.COLOR_BGRA2GRAY),
+}
+# OpenCV names a mosaic by its second row's second and third pixel: RGGB is its BayerBG.
+_MOSAICS = {
+    "bayer_rggb8": cv2.COLOR_BayerBG2GRAY,
+    "bayer_bggr8": cv2.COLOR_BayerRG2GRAY,
+    "bayer_gbrg8": cv2.COLOR_BayerGR2GRAY,
+    "bayer_grbg8": cv2.COLOR_BayerGB2GRAY,
+}
+_LUMA_AT = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
+"""place of the first luma among the bytes of two pixels"""
+_READ = "mono8, mono16, rgb8, bgr8, rgba8, bgra8, 8UC1, 8UC3, bayer_*8, yuv422, yuyv and nv12 are"
+
+
+def _grey_of_raw(picture: RawPicture) -> Image:
+    encoding = picture.encoding.lower()
+    channels, code = _COLOURS.get(encoding, (1, None))
+    channels = 2 if encoding in _LUMA_AT or encoding == "mono16" else channels
+    if code is None and channels == 1 and encoding not in {"mono8", "8uc1", "nv12", *_MOSAICS}:
+        raise ContainerError(f"encoding {picture.encoding!r:.40} is not read: {_READ}")
+    width, height, step = picture.width, picture.height, picture.step
+    data = picture.data[: step * height] if encoding == "nv12" and 3 * step * height == 2 * len(picture.data) else picture.data
+    if width <= 0 or height <= 0 or step < width * channels or step * height != len(data):
+        raise ContainerError(f"an image of {width} x {height} {encoding} with rows of {step} bytes cannot have {len(picture.data)} bytes")
+    rows = data.reshape(height, step)[:, : width * channels]
+    if encoding in _LUMA_AT:
+        return rows[:, _LUMA_AT[encoding] :: 2]
+    if encoding == "mono16":
+        return rows[:, 0 if picture.big_endian else 1 :: 2]
+    if encoding in _MOSAICS:
+        if min(width, height) < 4:
+            raise ContainerError(f"an image of {width} x {height} is too small for {encoding}")
+        return np.asarray(cv2.cvtColor(np.ascontiguousarray(rows), _MOSAICS[encoding]), dtype=np.uint8)
+    if code is None:
+        return rows
+    return np.asarray(cv2.cvtColor(rows.reshape(height, width, channels), code), dtype=np.uint8)
+
+
+# --- messages -----------------------------------------------------------------------------------------------------
+
+
+def _bytes(data: Any) -> Image:
+    return np.frombuffer(data, np.uint8)
+
+
+def _foxglove_raw(data: bytes) -> Picture:
+    message = RawImage.FromString(data)
+    stamp_ns = message.timestamp.seconds * 10**9 + message.timestamp.nanos
+    return RawPicture(stamp_ns, message.width, message.height, message.encoding, message.step, _bytes(message.data))
+
+
+def _foxglove_coded(kind: type[CompressedImage] | type[CompressedVideo]) -> Callable[[bytes], Picture]:
+    def parse(data: bytes) -> Picture:
+        message = kind.FromString(data)
+        return CodedPicture(message.timestamp.seconds * 10**9 + message.timestamp.nanos, message.format, message.data)
+
+    return parse
+
+
+def _json(data: bytes) -> tuple[dict[str, Any], int, bytes]:
+    """Fields, stamp [ns] and content of one of Foxglove's messages as JSON."""
+    fields = json.loads(data)
+    stamp = fields.get("timestamp") or {}
+    return fields, int(stamp.get("sec", 0)) * 10**9 + int(stamp.get("nsec", 0)), base64.b64decode(fields["data"], validate=True)
+
+
+def _json_raw(data: bytes) -> Picture:
+    fields, stamp_ns, content = _json(data)
+    return RawPicture(stamp_ns, int(fields["width"]), int(fields["height"]), str(fields["encoding"]), int(fields["step"]), _bytes(content))
+
+
+def _json_coded(data: bytes) -> Picture:
+    fields, stamp_ns, content = _json(data)
+    return CodedPicture(stamp_ns, str(fields.get("format", "")), content)
+
+
+@cache
+def ros_types() -> Typestore:
+    """ROS 2's own message types; of those that are read here no distribution has others."""
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def ros_message(data: bytes, kind: str) -> Any:
+    """A CDR message of one of ROS 2's own types.
+
+    Raises:
+        SerdeError, ValueError: it is none.
+    """
+    if len(data) < 4:
+        raise ValueError("no CDR")
+    try:
+        return ros_types().deserialize_cdr(data, kind)
+    except (AssertionError, ArithmeticError, MemoryError, LookupError, UnicodeError):  # what its generated code makes of nonsense
+        raise ValueError("no CDR") from None
+
+
+def _ros_stamp(message: Any) -> int:
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def _ros_raw(data: bytes) -> Picture:
+    found = ros_message(data, _ROS_RAW)
+    return RawPicture(_ros_stamp(found), found.width, found.height, found.encoding, found.step, found.data, bool(found.is_bigendian))
+
+
+def _ros_coded(data: bytes) -> Picture:
+    found = ros_message(data, _ROS_COMPRESSED)
+    return CodedPicture(_ros_stamp(found), found.format, found.data.tobytes())
+
+
+def camera_info(message_encoding: str, schema: str, data: bytes) -> dict[str, Any]:
+    """Entries of a camera's calibration message, as `calibration_of` takes them.
+
+    Raises:
+        ContainerError: it is damaged.
+    """
+    try:
+        if message_encoding == "json":
+            return dict(json.loads(data))
+        found = CameraCalibration.FromString(data) if message_encoding == "protobuf" else ros_message(data, schema)
+    except (DecodeError, SerdeError, ValueError, TypeError, RecursionError):
+        raise ContainerError(f"a message is no {schema}") from None
+    names = ("K", "D") if message_encoding == "protobuf" else ("k", "d")
+    K, D = ([float(each) for each in getattr(found, name)] for name in names)
+    return {"width": found.width, "height": found.height, "distortion_model": found.distortion_model, "K": K, "D": D}
+
+
+def as_video(picture: CodedPicture) -> bytes:
+    """A foxglove.CompressedVideo message of a coded picture."""
+    return CompressedVideo(format=picture.format, data=picture.data).SerializeToString()
+
+
+_PARSERS: dict[tuple[str, str], Callable[[bytes], Picture]] = {
+    ("protobuf", _RAW): _foxglove_raw,
+    ("protobuf", _COMPRESSED): _foxglove_coded(CompressedImage),
+    ("protobuf", VIDEO): _foxglove_coded(CompressedVideo),
+    ("json", _RAW): _json_raw,
+    ("json", _COMPRESSED): _json_coded,
+    ("json", VIDEO): _json_coded,
+    ("cdr", _ROS_RAW): _ros_raw,
+    ("cdr", _ROS_COMPRESSED): _ros_coded,
+}

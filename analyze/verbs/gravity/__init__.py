@@ -1,0 +1,1 @@
+"""`analyze gravity`: tilt of the table from images of a plumb line."""

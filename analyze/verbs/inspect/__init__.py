@@ -1,0 +1,1 @@
+"""`analyze inspect`: contents and health of a recording."""

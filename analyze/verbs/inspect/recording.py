@@ -1,0 +1,211 @@
+"""What is in a recording, and how healthy it is: topics, rates, gaps, frames lost, clocks, session, strikes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analyze.errors import RecordingCut, RecordingError
+from analyze.reading.file_series import missing_text
+from analyze.reading.mcap_contents import Progress, read_contents
+from analyze.reading.planned_strikes import PlannedStrikes, planned_strikes
+from analyze.reading.recording import Recording, TopicInfo, open_partial, open_recording
+from analyze.verbs.inspect.contents import disorder, inspect_contents, time_table
+from schemas import topics
+from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import MANIFEST_NAME
+
+GAP_PERIODS = 1.5
+"""a frame is missing where two images in a window are farther apart than this many frame periods"""
+
+
+def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str, Any]:
+    """Everything about a file, ready for JSON: of any MCAP file what it holds, of a recording how the session went besides.
+
+    One that is cut short is inspected as far as it goes.
+
+    Args:
+        path: the file.
+        progress: called with bytes walked and bytes in all.
+
+    Raises:
+        RecordingError: it is missing, no MCAP file, or a damaged recording.
+    """
+    contents = read_contents(path, progress)
+    general = inspect_contents(contents)
+    if MANIFEST_NAME not in contents.metadata:
+        return general | {"health": general["health"] + disorder(general["topics"])}
+    try:
+        with open_recording(path) as recording:
+            return general | _describe(recording, general, complete=True)
+    except RecordingCut:
+        with open_partial(path) as recording:
+            return general | _describe(recording, general, complete=False)
+
+
+def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) -> dict[str, Any]:
+    manifest = recording.manifest
+    encodings = {topic["name"]: topic for topic in general["topics"]}
+    found = [encodings.get(topic.name, {}) | _topic(recording, topic) for topic in recording.topics()]
+    begins = [topic["first_ns"] for topic in found if topic["count"]]
+    ends = [topic["last_ns"] for topic in found if topic["count"]]
+    session = {
+        "kind": "percuss",
+        "bytes": sum(part.path.stat().st_size for part in recording.parts),
+        "files": [{"path": str(part.path), "bytes": part.path.stat().st_size, "content_id": part.content_id} for part in recording.parts],
+        "missing_files": list(recording.missing_parts),
+        "complete": complete,
+        "damaged_chunks": recording.damaged_chunks,
+        "schema_version": manifest.schema_version,
+        "recording_id": manifest.recording_id,
+        "content_id": recording.content_id,
+        "created": manifest.created,
+        "software": manifest.software,
+        "object": {
+            "name": manifest.object.name,
+            "mass_kg": manifest.object.mass_kg,
+            "markers": [marker.name for marker in manifest.object.marker],
+        },
+        "messages": sum(topic["count"] for topic in found),
+        "start_ns": min(begins, default=None),
+        "end_ns": max(ends, default=None),
+        "duration_s": (max(ends) - min(begins)) * 1e-9 if begins else 0.0,
+        "topics": found,
+        "attachments": {name: len(data) for name, data in recording.attachments.items()},
+        "cameras": [_camera(recording, camera.name, camera.frame_rate_hz) for camera in manifest.cameras],
+        "clocks": _clocks(recording),
+        "time_source": {"kind": manifest.time_source.value, "sd_ns": manifest.time_source_sd_ns},
+        "strikes": [_strike(recording, record) for record in recording.strikes],
+        "plan": _plan(recording),
+        "states": [
+            {
+                "time_ns": message.log_time_ns,
+                "state": pb.SessionState.State.Name(state.state),
+                "strike_id": state.strike_id,
+                "text": state.text,
+            }
+            for message, state in recording.decoded(topics.SESSION_STATE.name, pb.SessionState)
+        ],
+        "faults": [
+            {"time_ns": message.log_time_ns, "text": event.text}
+            for message, event in recording.decoded(topics.STRIKER_EVENT.name, pb.StrikerEvent)
+            if event.kind == pb.StrikerEvent.FAULT
+        ],
+    }
+    return session | {"health": general["health"] + _health(session)}
+
+
+def _topic(recording: Recording, topic: TopicInfo) -> dict[str, Any]:
+    return {"name": topic.name, "schema": topic.schema, **time_table(recording.times(topic.name))}
+
+
+def _health(session: dict[str, Any]) -> list[str]:
+    """What went wrong in the session, a line each."""
+    path = session["files"][0]["path"]
+    found: list[str] = []
+    cut = [Path(file["path"]).name for file in session["files"] if file["content_id"] is None]
+    if len(session["files"]) > 1 and cut:
+        found.append(f"cut short: {', '.join(cut)}: `acquire recover` makes each whole again")
+    if session["missing_files"]:
+        found.append(f"not here: {missing_text(session['missing_files'])}")
+    if session["damaged_chunks"]:
+        found.append(f"{session['damaged_chunks']} damaged chunks are left out")
+    for camera in session["cameras"]:
+        if camera["lost"]:
+            found.append(f"camera {camera['name']}: {camera['lost']} of {camera['frames'] + camera['lost']} frames were lost")
+        if camera["meta_missing"]:
+            found.append(f"camera {camera['name']}: of {camera['meta_missing']} frames between its first and last nothing is kept")
+    missing = {strike["strike_id"]: strike["images_missing"] for strike in session["strikes"] if strike["images_missing"]}
+    if missing:
+        found.append("images missing: " + ", ".join(f"{count} of {name}" for name, count in missing.items()))
+    found += [f"striker fault: {fault['text']}" for fault in session["faults"]]
+    plan = session["plan"]
+    if plan is not None and plan["missing"]:
+        done = PlannedStrikes(tuple(plan["planned"]), tuple(plan["missing"]))
+        found.append(f"{done.text()}: `analyze plan OBJECT.toml --given {Path(path).name}` plans what is worth adding")
+    return found
+
+
+def _camera(recording: Recording, name: str, rate_hz: float) -> dict[str, Any]:
+    """Frames by their meta: the camera's own account, whether or not images were kept.
+
+    Where the camera's process ended between two files, the numbers of the frames begin anew, and the time between counts what was lost.
+    """
+    found = list(recording.timed_frame_meta(name))
+    metas = [meta for _, meta in found]
+    mids = np.array([meta.mid_exposure_host_ns for meta in metas], dtype=np.int64)
+    steps = np.diff(np.array([meta.sequence for meta in metas], dtype=np.int64))
+    intervals = np.diff(mids) * 1e-9
+    lost = np.array([meta.frames_lost_before for meta in metas[1:]], dtype=np.int64)
+    begins = set(recording.first_times(topics.frame_meta(name).name))
+    anew = np.array([log_time_ns in begins for log_time_ns, _ in found[1:]], dtype=bool) & (steps != 1)
+    lost[anew] = np.rint(intervals[anew] * rate_hz - 1.0).clip(min=0)
+    steps[anew] = 1
+    return {
+        "name": name,
+        "frames": len(metas),
+        "lost": int(lost.sum()),
+        "images": len(recording.times(topics.raw_image(name).name)),
+        "meta_missing": int((steps - 1).clip(min=0).sum()),
+        "nominal_rate_hz": rate_hz,
+        "rate_hz": float(1.0 / np.median(intervals)) if len(intervals) else None,
+        "longest_interval_s": float(intervals.max()) if len(intervals) else None,
+        "arrival_delay_s": float(np.median([meta.host_time_ns - meta.mid_exposure_host_ns for meta in metas]) * 1e-9) if metas else None,
+        "mapping_sd_ns": int(np.median([meta.mapping_sd_ns for meta in metas])) if metas else None,
+    }
+
+
+def _clocks(recording: Recording) -> list[dict[str, Any]]:
+    samples: dict[str, list[pb.ClockSample]] = {}
+    for _, sample in recording.decoded(topics.CLOCK_SAMPLE.name, pb.ClockSample):
+        samples.setdefault(sample.clock, []).append(sample)
+    return [{"clock": name, **_clock(found)} for name, found in sorted(samples.items())]
+
+
+def _clock(samples: list[pb.ClockSample]) -> dict[str, Any]:
+    device = np.array([sample.device_time_ns for sample in samples], dtype=np.int64)
+    before = np.array([sample.host_before_ns for sample in samples], dtype=np.int64)
+    after = np.array([sample.host_after_ns for sample in samples], dtype=np.int64)
+    host = before + (after - before) // 2
+    span = float(host[-1] - host[0])
+    # Between first and last: a figure for people; frame times were mapped when they were recorded.
+    drift = ((device[-1] - device[0]) / span - 1.0) * 1e6 if span > 0 else None
+    return {
+        "samples": len(samples),
+        "round_trip_s": float(np.median(after - before) * 1e-9),
+        "drift_ppm": float(drift) if drift is not None else None,
+    }
+
+
+def _strike(recording: Recording, record: pb.StrikeRecord) -> dict[str, Any]:
+    camera = recording.manifest.cameras[0]
+    times = recording.times(topics.raw_image(camera.name).name)
+    inside = times[(times >= record.window_start_ns) & (times <= record.window_end_ns)]
+    period_ns = 1e9 / camera.frame_rate_hz
+    gaps = np.diff(inside)
+    missing = np.rint(gaps[gaps > GAP_PERIODS * period_ns] / period_ns - 1.0)
+    return {
+        "strike_id": record.strike_id,
+        "plan_strike_id": record.plan_strike_id,
+        "attempt": record.attempt,
+        "window_start_ns": record.window_start_ns,
+        "window_end_ns": record.window_end_ns,
+        "images": len(inside),
+        "images_missing": int(missing.sum()),
+        "contact_time_ns": record.contact_time_ns or None,
+        "tip_speed_m_s": record.tip_speed_m_s,
+        "tip_speed_command_m_s": record.tip_speed_command_m_s,
+        "verdict": record.verdict_code or None,
+        "verdict_text": record.verdict_text,
+    }
+
+
+def _plan(recording: Recording) -> dict[str, Any] | None:
+    """Which planned strikes were struck; None where the recording holds no plan that can be read."""
+    try:
+        done = planned_strikes(recording.plan, (record.plan_strike_id for record in recording.strikes))
+    except RecordingError:
+        return None
+    return {"planned": list(done.planned), "missing": list(done.missing)}

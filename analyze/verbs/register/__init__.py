@@ -1,0 +1,1 @@
+"""`analyze register`: poses of an object's markers from its recorded strikes."""

@@ -1,0 +1,1 @@
+"""MCAP records: packing, parsing, walking, the summary section."""

@@ -1,0 +1,379 @@
+"""The capture process with a synthetic camera behind it: windows, pre-trigger, previews, loss, endings."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from mcap.reader import make_reader
+
+from acquire.capture.link import CaptureProcess
+from acquire.clock.clock import SystemClock
+from acquire.config import CameraConfig, RecorderConfig, RigConfig
+from acquire.errors import CameraNotFound, RecorderError
+from schemas.proto import percuss_pb2 as pb
+from schemas.session_manifest import CameraCalibrationSpec, ManifestCamera, SessionManifest
+from tests import small_recording
+from tests.loopback import loopback
+from tests.places import PATTERN_CAMERA, ROOT
+
+COMMAND = (sys.executable, str(Path(__file__).with_name("synthetic_camera.py")))
+CALIBRATION = CameraCalibrationSpec(width=64, height=48, K=[[100, 0, 32], [0, 100, 24], [0, 0, 1]], T_world_camera=np.eye(4).tolist())
+RATE = 120.0
+LARGE = CALIBRATION.model_copy(update={"width": 111, "height": 83})
+"""9213 bytes: two pages and a piece, so that a continuous recording writes frames from the camera's buffers"""
+
+
+def rig(address: str = "synthetic", *, large: bool = False, **recorder: object) -> RigConfig:
+    calibration = LARGE if large else CALIBRATION
+    camera = CameraConfig(address=address, width=calibration.width, height=calibration.height, frame_rate_hz=RATE, calibration=calibration)
+    return RigConfig(camera=camera, recorder=RecorderConfig.model_validate({"disk_reserve_bytes": 0, **recorder}))
+
+
+def manifest_of_a_box() -> SessionManifest:
+    """The small recording's, of this camera, now."""
+    clock = SystemClock()
+    return small_recording.manifest(
+        recording_id="test",
+        wall_anchor_ns=clock.wall_ns() - clock.monotonic_ns(),
+        cameras=[ManifestCamera(name="main", frame_rate_hz=RATE, exposure_us=1500, calibration=CALIBRATION)],
+    )
+
+
+@pytest.fixture
+def environment(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    yield monkeypatch
+    assert [thread.name for thread in threading.enumerate() if thread.name.startswith("capture")] == []
+
+
+def read(path: Path) -> dict[str, list]:
+    found: dict[str, list] = {}
+    with path.open("rb") as file:
+        for _, channel, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False):
+            found.setdefault(channel.topic, []).append(message)
+    return found
+
+
+def _number(message) -> int:
+    """Which frame of the camera this image is."""
+    data = RawImage.FromString(message.data).data
+    assert data[4:8] != b"\xaa\xaa\xaa\xaa", "the image was read after its buffer was released"
+    return int(np.frombuffer(data[:4], np.uint32)[0])
+
+
+def test_a_window_holds_every_frame_from_before_it_opened(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    capture = CaptureProcess(rig(preview_hz=10.0), COMMAND)
+    info = capture.start()
+    try:
+        assert info.model == "Synthetic"
+        manifest = manifest_of_a_box()
+        capture.open_recording(
+            tmp_path / "a.mcap", manifest, [("plan.json", "application/json", b"plan"), ("object.toml", "application/toml", b"o")]
+        )
+        time.sleep(0.8)
+        asked = manifest.wall_anchor_ns + time.monotonic_ns()
+        start = capture.open_window()
+        time.sleep(0.5)
+        report = capture.close_window()
+        time.sleep(0.4)
+        status = capture.status()
+        assert status.recording == tmp_path / "a.mcap"
+        assert status.fps == pytest.approx(RATE, rel=0.02)
+        assert (status.lost, status.dropped, status.error) == (0, 0, "")
+        assert status.last_frame_age_s is not None
+        assert status.last_frame_age_s < 0.1
+        done = capture.close_recording()
+    finally:
+        capture.stop()
+    assert start == pytest.approx(asked - 0.25e9, abs=0.05e9)
+    found = read(tmp_path / "a.mcap")
+    images, metas = found["/camera/main/image"], [pb.FrameMeta.FromString(m.data) for m in found["/camera/main/meta"]]
+
+    inside = [m for m in images if report.start_ns <= m.log_time <= report.end_ns]
+    assert len(inside) == report.frames
+    assert report.lost == 0
+    assert np.all(np.diff([_number(m) for m in inside]) == 1)
+    assert report.start_ns - start == pytest.approx(0, abs=1e9 / RATE)
+    assert (report.end_ns - report.start_ns) * 1e-9 == pytest.approx(0.75, abs=0.06)
+
+    before = [m.log_time for m in images if m.log_time < report.start_ns]
+    assert np.all(np.diff(before) > 0.09e9)
+    assert len(before) >= 2
+    assert any(m.log_time > report.end_ns for m in images)
+
+    # Every frame has its meta, in order; it says truly whether the image is there, and all share the sequence.
+    assert np.all(np.diff([meta.sequence for meta in metas]) == 1)
+    assert {meta.sequence for meta in metas if meta.image_recorded} == {m.sequence for m in images}
+    assert [m.sequence for m in found["/camera/main/meta"]] == [meta.sequence for meta in metas]
+    assert np.all(np.diff([m.log_time for m in images]) > 0)
+    assert done.frames == len(metas)
+    for meta, message in zip(metas, found["/camera/main/meta"], strict=True):
+        assert message.log_time == manifest.wall_anchor_ns + meta.mid_exposure_host_ns
+        # The camera sends 2 ms after exposure began; mid-exposure was 1.25 ms before that.
+        assert meta.host_time_ns - meta.mid_exposure_host_ns > 1_000_000
+        assert 0 < meta.mapping_sd_ns < 1_000_000
+    clocks = [pb.ClockSample.FromString(m.data) for m in found["/clock/sample"]]
+    assert len(clocks) >= 3
+    assert {sample.clock for sample in clocks} == {"camera/main"}
+    with (tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file)
+        assert [(a.name, a.data) for a in reader.iter_attachments()] == [("plan.json", b"plan"), ("object.toml", b"o")]
+        names = {m.name: m.metadata for m in reader.iter_metadata()}
+    assert SessionManifest.model_validate_json(names["percuss.manifest"]["json"]) == manifest
+    assert names["percuss.seal"]["content_id"] == done.content_id
+
+
+def test_a_continuous_recording_of_the_cameras_own_buffers(
+    tmp_path: Path, environment: pytest.MonkeyPatch, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every frame is there as it was when it came, though its buffer is used again, the camera goes away and files turn."""
+    monkeypatch.setenv("CAMERA_FAULTS", "die:120,lose:50")
+    capture = CaptureProcess(rig(large=True, mode="continuous", rotate_bytes=500_000), COMMAND)
+    capture.start()
+    try:
+        capture.open_recording(tmp_path / "a.mcap", manifest_of_a_box(), [])
+        time.sleep(0.3)
+        start = capture.open_window()
+        time.sleep(1.0)
+        report = capture.close_window()
+        time.sleep(1.5)
+        status = capture.status()
+        done = capture.close_recording()
+    finally:
+        capture.stop()
+    assert (status.dropped, status.error) == (0, "")
+    images: list = []
+    metas: list[pb.FrameMeta] = []
+    files = sorted(tmp_path.iterdir(), key=lambda path: (len(path.name), path.name))
+    assert len(files) >= 3
+    for path in files:
+        found = read(path)
+        images += found.get("/camera/main/image", [])
+        metas += [pb.FrameMeta.FromString(message.data) for message in found.get("/camera/main/meta", [])]
+    assert (
+        [meta.sequence for meta in metas] == [image.sequence for image in images] == list(range(metas[0].sequence, metas[-1].sequence + 1))
+    )
+    assert all(meta.image_recorded for meta in metas)
+    numbers = [_number(image) for image in images]
+    runs = [later - earlier for earlier, later in pairwise(numbers)]
+    assert sum(step not in {1, 2} for step in runs) == 1, "numbers begin again once, where the camera came back"
+    assert sum(step == 2 for step in runs) >= 2
+    assert done.lost == sum(meta.frames_lost_before for meta in metas)
+    inside = [image for image in images if report.start_ns <= image.log_time <= report.end_ns]
+    assert len(inside) == report.frames
+    assert report.start_ns >= start
+
+
+def test_small_topics_arrive_in_order_and_complete(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    capture = CaptureProcess(rig(), COMMAND)
+    capture.start()
+    try:
+        manifest = manifest_of_a_box()
+        capture.open_recording(tmp_path / "a.mcap", manifest, [])
+        for number in range(3000):
+            capture.write(
+                "/striker/sample", manifest.wall_anchor_ns + time.monotonic_ns(), pb.StrikerSample(tick_ms=number).SerializeToString()
+            )
+        with pytest.raises(RecorderError, match="/camera/main/image"):
+            capture.write("/camera/main/image", 1, b"")
+        capture.close_recording()
+        assert capture.status().recording is None
+    finally:
+        capture.stop()
+    found = read(tmp_path / "a.mcap")
+    assert [pb.StrikerSample.FromString(m.data).tick_ms for m in found["/striker/sample"]] == list(range(3000))
+    assert [m.sequence for m in found["/striker/sample"]] == list(range(3000))
+
+
+def test_lost_frames_are_counted_where_they_were_lost(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    environment.setenv("CAMERA_FAULTS", "lose:20")
+    capture = CaptureProcess(rig(), COMMAND)
+    capture.start()
+    try:
+        capture.open_recording(tmp_path / "a.mcap", manifest_of_a_box(), [])
+        time.sleep(0.4)
+        capture.open_window()
+        time.sleep(0.5)
+        report = capture.close_window()
+        capture.close_recording()
+    finally:
+        capture.stop()
+    found = read(tmp_path / "a.mcap")
+    images = [m for m in found["/camera/main/image"] if report.start_ns <= m.log_time <= report.end_ns]
+    numbers = [_number(m) for m in images]
+    assert report.lost == numbers[-1] - numbers[0] + 1 - len(numbers)
+    assert report.lost >= 3
+    assert re.fullmatch(r"\d+ frames lost before frame \d+, \d+ in all", Log.FromString(found["/log"][0].data).message)
+
+
+def test_a_lost_camera_comes_back_into_the_same_recording(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    environment.setenv("CAMERA_FAULTS", "die:60")
+    capture = CaptureProcess(rig(), COMMAND)
+    capture.start()
+    try:
+        capture.open_recording(tmp_path / "a.mcap", manifest_of_a_box(), [])
+        deadline = time.monotonic() + 10
+        seen_lost = False
+        while time.monotonic() < deadline:
+            status = capture.status()
+            if not status.connected:
+                seen_lost = True
+                assert "camera lost" in status.error
+            elif seen_lost and status.frames > 80:
+                break
+            time.sleep(0.02)
+        assert seen_lost
+        assert capture.status().error == ""
+        capture.open_window()
+        time.sleep(0.2)
+        assert capture.close_window().lost == 0
+        done = capture.close_recording()
+    finally:
+        capture.stop()
+    found = read(tmp_path / "a.mcap")
+    metas = [pb.FrameMeta.FromString(m.data) for m in found["/camera/main/meta"]]
+    gap = max(meta.frames_lost_before for meta in metas)
+    after = next(n for n, meta in enumerate(metas) if meta.frames_lost_before == gap)
+    away_s = (metas[after].mid_exposure_host_ns - metas[after - 1].mid_exposure_host_ns) * 1e-9
+    assert away_s > 0.5  # the retry time
+    assert gap == round(away_s * RATE) - 1
+    assert done.lost == gap
+    assert np.all(np.diff([meta.sequence for meta in metas]) == 1)
+    assert [Log.FromString(m.data).message.split(":")[0] for m in found["/log"]] == [
+        "camera lost",
+        "camera is back",
+        f"{gap} frames lost before frame {metas[after].sequence + 1}, {gap} in all",
+    ]
+
+
+def test_an_absent_camera_is_one_line_and_leaves_no_process(environment: pytest.MonkeyPatch) -> None:
+    capture = CaptureProcess(rig("absent"), COMMAND)
+    with pytest.raises(CameraNotFound, match="nothing answers"):
+        capture.start()
+    capture.stop()
+
+
+def test_a_taken_path_and_a_full_disk_are_refused_without_a_trace(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"mine")
+    capture = CaptureProcess(rig(disk_reserve_bytes=1 << 60), COMMAND)
+    capture.start()
+    try:
+        with pytest.raises(RecorderError, match=r"recording b\.mcap needs .* free some space"):
+            capture.open_recording(tmp_path / "b.mcap", manifest_of_a_box(), [])
+    finally:
+        capture.stop()
+    capture = CaptureProcess(rig(), COMMAND)
+    capture.start()
+    try:
+        with pytest.raises(RecorderError, match="exists already"):
+            capture.open_recording(tmp_path / "a.mcap", manifest_of_a_box(), [])
+        with pytest.raises(RecorderError, match="no recording is open"):
+            capture.open_window()
+        with pytest.raises(RecorderError, match="create the folder"):
+            capture.open_recording(tmp_path / "missing" / "a.mcap", manifest_of_a_box(), [])
+    finally:
+        capture.stop()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap"]
+
+
+def test_a_window_without_room_is_refused_before_the_striker_is_armed(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    disk = os.statvfs(tmp_path)
+    free = disk.f_bavail * disk.f_frsize
+    # 64 x 48 at 120 fps for days: the recording may begin, the window not, and if others free some space meanwhile.
+    capture = CaptureProcess(rig(max_window_s=4 * free / (64 * 48 * RATE)), COMMAND)
+    capture.start()
+    try:
+        capture.open_recording(tmp_path / "a.mcap", manifest_of_a_box(), [])
+        for refused in (capture.require_space, capture.open_window):
+            with pytest.raises(RecorderError, match=rf"{tmp_path}: a window needs .* free some space"):
+                refused()  # of the disk that the file is on, whatever [recorder] directory says
+        capture.close_recording()
+    finally:
+        capture.stop()
+
+
+def test_a_signal_finishes_the_file(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    capture = CaptureProcess(rig(), COMMAND)
+    capture.start()
+    process = capture._process
+    assert process is not None
+    try:
+        capture.open_recording(tmp_path / "a.mcap", manifest_of_a_box(), [])
+        capture.open_window()
+        time.sleep(0.3)
+        process.send_signal(signal.SIGINT)  # is the daemon's to handle
+        time.sleep(0.1)
+        assert process.poll() is None
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10) == 0
+        with pytest.raises(RecorderError, match=r"ended \(exit code 0\)"):
+            capture.status()
+    finally:
+        capture.stop()
+    assert len(read(tmp_path / "a.mcap")["/camera/main/image"]) >= 30
+
+
+def test_the_daemons_death_finishes_the_file(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    capture = CaptureProcess(rig(), COMMAND)
+    capture.start()
+    process, connection = capture._process, capture._socket
+    assert process is not None
+    assert connection is not None
+    capture.open_recording(tmp_path / "a.mcap", manifest_of_a_box(), [])
+    capture.open_window()
+    time.sleep(0.3)
+    connection.shutdown(2)  # what the kernel does with a dead process's sockets
+    assert process.wait(10) == 0
+    capture.stop()
+    assert len(read(tmp_path / "a.mcap")["/camera/main/image"]) >= 30
+    assert not os.path.lexists(tmp_path / "a.mcap.part")
+
+
+def test_a_gige_camera_on_real_wires(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+    """Aravis, GVSP on loopback, full size and rate, striker samples at 1 kHz beside it: nothing is lost."""
+    calibration = CALIBRATION.model_copy(update={"width": 656, "height": 492})
+    camera = CameraConfig(address=loopback(41), receive_buffer_bytes=8 << 20, calibration=calibration)
+    with subprocess.Popen(
+        [sys.executable, str(PATTERN_CAMERA), camera.address], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        capture = CaptureProcess(RigConfig(camera=camera, recorder=RecorderConfig(disk_reserve_bytes=0)))
+        try:
+            assert capture.start().serial == "PATTERN"
+            manifest = manifest_of_a_box()
+            capture.open_recording(tmp_path / "a.mcap", manifest, [])
+            time.sleep(0.5)
+            capture.open_window()
+            for number in range(1000):
+                capture.write(
+                    "/striker/sample", manifest.wall_anchor_ns + time.monotonic_ns(), pb.StrikerSample(tick_ms=number).SerializeToString()
+                )
+                time.sleep(0.001)
+            report = capture.close_window()
+            status = capture.status()
+            capture.close_recording()
+        finally:
+            capture.stop()
+            process.kill()
+    assert status.clock_latched
+    assert (report.lost, status.dropped) == (0, 0)
+    assert status.receive_buffer_bytes > 0
+    found = read(tmp_path / "a.mcap")
+    assert len(found["/striker/sample"]) == 1000
+    times = np.array([m.log_time for m in found["/camera/main/image"] if report.start_ns <= m.log_time <= report.end_ns])
+    assert len(times) == report.frames > 120
+    np.testing.assert_allclose(np.diff(times) * 1e-9, 1 / 120, atol=1e-3)

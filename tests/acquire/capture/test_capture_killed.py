@@ -1,0 +1,85 @@
+"""kill -9 of the capture process: nothing of it runs any more, and what is recovered is what it had handed to the system."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from acquire.capture.link import CaptureProcess
+from acquire.errors import RecorderError
+from acquire.recorder.recover.recover import recover
+from tests.acquire.capture.test_capture import COMMAND, RATE, environment, manifest_of_a_box, read, rig
+
+__all__ = ["environment"]
+
+
+def sleep_watching(seconds: float) -> float:
+    """Sleep; returns how long this machine held a thread up meanwhile, at most: what a busy one does to the process under test as well."""
+    end, held_up_s = time.monotonic() + seconds, 0.0
+    while (before := time.monotonic()) < end:
+        time.sleep(0.01)
+        held_up_s = max(held_up_s, time.monotonic() - before - 0.01)
+    return held_up_s
+
+
+@pytest.mark.parametrize("large", [False, True], ids=["copied", "lent"])
+def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
+    tmp_path: Path, environment: pytest.MonkeyPatch, large: bool
+) -> None:
+    """Nothing of the process runs after SIGKILL: what is recovered is what it had handed to the system."""
+    capture = CaptureProcess(rig(large=large, mode="continuous", rotate_bytes=300_000 if large else 150_000), COMMAND)
+    capture.start()
+    process = capture._process
+    assert process is not None
+    try:
+        manifest = manifest_of_a_box()
+        capture.open_recording(tmp_path / "a.mcap", manifest, [])
+        end = time.monotonic() + 1.4
+        while time.monotonic() < end:
+            capture.write("/striker/sample", manifest.wall_anchor_ns + time.monotonic_ns(), b"\x18\x01")
+            time.sleep(0.002)
+        killed_ns = manifest.wall_anchor_ns + time.monotonic_ns()
+        process.kill()
+        with pytest.raises(RecorderError, match="acquire recover"):
+            capture.status()
+    finally:
+        capture.stop()
+    parts = list(tmp_path.glob("*.part"))  # two where the kill came while one file was finished and the next begun
+    assert 1 <= len(parts) <= 2
+    for number, part in enumerate(parts):
+        assert recover(part, tmp_path / f"recovered-{number}.mcap").has_manifest
+        part.unlink()
+    files = [read(path) for path in sorted(tmp_path.iterdir())]  # a.mcap, a-0002.mcap, ... in any order, recovered-0.mcap
+    assert len(files) >= 3
+    for topic in ("/striker/sample", "/camera/main/image", "/camera/main/meta"):
+        found = sorted((message for file in files for message in file.get(topic, [])), key=lambda message: message.log_time)
+        assert [message.sequence for message in found] == list(range(found[0].sequence, found[0].sequence + len(found)))
+        assert (killed_ns - found[-1].log_time) * 1e-9 < 0.5
+
+
+@pytest.mark.usefixtures("aravis")
+@pytest.mark.parametrize("pre_trigger_s", [0.0, 0.25, 1.5])
+def test_a_kill_between_windows_costs_less_than_half_a_second(
+    tmp_path: Path, environment: pytest.MonkeyPatch, pre_trigger_s: float
+) -> None:
+    """However far a window would have reached back: meta and previews do not wait for it."""
+    capture = CaptureProcess(rig(pre_trigger_s=pre_trigger_s, preview_hz=RATE / 2), COMMAND)
+    capture.start()
+    process = capture._process
+    assert process is not None
+    try:
+        manifest = manifest_of_a_box()
+        capture.open_recording(tmp_path / "a.mcap", manifest, [])
+        held_up_s = sleep_watching(1.2)
+        killed_ns = manifest.wall_anchor_ns + time.monotonic_ns()
+        process.kill()
+    finally:
+        capture.stop()
+    assert recover(tmp_path / "a.mcap.part", tmp_path / "b.mcap").has_manifest
+    found = read(tmp_path / "b.mcap")
+    sequences = [message.sequence for message in found["/camera/main/meta"]]
+    assert sequences == list(range(sequences[0], sequences[-1] + 1))
+    for topic in ("/camera/main/image", "/camera/main/meta"):
+        assert (killed_ns - found[topic][-1].log_time) * 1e-9 < 0.5 + held_up_s

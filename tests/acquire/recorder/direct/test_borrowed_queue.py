@@ -1,0 +1,238 @@
+"""A recorder of frames whose buffers it keeps: what it drops is counted, what it took is in the file, and every buffer goes back once."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from acquire.config import RecorderConfig
+from acquire.errors import RecorderError
+from acquire.recorder.direct import direct_file
+from acquire.recorder.direct.borrowed_queue import BATCH_FRAMES
+from acquire.recorder.direct.direct_file import can_write_directly
+from acquire.recorder.disk_space import DiskSpace
+from acquire.recorder.file_series import FileSeries, Rotation
+from acquire.recorder.frame_recorder import META_WAIT_S, Arrival, FrameRecorder, lent_memory
+from acquire.recorder.recover.recover import recover
+from acquire.recorder.writer import McapWriter
+from schemas.proto import percuss_pb2 as pb
+from tests.acquire.recorder.direct.lenders import T0, Lender, image_of
+
+WIDTH, HEIGHT = 331, 67
+PERIOD_NS = 10_000_000
+
+
+class Rig:
+    """A continuous recorder that is fed 100 frames per second by hand."""
+
+    def __init__(self, path: Path, rotate_bytes: int = 0) -> None:
+        self.memory = lent_memory(WIDTH, HEIGHT, 200)
+        self.path = path
+        self.writer = FileSeries(path, lambda *_: None, Rotation(rotate_bytes), DiskSpace(path.parent, 0), self.memory)
+        config = RecorderConfig(mode="continuous", pre_trigger_s=0.1)
+        self.recorder = FrameRecorder(self.writer, "main", WIDTH, HEIGHT, 100.0, config, T0, lent=True)
+        self.lenders: list[Lender] = []
+
+    @property
+    def now_ns(self) -> int:
+        return len(self.lenders) * PERIOD_NS + PERIOD_NS // 2
+
+    def feed(self, count: int, lost: int = 0, *, keeps: bool = True) -> None:
+        for _ in range(count):
+            lender = Lender(image_of(WIDTH, HEIGHT, len(self.lenders) + 1), keeps)
+            self.lenders.append(lender)
+            number = len(self.lenders)
+            mid = number * PERIOD_NS
+            self.recorder.add(Arrival(lender.image, number, number, mid, mid, mid, 1000, 1500.0, lost, lender))
+
+    def finish(self) -> tuple[list[int], list[pb.FrameMeta]]:
+        """Sequences of the images, and all meta, in the order of the files; every image is the one that was lent."""
+        self.recorder.close()
+        self.writer.finish()
+        images: list[int] = []
+        metas: list[pb.FrameMeta] = []
+        for path in sorted(self.path.parent.glob("*.mcap"), key=lambda path: (len(path.name), path.name)):
+            with path.open("rb") as file:
+                for _, channel, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False):
+                    if channel.topic.endswith("image"):
+                        images.append(message.sequence)
+                        assert message.data.endswith(image_of(WIDTH, HEIGHT, message.sequence).tobytes())
+                    else:
+                        metas.append(pb.FrameMeta.FromString(message.data))
+        assert {meta.sequence for meta in metas if meta.image_recorded} == set(images)
+        return images, metas
+
+    def check_given_back(self) -> None:
+        assert [lender.released for lender in self.lenders] == [lender.kept for lender in self.lenders]
+        assert all(lender.kept <= 1 for lender in self.lenders)
+        assert self.memory.free == self.memory.blocks
+        assert self.memory.used_bytes == 0
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    if not can_write_directly(tmp_path):
+        pytest.skip("this file system takes no O_DIRECT")
+    rig = Rig(tmp_path / "a.mcap")
+    yield rig
+    rig.recorder.close()
+    rig.writer._writer.abort()
+    rig.check_given_back()
+
+
+def test_every_frame_is_in_the_file(rig: Rig) -> None:
+    rig.feed(100)
+    images, metas = rig.finish()
+    assert images == [meta.sequence for meta in metas] == list(range(1, 101))
+    assert (rig.recorder.frames, rig.recorder.dropped, rig.recorder.lost) == (100, 0, 0)
+    assert all((meta.width, meta.height, meta.exposure_us) == (WIDTH, HEIGHT, 1500.0) for meta in metas)
+
+
+def test_what_cannot_be_kept_is_dropped_and_counted(rig: Rig) -> None:
+    rig.feed(20)
+    rig.feed(5, keeps=False)
+    rig.feed(20)
+    assert rig.recorder.dropped == 5
+    images, metas = rig.finish()
+    assert images == [*range(1, 21), *range(26, 46)]
+    assert [meta.sequence for meta in metas] == list(range(1, 46))
+
+
+def test_windows_say_what_they_hold(rig: Rig) -> None:
+    rig.feed(30)
+    rig.recorder.open_window(rig.now_ns)
+    rig.feed(10)
+    rig.feed(2, keeps=False)
+    rig.feed(1, lost=3)
+    rig.feed(8)
+    report = rig.recorder.close_window(rig.now_ns - PERIOD_NS)
+    assert (report.frames, report.lost) == (10 + 19, 2 + 3)
+    with rig.writer._writer.part_path.open("rb") as file:
+        there = file.read()
+    assert image_of(WIDTH, HEIGHT, 51).tobytes() in there, "the window's last frame, when its report is given"
+    images, _ = rig.finish()
+    first, last = ((time_ns - T0) // PERIOD_NS for time_ns in (report.start_ns, report.end_ns))
+    assert len([number for number in images if first <= number <= last]) == report.frames
+
+
+def test_frames_go_to_the_file_though_no_more_come(rig: Rig) -> None:
+    """A camera that falls silent, and then somebody kills the process: less than the writer's bound waits."""
+    rig.feed(BATCH_FRAMES // 2)
+    end = time.monotonic() + 20.0
+    while rig.recorder.waiting and time.monotonic() < end:
+        time.sleep(0.01)
+    assert rig.recorder.waiting == 0
+
+
+def test_frames_wait_for_others_less_than_a_tenth_of_a_second(rig: Rig) -> None:
+    """Of a slow camera too: by the times of the frames alone."""
+    for _ in range(50):
+        rig.feed(1)
+        assert rig.recorder.waiting * PERIOD_NS < 0.1 * META_WAIT_S * 4e9
+
+
+def test_files_follow_each_other_without_a_gap(tmp_path: Path) -> None:
+    if not can_write_directly(tmp_path):
+        pytest.skip("this file system takes no O_DIRECT")
+    rig = Rig(tmp_path / "a.mcap", rotate_bytes=1 << 20)
+    end = time.monotonic() + 60.0
+    while rig.writer.parts < 4 and time.monotonic() < end:
+        rig.feed(10)
+        while rig.memory.used_bytes > 8 << 20:
+            time.sleep(1e-3)
+    images, metas = rig.finish()
+    assert rig.writer.parts >= 4
+    assert images == [meta.sequence for meta in metas] == list(range(1, len(rig.lenders) + 1))
+    rig.check_given_back()
+
+
+def test_a_failing_disk_gives_everything_back_and_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig.feed(24)
+    rig.recorder.open_window(rig.now_ns)
+
+    def broken(*_: object) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(direct_file, "_write_pages", broken)
+    end = time.monotonic() + 20.0
+    while rig.recorder.error is None and time.monotonic() < end:
+        rig.feed(6)
+        time.sleep(0.02)
+    rig.feed(30)
+    with pytest.raises(RecorderError, match="Input/output error"):
+        rig.recorder.close_window(rig.now_ns - PERIOD_NS)
+    rig.recorder.close()
+    assert rig.recorder.dropped > 0
+    with pytest.raises(RecorderError, match="Input/output error"):
+        rig.writer.finish()
+    rig.check_given_back()
+
+
+def test_a_frame_that_comes_while_the_recording_is_closed_is_given_back(rig: Rig) -> None:
+    """The camera's thread is between the recorder and its queue when another closes both."""
+    rig.feed(3)
+    rig.recorder.close()
+    rig.recorder._ending = False
+    rig.feed(1)
+    assert rig.recorder.waiting == 0
+    rig.writer.finish()
+    rig.feed(1)
+    assert rig.recorder.waiting == 0
+    assert [lender.released for lender in rig.lenders] == [1] * 5
+    rig.recorder.close()
+
+
+def test_a_disk_that_stands_still_holds_nobody_up(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    go, write_pages = threading.Event(), direct_file._write_pages
+
+    def stuck(fd: int, views: list[memoryview], offset: int) -> None:
+        go.wait(60)
+        write_pages(fd, views, offset)
+
+    monkeypatch.setattr(direct_file, "_write_pages", stuck)
+    begun = time.monotonic()
+    rig.feed(200)  # as many as a camera would lend
+    assert time.monotonic() - begun < 20.0
+    assert rig.recorder.waiting < BATCH_FRAMES, "there is a place for all that may be kept"
+    assert not any(lender.released for lender in rig.lenders[20:])
+    go.set()
+    images, metas = rig.finish()
+    assert images == [meta.sequence for meta in metas] == list(range(1, 201))
+    assert rig.recorder.dropped == 0
+
+
+def test_what_a_killed_process_leaves_is_recovered(tmp_path: Path) -> None:
+    if not can_write_directly(tmp_path):
+        pytest.skip("this file system takes no O_DIRECT")
+    rig = Rig(tmp_path / "a.mcap")
+    rig.feed(40)
+    rig.recorder.close()
+    rig.writer.flush()
+    data = rig.writer._writer.part_path.read_bytes()
+    rig.writer._writer.abort()
+    (tmp_path / "killed.part").write_bytes(data)
+    report = recover(tmp_path / "killed.part", tmp_path / "b.mcap")
+    assert not report.anything_damaged
+    assert report.topics == {"/camera/main/image": 40, "/camera/main/meta": 40}
+    rig.check_given_back()
+
+
+def test_a_writer_through_the_page_cache_takes_no_lent_frames(tmp_path: Path) -> None:
+    """The recorder copies then; nothing is kept."""
+    with McapWriter(tmp_path / "a.mcap") as writer:
+        recorder = FrameRecorder(writer, "main", WIDTH, HEIGHT, 100.0, RecorderConfig(mode="continuous"), T0, lent=True)
+        lender = Lender(image_of(WIDTH, HEIGHT, 1))
+        recorder.add(Arrival(lender.image, 1, 1, PERIOD_NS, PERIOD_NS, PERIOD_NS, 1000, 1500.0, 0, lender))
+        lender.image[:] = 0xAA
+        recorder.close()
+    assert (lender.kept, lender.released) == (0, 0)
+    with (tmp_path / "a.mcap").open("rb") as file:
+        [message] = [message for _, channel, message in make_reader(file).iter_messages() if channel.topic.endswith("image")]
+    assert message.data.endswith(image_of(WIDTH, HEIGHT, 1).tobytes())

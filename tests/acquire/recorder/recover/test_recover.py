@@ -1,0 +1,150 @@
+"""Cut and damaged recordings are rebuilt with everything that is whole, and say what is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from acquire.errors import RecorderError
+from acquire.recorder.recover.recover import recover
+from acquire.recorder.writer import McapWriter
+from schemas import topics
+from schemas.mcap import records as container
+from tests import small_recording as small
+
+
+def _sequences(path: Path, topic: str) -> list[int]:
+    with path.open("rb") as file:
+        return [message.sequence for _, _, message in make_reader(file, validate_crcs=True).iter_messages(topics=[topic])]
+
+
+def _attachments(path: Path) -> dict[str, bytes]:
+    with path.open("rb") as file:
+        return {attachment.name: attachment.data for attachment in make_reader(file).iter_attachments()}
+
+
+def test_a_killed_recording(tmp_path: Path) -> None:
+    writer = McapWriter(tmp_path / "a.mcap")
+    small.write_head(writer)
+    small.write_body(writer)
+    writer.flush()
+    writer.abort()
+    report = recover(tmp_path / "a.mcap.part", tmp_path / "a.mcap")
+    assert not report.anything_damaged
+    assert not report.ended_properly
+    assert report.anything_lost  # whatever had not reached the disk: nobody can know how much
+    assert report.topics["/striker/sample"] == small.SAMPLES
+    assert f"lost: what came later: the file breaks off at t = {report.lasts_s:.3f} s" in report.text()
+    # The same messages have the same name, however they came into a file.
+    assert report.content_id == small.write_recording(tmp_path / "b.mcap").content_id
+    assert _attachments(tmp_path / "a.mcap") == {"plan.json": small.PLAN, "shape/box.stl": b"solid"}
+    with (tmp_path / "a.mcap").open("rb") as file:
+        assert [m.name for m in make_reader(file).iter_metadata()] == ["percuss.manifest", "percuss.seal"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.mcap", "a.mcap.part", "b.mcap"]
+
+
+def test_a_whole_recording_stays_what_it_is(tmp_path: Path) -> None:
+    seal = small.write_recording(tmp_path / "a.mcap")
+    report = recover(tmp_path / "a.mcap", tmp_path / "b.mcap")
+    assert report.ended_properly
+    assert not report.anything_lost
+    assert (report.content_id, report.messages) == (seal.content_id, seal.messages)
+
+
+def test_a_cut_between_two_records_is_a_loss_and_is_told(tmp_path: Path) -> None:
+    """Every byte of such a file is whole; what came later, the strike's record too, is not in it."""
+    small.write_recording(tmp_path / "a.mcap")
+    data = (tmp_path / "a.mcap").read_bytes()
+    sizes = [(at, container.RECORD_HEAD + len(body)) for _, at, body in container.walk(memoryview(data), len(container.MAGIC))]
+    chunks = [at + size for (at, size) in sizes if data[at] == container.CHUNK]
+    cut = chunks[len(chunks) // 2]
+    (tmp_path / "cut.mcap").write_bytes(data[:cut])
+    report = recover(tmp_path / "cut.mcap", tmp_path / "b.mcap")
+    assert (report.damaged_records, report.skipped_bytes) == (0, 0)
+    assert report.anything_lost
+    assert report.as_dict()["anything_lost"] is True
+    assert "/session/strike" not in report.topics
+    with (tmp_path / "b.mcap").open("rb") as file:
+        times = [message.log_time for _, _, message in make_reader(file).iter_messages()]
+    assert report.lasts_s == pytest.approx((max(times) - min(times)) * 1e-9)
+    assert report.lasts_s < small.FRAMES * small.PERIOD_NS * 1e-9
+    assert report.text().endswith(f"lost: what came later: the file breaks off at t = {report.lasts_s:.3f} s after its first message")
+
+
+def test_a_cut_behind_the_data_loses_nothing(tmp_path: Path) -> None:
+    """The summary is made anew from them."""
+    seal = small.write_recording(tmp_path / "a.mcap")
+    data = (tmp_path / "a.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[:-60])
+    report = recover(tmp_path / "cut.mcap", tmp_path / "b.mcap")
+    assert not report.anything_lost
+    assert report.content_id == seal.content_id
+
+
+def test_a_cut_in_an_image_loses_that_image(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap")
+    data = (tmp_path / "a.mcap").read_bytes()
+    cut = data[: data.find(small.image(9).tobytes()) + 50]
+    (tmp_path / "cut.mcap").write_bytes(cut)
+    report = recover(tmp_path / "cut.mcap", tmp_path / "b.mcap")
+    assert report.anything_lost
+    assert 50 < report.skipped_bytes < 400
+    assert _sequences(tmp_path / "b.mcap", "/camera/main/image") == list(range(9))
+
+
+def test_a_cut_in_small_topics_keeps_their_whole_messages(tmp_path: Path) -> None:
+    with McapWriter(tmp_path / "a.mcap") as writer:
+        small.write_head(writer)
+        channel = writer.add_topic(topics.STRIKER_SAMPLE)
+        for number in range(100):
+            writer.write(channel, small.START_NS + number, b"\x18\x01" * 10, sequence=number)
+    data = (tmp_path / "a.mcap").read_bytes()
+    middle = data.find(b"\x18\x01" * 10) + 40 * (31 + 20)
+    (tmp_path / "cut.mcap").write_bytes(data[:middle])
+    report = recover(tmp_path / "cut.mcap", tmp_path / "b.mcap")
+    assert _sequences(tmp_path / "b.mcap", "/striker/sample") == list(range(40))
+    assert 0 < report.skipped_bytes < 51
+
+
+def test_a_wrong_length_costs_one_record_not_the_rest(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap")
+    data = bytearray((tmp_path / "a.mcap").read_bytes())
+    start = data.find(small.image(9).tobytes())
+    chunk = data.rfind(b"\x06", 0, start - 80)
+    data[chunk + 5] = 0xFF  # the length becomes 1 TB
+    (tmp_path / "bad.mcap").write_bytes(data)
+    report = recover(tmp_path / "bad.mcap", tmp_path / "b.mcap")
+    assert report.anything_lost
+    assert _sequences(tmp_path / "b.mcap", "/camera/main/image")[-10:] == list(range(small.FRAMES - 10, small.FRAMES))
+    assert len(_sequences(tmp_path / "b.mcap", "/camera/main/image")) >= small.FRAMES - 1
+
+
+def test_a_damaged_image_is_left_out_and_counted(tmp_path: Path) -> None:
+    small.write_recording(tmp_path / "a.mcap")
+    data = bytearray((tmp_path / "a.mcap").read_bytes())
+    data[data.find(small.image(5).tobytes()) + 9] ^= 4
+    (tmp_path / "bad.mcap").write_bytes(data)
+    report = recover(tmp_path / "bad.mcap", tmp_path / "b.mcap")
+    assert (report.damaged_records, report.skipped_bytes) == (1, 0)
+    assert _sequences(tmp_path / "b.mcap", "/camera/main/image") == [n for n in range(small.FRAMES) if n != 5]
+    assert report.as_dict()["anything_lost"] is True
+
+
+def test_what_cannot_be_saved_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / "text.mcap").write_text("hello, this is text")
+    (tmp_path / "empty.mcap").write_bytes(b"")
+    (tmp_path / "head.mcap").write_bytes(b"\x89MCAP0\r\n" + bytes(100))
+    (tmp_path / "taken.mcap").write_bytes(b"mine")
+    for name, reason in [
+        ("text", "is not a recording"),
+        ("empty", "is empty"),
+        ("head", "nothing can be saved"),
+        ("none", "no such recording"),
+    ]:
+        with pytest.raises(RecorderError, match=reason):
+            recover(tmp_path / f"{name}.mcap", tmp_path / "out.mcap")
+    with pytest.raises(RecorderError, match="exists already"):
+        recover(tmp_path / "text.mcap", tmp_path / "taken.mcap")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["empty.mcap", "head.mcap", "taken.mcap", "text.mcap"]

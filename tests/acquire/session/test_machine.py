@@ -1,0 +1,199 @@
+"""The session's state machine, driven by events alone."""
+
+from __future__ import annotations
+
+import pytest
+
+from acquire.session import machine as s
+from schemas.result import Verdict
+from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range, StrikePlan
+from schemas.watch_lines import StrikeVerdict
+
+EYE = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+
+
+def planned(strike_id: str, axis_id: str = "a") -> PlannedStrike:
+    return PlannedStrike(
+        id=strike_id,
+        plane_id="p",
+        axis_id=axis_id,
+        R_world_object=EYE,
+        p_world_object=[0.0, 0.0, 0.0],
+        pivot=Pivot(point=[0.0, 0.0, 0.0], direction=[0.0, 1.0, 0.0], radius_m=0.001, sd_m=1e-4),
+        impact=Impact(point=[0.0, 0.0, 0.1], direction=[1.0, 0.0, 0.0]),
+        impact_height_m=0.1,
+        impulse_n_s=Range(min=0.001, target=0.01, max=0.1),
+        tip_speed_m_s=Range(min=0.1, target=0.4, max=0.9),
+        energy_ratio=1.15,
+        phi_predicted_rad=0.4,
+        phi_predicted_sd_rad=0.05,
+        i_edge_predicted_kg_m2=3e-4,
+        visible_markers=[0],
+        camera_pose=POSE,
+        friction_needed=0.2,
+    )
+
+
+def plan(*strikes: PlannedStrike) -> StrikePlan:
+    return StrikePlan(object_name="box", object_sha256="0", strikes=list(strikes))
+
+
+def verdict(code: Verdict, energy: float | None) -> StrikeVerdict:
+    return StrikeVerdict(strike_id="x", code=code, reason="because", phi=0.4, energy_ratio=energy)
+
+
+def drive(machine: s.SessionMachine, judge) -> list[s.Action]:
+    """Answer every action as a smooth session would; `judge(machine, speed)` gives the verdicts."""
+    done: list[s.Action] = []
+    event: s.Event = s.Started()
+    speed = 0.0
+    for _ in range(500):
+        actions = machine.handle(event)
+        done += actions
+        match actions[-1]:
+            case s.AskToPlace():
+                event = s.Placed()
+            case s.CheckPose():
+                event = s.PoseChecked(good=True)
+            case s.Arm():
+                event = s.Ready()
+            case s.Strike(tip_speed_m_s=speed):
+                event = s.Struck(1, 1e5, speed, 1)
+            case s.RecordUntilRest():
+                event = s.Recorded(1, 2, 100, 0)
+            case s.Judge():
+                event = s.Judged(judge(machine, speed))
+            case s.Finish():
+                return done
+    raise AssertionError("the session never ends")
+
+
+def test_good_strikes_are_made_once_each():
+    done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"), planned("s3"))), lambda *_: verdict(Verdict.GOOD, 1.15))
+    assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s2.1", "s3.1"]
+
+
+def test_a_strike_that_rocks_back_is_repeated_harder_and_kept():
+    def judge(machine, speed):
+        energy = 1.15 * (speed / 0.5) ** 2  # this object needs 0.5 m/s where the plan says 0.4
+        return verdict(Verdict.GOOD if energy > 1 else Verdict.ROCKED_BACK, energy)
+
+    done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"))), judge)
+    speeds = [a.tip_speed_command_m_s for a in done if isinstance(a, s.Keep)]
+    assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s1.2", "s2.1"]
+    assert speeds[0] < 0.4
+    assert speeds[1:] == pytest.approx([0.5, 0.5], rel=0.05)
+
+
+def test_it_gives_up_on_a_strike_after_four_attempts():
+    done = drive(s.SessionMachine(plan(planned("s1"))), lambda *_: verdict(Verdict.SLID, None))
+    assert len([a for a in done if isinstance(a, s.Keep)]) == 4
+    assert done[-1] == s.Finish()
+
+
+def test_without_a_verdict_the_session_goes_on():
+    done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"))), lambda *_: None)
+    assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s2.1"]
+
+
+def test_a_wrong_placement_is_asked_for_again_with_the_hint():
+    machine = s.SessionMachine(plan(planned("s1")))
+    machine.handle(s.Started())
+    machine.handle(s.Placed())
+    actions = machine.handle(s.PoseChecked(good=False, text="turned by 180 deg"))
+    assert isinstance(actions[-1], s.AskToPlace)
+    assert actions[-1].hint == "turned by 180 deg"
+
+
+def test_stop_ends_it_from_anywhere():
+    machine = s.SessionMachine(plan(planned("s1")))
+    machine.handle(s.Started())
+    actions = machine.handle(s.StopRequested("enough"))
+    assert actions[-1] == s.Finish(aborted=True, text="enough")
+
+
+def test_a_striker_fault_is_cleared_and_the_strike_made_again():
+    machine = s.SessionMachine(plan(planned("s1")))
+    for event in (s.Started(), s.Placed(), s.PoseChecked(good=True)):
+        machine.handle(event)
+    actions = machine.handle(s.StrikerFailed("overload"))
+    assert s.ClearFault() in actions
+    assert isinstance(actions[-1], s.AskToPlace)
+
+
+def test_a_striker_that_keeps_failing_ends_the_session():
+    machine = s.SessionMachine(plan(planned("s1")))
+    actions = machine.handle(s.Started())
+    for _ in range(4):
+        machine.handle(s.Placed())
+        machine.handle(s.PoseChecked(good=True))
+        actions = machine.handle(s.StrikerFailed("overload"))
+    assert actions[-1] == s.Finish(aborted=True, text="overload")
+
+
+def test_an_event_out_of_place_is_refused():
+    machine = s.SessionMachine(plan(planned("s1")))
+    with pytest.raises(ValueError, match="does not belong"):
+        machine.handle(s.Ready())
+
+
+def test_a_striker_that_met_nothing_is_not_blamed_on_the_object():
+    machine = s.SessionMachine(plan(planned("s1")))
+    before = machine.learner.tip_speed(machine.strike)
+    for event in (s.Started(), s.Placed(), s.PoseChecked(good=True), s.Ready(), s.Struck(None, 0.0, 0.0, 0), s.Recorded(1, 2, 3, 0)):
+        machine.handle(event)
+    machine.handle(s.Judged(verdict(Verdict.NOT_MOVED, None)))
+    assert machine.learner.tip_speed(machine.strike) == before
+
+
+def carried_to(machine: s.SessionMachine, state) -> None:
+    """Answer as a smooth session would until `state`."""
+    events: list[s.Event] = [
+        s.Started(),
+        s.Placed(),
+        s.PoseChecked(good=True),
+        s.Ready(),
+        s.Struck(1, 1.0, 0.4, 1),
+        s.Recorded(1, 2, 3, 0),
+    ]
+    for event in events:
+        if machine.state == state:
+            return
+        machine.handle(event)
+    assert machine.state == state
+
+
+@pytest.mark.parametrize("state", [s.State.ARMING, s.State.STRIKING, s.State.RECORDING, s.State.JUDGING])
+def test_a_strike_whose_file_broke_off_is_made_again(state):
+    machine = s.SessionMachine(plan(planned("s1"), planned("s2")))
+    carried_to(machine, state)
+    actions = machine.handle(s.BrokenOff("the window was cut off"))
+    assert isinstance(actions[-1], s.AskToPlace)
+    assert machine.strike_id == "s1.1"
+    assert "the window was cut off" in actions[0].text
+
+
+@pytest.mark.parametrize("strikes", [1, 2])
+def test_a_strike_that_was_judged_and_could_not_be_kept_is_made_again(strikes):
+    """Also the last one: the session had ended already."""
+    machine = s.SessionMachine(plan(*(planned(f"s{i + 1}") for i in range(strikes))))
+    carried_to(machine, s.State.JUDGING)
+    actions = machine.handle(s.Judged(verdict(Verdict.GOOD, 1.2)))
+    assert isinstance(actions[0], s.Keep)
+    assert machine.state == (s.State.FINISHED if strikes == 1 else s.State.PLACING)
+    actions = machine.handle(s.BrokenOff("the capture process ended"))
+    assert isinstance(actions[-1], s.AskToPlace)
+    assert machine.strike_id == "s1.1"
+
+
+def test_files_that_break_off_again_and_again_end_the_session():
+    machine = s.SessionMachine(plan(planned("s1")), s.SessionSettings(max_faults=2))
+    carried_to(machine, s.State.STRIKING)
+    for _ in range(2):
+        assert isinstance(machine.handle(s.BrokenOff("x"))[-1], s.AskToPlace)
+        machine.handle(s.Placed())
+        machine.handle(s.PoseChecked(good=True))
+    actions = machine.handle(s.BrokenOff("x"))
+    assert isinstance(actions[-1], s.Finish)
+    assert actions[-1].aborted

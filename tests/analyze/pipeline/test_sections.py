@@ -1,0 +1,122 @@
+"""The section that an object rolls on, and the angle at which its next face lands, from its shape."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from analyze.geometry.object_model import load_object_model
+from analyze.motion.strike import MotionSettings, analyse_motion
+from analyze.pipeline.sections import MeshSections, landing_of, section_of
+from analyze.planning.hypothesis import hypothesis
+from analyze.planning.pivots import pivot_axes
+from analyze.planning.stable_planes import resting_planes
+from analyze.replay import views
+from schemas.object_spec import Box, LengthUnit, MarkerSpec, ObjectSpec, Shape
+from schemas.strike_plan import Pivot
+from tests.analyze.geometry.shapes import spec_of, stl
+from tests.analyze.motion.rolling import RollingBody, as_tracked, draw_rolling
+from tests.analyze.motion.tipping import planned
+from tests.analyze.planning.test_planes_and_pivots import hexagon
+
+BODY = RollingBody(0.04, 0.02, (-0.02, 0.06), 0.003)
+
+
+def an_object(shape):
+    return ObjectSpec(name="bowl", mass_kg=0.6, mass_sd_kg=1e-4, shape=shape, marker=[MarkerSpec(id=1, size_m=0.03)])
+
+
+def moulded(body=BODY, width=0.08):
+    """An extruded body with a flank, and the strike over it: pivot at the ellipse's centre."""
+    outline = body.outline(24)
+    points = np.concatenate([np.column_stack([outline[:, 0], np.full(len(outline), y), outline[:, 1]]) for y in (-width / 2, width / 2)])
+    data = trimesh.PointCloud(points).convex_hull.export(file_type="stl")
+    spec = an_object(Shape(file="bowl.stl", unit=LengthUnit.METRE))
+    strike = planned(0.0, 0.4)
+    strike = strike.model_copy(update={"pivot": strike.pivot.model_copy(update={"point": [0.0, 0.0, 0.0]})})
+    return spec, data, strike
+
+
+def test_a_mesh_gives_its_flank():
+    spec, data, strike = moulded()
+    for section in (section_of(load_object_model(spec, data, "bowl.stl"), strike), MeshSections(spec, lambda: data).of(strike)):
+        assert section is not None
+        theta = np.radians(np.linspace(2, 60, 30))
+        height, _, _ = section.at(theta)
+        assert np.abs(height - np.hypot(BODY.a * np.sin(theta), BODY.b * np.cos(theta))).max() < 2e-6
+
+
+def test_a_box_has_none():
+    spec = an_object(Shape(box=Box(size_m=[0.06, 0.05, 0.2])))
+    assert section_of(load_object_model(spec, None, "box"), planned(0.002)) is None
+    assert MeshSections(spec, lambda: None).of(planned(0.002)) is None
+
+
+def test_a_shape_that_cannot_be_read_is_no_obstacle():
+    spec, _, strike = moulded()
+    assert MeshSections(spec, lambda: b"no mesh at all").of(strike) is None
+
+
+def test_what_lies_on_a_bevel_hops_and_does_not_roll():
+    bevel = RollingBody(0.01, 0.01, (-0.02, 0.06), 0.003)
+    outline = bevel.outline(1)
+    assert len(outline) == 5
+    points = np.concatenate([np.column_stack([outline[:, 0], np.full(5, y), outline[:, 1]]) for y in (-0.04, 0.04)])
+    data = trimesh.PointCloud(points).convex_hull.export(file_type="stl")
+    spec, _, strike = moulded()
+    assert section_of(load_object_model(spec, data, "bowl.stl"), strike) is None
+
+
+def test_a_replay_draws_it_rolling_as_it_was_fitted():
+    rng = np.random.default_rng(4)
+    body = draw_rolling(rng, 0.04, 0.02)
+    spec, data, strike = moulded(body)
+    motion, task = as_tracked(body, 1.2, math.radians(0.02), rng)
+    found = analyse_motion(motion, task, MotionSettings())
+    fitted = views.fitted_curves(found.angle, found.fit)
+    assert np.degrees(np.std(fitted.residual)) < 0.03
+    model = load_object_model(spec, data, "bowl.stl")
+    strike = strike.model_copy(update={"p_world_object": [0.0, 0.0, body.b]})
+    R, p = views.object_poses(strike, found.angle, section_of(model, strike))
+    lowest = (model.vertices @ R[:, 2].T + p[:, 2]).min(axis=0)
+    tipping = (found.angle.theta > math.radians(1)) & (found.angle.theta < math.radians(75))
+    assert np.abs(lowest[tipping]).max() < 5e-5, "it stays on the table"
+    assert np.ptp(p[tipping, 0]) > 0.01, "and goes along it"
+
+
+def test_a_moulded_rounding_that_is_declared_too_is_the_meshs():
+    """The plan's pivot point is inset from where the bottom ends; on a mesh with the rounding in it, the centre is right above."""
+    body = RollingBody(0.006, 0.006, (-0.02, 0.06), 0.003, 0.15)
+    spec, data, strike = moulded(body)
+    pivot = strike.pivot.model_copy(update={"point": [-body.a, 0.0, 0.0], "radius_m": body.a})
+    section = section_of(load_object_model(spec, data, "bowl.stl"), strike.model_copy(update={"pivot": pivot}))
+    assert section is not None
+    along, over, radius = section.centre(0.4)
+    np.testing.assert_allclose((along, over, radius), (body.a, 0.0, body.a), atol=5e-5)
+    assert section.of_shape(0.4)
+    assert section.sd < 1e-4, "the mesh knows it, whatever the plan's edge is known to"
+
+
+def test_the_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
+    spec, data = spec_of({"file": "b.stl", "unit": "mm"}, edge_radius_m=0.001), stl(hexagon(35, 80))
+    model, live = load_object_model(spec, data, "b.stl"), MeshSections(spec, lambda: data)
+    found = set()
+    for axis in pivot_axes(model, spec, resting_planes(model), hypothesis(model)):
+        pivot = Pivot(point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd)
+        strike = planned(0.001, 0.5).model_copy(update={"pivot": pivot, "R_world_object": axis.R_world_object.tolist()})
+        lands = landing_of(model, strike)
+        assert live.lands_at(strike) == lands
+        lengthwise = abs(float(axis.direction[2])) > 0.99
+        assert math.degrees(lands) == pytest.approx(58.9 if lengthwise else 88.9, abs=0.2), (
+            "a degree early, and what the surface may be off"
+        )
+        found.add(lengthwise)
+    assert found == {True, False}
+
+
+def test_what_rolls_on_a_flank_does_not_land():
+    spec, data, strike = moulded()
+    assert landing_of(load_object_model(spec, data, "bowl.stl"), strike) is None

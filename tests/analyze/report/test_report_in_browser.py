@@ -1,0 +1,80 @@
+"""The report in Debian's Chromium: opened from disk, at two widths and printed, nothing fails, overflows, is cut off or empty."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from analyze.pipeline.estimate import estimate_evidence
+from analyze.report.report import Still, render_report
+from tests.analyze.simulated_session import carton, session
+from tests.analyze.watched_page import A4_PX, DESKTOP, PHONE, watched
+
+PLOTS = 9 + 3 + 2
+"""views, sources, influences, regions, voxels, moments, foretold; a plot per strike; stills"""
+
+
+def still(name: str) -> Still:
+    picture = np.random.default_rng(1).integers(0, 255, (120, 160), dtype=np.uint8)
+    data = base64.b64encode(cv2.imencode(".jpg", picture)[1].tobytes()).decode()
+    return Still(name, f"strike {name}", f"data:image/jpeg;base64,{data}")
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory) -> Path:
+    evidence = session(carton(), np.random.default_rng(3), repeats=1)
+    page = render_report(estimate_evidence(replace(evidence, motions=evidence.motions[:3])), [still("a"), still("b")])
+    path = tmp_path_factory.mktemp("report") / "r.html"
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
+def test_it_opens_from_disk_and_draws_all_it_has(chromium, report, size):
+    with watched(chromium, size) as shown:
+        shown.page.goto(report.as_uri())
+        assert shown.plots() == PLOTS
+        assert shown.empty_plots() == []
+        assert shown.overflowing() == []
+        assert shown.cut_text() == []
+        assert shown.page.evaluate("document.documentElement.scrollWidth") <= size[0]
+        assert shown.problems == []
+
+
+def test_it_prints_without_cutting_anything_off(chromium, report):
+    with watched(chromium, A4_PX) as shown:
+        shown.page.emulate_media(media="print")
+        shown.page.goto(report.as_uri())
+        assert shown.overflowing(scrolls=False) == []
+        tall = shown.page.evaluate("[...document.querySelectorAll('figure')].map(each => each.getBoundingClientRect().height)")
+        assert max(tall) < A4_PX[1]
+        kept = shown.page.evaluate("[...document.querySelectorAll('figure')].map(each => getComputedStyle(each).breakInside)")
+        assert set(kept) == {"avoid"}
+        printed = shown.page.pdf(format="A4")
+        assert printed.startswith(b"%PDF")
+        assert shown.problems == []
+
+
+@pytest.mark.parametrize(
+    ("broken", "problem"),
+    [
+        ("<script>throw new Error('no')</script>", "exception: no"),
+        ("<img src='missing.png'>", "failed: "),
+        ("<img src='http://127.0.0.1:9/x.png'>", "asked for http://127.0.0.1:9/x.png"),
+    ],
+)
+def test_what_goes_wrong_is_seen(chromium, tmp_path, broken, problem):
+    path = tmp_path / "broken.html"
+    path.write_text(
+        f"<!DOCTYPE html><main>{broken}<svg width='300' height='200'></svg><div style='width: 3000px'>x</div></main>", encoding="utf-8"
+    )
+    with watched(chromium) as shown:
+        shown.page.goto(path.as_uri())
+        assert any(each.startswith(problem) for each in shown.problems), shown.problems
+        assert any("300 x 200" in each for each in shown.empty_plots())
+        assert shown.overflowing()

@@ -1,0 +1,124 @@
+"""Pictures that are PNG or JPEG files already are stored as they are, and read back as they were seen."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+
+from analyze.errors import ImportRefused
+from analyze.importing.run import ImportOptions, prepare
+from analyze.importing.write_recording import write
+from analyze.reading.image_message import image_of_file
+from analyze.reading.recording import open_recording
+from analyze.reading.verify import refuse_changed_content
+from analyze.sources.image_file import image_file
+from analyze.sources.image_folder import ImageFolder
+from tests.analyze.importing.filmed import HEIGHT, RATE, WIDTH, film, setting, tip
+from tests.analyze.importing.foreign_files import write_bag, write_foxglove
+
+
+def coded(image, suffix=".png"):
+    return cv2.imencode(suffix, image)[1].tobytes()
+
+
+def held_upright(jpeg: bytes) -> bytes:
+    """A JPEG file with the note of a phone that its picture is to be turned by 90 degrees."""
+    exif = b"Exif\0\0II*\0\x08\0\0\0" + struct.pack("<HHHIIi", 1, 0x0112, 3, 1, 6, 0)
+    return jpeg[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + jpeg[2:]
+
+
+def folder(path: Path, files: dict[str, bytes]) -> Path:
+    path.mkdir()
+    rows = [f"{name},{number / RATE:.6f}" for number, name in enumerate(files)]
+    (path / "times.csv").write_text("\n".join(["name,time_s", *rows]))
+    for name, data in files.items():
+        (path / name).write_bytes(data)
+    return path
+
+
+def stored(tmp_path: Path, source: Path) -> tuple[list[bytes], list[str], list[np.ndarray]]:
+    """Bytes and format of each image of a recording of all of `source`, and what is read of it."""
+    output = tmp_path / "o.mcap"
+    with prepare(ImportOptions((source,), *setting(tmp_path), whole=True)) as prepared:
+        write(prepared, output)
+    refuse_changed_content(output)
+    with open_recording(output) as recording:
+        messages = [CompressedImage.FromString(bytes(each.data)) for each in recording.messages("/camera/main/image")]
+        return [each.data for each in messages], [each.format for each in messages], [frame.image for frame in recording.images()]
+
+
+def test_files_of_any_kind_are_stored_byte_by_byte_and_read_as_they_were_seen(tmp_path):
+    image = tip()[40]
+    colour = np.dstack([image, np.roll(image, 9, axis=1), 255 - image])
+    deep = image.astype(np.uint16) * 256 + 200
+    files = {
+        "grey.png": coded(image),
+        "colour.png": coded(colour),
+        "deep.PNG": coded(deep),
+        "clear.png": coded(np.dstack([colour, image])),
+        "grey.jpg": coded(image, ".jpg"),
+        "colour.jpeg": coded(colour, ".jpg"),
+        "upright.jpg": held_upright(coded(colour, ".jpg")),
+    }
+    source = folder(tmp_path / "images", files)
+    with ImageFolder(source) as images:
+        seen = [frame.image for frame in images.frames()]
+    data, formats, read = stored(tmp_path, source)
+    assert data == list(files.values())
+    assert formats == ["png"] * 4 + ["jpeg"] * 3
+    assert all(np.array_equal(one, other) for one, other in zip(read, seen, strict=True))
+    assert np.array_equal(read[0], image)
+    assert np.array_equal(read[2], image)
+    assert read[6].shape == (HEIGHT, WIDTH)
+
+
+def test_what_is_named_png_and_is_another_kind_becomes_png(tmp_path):
+    data, formats, read = stored(tmp_path, folder(tmp_path / "images", {"a.png": coded(tip()[0], ".bmp"), "b.png": coded(tip()[1])}))
+    assert formats == ["png", "png"]
+    assert data[1] == coded(tip()[1])
+    assert all(np.array_equal(one, other) for one, other in zip(read, tip(), strict=False))
+
+
+def test_other_kinds_are_stored_as_they_are_decoded(tmp_path):
+    source = folder(tmp_path / "images", {"a.bmp": coded(tip()[0], ".bmp"), "b.png": coded(tip()[1])})
+    with prepare(ImportOptions((source,), *setting(tmp_path), whole=True)) as prepared:
+        assert not prepared.are_files
+
+
+@pytest.mark.parametrize(
+    ("second", "said"),
+    [(b"", "b.png: is no image that can be read"), (coded(tip()[0][:200]), "b.png: has 320 x 200, the first 320 x 240")],
+)
+def test_a_file_that_does_not_belong_is_named(tmp_path, second, said):
+    with pytest.raises(ImportRefused, match=said):
+        stored(tmp_path, folder(tmp_path / "images", {"a.png": coded(tip()[0]), "b.png": second}))
+
+
+@pytest.mark.parametrize("kind", ["png", "jpeg"])
+@pytest.mark.parametrize("of", ["foxglove", "ros"])
+def test_messages_with_image_files(tmp_path, of, kind):
+    frames = list(tip()[30:40])
+    source = write_foxglove(tmp_path / "a.mcap", frames, kind) if of == "foxglove" else write_bag(tmp_path / "bag", frames, kind)
+    data, formats, read = stored(tmp_path, source)
+    assert data == [coded(frame, f".{kind}") for frame in frames]
+    assert set(formats) == {kind}
+    assert all(np.array_equal(image, grey) for image, grey in zip(read, map(image_of_file, data), strict=True) if grey is not None)
+
+
+def test_a_film_of_png_pictures(tmp_path):
+    source = film(tmp_path / "a.mov", tip()[:6], codec="png", pixels="gray")
+    data, formats, read = stored(tmp_path, source)
+    assert set(formats) == {"png"}
+    assert sum(map(len, data)) < source.stat().st_size
+    assert all(np.array_equal(one, other) for one, other in zip(read, tip(), strict=False))
+
+
+def test_damaged_files_are_none():
+    png, jpeg = coded(tip()[0]), coded(tip()[0], ".jpg")
+    for damaged in (b"", b"x", png[:20], jpeg[:20], b"\xff\xd8", png[:8]):
+        assert image_file(damaged) is None

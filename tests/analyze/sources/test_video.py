@@ -1,0 +1,171 @@
+"""Videos as sources: times, sizes, what is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from analyze.errors import ImportRefused
+from analyze.sources.open_source import SourceOptions, open_source
+from analyze.sources.video import VideoSource
+from tests.analyze.importing.filmed import HEIGHT, RATE, WIDTH, film, tip
+
+MS = 1_000_000
+
+
+def _times(source) -> list[int]:
+    return [frame.time_ns for frame in source.frames()]
+
+
+def test_variable_times_are_the_files_own(tmp_path):
+    gaps = np.random.default_rng(1).integers(7000, 10000, 39)
+    times = [0, *np.cumsum(gaps).tolist()]
+    with VideoSource(film(tmp_path / "a.mp4", tip()[:40], times, bf="3")) as source:
+        assert _times(source) == [1000 * time for time in times]
+        assert source.time_sd_ns == round(1000 / 12**0.5)
+        assert source.remarks == ()
+
+
+def test_slow_motion_is_undone(tmp_path):
+    path = film(tmp_path / "a.mp4", tip()[:20], range(0, 20 * 33_333, 33_333))
+    with VideoSource(path, capture_hz=240) as source:
+        assert np.diff(_times(source)) == pytest.approx(1e9 / 240, rel=1e-4)
+        assert source.pace.interval_s == pytest.approx(1 / 240, rel=1e-4)
+
+
+def test_a_constant_rate_in_milliseconds_is_straightened(tmp_path):
+    with VideoSource(film(tmp_path / "a.mkv", tip()[:60], [round(number * 1e6 / RATE) for number in range(60)])) as source:
+        assert np.diff(_times(source)) == pytest.approx(1e9 / RATE, abs=2)
+        assert source.time_sd_ns == 1
+
+
+def test_variable_times_in_milliseconds_are_not(tmp_path):
+    times = [0, *np.cumsum(np.random.default_rng(1).integers(6, 13, 59)).tolist()]
+    with VideoSource(film(tmp_path / "a.mkv", tip()[:60], [1000 * time for time in times])) as source:
+        assert _times(source) == [MS * time for time in times]
+        assert source.time_sd_ns == 288675
+
+
+def test_frames_of_a_range_are_those_of_all(tmp_path):
+    path = film(tmp_path / "a.mkv", tip()[:60], codec="libx264", g="12", bf="2")
+    with VideoSource(path) as source:
+        every = [(frame.time_ns, frame.image.copy()) for frame in source.frames()]
+        some = [(frame.time_ns, frame.image.copy()) for frame in source.frames(every[30][0], every[40][0])]
+    assert [time for time, _ in some] == [time for time, _ in every[30:41]]
+    assert all(np.array_equal(one[1], other[1]) for one, other in zip(some, every[30:41], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("codec", "pixels", "suffix"), [("ffv1", "gray", ".mkv"), ("ffv1", "rgb24", ".mkv"), ("ffv1", "yuv420p10le", ".mkv")]
+)
+def test_lossless_codecs_give_the_images(tmp_path, codec, pixels, suffix):
+    if pixels == "rgb24":
+        codec, suffix = "png", ".mov"
+    with VideoSource(film(tmp_path / f"a{suffix}", tip()[:5], codec=codec, pixels=pixels)) as source:
+        for frame, image in zip(source.frames(), tip(), strict=False):
+            # A conversion between luma and RGB or 10 bits rounds, and stretches studio range.
+            assert np.abs(frame.image.astype(int) - image).max() <= (0 if pixels == "gray" else 12)
+
+
+def test_a_turned_video_is_taken_as_the_sensor_has_it(tmp_path):
+    with VideoSource(film(tmp_path / "a.mp4", tip()[:5], turned=90)) as source:
+        assert (source.width, source.height) == (WIDTH, HEIGHT)
+        assert next(source.frames()).image.shape == (HEIGHT, WIDTH)
+        [remark] = source.remarks
+    assert "turned by" in remark
+    assert "320 x 240" in remark
+
+
+def test_a_file_cut_short_gives_what_is_there(tmp_path):
+    whole = film(tmp_path / "a.mkv", tip()[:60], codec="ffv1", pixels="gray")
+    part = tmp_path / "part.mkv"
+    part.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with VideoSource(part) as source:
+        assert 10 < len(_times(source)) < 55
+        assert any("cut short" in remark or "cannot be decoded" in remark for remark in source.remarks)
+
+
+def test_an_mp4_without_its_index_is_refused_in_one_line(tmp_path):
+    whole = film(tmp_path / "a.mp4", tip()[:20])
+    part = tmp_path / "part.mp4"
+    part.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with pytest.raises(ImportRefused, match="cut short has no index") as caught:
+        VideoSource(part)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["nothing.mp4", "text.mp4"])
+def test_what_is_no_video_is_refused(tmp_path, name):
+    (tmp_path / "text.mp4").write_text("no video")
+    with pytest.raises(ImportRefused):
+        open_source(tmp_path / name, SourceOptions())
+
+
+def test_a_folder_without_times_is_refused(tmp_path):
+    (tmp_path / "images").mkdir()
+    with pytest.raises(ImportRefused, match="name,time_s"):
+        open_source(tmp_path / "images", SourceOptions())
+
+
+@pytest.mark.parametrize(("unit", "said"), [(1000, "its images come every 8.33 s: time_s is in seconds"), (0, "two images have the same")])
+def test_times_that_are_no_seconds_are_refused(tmp_path, unit, said):
+    for number in range(4):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
+    rows = [f"{number}.png,{number * unit / RATE:.6f}" for number in range(4)]
+    (tmp_path / "times.csv").write_text("\n".join(["name,time_s", *rows]))
+    with pytest.raises(ImportRefused, match=said):
+        open_source(tmp_path, SourceOptions())
+
+
+@pytest.mark.parametrize("content", [b"", b"These are words and no film."])
+def test_what_is_no_mp4_was_not_cut_short(tmp_path, content):
+    (tmp_path / "a.mp4").write_bytes(content)
+    with pytest.raises(ImportRefused, match="is no video that can be read") as caught:
+        VideoSource(tmp_path / "a.mp4")
+    assert "cut short" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (["Time_s, Name", "0, 0.png", "0.01, 1.png"], None),
+        (["name,time_s", "0.png,0", ",0.01"], "line 3: names no image"),
+        (["name,time_s", "0.png,0", "0.png,0.01"], "0.png 2 times: an image was taken at one time"),
+    ],
+)
+def test_a_csv_as_people_write_it(tmp_path, rows, said):
+    for number in range(2):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
+    (tmp_path / "times.csv").write_text("\n".join(rows))
+    if said is None:
+        with open_source(tmp_path, SourceOptions()) as source:
+            assert [image.time_ns for image in source.frames()] == [0, 10_000_000]
+        return
+    with pytest.raises(ImportRefused, match=said):
+        open_source(tmp_path, SourceOptions())
+
+
+def test_images_that_a_csv_does_not_name_are_told(tmp_path):
+    for number in range(4):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), tip()[0])
+    (tmp_path / "times.csv").write_text("name,time_s\n0.png,0\n./1.png,0.01\n2.png,0.02\n")
+    with open_source(tmp_path, SourceOptions()) as source:
+        assert source.remarks == (f"{tmp_path.name}: left out what times.csv does not name: 1 of 4 images",)
+    (tmp_path / "3.png").unlink()
+    with open_source(tmp_path, SourceOptions()) as source:
+        assert source.remarks == ()
+
+
+def test_times_are_not_for_a_video(tmp_path):
+    path = film(tmp_path / "a.mkv", tip()[:2])
+    with pytest.raises(ImportRefused, match="--times is of folders of images"):
+        open_source(path, SourceOptions(times=tmp_path / "times.csv"))
+
+
+def test_video_alone_says_so(tmp_path):
+    path = Path(film(tmp_path / "a.mkv", tip()[:1]))
+    with pytest.raises(ImportRefused, match="no two frames"):
+        VideoSource(path)

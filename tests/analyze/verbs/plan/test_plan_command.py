@@ -1,0 +1,142 @@
+"""`analyze plan` as a user types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from analyze.cli import main
+from tests.places import CARTON, ROOT
+
+
+def run(*arguments: str):
+    return CliRunner().invoke(main, ["plan", *arguments])
+
+
+def test_help_says_what_every_option_does():
+    text = " ".join(run("--help").output.split())
+    for said in ("how many more", "root mean square distance", "Says if more strikes pay", "the paper's own steps", "--rig"):
+        assert said in text
+
+
+def test_plan_prints_what_will_be_known_and_what_will_not(tmp_path: Path):
+    done = run(str(CARTON), "-o", str(tmp_path / "plan.json"), "--strikes", "6")
+    assert done.exit_code == 0, done.output
+    for said in (
+        "6 strikes",
+        "centre of mass, x × y × z",
+        "moment about",
+        "not determined",
+        "mass, surface",
+        "number of strikes",
+        "advice:",
+    ):
+        assert said in done.output
+    plan = json.loads((tmp_path / "plan.json").read_text())
+    assert plan["method"] == "ours"
+    assert plan["prediction"]["com_rms_m"] == plan["predicted_com_sd_m"]
+    assert len(plan["strikes"]) == 6
+
+
+def test_the_papers_plan():
+    done = run(str(CARTON), "--method", "paper")
+    assert done.exit_code == 0, done.output
+    assert "the paper's way" in done.output
+    assert "singular" in done.output
+    assert json.loads(run(str(CARTON), "--method", "paper", "--json").output)["method"] == "paper"
+
+
+@pytest.mark.parametrize("option", [("--target-com-mm", "1"), ("--given", "r.mcap")])
+def test_the_paper_knows_no_target_and_no_posterior(option):
+    done = run(str(CARTON), "--method", "paper", *option)
+    assert done.exit_code == 2
+    assert "leave them out" in done.output
+
+
+def test_target(tmp_path: Path):
+    done = run(str(CARTON), "--target-com-mm", "0.5", "--json")
+    plan = json.loads(done.output)
+    assert plan["prediction"]["target_reached"] is True
+    assert plan["prediction"]["com_rms_m"] <= 0.0005
+    far = json.loads(run(str(CARTON), "--target-com-mm", "0.0001", "--json").output)
+    assert far["prediction"]["target_reached"] is False
+    assert "out of reach" in far["prediction"]["advice"]
+
+
+def test_a_target_that_is_no_number_is_wrong_usage():
+    done = run(str(CARTON), "--target-com-mm", "nan")
+    assert done.exit_code == 2
+    assert "nan is no number" in done.output
+
+
+def test_the_papers_plan_says_what_the_striker_cannot_do():
+    """It asks 0.98 to 1.13 m/s of a striker that gives 0.96."""
+    done = run(str(CARTON.parents[3] / "docs" / "examples" / "teabox.toml"), "--method", "paper", "--json")
+    plan = json.loads(done.output)
+    told = {entry["axis_id"]: entry for entry in plan["rejected"] if entry["code"] == "speed"}
+    fast = {strike["axis_id"] for strike in plan["strikes"] if strike["tip_speed_m_s"]["target"] > 0.96}
+    assert fast
+    assert set(told) == fast
+    assert all(entry["text"].startswith("kept, though it needs a tip speed of") for entry in told.values())
+
+
+def test_a_tag_that_floats_is_one_line(tmp_path: Path):
+    thing = tmp_path / "carton.toml"
+    thing.write_text(CARTON.read_text().replace("[0, 0, 1, 0.04]", "[0, 0, 1, 0.09]"))
+    done = run(str(thing))
+    assert done.exit_code == 1
+    assert done.output.startswith("analyze: carton: marker 0 lies 50 mm outside the surface")
+    assert done.output.count("\n") == 1
+
+
+def test_a_missing_result_is_one_line():
+    done = run(str(CARTON), "--given", "gone.json")
+    assert done.exit_code == 1
+    assert "gone.json: no such file" in done.output
+
+
+def test_reach_and_gravity_come_from_the_rig(tmp_path: Path):
+    rig = tmp_path / "rig.toml"
+    rig.write_text(
+        'table_friction = 0.6\ng_m_s2 = 9.82\ngravity_tilt_sd_rad = 0.02\n[striker]\nreach_m = [0.02, 0.10]\n[camera]\naddress = "x"\n'
+        "[camera.calibration]\nwidth = 656\nheight = 492\nK = [[1430, 0, 327.5], [0, 1430, 245.5], [0, 0, 1]]\n"
+        "T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]\n"
+    )
+    plan = json.loads(run(str(CARTON), "--rig", str(rig), "--strikes", "3", "--json").output)
+    assert max(strike["impact_height_m"] for strike in plan["strikes"]) <= 0.10
+    plain = json.loads(run(str(CARTON), "--strikes", "3", "--json").output)
+    assert plan["prediction"]["error_sources_m"]["tilt of gravity"] > plain["prediction"]["error_sources_m"]["tilt of gravity"]
+    rig.write_text(rig.read_text().replace("[0.02, 0.10]", "[0.3, 0.1]"))
+    done = run(str(CARTON), "--rig", str(rig))
+    assert done.exit_code == 1
+    assert "reach_m = [0.3, 0.1]" in done.output
+
+
+def test_the_object_of_the_readme_is_one_that_can_be_planned(tmp_path: Path):
+    example = ROOT / "docs" / "examples" / "teabox.toml"
+    done = run(str(example), "-o", str(tmp_path / "plan.json"))
+    assert done.exit_code == 0, done.output
+    assert "plan-cards.html" in done.output
+    entry = next(line for line in example.read_text().splitlines() if line.startswith("T_object_marker"))
+    assert entry in (ROOT / "README.md").read_text()
+
+
+def test_a_refusal_keeps_what_was_noted_of_the_shape(tmp_path: Path):
+    """Two balls side by side: refused, and that they were two bodies is said as well."""
+    import trimesh
+
+    balls = [trimesh.creation.icosphere(3, radius=40.0).apply_translation([place, 0, 0]) for place in (0.0, 5.0)]
+    trimesh.util.concatenate(balls).export(tmp_path / "b.stl")
+    thing = tmp_path / "b.toml"
+    thing.write_text(
+        'name = "b"\nmass_kg = 0.2\nmass_sd_kg = 0.001\n[shape]\nfile = "b.stl"\nunit = "mm"\n[[marker]]\nid = 0\nsize_m = 0.03\n'
+    )
+    done = run(str(thing))
+    assert done.exit_code == 1
+    lines = done.stderr.splitlines()
+    assert "is a ball" in lines[-2]
+    assert "2 bodies" in lines[-1]
+    assert lines[-1].startswith("note: ")
