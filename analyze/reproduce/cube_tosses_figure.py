@@ -1,4 +1,4 @@
-"""What `analyze reproduce cube-tosses` shows: a table for the terminal, and a figure."""
+"""Table for the terminal and figure of `analyze reproduce cube-tosses`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from matplotlib.patches import Ellipse
 from rich.console import Console
 from rich.table import Table
 
+from analyze.estimation.intervals import SIGMAS_95
 from analyze.report.style import BLUE, GREEN, INK, MUTED, ORANGE, style
 from analyze.reproduce.cube_tosses import EDGE_M, GRAVITY_M_S2, MASS_KG, CubeAnswer, distance_sd
 
@@ -19,44 +20,62 @@ if TYPE_CHECKING:
     from analyze.motion.free_flight import FlightBody
     from analyze.motion.moment_balance import BalancedBody
 
-SIGMAS95_2D = 2.4477
+SIGMAS_95_2D = 2.4477
 _SHOWN = ((0, 2, "x", "z"), (0, 1, "x", "y"))
 
 
 def render_cube(answer: CubeAnswer, console: Console | None = None) -> None:
-    """Table and conclusions; intervals are 95 %."""
+    """Print the table and the conclusions; intervals are 95 %."""
     console = console or Console(highlight=False)
-    table = Table(title=f"{answer.tosses} real tosses of a cube of {1e3 * EDGE_M:.1f} mm, {MASS_KG:g} kg ({answer.frames} frames)")
+    table = Table(
+        title=f"{answer.tosses} tosses of a real cube, {1e3 * EDGE_M:.1f} mm, {MASS_KG:g} kg"
+        f" ({answer.frames} frames)"
+    )
     for heading in ("± is 95 %", "free flight", "edge contact", "corner contact"):
         table.add_column(heading, justify="left" if "±" in heading else "right")
     flight, touching = answer.flight, (answer.edges, answer.corners)
-    table.add_row("stretches of motion", str(flight.flights), *(str(body.contacts) for body in touching), end_section=True)
+    table.add_row(
+        "stretches of motion",
+        str(flight.flights),
+        *(str(body.contacts) for body in touching),
+        end_section=True,
+    )
     for axis, name in enumerate("xyz"):
         bodies = [_interval(1e3 * body.com[axis], 1e3 * body.com_sd[axis]) for body in (flight, *touching)]
         table.add_row(f"centre of mass, {name}, mm", *bodies, end_section=axis == 2)
     for axis, name in enumerate("xyz"):
-        moments = [_interval(1e3 * body.inertia[axis, axis], 1e3 * body.inertia_sd[axis, axis]) for body in touching]
-        table.add_row(f"I_c/m about {name}, 10⁻³ m²", "not told", *moments, end_section=axis == 2)
-    table.add_row("rounding of the edges, mm", "", *(_interval(1e3 * body.rounding, 1e3 * body.rounding_sd, 1) for body in touching))
+        moments = [
+            _interval(1e3 * body.inertia[axis, axis], 1e3 * body.inertia_sd[axis, axis]) for body in touching
+        ]
+        table.add_row(f"I_c/m about {name}, 10⁻³ m²", "not observable", *moments, end_section=axis == 2)
+    table.add_row(
+        "radius of the edges, mm",
+        "",
+        *(_interval(1e3 * body.rounding, 1e3 * body.rounding_sd, 1) for body in touching),
+    )
     console.print(table)
-    apart, covariance = answer.apart
-    distance = 1e3 * float(np.linalg.norm(apart))
+    difference, covariance = answer.edge_minus_flight
+    distance = 1e3 * float(np.linalg.norm(difference))
+    half = SIGMAS_95 * 1e3 * distance_sd(difference, covariance)
     console.print(
-        f"centre of mass by edge contact and by flight: {distance:.2f} mm apart (95 % ± {1.96e3 * distance_sd(apart, covariance):.2f} mm)"
+        f"The centres of mass by edge contact and by flight are {distance:.2f} mm apart (95 %: ± {half:.2f} "
+        "mm)."
     )
     console.print(
-        f"g by flight: {flight.gravity:.3f} ± {1.96 * flight.gravity_sd:.3f} m/s² in the file's lengths, {GRAVITY_M_S2} in truth: "
-        f"its metre is {answer.scale:.4f} m long, and all lengths here are corrected for it"
+        f"g by flight is {flight.gravity:.3f} ± {SIGMAS_95 * flight.gravity_sd:.3f} m/s² in the file's unit "
+        f"of length; its true value is {GRAVITY_M_S2}. The file's metre is therefore {answer.scale:.4f} m "
+        "long; all lengths above are corrected for it."
     )
     moments = MASS_KG * np.diag(answer.edges.inertia)
     console.print(
-        f"with {MASS_KG:g} kg: I_c = {', '.join(f'{1e3 * value:.3f}' for value in moments)} · 10⁻³ kg·m² about x, y, z;"
-        f" the edges slid {1e3 * answer.slides_m[1]:.0f} mm while they touched (median), so no hinge would fit"
+        f"With m = {MASS_KG:g} kg, I_c = {', '.join(f'{1e3 * value:.3f}' for value in moments)} · 10⁻³ kg m² "
+        f"about x, y, z. The edges slid by {1e3 * answer.slides_m[1]:.0f} mm during a contact (median): a "
+        "fixed pivot cannot be fitted."
     )
 
 
 def cube_figure(answer: CubeAnswer) -> Figure:
-    """The centre of mass by three ways in the cube, what flights alone say of its height, and the moments."""
+    """Centre of mass in the cube by three methods, its height by flight alone, and the moments of inertia."""
     with style():
         figure = Figure(figsize=(10.4, 3.4), layout="constrained")
         front, top, flight, moments = figure.subplots(1, 4, width_ratios=(1, 1, 1.15, 1))
@@ -71,11 +90,15 @@ def cube_figure(answer: CubeAnswer) -> Figure:
 
 
 def _interval(value: float, sd: float, digits: int = 2) -> str:
-    return f"{value:.{digits}f} ± {1.96 * sd:.{digits}f}"
+    return f"{value:.{digits}f} ± {SIGMAS_95 * sd:.{digits}f}"
 
 
-def _ways(answer: CubeAnswer) -> tuple[tuple[str, str, FlightBody | BalancedBody], ...]:
-    return (("free flight", ORANGE, answer.flight), ("edge contact", BLUE, answer.edges), ("corner contact", GREEN, answer.corners))
+def _methods(answer: CubeAnswer) -> tuple[tuple[str, str, FlightBody | BalancedBody], ...]:
+    return (
+        ("free flight", ORANGE, answer.flight),
+        ("edge contact", BLUE, answer.edges),
+        ("corner contact", GREEN, answer.corners),
+    )
 
 
 def _centres(axes: Axes, answer: CubeAnswer, view: tuple[int, int, str, str]) -> None:
@@ -84,16 +107,20 @@ def _centres(axes: Axes, answer: CubeAnswer, view: tuple[int, int, str, str]) ->
     axes.set_aspect("equal")
     axes.axhline(0, color=MUTED, lw=0.7, ls=(0, (4, 3)))
     axes.axvline(0, color=MUTED, lw=0.7, ls=(0, (4, 3)))
-    for name, colour, body in _ways(answer):
+    for name, colour, body in _methods(answer):
         pair = np.ix_([across, up], [across, up])
         values, vectors = np.linalg.eigh(1e6 * body.covariance[pair])
-        width, height = 2 * SIGMAS95_2D * np.sqrt(np.maximum(values, 0.0))
+        width, height = 2 * SIGMAS_95_2D * np.sqrt(np.maximum(values, 0.0))
         angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
         centre = (1e3 * float(body.com[across]), 1e3 * float(body.com[up]))
-        axes.add_patch(Ellipse(centre, float(width), float(height), angle=angle, fc=colour, ec=colour, alpha=0.28))
+        axes.add_patch(
+            Ellipse(centre, float(width), float(height), angle=angle, fc=colour, ec=colour, alpha=0.28)
+        )
         axes.plot(*centre, ".", color=colour, ms=5, label=name)
     axes.plot(0, 0, "+", color=INK, ms=7, mew=0.9)
-    axes.annotate("middle of the cube", (0, 0), xytext=(5, -10), textcoords="offset points", fontsize=7.5, color=MUTED)
+    axes.annotate(
+        "middle of the cube", (0, 0), xytext=(5, -10), textcoords="offset points", fontsize=7.5, color=MUTED
+    )
     low = -2.0 if name_up == "z" else -reach / 2
     axes.set_xlim(-reach / 2, reach / 2)
     axes.set_ylim(low, low + reach)
@@ -102,14 +129,18 @@ def _centres(axes: Axes, answer: CubeAnswer, view: tuple[int, int, str, str]) ->
 
 
 def _moments(axes: Axes, answer: CubeAnswer) -> None:
-    for number, (name, colour, body) in enumerate((("edges", BLUE, answer.edges), ("corners", GREEN, answer.corners))):
+    for number, (name, colour, body) in enumerate(
+        (("edges", BLUE, answer.edges), ("corners", GREEN, answer.corners))
+    ):
         values, sd = 1e3 * np.diag(body.inertia), 1e3 * np.diag(body.inertia_sd)
         at = np.arange(3) + (number - 0.5) * 0.24
-        axes.errorbar(at, values, 1.96 * sd, fmt="o", ms=4, color=colour, lw=1.3, label=name)
+        axes.errorbar(at, values, SIGMAS_95 * sd, fmt="o", ms=4, color=colour, lw=1.3, label=name)
     solid, hollow = 1e3 * EDGE_M**2 / 6, 1e3 * EDGE_M**2 * 5 / 18
     for level, text in ((solid, "solid cube"), (hollow, "thin shell")):
         axes.axhline(level, color=MUTED, lw=0.8, ls=(0, (4, 3)))
-        axes.annotate(text, (-0.45, level), xytext=(0, 2), textcoords="offset points", fontsize=7.5, color=MUTED)
+        axes.annotate(
+            text, (-0.45, level), xytext=(0, 2), textcoords="offset points", fontsize=7.5, color=MUTED
+        )
     axes.set_xticks(range(3), ["xx", "yy", "zz"])
     axes.set_xlim(-0.5, 2.5)
     axes.set_ylim(1.6, 3.4)
@@ -117,12 +148,12 @@ def _moments(axes: Axes, answer: CubeAnswer) -> None:
 
 
 def _flight(axes: Axes, answer: CubeAnswer) -> None:
-    """How far points of the body are off a parabola in flight: least where c is."""
+    """Draw the deviation of body points from a parabola in flight, which is smallest at c."""
     axes.plot(1e3 * answer.heights, 1e3 * answer.off_parabola, color=ORANGE, lw=1.6)
-    for name, colour, body in _ways(answer):
-        height, half = 1e3 * float(body.com[2]), 1.96e3 * float(body.com_sd[2])
+    for name, colour, body in _methods(answer):
+        height, half = 1e3 * float(body.com[2]), SIGMAS_95 * 1e3 * float(body.com_sd[2])
         axes.axvspan(height - half, height + half, color=colour, alpha=0.16, lw=0)
         axes.axvline(height, color=colour, lw=1.0, label=name)
-    axes.set_title("off a parabola in flight [mm]")
+    axes.set_title("deviation from a parabola in flight [mm]")
     axes.set_xlabel("height of the point in the cube, z [mm]")
     axes.set_ylim(bottom=0)

@@ -1,4 +1,4 @@
-"""The paper's own chain, section 3.2 and 3.3, on what a session's strikes showed: nothing of ours but the edges and theta(t)."""
+"""The paper's own method (3.2, 3.3) on a session's strikes; it shares edges and theta(t) with ours."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PaperAnswer:
-    """Of one strike per axis."""
+    """Result of the paper's method from one strike per axis."""
 
     com: Array
-    """(3,) m, in O"""
+    """Centre of mass (3,) [m] in O."""
     i_edge: dict[str, float]
-    """kg m^2 by axis, eq. (5)"""
+    """Moment of inertia about each edge [kg m^2] by axis id (VISAPP 2013, eq. 5)."""
     left_out: dict[str, float]
-    """by axis: part of stage two's frames that eq. (5) leaves out"""
+    """Fraction of stage two's frames that eq. (5) leaves out, by axis id."""
     regions: PaperRegions | None
-    """None: no border and no I within dI gives three positive masses with the right sum"""
+    """None if no dividing plane and no I within dI gives three positive masses with the right sum."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,11 @@ class _Struck:
 
 
 def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
-    """One answer per round of strikes: the first of every axis, the second of every axis, and so on, as the paper's tables have them.
+    """Results of the paper's method, one per round: the first strikes of all axes, the second, and so on.
 
-    Angles are those of the sign change of the acceleration; strikes that rocked back have none. I is eq. (5)'s, with R to the paper's own
-    centre of mass, which is also what the regions are chosen by.
+    The paper's tables list its results by such rounds. Angles are those of the sign change of the
+    acceleration; strikes that rocked back have none. I follows (VISAPP 2013, eq. 5), with R to the paper's
+    own centre of mass, which also selects the regions.
     """
     by_axis = _by_axis(estimate)
     rounds = min((len(each) for each in by_axis.values()), default=0)
@@ -50,7 +51,7 @@ def paper_answers(estimate: Estimate) -> list[PaperAnswer]:
 
 
 def _by_axis(estimate: Estimate) -> dict[str, list[_Struck]]:
-    """Strikes that tipped over, by axis; axes on which none did are left out."""
+    """Strikes that tipped over, by axis; axes without one are left out."""
     evidence = estimate.evidence
     found: dict[str, list[_Struck]] = {}
     for motion in evidence.motions:
@@ -74,16 +75,21 @@ def _answer(strikes: Sequence[_Struck], estimate: Estimate) -> PaperAnswer:
     return PaperAnswer(com, i_edge, left_out, regions_at(planes, com, i_edge, estimate))
 
 
-def regions_at(planes: Sequence[EquiPlane], com: Array, i_edge: dict[str, float], estimate: Estimate) -> PaperRegions | None:
-    """Eqs. (8), (9) and 3.3.2 for a centre of mass (3,) and moments about the edges [kg m^2]."""
+def regions_at(
+    planes: Sequence[EquiPlane], com: Array, i_edge: dict[str, float], estimate: Estimate
+) -> PaperRegions | None:
+    """Region masses (VISAPP 2013, eqs. 8, 9) from c (3,) [m] and moments about the edges [kg m^2]."""
     return paper_regions(planes, com, i_edge, estimate.scale.mass, estimate.cells) if i_edge else None
 
 
 def refuse_empty(estimate: Estimate, name: str) -> None:
-    """The paper's chain needs a strike that went over.
+    """Refuse a session without a strike that tipped over: the paper's method has no angle then.
 
     Raises:
-        EstimationError: none did.
+        EstimationError: no strike tipped over.
     """
     if not _by_axis(estimate):
-        raise EstimationError(f"{name}: no strike went over its edge, so that the paper's method has no angle: record it again")
+        raise EstimationError(
+            f"{name}: no strike tipped over its edge, so the paper's method has no angle: record the session "
+            "again"
+        )

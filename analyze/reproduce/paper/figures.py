@@ -1,4 +1,4 @@
-"""The paper's figures drawn again: profiles (6), angles and sensitivity (9), scan noise (10), results with scatter (11), pictures (12)."""
+"""Figures 6 and 9 to 12 of the paper, redrawn from the sessions of the reproduction."""
 
 from __future__ import annotations
 
@@ -14,58 +14,55 @@ from analyze.report.plots import PHASE_NAMES
 from analyze.report.style import BLUE, BODY, GREEN, GRID, INK, MUTED, ORANGE, PHASES, RED, SKY, plain, style
 from analyze.reproduce.paper import scores
 from analyze.reproduce.paper.published import OBJECTS, published_centres, published_masses
-from analyze.reproduce.paper.record import Condition, Sensitivity, SessionRecord
+from analyze.reproduce.paper.record import Condition, Profile, Sensitivity, SessionRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-CLOSE_MM = 3.0
-LABELLED = 6
-"""frames that a phase must have for its name to fit"""
-_PHASE_WORDS = {"rest": "rest", "strike": "strike", "stage_one": "stage one", "stage_two": "stage two", "landing": "landing"}
+    from analyze.types import Array
+
+CLOSE_UP_MM = 3.0
+MIN_LABELLED_FRAMES = 6
+"""Least number of frames of a phase whose name fits above it."""
+_PHASE_WORDS = {
+    "rest": "rest",
+    "strike": "strike",
+    "stage_one": "stage one",
+    "stage_two": "stage two",
+    "landing": "landing",
+}
 
 
 def profile_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Fig. 6: theta, omega and acceleration of one strike, the phases as bands; None where no session holds one."""
-    profile = next((record.profile for record in scores.designed(records) if record.profile is not None), None)
+    """Figure 6: theta, omega and alpha of one strike, with its phases; None if no session has a profile."""
+    profile = next(
+        (record.profile for record in scores.designed(records) if record.profile is not None), None
+    )
     if profile is None:
         return None
     seconds = np.array(profile.time_s)
+    acceleration = np.array(profile.acceleration_rad_s2)
     rows = (
         (np.degrees(profile.theta_rad), "θ [°]"),
         (np.array(profile.rate_rad_s), "ω [rad/s]"),
-        (np.array(profile.acceleration_rad_s2), "α [rad/s²]"),
+        (acceleration, "α [rad/s²]"),
     )
-    stage_one, stage_two = profile.phases.get("stage_one"), profile.phases.get("stage_two")
     with style():
         figure = Figure(figsize=(7.4, 5.0), layout="constrained")
         panels = figure.subplots(3, 1, sharex=True)
+        _draw_phases(panels, profile, seconds)
         for axes, (values, label) in zip(panels, rows, strict=True):
-            for name in PHASE_NAMES:
-                if (span := profile.phases.get(name)) is not None:
-                    end = min(span[1], len(seconds) - 1)
-                    axes.axvspan(float(seconds[span[0]]), float(seconds[end]), color=PHASES[name], lw=0, zorder=0)
             axes.plot(seconds, values, "-", color=BLUE, lw=1.1, marker=".", ms=3)
             axes.set_ylabel(label)
-        for name in PHASE_NAMES:
-            if (span := profile.phases.get(name)) is not None and span[1] - span[0] > LABELLED:
-                middle = (float(seconds[span[0]]) + float(seconds[min(span[1], len(seconds) - 1)])) / 2
-                panels[0].annotate(_PHASE_WORDS[name], (middle, 1.02), xycoords=("data", "axes fraction"), ha="center", color=MUTED)
-        for name, label in (("stage_one", "t₁"), ("stage_two", "t₂"), ("landing", "t₃")):
-            if (span := profile.phases.get(name)) is None or span[0] >= len(seconds):
-                continue
-            for axes in panels:
-                axes.axvline(float(seconds[span[0]]), color=INK, lw=0.8)
-            panels[0].annotate(
-                label, (float(seconds[span[0]]), 0.04), xycoords=("data", "axes fraction"), xytext=(3, 0), textcoords="offset points"
-            )
         panels[0].axhline(np.degrees(profile.phi_true_rad), color=RED, lw=0.9, ls=(0, (4, 3)))
-        text = f"φ = {np.degrees(profile.phi_rad):.2f}°, in truth {np.degrees(profile.phi_true_rad):.2f}°"
-        panels[0].annotate(text, (0.01, np.degrees(profile.phi_true_rad)), xycoords=("axes fraction", "data"), color=RED, va="bottom")
+        text = f"φ = {np.degrees(profile.phi_rad):.2f}°, ground truth {np.degrees(profile.phi_true_rad):.2f}°"
+        place = (0.01, np.degrees(profile.phi_true_rad))
+        panels[0].annotate(text, place, xycoords=("axes fraction", "data"), color=RED, va="bottom")
         panels[1].axhline(0, color=MUTED, lw=0.7)
         panels[2].axhline(0, color=MUTED, lw=0.7)
+        stage_one, stage_two = profile.phases.get("stage_one"), profile.phases.get("stage_two")
         if stage_one is not None and stage_two is not None:
-            free = rows[2][0][stage_one[0] + 2 : stage_two[1] - 4]
+            free = acceleration[stage_one[0] + 2 : stage_two[1] - 4]
             reach = 1.6 * float(np.abs(free).max()) if len(free) else 1.0
             panels[2].set_ylim(-reach, reach)
         panels[2].set_xlabel("time since the fit's first frame [s]")
@@ -73,10 +70,42 @@ def profile_figure(records: Sequence[SessionRecord]) -> Figure | None:
     return figure
 
 
+def _draw_phases(panels: Sequence[Axes], profile: Profile, seconds: Array) -> None:
+    """Draw the phases as bands in all panels, their names above, and the times t1 to t3 as lines."""
+    for name in PHASE_NAMES:
+        if (span := profile.phases.get(name)) is None:
+            continue
+        start, end = float(seconds[span[0]]), float(seconds[min(span[1], len(seconds) - 1)])
+        for axes in panels:
+            axes.axvspan(start, end, color=PHASES[name], lw=0, zorder=0)
+        if span[1] - span[0] > MIN_LABELLED_FRAMES:
+            place = ((start + end) / 2, 1.02)
+            panels[0].annotate(
+                _PHASE_WORDS[name], place, xycoords=("data", "axes fraction"), ha="center", color=MUTED
+            )
+    for name, label in (("stage_one", "t₁"), ("stage_two", "t₂"), ("landing", "t₃")):
+        if (span := profile.phases.get(name)) is None or span[0] >= len(seconds):
+            continue
+        start = float(seconds[span[0]])
+        for axes in panels:
+            axes.axvline(start, color=INK, lw=0.8)
+        panels[0].annotate(
+            label,
+            (start, 0.04),
+            xycoords=("data", "axes fraction"),
+            xytext=(3, 0),
+            textcoords="offset points",
+        )
+
+
 def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Fig. 9(a): errors of the equi-plane's angle, strike by strike, on the carton; None without such strikes."""
+    """Figure 9(a): error of the equi-plane's angle for each strike on the carton; None without strikes."""
     angles = [
-        angle for record in scores.designed(records) if record.object == "carton" for angle in record.angles if angle.paper_rad is not None
+        angle
+        for record in scores.designed(records)
+        if record.object == "carton"
+        for angle in record.angles
+        if angle.paper_rad is not None
     ]
     if not angles:
         return None
@@ -85,9 +114,16 @@ def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
     with style():
         figure = Figure(figsize=(7.4, 2.7), layout="constrained")
         axes = figure.subplots()
-        place = np.arange(len(angles))
-        axes.plot(place, paper, "D", color=ORANGE, ms=4, label=f"sign change of the acceleration: sd {paper.std():.3f}°")
-        axes.plot(place, ours, "o", color=BLUE, ms=4, label=f"ours: sd {ours.std():.3f}°")
+        number = np.arange(len(angles))
+        axes.plot(
+            number,
+            paper,
+            "D",
+            color=ORANGE,
+            ms=4,
+            label=f"sign change of the acceleration: sd {paper.std():.3f}°",
+        )
+        axes.plot(number, ours, "o", color=BLUE, ms=4, label=f"ours: sd {ours.std():.3f}°")
         axes.axhline(0, color=MUTED, lw=0.7)
         axes.set_xlabel("strike")
         axes.set_ylabel("error of φ [°]")
@@ -96,7 +132,7 @@ def angles_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Fig. 9(b) and (c): c over the noise of angles, region masses over that of the moments."""
+    """Figure 9(b, c): error of c over angle noise, and of the region masses over noise of the moments."""
     mine = scores.designed(records)
     com = [row for record in mine if record.moment_noise for row in record.angle_noise]
     masses = [row for record in mine for row in record.moment_noise]
@@ -119,15 +155,21 @@ def sensitivity_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Fig. 10: c and region masses over the scan's noise."""
+    """Figure 10: errors of c and of the region masses over the noise of the scan."""
     mine = scores.designed(records)
-    com, masses = [row for r in mine for row in r.scan_noise_com], [row for r in mine for row in r.scan_noise_masses]
+    com, masses = (
+        [row for r in mine for row in r.scan_noise_com],
+        [row for r in mine for row in r.scan_noise_masses],
+    )
     if not com:
         return None
     with style():
         figure = Figure(figsize=(7.4, 3.0), layout="constrained")
         left, right = figure.subplots(1, 2)
-        for axes, rows, scale, label in ((left, com, 1e3, "error of c [mm]"), (right, masses, 100.0, "region masses, paper's metric [%]")):
+        for axes, rows, scale, label in (
+            (left, com, 1e3, "error of c [mm]"),
+            (right, masses, 100.0, "region masses, paper's metric [%]"),
+        ):
             _swept(axes, rows, 1e3, scale)
             axes.set_xlabel("largest shift of a scanned point [mm]")
             axes.set_ylabel(label)
@@ -138,19 +180,24 @@ def scan_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 
 def _swept(axes: Axes, rows: Sequence[Sensitivity], scale_x: float, scale_y: float) -> None:
-    """Median and middle two thirds over level, both methods."""
+    """Draw median and central two thirds over the noise level, for both methods."""
     sides: tuple[tuple[str, str, Callable[[Sensitivity], list[float | None]]], ...] = (
         ("the paper's method", ORANGE, lambda row: row.paper),
         ("ours", BLUE, lambda row: row.ours),
     )
     levels = sorted({row.level for row in rows})
     for name, colour, values_of in sides:
-        values = [[v for row in rows if row.level == level for v in values_of(row) if v is not None] for level in levels]
+        values = [
+            [v for row in rows if row.level == level for v in values_of(row) if v is not None]
+            for level in levels
+        ]
         there = [i for i, each in enumerate(values) if each]
         if not there:
             continue
         x = scale_x * np.array([levels[i] for i in there])
-        low, middle, high = (scale_y * np.array([np.quantile(values[i], q) for i in there]) for q in (1 / 6, 0.5, 5 / 6))
+        low, middle, high = (
+            scale_y * np.array([np.quantile(values[i], q) for i in there]) for q in (1 / 6, 0.5, 5 / 6)
+        )
         axes.fill_between(x, low, high, color=colour, alpha=0.18, lw=0)
         axes.plot(x, middle, "-o", color=colour, ms=3.5, lw=1.3, label=name)
     axes.set_xlim(left=0)
@@ -158,18 +205,30 @@ def _swept(axes: Axes, rows: Sequence[Sensitivity], scale_x: float, scale_y: flo
 
 
 def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Fig. 11: every result of both metrics, with mean and sd; the paper's printed ones beside."""
+    """Figure 11: every result of both metrics with its mean, next to the paper's published results."""
     mine = scores.within_class(scores.designed(records))
     if not mine:
         return None
     centres = [
-        ("printed", MUTED, [1e3 * each.distance_m for each in published_centres()]),
-        ("paper's method", ORANGE, [1e3 * scores.distance(a, r) for a, r in scores.answers(mine, Condition.DRAWN, paper=True)]),
-        ("ours", BLUE, [1e3 * scores.distance(a, r) for a, r in scores.answers(mine, Condition.DRAWN, paper=False)]),
-        ("ours, calibration exact", SKY, [1e3 * scores.distance(a, r) for a, r in scores.answers(mine, Condition.EXACT, paper=False)]),
+        ("published", MUTED, [1e3 * each.distance_m for each in published_centres()]),
+        (
+            "paper's method",
+            ORANGE,
+            [1e3 * scores.distance(a, r) for a, r in scores.answers(mine, Condition.DRAWN, paper=True)],
+        ),
+        (
+            "ours",
+            BLUE,
+            [1e3 * scores.distance(a, r) for a, r in scores.answers(mine, Condition.DRAWN, paper=False)],
+        ),
+        (
+            "ours, calibration exact",
+            SKY,
+            [1e3 * scores.distance(a, r) for a, r in scores.answers(mine, Condition.EXACT, paper=False)],
+        ),
     ]
     masses = [
-        ("printed", MUTED, [100 * each.metric for each in published_masses()]),
+        ("published", MUTED, [100 * each.metric for each in published_masses()]),
         ("paper's method", ORANGE, _metrics(mine, Condition.DRAWN, paper=True)),
         ("ours", BLUE, _metrics(mine, Condition.DRAWN, paper=False)),
         ("ours, calibration exact", SKY, _metrics(mine, Condition.EXACT, paper=False)),
@@ -177,7 +236,9 @@ def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
     rng = np.random.default_rng(0)
     with style():
         figure = Figure(figsize=(7.4, 3.1), layout="constrained")
-        for axes, rows, label in zip(figure.subplots(1, 2), (centres, masses), ("error of c [mm]", "paper's metric [%]"), strict=True):
+        for axes, rows, label in zip(
+            figure.subplots(1, 2), (centres, masses), ("error of c [mm]", "paper's metric [%]"), strict=True
+        ):
             for i, (_, colour, values) in enumerate(rows):
                 if not values:
                     continue
@@ -188,7 +249,9 @@ def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
             axes.set_yscale("log")
             axes.yaxis.set_major_formatter("{x:g}")
             axes.yaxis.set_minor_formatter("")
-            axes.set_xticks(range(len(rows)), [name.replace(" ", "\n", 1).replace(", ", ",\n") for name, *_ in rows])
+            axes.set_xticks(
+                range(len(rows)), [name.replace(" ", "\n", 1).replace(", ", ",\n") for name, *_ in rows]
+            )
             axes.grid(visible=False, axis="x")
             axes.set_xlim(-0.6, len(rows) - 0.2)
             axes.set_ylabel(label)
@@ -197,13 +260,21 @@ def results_figure(records: Sequence[SessionRecord]) -> Figure | None:
 
 def _metrics(records: Sequence[SessionRecord], condition: Condition, *, paper: bool) -> list[float]:
     pairs = scores.answers(records, condition, paper=paper)
-    return [100 * scores.metric(answer.masses_kg, record) for answer, record in pairs if answer.masses_kg is not None]
+    return [
+        100 * scores.metric(answer.masses_kg, record)
+        for answer, record in pairs
+        if answer.masses_kg is not None
+    ]
 
 
 def pictures_figure(records: Sequence[SessionRecord]) -> Figure | None:
-    """Fig. 12: per object the silhouette with true and estimated c, and a slice with the regions as found; border in truth dashed."""
+    """Figure 12: each object's silhouette with true and estimated c, and a slice of estimated regions."""
     mine = scores.designed(records)
-    names = [name for name in (*OBJECTS, *sorted({r.object for r in scores.outside_class(mine)})) if any(r.object == name for r in mine)]
+    names = [
+        name
+        for name in (*OBJECTS, *sorted({r.object for r in scores.outside_class(mine)}))
+        if any(r.object == name for r in mine)
+    ]
     if not names:
         return None
     with style():
@@ -231,7 +302,7 @@ def _picture_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
     for points, mark, colour, size, label in (
         (paper, "D", ORANGE, 2.5, "the paper's method"),
         (ours, "o", BLUE, 2.5, "ours"),
-        (true, "+", RED, 5, "truth, per seed"),
+        (true, "+", RED, 5, "ground truth, each seed"),
     ):
         if points:
             xz = 1e3 * np.array(points)[:, [0, 2]]
@@ -243,17 +314,20 @@ def _picture_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
 
 
 def _errors_of_c(axes: Axes, records: Sequence[SessionRecord]) -> None:
-    """Close up: what is off by more than the frame lies on its edge."""
+    """Draw the errors of c in a close-up; larger errors are clipped to the frame's border."""
     for mark, colour, paper in (("D", ORANGE, True), ("o", BLUE, False)):
-        off = [np.subtract(a.com_m, r.true_com_m)[[0, 2]] for a, r in scores.answers(records, Condition.DRAWN, paper=paper)]
+        off = [
+            np.subtract(a.com_m, r.true_com_m)[[0, 2]]
+            for a, r in scores.answers(records, Condition.DRAWN, paper=paper)
+        ]
         if off:
-            x, z = np.clip(1e3 * np.array(off), -CLOSE_MM, CLOSE_MM).T
+            x, z = np.clip(1e3 * np.array(off), -CLOSE_UP_MM, CLOSE_UP_MM).T
             axes.plot(x, z, mark, color=colour, ms=2.5, mew=0, alpha=0.8)
     axes.plot(0, 0, "+", color=RED, ms=7, mew=1.2)
-    axes.set_xlim(-1.05 * CLOSE_MM, 1.05 * CLOSE_MM)
-    axes.set_ylim(-1.05 * CLOSE_MM, 1.05 * CLOSE_MM)
+    axes.set_xlim(-1.05 * CLOSE_UP_MM, 1.05 * CLOSE_UP_MM)
+    axes.set_ylim(-1.05 * CLOSE_UP_MM, 1.05 * CLOSE_UP_MM)
     axes.set_aspect("equal")
-    axes.set_xlabel("of x [mm]")
+    axes.set_xlabel("error of x [mm]")
 
 
 def _picture_of_regions(axes: Axes, record: SessionRecord) -> None:
@@ -266,12 +340,15 @@ def _picture_of_regions(axes: Axes, record: SessionRecord) -> None:
     points = 1e3 * np.array(section.points_m)
     side = float(np.median(np.diff(np.unique(np.round(points[np.array(section.ours) > 0, 1], 2)))))
     squares = [Rectangle((x - side / 2, z - side / 2), side, side) for x, z in points]
-    colours = np.where(np.not_equal(section.ours, section.true), RED, np.array([MUTED, BLUE, GREEN])[section.ours])
+    colours = np.where(
+        np.not_equal(section.ours, section.true), RED, np.array([MUTED, BLUE, GREEN])[section.ours]
+    )
     axes.add_collection(PatchCollection(squares, facecolor=list(colours), lw=0))
     axes.add_patch(Polygon(1e3 * np.array(section.outline_m), facecolor="none", edgecolor=GRID, lw=0.8))
     masses = record.ours[Condition.EXACT].masses_kg or []
     text = "\n".join(
-        f"{name} {1e3 * found:.1f} ({1e3 * true:.1f})" for name, found, true in zip("SUL", masses, record.true_masses_kg, strict=False)
+        f"{name} {1e3 * found:.1f} ({1e3 * true:.1f})"
+        for name, found, true in zip("SUL", masses, record.true_masses_kg, strict=False)
     )
     axes.set_xlabel(text, fontsize=8)
     axes.margins(0.06)

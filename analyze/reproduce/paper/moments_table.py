@@ -1,4 +1,4 @@
-"""The paper's moments about the edges: eq. (5), its corrected I of 3.3.2 and the frames it leaves out, beside ours and the truth."""
+"""Moments about the edges by the paper's eq. (5), by its corrected I (3.3.2) and by ours."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from analyze.reproduce.paper.tables import Column, Table, Value, objects_of
 
 
 def moments_table(records: Sequence[SessionRecord]) -> Table:
-    """One row per object and axis; calibration as it is."""
+    """Table of moments with one row per object and axis, with exact calibration."""
     ours = scores.designed(records)
     rows: list[tuple[Value, ...]] = []
     for name in objects_of(ours):
@@ -25,27 +25,34 @@ def moments_table(records: Sequence[SessionRecord]) -> Table:
         (
             Column("object"),
             Column("axis"),
-            Column("in truth, median [g m²]", 3),
+            Column("ground truth, median [g m²]", 3),
             Column("the paper's results"),
             Column("without I"),
-            Column("eq. (5): off, median [%]", 1),
+            Column("eq. (5): error, median [%]", 1),
             Column("worst [%]", 1),
             Column("frames left out [%]", 0),
-            Column("corrected I: off, median [%]", 1),
+            Column("corrected I: error, median [%]", 1),
             Column("worst, corrected [%]", 1),
-            Column("ours: off, median [%]", 2),
+            Column("ours: error, median [%]", 2),
             Column("worst, ours [%]", 2),
         ),
         tuple(rows),
-        "Eq. (5) is a mean over stage two of m g R sin(θ − φ) / α, R to the paper's own c; left out are frames within 5° of the balance, "
-        "where it is 0/0, and those whose α is not positive. Without I: fewer than twelve frames between balance and landing. Corrected I "
-        "(3.3.2): of the moments within 5 % of it the one whose region masses come closest to c; “–” where none gives positive masses.",
+        "Eq. (5) is the mean over stage two of m g R sin(θ − φ) / α, with R to the paper's own c. It leaves "
+        "out frames within 5° of the balance, where it is 0/0, and frames whose α is not positive. Without "
+        "I: fewer than twelve frames lie between balance and landing. Corrected I (3.3.2): the moment within "
+        "5 % of eq. (5)'s whose region masses have their centre of mass closest to c; “–” if none gives "
+        "positive masses.",
     )
 
 
 def _row(name: str, axis_id: str, records: Sequence[SessionRecord]) -> tuple[Value, ...]:
     mine = _of_axis([record.ours[Condition.EXACT].moments for record in records], axis_id)
-    rounds = [answer for record in records if _struck(record, axis_id) for answer in record.paper.get(Condition.EXACT, [])]
+    rounds = [
+        answer
+        for record in records
+        if _struck(record, axis_id)
+        for answer in record.paper.get(Condition.EXACT, [])
+    ]
     paper = _of_axis([answer.moments for answer in rounds], axis_id)
     true = [axis.i_edge_kg_m2 for axis in mine if axis.i_edge_kg_m2 is not None]
     left_out = [axis.left_out for axis in paper if axis.left_out is not None]
@@ -71,7 +78,7 @@ def _of_axis(answers: Sequence[Sequence[AxisMoment]], axis_id: str) -> list[Axis
 
 
 def _median_and_worst(off: Sequence[float]) -> tuple[float | None, float | None]:
-    """Of the absolute values [%]."""
+    """Median and maximum of the absolute values [%]; (None, None) without values."""
     if not off:
         return None, None
     return 100 * float(np.median(np.abs(off))), 100 * float(np.max(np.abs(off)))

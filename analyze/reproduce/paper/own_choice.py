@@ -1,4 +1,4 @@
-"""The paper's own choice of strikes (3.1.3): whether its three axes determine a centre of mass at all, with angles that have no error."""
+"""Centre of mass from the paper's own choice of three strikes (3.1.3), given angles without error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.paper import paper_centre_of_mass
 from analyze.estimation.stated import ComPrior
 from analyze.pipeline.estimate import systematic_errors
-from analyze.pipeline.score import tip_truth
+from analyze.result.score import tip_truth
 from analyze.planning.design import SINGULAR
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
@@ -34,11 +34,11 @@ ANGLE_SD = math.radians(0.05)
 
 
 def own_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
-    """What the paper's plan for the object comes to.
+    """Centre of mass from the strikes that the paper's planner chooses, with exact angles.
 
     Args:
-        estimate: of the session: shape, stated errors, cells.
-        body: the truth, which gives the angles.
+        estimate: result of the session, for its shape, stated errors and cells.
+        body: ground truth, from which the angles are computed.
     """
     evidence = estimate.evidence
     prepared = prepare(evidence.model, evidence.spec, Bench(StrikerModel(), default_camera(), FRICTION))
@@ -46,7 +46,9 @@ def own_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
         plan = paper_strike_plan(prepared, evidence.object_sha256, STRIKES)
     except PlanError as error:
         return OwnChoice(refused=str(error).partition(": ")[2])
-    planes = [_seen(strike, body) for strike in {strike.axis_id: strike for strike in plan.strikes}.values()]
+    planes = [
+        _exact_plane(strike, body) for strike in {strike.axis_id: strike for strike in plan.strikes}.values()
+    ]
     true = np.array(body.com_object)
     low, high = evidence.model.bounds
     ours = centre_of_mass(planes, systematic_errors(evidence), ComPrior.from_bounds(low, high))
@@ -64,7 +66,7 @@ def own_choice(estimate: Estimate, body: pb.TruthBody) -> OwnChoice:
     )
 
 
-def _seen(strike: PlannedStrike, body: pb.TruthBody) -> EquiPlane:
+def _exact_plane(strike: PlannedStrike, body: pb.TruthBody) -> EquiPlane:
     covariance = np.diag([ANGLE_SD**2, 0.0])
     fit = MotionFit("", tip_truth(strike, body).phi, None, covariance, 0.0, 0.0, 0, 0.0, (0, 0), np.zeros(0))
     return equiplane_from_fit(strike.id, strike, fit)

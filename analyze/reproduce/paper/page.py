@@ -1,4 +1,4 @@
-"""`analyze reproduce paper`'s page: tables and figures in one HTML file, and each as a CSV file beside it."""
+"""HTML page of `analyze reproduce paper` with all tables and figures, and their data as CSV files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ from analyze.output_file import write_text
 from analyze.report.csv_table import csv_text
 from analyze.report.page import drawn, page_environment
 from analyze.reproduce.paper import scores
-from analyze.reproduce.paper.figures import angles_figure, pictures_figure, profile_figure, results_figure, scan_figure, sensitivity_figure
+from analyze.reproduce.paper.figures import (
+    angles_figure,
+    pictures_figure,
+    profile_figure,
+    results_figure,
+    scan_figure,
+    sensitivity_figure,
+)
 from analyze.reproduce.paper.moments_table import moments_table
 from analyze.reproduce.paper.published import published_centres, published_masses
 from analyze.reproduce.paper.record import SessionRecord
@@ -37,43 +44,52 @@ _FIGURES: tuple[tuple[Callable[[Sequence[SessionRecord]], Figure | None], str, s
         profile_figure,
         "Fig. 6: profile of one strike",
         (
-            "Angle, rate and acceleration of a carton's tip; derivatives are plain differences over five frames, which is what the "
-            "sign change is read from. The dashed line is the truth. t1: the striker has let go; t2: the balance; t3: the next face lands."
+            "Angle θ, rate ω and acceleration α of a tipping carton. Derivatives are plain differences over "
+            "five frames; the sign change of α is found in them. Dashed line: ground truth. t1: the striker "
+            "has let go; t2: balance; t3: the next face lands."
         ),
     ),
     (
         angles_figure,
         "Fig. 9(a): angles of the equi-planes",
-        "Every strike on the carton that went over, all seeds. The paper's scatter was 1.85°, worst about 4°.",
+        (
+            "Error of φ for every strike that tipped the carton over, all seeds. The paper's scatter was "
+            "1.85°, its worst error about 4°."
+        ),
     ),
     (
         sensitivity_figure,
         "Fig. 9(b, c): sensitivity",
         (
-            "Noise put on true angles and on true moments about the edges; lines are medians, bands the middle two thirds. The dotted "
-            "line is the paper's own noise."
+            "Errors after noise is added to the true angles and to the true moments about the edges. Lines "
+            "are medians, bands the central two thirds. The dotted line marks the paper's own noise."
         ),
     ),
     (
         scan_figure,
         "Fig. 10: noise of the scan",
         (
-            "20 000 points of the carton, each moved by up to so much in any direction; the body and its edges are what is made of "
-            "them, the strikes are the same. The paper's method stands on our edges."
+            "The carton is replaced by a scan of 20 000 points, each shifted in a random direction by up to "
+            "the given distance; the shape and its edges are fitted to these points. The strikes are the "
+            "same. The paper's method uses our edges."
         ),
     ),
     (
         results_figure,
         "Fig. 11: all results",
-        "One dot per result, the line is the mean. Printed: the paper's own nine. The two in the middle are with calibration errors drawn.",
+        (
+            "One dot per result; the line is the mean. Published: the paper's own nine. The two columns in "
+            "the middle have calibration errors drawn."
+        ),
     ),
     (
         pictures_figure,
-        "Fig. 12: where it is",
+        "Fig. 12: centres of mass and regions",
         (
-            "Above: centres of mass seen along y, all seeds, calibration errors drawn; below that the same as errors, close up. At the "
-            "foot a slice through c of the first seed: wall grey, upper blue, lower green, red where the truth says otherwise; masses in g "
-            "of surface (S), upper (U) and lower (L), in brackets the truth."
+            "Top: centres of mass seen along y, all seeds, calibration errors drawn. Middle: a close-up of "
+            "their errors. Bottom: a slice through c for the first seed, with the shell grey, the upper part "
+            "blue, the lower part green, and red where the ground truth differs. Masses in g of shell (S), "
+            "upper (U) and lower (L) part; ground truth in brackets."
         ),
     ),
 )
@@ -89,7 +105,9 @@ def write_page(records: Sequence[SessionRecord], folder: Path) -> Path:
     if (moments := moments_table(records)).rows:
         tables.insert(3, moments)
     for table in tables:
-        write_text(folder / f"{table.name}.csv", csv_text([column.name for column in table.columns], table.rows))
+        write_text(
+            folder / f"{table.name}.csv", csv_text([column.name for column in table.columns], table.rows)
+        )
     for name, headings, rows in _series(records):
         write_text(folder / f"{name}.csv", csv_text(headings, rows))
     write_text(folder / PAGE, render_page(records, tables))
@@ -105,16 +123,21 @@ def render_page(records: Sequence[SessionRecord], tables: Sequence[Table]) -> st
     return environment.get_template("paper.html").render(
         lead=summary(records),
         missed=missed(records),
-        sources=[f"{count} × {source}" for source, count in sorted(Counter(record.source.value for record in records).items())],
+        sources=[
+            f"{count} × {source}"
+            for source, count in sorted(Counter(record.source.value for record in records).items())
+        ],
         seeds=len({record.seed for record in ours}),
         sessions=len(records),
         tables=tables,
-        figures=[_Drawn(title, caption, drawn(figure)) for figure, title, caption in figures if figure is not None],
+        figures=[
+            _Drawn(title, caption, drawn(figure)) for figure, title, caption in figures if figure is not None
+        ],
     )
 
 
 def summary(records: Sequence[SessionRecord]) -> str:
-    """In two sentences."""
+    """Summary in two sentences: the errors reached, and the targets missed."""
     lines = {each.quantity: each for each in targets(records)}
     not_reached = [each.quantity for each in lines.values() if each.verdict == "missed"]
     exact = next(each for name, each in lines.items() if "calibration exact" in name)
@@ -123,25 +146,46 @@ def summary(records: Sequence[SessionRecord]) -> str:
     if not len(exact.values):
         return "No session on the paper's objects yet."
     text = (
-        f"Centre of mass {np.median(exact.values):.2f} mm from the truth (median of {len(exact.values)} sessions; "
-        f"{np.median(drawn.values):.2f} mm with calibration errors drawn), where the paper printed 12.5 mm; "
-        f"region masses off by {np.median(masses.values):.1f} %, where it printed 11.5 %."
+        f"The centre of mass is off by {np.median(exact.values):.2f} mm (median of {len(exact.values)} "
+        f"sessions; {np.median(drawn.values):.2f} mm with calibration errors drawn); the paper reported 12.5 "
+        f"mm. The region masses are off by {np.median(masses.values):.1f} %; the paper reported 11.5 %."
     )
-    return f"{text} Missed: {'; '.join(not_reached)}." if not_reached else f"{text} No target is missed."
+    return (
+        f"{text} Targets missed: {'; '.join(not_reached)}." if not_reached else f"{text} No target is missed."
+    )
 
 
 def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequence[Sequence[Value]]]]:
-    """What the figures are drawn from."""
+    """Data of the figures as (file name, headings, rows)."""
     mine = scores.designed(records)
     found: list[tuple[str, list[str], Sequence[Sequence[Value]]]] = []
     profile = next((record.profile for record in mine if record.profile is not None), None)
     if profile is not None:
-        rows = list(zip(profile.time_s, profile.theta_rad, profile.rate_rad_s, profile.acceleration_rad_s2, strict=True))
+        rows = list(
+            zip(
+                profile.time_s,
+                profile.theta_rad,
+                profile.rate_rad_s,
+                profile.acceleration_rad_s2,
+                strict=True,
+            )
+        )
         found.append(("fig6", ["time [s]", "theta [rad]", "rate [rad/s]", "acceleration [rad/s2]"], rows))
     angles = [
-        (r.object, r.seed, a.axis_id, a.strike_id, a.true_rad, a.ours_rad, a.ours_sd_rad, a.paper_rad) for r in mine for a in r.angles
+        (r.object, r.seed, a.axis_id, a.strike_id, a.true_rad, a.ours_rad, a.ours_sd_rad, a.paper_rad)
+        for r in mine
+        for a in r.angles
     ]
-    headings = ["object", "seed", "axis", "strike", "true phi [rad]", "ours [rad]", "sd [rad]", "sign change [rad]"]
+    headings = [
+        "object",
+        "seed",
+        "axis",
+        "strike",
+        "true phi [rad]",
+        "ours [rad]",
+        "sd [rad]",
+        "sign change [rad]",
+    ]
     found.append(("fig9a", headings, list(angles)))
     for name, level, value, rows_of in (
         ("fig9b", "noise of the angles [deg]", "error of c [m]", lambda r: r.angle_noise),
@@ -156,30 +200,58 @@ def _series(records: Sequence[SessionRecord]) -> list[tuple[str, list[str], Sequ
             for ours, paper in zip(row.ours, row.paper, strict=True)
         ]
         if rows:
-            found.append((name, ["object", "seed", level, f"{value}, ours", f"{value}, paper's method"], list(rows)))
+            found.append(
+                (name, ["object", "seed", level, f"{value}, ours", f"{value}, paper's method"], list(rows))
+            )
     points = [
-        (r.object, r.seed, condition.value, whose, *answer.com_m, *r.true_com_m)
+        (r.object, r.seed, condition.value, method, *answer.com_m, *r.true_com_m)
         for r in mine
         for condition in r.ours
-        for whose, answers in (("ours", [r.ours[condition]]), ("paper", r.paper.get(condition, [])))
+        for method, answers in (("ours", [r.ours[condition]]), ("paper", r.paper.get(condition, [])))
         for answer in answers
     ]
-    found.append(("fig11", ["object", "seed", "calibration", "whose", "error of c [m]", "paper's metric"], _results(mine)))
+    found.append(
+        (
+            "fig11",
+            ["object", "seed", "calibration", "method", "error of c [m]", "paper's metric"],
+            _results(mine),
+        )
+    )
     axes = ["x [m]", "y [m]", "z [m]"]
-    found.append(("fig12", ["object", "seed", "calibration", "whose", *axes, *(f"true {name}" for name in axes)], list(points)))
+    found.append(
+        (
+            "fig12",
+            ["object", "seed", "calibration", "method", *axes, *(f"true {name}" for name in axes)],
+            list(points),
+        )
+    )
     return found
 
 
 def _results(records: Sequence[SessionRecord]) -> list[tuple[Value, ...]]:
-    """Every dot of Fig. 11, and the paper's printed ones: its tables of c and of masses each have their own."""
-    rows: list[tuple[Value, ...]] = [(each.object, None, None, "printed", each.distance_m, None) for each in published_centres()]
-    rows += [(each.object, None, None, "printed", None, each.metric) for each in published_masses()]
+    """Rows of all dots of Fig. 11; the published results of c and of masses are separate rows."""
+    rows: list[tuple[Value, ...]] = [
+        (each.object, None, None, "published", each.distance_m, None) for each in published_centres()
+    ]
+    rows += [(each.object, None, None, "published", None, each.metric) for each in published_masses()]
     for record in scores.within_class(records):
         for condition in record.ours:
-            for whose, answers in (("ours", [record.ours[condition]]), ("paper", record.paper.get(condition, []))):
+            for method, answers in (
+                ("ours", [record.ours[condition]]),
+                ("paper", record.paper.get(condition, [])),
+            ):
                 for answer in answers:
                     metric = None if answer.masses_kg is None else scores.metric(answer.masses_kg, record)
-                    rows.append((record.object, record.seed, condition.value, whose, scores.distance(answer, record), metric))
+                    rows.append(
+                        (
+                            record.object,
+                            record.seed,
+                            condition.value,
+                            method,
+                            scores.distance(answer, record),
+                            metric,
+                        )
+                    )
     return rows
 
 

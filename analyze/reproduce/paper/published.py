@@ -1,4 +1,4 @@
-"""What the paper printed: Tables 1 and 2, scored by what is printed, not by its own columns (those do not all follow from it)."""
+"""Tables 1 and 2 as published, scored anew: some of its error columns do not follow from its values."""
 
 from __future__ import annotations
 
@@ -10,32 +10,39 @@ from importlib import resources
 
 import numpy as np
 
-OBJECTS = {"carton": "square carton box", "spray": "spray bottle", "juice": "juice bottle", "salt": "salt cylinder"}
-"""the paper's four by the names of their likenesses; its tables have no rows for the box"""
+OBJECTS = {
+    "carton": "square carton box",
+    "spray": "spray bottle",
+    "juice": "juice bottle",
+    "salt": "salt cylinder",
+}
+"""The paper's four objects by the names of their virtual counterparts; the paper's tables have no rows for
+the box."""
 VOLUME_MM3 = {"spray": 812_592.0, "juice": 862_704.0, "salt": 596_590.0}
-"""the last as its err % column implies: the printed one is the juice bottle's"""
+"""Volumes; the salt cylinder's follows from its err % column, because the published one is the juice
+bottle's."""
 
 
 @dataclass(frozen=True)
 class PublishedCentre:
-    """A result of Table 1."""
+    """One result of Table 1."""
 
     object: str
     distance_m: float
-    """from its coordinates"""
+    """Distance [m] from the reference, computed from the coordinates."""
     volume_ratio: float
-    """sphere of that radius over the object's volume"""
+    """Volume of the sphere of that radius, over the object's volume."""
 
 
 @dataclass(frozen=True)
 class PublishedMasses:
-    """A result of Table 2."""
+    """One result of Table 2."""
 
     object: str
     metric: float
-    """mean over the regions of |dm| / M"""
+    """Mean over the regions of |dm| / M."""
     misplaced: float
-    """sum of |dm| / 2M"""
+    """Sum over the regions of |dm| / 2M."""
 
 
 def published_centres() -> list[PublishedCentre]:
@@ -47,7 +54,7 @@ def published_centres() -> list[PublishedCentre]:
         if row["row"] == "reference":
             reference = place
             continue
-        name = _ours(row["object"])
+        name = _own_name(row["object"])
         distance = float(np.linalg.norm(place - reference))
         found.append(PublishedCentre(name, distance / 1000, volume_ratio(distance, VOLUME_MM3[name])))
     return found
@@ -58,21 +65,26 @@ def published_masses() -> list[PublishedMasses]:
     found: list[PublishedMasses] = []
     reference = np.zeros(3)
     for row in _rows("table2_mass_distribution.csv"):
-        masses, total = np.array([float(row[name]) for name in ("surface_g", "top_g", "bottom_g")]), float(row["total_mass_g"])
+        masses, total = (
+            np.array([float(row[name]) for name in ("surface_g", "top_g", "bottom_g")]),
+            float(row["total_mass_g"]),
+        )
         if row["row"] == "reference":
             reference = masses
             continue
         off = np.abs(masses - reference)
-        found.append(PublishedMasses(_ours(row["object"]), float(off.mean() / total), float(off.sum() / 2 / total)))
+        found.append(
+            PublishedMasses(_own_name(row["object"]), float(off.mean() / total), float(off.sum() / 2 / total))
+        )
     return found
 
 
 def volume_ratio(distance: float, volume: float) -> float:
-    """The paper's metric of c: sphere of radius `distance` over the object's `volume`, in the same unit of length."""
+    """The paper's metric of c: volume of a sphere of radius `distance` over `volume`, in one unit."""
     return 4 / 3 * np.pi * distance**3 / volume
 
 
-def _ours(name: str) -> str:
+def _own_name(name: str) -> str:
     return next(key for key, printed in OBJECTS.items() if printed == name)
 
 

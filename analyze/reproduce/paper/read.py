@@ -1,4 +1,4 @@
-"""A recording of the virtual rig read for the reproduction: what its strikes showed, and apart from it the truth."""
+"""Reading of a virtual rig's recording, with the ground truth kept separate from the evidence."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analyze.pipeline.evidence import read_evidence, read_head
-from analyze.pipeline.score import refuse_without_truth
+from analyze.result.score import refuse_without_truth
 from analyze.reading.recording import read_truth
 from analyze.reproduce.paper.record import SessionRecord, Source
 from analyze.reproduce.paper.session import session_record
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def read_session(path: Path, progress: Progress | None = None) -> SessionRecord:
-    """What one recording gives.
+    """Analyse one recording into the record that tables and figures are made from.
 
     Raises:
-        RecordingError: it cannot be read, or holds no truth.
+        RecordingError: the recording cannot be read, or holds no ground truth.
         EstimationError: too few good strikes.
     """
     head = read_head(path)

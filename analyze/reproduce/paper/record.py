@@ -1,4 +1,4 @@
-"""What one session gives to the tables and figures, as a file: so that its recording, a gigabyte of images, need not be kept."""
+"""Results of one session as a small file, kept in place of a recording of a gigabyte of images."""
 
 from __future__ import annotations
 
@@ -17,37 +17,44 @@ if TYPE_CHECKING:
 
 
 class Condition(enum.StrEnum):
-    """What is known of the rig."""
+    """Calibration under which a session is analysed."""
 
     EXACT = "exact"
-    """calibration as it is"""
+    """The rig's calibration as recorded."""
     DRAWN = "drawn"
-    """calibration errors drawn, and stated: see miscalibrated.py"""
+    """Calibration errors drawn, and their sd stated: see miscalibrated.py."""
 
 
 class Source(enum.StrEnum):
-    """Where theta(t) comes from."""
+    """Origin of theta(t)."""
 
     IMAGES = "images"
     SIMULATED = "simulated theta(t)"
 
 
 class AxisMoment(Document):
-    """Moments of one pivot axis."""
+    """Errors of the moments of inertia of one pivot axis."""
 
     axis_id: str
-    distance_m: float = Field(description="R, in truth")
+    distance_m: float = Field(description="R, ground truth")
     i_edge_off: float = Field(description="relative error")
-    i_edge_sd: float = Field(description="relative, as stated")
+    i_edge_sd: float = Field(description="relative, as estimated")
     i_com_off: float
     i_com_sd: float
-    i_edge_kg_m2: float | None = Field(default=None, description="in truth")
-    corrected_off: float | None = Field(default=None, description="relative error of the paper's corrected moment about the edge (3.3.2)")
-    left_out: float | None = Field(default=None, description="part of stage two's frames that eq. (5) leaves out")
+    i_edge_kg_m2: float | None = Field(default=None, description="ground truth")
+    corrected_off: float | None = Field(
+        default=None, description="relative error of the paper's corrected I about the edge (3.3.2)"
+    )
+    left_out: float | None = Field(
+        default=None, description="fraction of stage two's frames that eq. (5) leaves out"
+    )
 
 
 class Answer(Document):
-    """What one method says under one condition. Region masses: surface, upper, lower; upper is the truth's side of its border."""
+    """Estimates of one method under one condition; region masses are those of shell, upper and lower part.
+
+    Upper is the side that is called so in the ground truth.
+    """
 
     com_m: Vector3
     com_covariance_m2: Matrix3 | None = None
@@ -59,7 +66,7 @@ class Answer(Document):
 
 
 class Angle(Document):
-    """Angle of one strike's equi-plane."""
+    """Angle phi of one strike's equi-plane, ground truth and estimates."""
 
     axis_id: str
     strike_id: str
@@ -71,7 +78,7 @@ class Angle(Document):
 
 
 class Sensitivity(Document):
-    """Error of results over error of an input."""
+    """Errors of a result at one level of an input's error."""
 
     level: float = Field(description="degrees, relative, or metres")
     ours: list[float | None]
@@ -91,7 +98,7 @@ class Profile(Document):
 
 
 class Section(Document):
-    """Silhouette, and the regions in a slice through c (paper, Fig. 12): x and z of O."""
+    """Silhouette, and the regions in a slice through c, in x and z of O (paper, Fig. 12)."""
 
     outline_m: list[tuple[float, float]]
     points_m: list[tuple[float, float]]
@@ -100,13 +107,19 @@ class Section(Document):
 
 
 class OwnChoice(Document):
-    """What the paper's own three strikes would tell, angles without error."""
+    """Centre of mass from the paper's own three strikes, given angles without error."""
 
-    refused: str | None = Field(default=None, description="why there are none")
+    refused: str | None = Field(
+        default=None, description="reason why the paper's planner has no strikes; null if it has"
+    )
     axes: int = 0
-    spread: float = Field(default=0.0, description="least singular value of the unit normals over the root of their number")
-    open_direction: Vector3 | None = Field(default=None, description="unit, in O: along it nothing is told")
-    friction_needed: float = Field(default=0.0, description="so that no edge slides")
+    spread: float = Field(
+        default=0.0, description="least singular value of the unit normals, over the root of their number"
+    )
+    open_direction: Vector3 | None = Field(
+        default=None, description="unit vector in O along which c is not observable; null if there is none"
+    )
+    friction_needed: float = Field(default=0.0, description="least friction coefficient without sliding")
     paper_off_m: float | None = None
     ours_off_m: float | None = None
     ours_sd_m: float | None = None
@@ -114,7 +127,7 @@ class OwnChoice(Document):
 
 
 class SessionRecord(Document):
-    """One session on one object."""
+    """Ground truth and estimates of one session on one object."""
 
     object: str
     seed: int
@@ -122,46 +135,56 @@ class SessionRecord(Document):
     method: PlanMethod
     strikes: int
     axes: int
-    singular: bool = Field(description="the set leaves a direction of c open")
+    singular: bool = Field(description="true if a direction of c is not observable")
     mass_kg: float
     volume_m3: float
     centroid_m: Vector3
     true_com_m: Vector3
     true_masses_kg: Vector3
-    cpu_s: float = Field(description="from phi and k to all results, one core")
+    cpu_s: float = Field(description="CPU time from phi and k to all results, one core")
     angles: list[Angle]
     ours: dict[Condition, Answer]
-    paper: dict[Condition, list[Answer]] = Field(description="one answer per round of strikes, as in the paper's tables")
-    naive_kg: dict[str, Vector3] = Field(description="region masses, with the border that was found")
+    paper: dict[Condition, list[Answer]] = Field(
+        description="one answer per round of strikes, as in the paper's tables"
+    )
+    naive_kg: dict[str, Vector3] = Field(description="naive region masses, with the estimated dividing plane")
     angle_noise: list[Sensitivity] = Field(default=[], description="c [m] over noise of the angles [deg]")
-    moment_noise: list[Sensitivity] = Field(default=[], description="region masses' metric over relative errors of I and c")
+    moment_noise: list[Sensitivity] = Field(
+        default=[], description="region masses' metric over relative errors of I and c"
+    )
     scan_noise_com: list[Sensitivity] = Field(default=[], description="c [m] over scan noise [m]")
-    scan_noise_masses: list[Sensitivity] = Field(default=[], description="region masses' metric over scan noise [m]")
+    scan_noise_masses: list[Sensitivity] = Field(
+        default=[], description="region masses' metric over scan noise [m]"
+    )
     own_choice: OwnChoice | None = None
     profile: Profile | None = None
     section: Section | None = None
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """Name of the record's file, without suffix."""
         planned = "" if self.method is PlanMethod.OURS else "-paper"
         return f"{self.object}{planned}-{self.seed}{'' if self.source is Source.IMAGES else '-simulated'}"
 
 
 def read_records(folder: Path) -> list[SessionRecord]:
-    """All sessions in a folder, by name.
+    """Read all session records of a folder, in the order of their file names.
 
     Raises:
-        RecordingError: a file is no such session.
+        RecordingError: a file is not a session record.
     """
     found: list[SessionRecord] = []
     for path in sorted(folder.glob("*.json")):
         try:
             data = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise RecordingError(f"{path}: cannot be read ({error}): remove it, and analyse its recording again") from None
+            raise RecordingError(
+                f"{path}: cannot be read ({error}): remove the file and analyse its recording again"
+            ) from None
         try:
-            found.append(validate(SessionRecord, data, str(path), "remove it, and analyse its recording again"))
+            found.append(
+                validate(SessionRecord, data, str(path), "remove the file and analyse its recording again")
+            )
         except DocumentError as error:
             raise RecordingError(str(error)) from None
     return found

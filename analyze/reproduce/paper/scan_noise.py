@@ -1,4 +1,4 @@
-"""The same strikes with a noisy scan in place of the shape (paper, Fig. 10): other edges, another body, the angles as they were."""
+"""The strikes of a session with a noisy scan in place of the shape, and the same angles (Fig. 10)."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 LEVELS_M = (1e-4, 1e-3, 2e-3, 5e-3, 1e-2, 1.5e-2)
 POINTS = 20_000
-SAME = np.cos(np.radians(15.0))
-"""of direction and face, from which an edge of the scan is taken for the one that was struck"""
+SAME_EDGE_COSINE = np.cos(np.radians(15.0))
+"""Least cosine, of both direction and face normal, for a scanned edge to count as the struck one."""
 
 
 def over_scan_noise(
@@ -37,13 +37,14 @@ def over_scan_noise(
 ) -> tuple[list[Sensitivity], list[Sensitivity]]:
     """Error of c [m] and metric of the region masses, each over the largest shift [m] of a scanned point.
 
-    Ours, and the paper's method on our edges. None where the scan has no such edge, or too few strikes are left.
+    Both for our method and for the paper's method on our edges. An entry is None if the scan has no such
+    edge, or too few strikes are left.
 
     Args:
-        evidence: of the session.
-        body: the truth.
-        levels: m; every point is moved by up to so much in any direction.
-        rng: draws points and shifts.
+        evidence: strikes of the session.
+        body: ground truth.
+        levels: largest shifts [m]; each point is moved by up to this distance in a random direction.
+        rng: generator that draws points and shifts.
     """
     com, masses = [], []
     for level in levels:
@@ -53,8 +54,10 @@ def over_scan_noise(
     return com, masses
 
 
-def _scored(evidence: Evidence | None, body: pb.TruthBody) -> tuple[tuple[float | None, float | None], tuple[float | None, float | None]]:
-    """((c ours, paper), (masses ours, paper))."""
+def _scored(
+    evidence: Evidence | None, body: pb.TruthBody
+) -> tuple[tuple[float | None, float | None], tuple[float | None, float | None]]:
+    """Errors of c [m] and metrics of the region masses, each as (ours, paper); None without an estimate."""
     try:
         estimate = None if evidence is None else estimate_evidence(evidence)
     except AnalyzeError:
@@ -66,10 +69,15 @@ def _scored(evidence: Evidence | None, body: pb.TruthBody) -> tuple[tuple[float 
     paper = paper_answers(estimate)[:1]
     regions = paper[0].regions if paper else None
     return (
-        (float(np.linalg.norm(estimate.com.position - true)), float(np.linalg.norm(paper[0].com - true)) if paper else None),
         (
-            metric(sided(ours.masses, ours.border_normal, body), body),
-            None if regions is None else metric(sided(regions.masses, regions.border_normal, body), body),
+            float(np.linalg.norm(estimate.com.position - true)),
+            float(np.linalg.norm(paper[0].com - true)) if paper else None,
+        ),
+        (
+            metric(sided(ours.masses, ours.dividing_plane_normal, body), body),
+            None
+            if regions is None
+            else metric(sided(regions.masses, regions.dividing_plane_normal, body), body),
         ),
     )
 
@@ -83,15 +91,21 @@ def _scanned(evidence: Evidence, noise: float, rng: np.random.Generator) -> Evid
         axes = pivot_axes(model, spec, resting_planes(model), hypothesis(model))
     except AnalyzeError:
         return None
-    found = {strike.id: _on(axes, strike) for strike in evidence.plan.strikes}
+    found = {strike.id: _on_scanned_edge(axes, strike) for strike in evidence.plan.strikes}
     kept = [strike for strike in found.values() if strike is not None]
     names = {strike.id for strike in kept}
     motions = tuple(motion for motion in evidence.motions if motion.plan_strike_id in names)
-    return replace(evidence, spec=spec, model=model, plan=evidence.plan.model_copy(update={"strikes": kept}), motions=motions)
+    return replace(
+        evidence,
+        spec=spec,
+        model=model,
+        plan=evidence.plan.model_copy(update={"strikes": kept}),
+        motions=motions,
+    )
 
 
 def noisy_cloud(model: ObjectModel, noise: float, rng: np.random.Generator) -> Array:
-    """Points (n, 3) m spread evenly over the surface, each moved by up to `noise` [m] in any direction."""
+    """Points (n, 3) [m] uniform over the surface, each moved by up to `noise` [m] in a random direction."""
     corners = model.vertices[model.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     chosen = corners[rng.choice(len(corners), POINTS, p=area / area.sum())]
@@ -102,11 +116,11 @@ def noisy_cloud(model: ObjectModel, noise: float, rng: np.random.Generator) -> A
     return on_surface + direction * rng.uniform(0, noise, (POINTS, 1))
 
 
-def _on(axes: Sequence[PivotAxis], strike: PlannedStrike) -> PlannedStrike | None:
-    """The strike about the scan's edge; None where it has no such edge."""
+def _on_scanned_edge(axes: Sequence[PivotAxis], strike: PlannedStrike) -> PlannedStrike | None:
+    """The strike with the scan's edge for its pivot; None if the scan has no such edge."""
     R = np.array(strike.R_world_object)
     point = np.array(strike.pivot.point)
-    alike = [axis for axis in axes if min(axis.direction @ R[1], axis.plane.up @ R[2]) > SAME]
+    alike = [axis for axis in axes if min(axis.direction @ R[1], axis.plane.up @ R[2]) > SAME_EDGE_COSINE]
     if not alike:
         return None
 
@@ -115,7 +129,13 @@ def _on(axes: Sequence[PivotAxis], strike: PlannedStrike) -> PlannedStrike | Non
         return float(np.linalg.norm(gap - axis.direction * (gap @ axis.direction)))
 
     axis = min(alike, key=across)
-    pivot = Pivot(point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd)
+    pivot = Pivot(
+        point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd
+    )
     return strike.model_copy(
-        update={"R_world_object": axis.R_world_object.tolist(), "p_world_object": axis.p_world_object.tolist(), "pivot": pivot}
+        update={
+            "R_world_object": axis.R_world_object.tolist(),
+            "p_world_object": axis.p_world_object.tolist(),
+            "pivot": pivot,
+        }
     )

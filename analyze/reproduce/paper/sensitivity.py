@@ -1,4 +1,4 @@
-"""How errors go on from one step to the next (paper, section 4.2): angles to c, moments to region masses, the scan to both."""
+"""Propagation of errors from the angles to c and from the moments to the region masses (paper, 4.2)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from analyze.estimation.paper import paper_centre_of_mass
 from analyze.estimation.regions import mass_distribution
 from analyze.estimation.stated import ComPrior
 from analyze.pipeline.estimate import systematic_errors
-from analyze.pipeline.score import tip_truth
+from analyze.result.score import tip_truth
 from analyze.reproduce.paper.chain import regions_at
 from analyze.reproduce.paper.record import Sensitivity
 from analyze.types import Array, EquiPlane
@@ -25,28 +25,29 @@ if TYPE_CHECKING:
     from schemas.proto import percuss_pb2 as pb
 
 PAPER_NOISE_DEG = 1.85
-"""scatter of ang(t2), Fig. 9(a)"""
+"""Standard deviation of the paper's angles ang(t2), Fig. 9(a)."""
 ANGLE_LEVELS_DEG = (0.0, 0.5, 1.0, PAPER_NOISE_DEG, 3.0, 4.0)
 MOMENT_LEVELS = (0.0, 0.01, 0.02, 0.05, 0.1)
-LEAST_ANGLE_SD = math.radians(0.01)
-LEAST_MOMENT_SD = 1e-3
-"""relative"""
-LEAST_COM_SD = 1e-5
-"""m"""
-LEAST_MOMENT = 0.05
-"""of the true I_c,l, where noise would leave less"""
+MIN_ANGLE_SD = math.radians(0.01)
+MIN_MOMENT_SD = 1e-3
+"""Least stated sd of a moment, relative."""
+COM_SD_M = 1e-5
+MIN_MOMENT_FRACTION = 0.05
+"""Lower limit of a noisy I_c,l, as a fraction of its true value."""
 DRAWS = 4
-"""of the noise, at each level"""
+"""Draws of the noise at each level."""
 
 
-def com_over_angles(estimate: Estimate, body: pb.TruthBody, levels_deg: Sequence[float], rng: np.random.Generator) -> list[Sensitivity]:
-    """Error of c [m] where every strike's angle is the true one with noise; the noise is all that each method is told (Fig. 9(b)).
+def com_over_angles(
+    estimate: Estimate, body: pb.TruthBody, levels_deg: Sequence[float], rng: np.random.Generator
+) -> list[Sensitivity]:
+    """Error of c [m] from true angles with noise, the only error stated to each method (Fig. 9(b)).
 
     Args:
-        estimate: of the session; its planes are used, not their angles.
-        body: the truth.
-        levels_deg: 1 sigma.
-        rng: draws the noise.
+        estimate: result of the session; its planes are used, but not their angles.
+        body: ground truth.
+        levels_deg: standard deviations of the noise [deg].
+        rng: generator that draws the noise.
     """
     evidence, true = estimate.evidence, np.array(body.com_object)
     model = evidence.model
@@ -59,29 +60,39 @@ def com_over_angles(estimate: Estimate, body: pb.TruthBody, levels_deg: Sequence
         ours: list[float | None] = []
         paper: list[float | None] = []
         for _ in range(DRAWS if sd else 1):
-            planes = [_at(plane, phi + float(rng.normal(0.0, sd)), max(sd, LEAST_ANGLE_SD)) for plane, phi in exact]
-            ours.append(float(np.linalg.norm(centre_of_mass(planes, systematic_errors(evidence), prior).position - true)))
+            planes = [
+                _with_phi(plane, phi + float(rng.normal(0.0, sd)), max(sd, MIN_ANGLE_SD))
+                for plane, phi in exact
+            ]
+            ours.append(
+                float(
+                    np.linalg.norm(centre_of_mass(planes, systematic_errors(evidence), prior).position - true)
+                )
+            )
             paper.append(float(np.linalg.norm(paper_centre_of_mass(planes, estimate.cells).position - true)))
         found.append(Sensitivity(level=level, ours=ours, paper=paper))
     return found
 
 
-def _at(plane: EquiPlane, phi: float, sd: float) -> EquiPlane:
-    """By phi alone."""
+def _with_phi(plane: EquiPlane, phi: float, sd: float) -> EquiPlane:
+    """The equi-plane with angle `phi` [rad] of standard deviation `sd`, and without k."""
     normal = equiplane_normal(plane.direction, plane.up, phi)
     return replace(plane, phi=phi, sd_phi=sd, k=None, sd_k=None, cov_phi_k=0.0, normal=normal)
 
 
-def masses_over_moments(estimate: Estimate, body: pb.TruthBody, levels: Sequence[float], rng: np.random.Generator) -> list[Sensitivity]:
-    """The metric of the region masses where c is the true one, and the moments about the edges are, but for noise (Fig. 9(c)).
+def masses_over_moments(
+    estimate: Estimate, body: pb.TruthBody, levels: Sequence[float], rng: np.random.Generator
+) -> list[Sensitivity]:
+    """Metric of the region masses from the true c and true moments about the edges with noise (Fig. 9(c)).
 
-    What is left of such a moment once m*R^2 is taken off is I_c,l, so that a tall object's is wrong by some four times as much.
+    Subtracting m*R^2 from a moment about the edge leaves I_c,l, whose relative error is about four times as
+    large for a tall object.
 
     Args:
-        estimate: of the session.
-        body: the truth.
-        levels: 1 sigma of each moment, relative; it is all that each method is told.
-        rng: draws the noise.
+        estimate: result of the session.
+        body: ground truth.
+        levels: relative standard deviations of the moments, the only error stated to each method.
+        rng: generator that draws the noise.
     """
     com, tensor = np.array(body.com_object), np.array(body.inertia_com).reshape(3, 3)
     planes = list({plane.axis_id: plane for plane in estimate.planes}.values())
@@ -92,30 +103,43 @@ def masses_over_moments(estimate: Estimate, body: pb.TruthBody, levels: Sequence
         noise = {plane.axis_id: float(rng.normal(0.0, level)) * true_edges[plane.axis_id] for plane in planes}
         about_edges = {name: true_edges[name] + noise[name] for name in noise}
         paper = regions_at(planes, com, about_edges, estimate)
-        true_com = {axis.axis_id: float(axis.direction @ tensor @ axis.direction) for axis in estimate.inertial.axes}
+        true_com = {
+            axis.axis_id: float(axis.direction @ tensor @ axis.direction) for axis in estimate.inertial.axes
+        }
         axes = tuple(
-            replace(axis, i_com=max(true_com[axis.axis_id] + noise[axis.axis_id], LEAST_MOMENT * true_com[axis.axis_id]))
+            replace(
+                axis,
+                i_com=max(
+                    true_com[axis.axis_id] + noise[axis.axis_id], MIN_MOMENT_FRACTION * true_com[axis.axis_id]
+                ),
+            )
             for axis in estimate.inertial.axes
         )
-        sd = [max(level, LEAST_MOMENT_SD) * true_edges[axis.axis_id] for axis in axes]
-        covariance = np.diag(np.square([estimate.scale.mass_sd, *[LEAST_COM_SD] * 3, *sd]))
-        told = replace(estimate.inertial, com=replace(estimate.com, position=com), axes=axes, joint_covariance=covariance)
-        ours = mass_distribution(told, estimate.cells, np.random.default_rng(0))
+        sd = [max(level, MIN_MOMENT_SD) * true_edges[axis.axis_id] for axis in axes]
+        covariance = np.diag(np.square([estimate.scale.mass_sd, *[COM_SD_M] * 3, *sd]))
+        inertial = replace(
+            estimate.inertial, com=replace(estimate.com, position=com), axes=axes, joint_covariance=covariance
+        )
+        ours = mass_distribution(inertial, estimate.cells, np.random.default_rng(0))
         found.append(
             Sensitivity(
                 level=level,
-                ours=[metric(sided(ours.masses, ours.border_normal, body), body)],
-                paper=[None if paper is None else metric(sided(paper.masses, paper.border_normal, body), body)],
+                ours=[metric(sided(ours.masses, ours.dividing_plane_normal, body), body)],
+                paper=[
+                    None
+                    if paper is None
+                    else metric(sided(paper.masses, paper.dividing_plane_normal, body), body)
+                ],
             )
         )
     return found
 
 
-def sided(masses: Array, border_normal: Array, body: pb.TruthBody) -> Array:
-    """Region masses (3,) with the truth's names of the two sides."""
-    return masses if border_normal @ np.array(body.region_plane[:3]) >= 0 else masses[[0, 2, 1]]
+def sided(masses: Array, dividing_plane_normal: Array, body: pb.TruthBody) -> Array:
+    """Region masses (3,) in the ground truth's order of the two sides of the dividing plane."""
+    return masses if dividing_plane_normal @ np.array(body.region_plane[:3]) >= 0 else masses[[0, 2, 1]]
 
 
 def metric(masses: Array, body: pb.TruthBody) -> float:
-    """The paper's: mean over the regions of |dm|, over M."""
+    """The paper's metric of region masses (3,): mean of |dm| over the regions, over M."""
     return float(np.abs(masses - np.array(body.region_mass_kg)).mean() / body.mass_kg)

@@ -1,4 +1,4 @@
-"""From one session of known truth to its record: both methods under both conditions, and what the figures show."""
+"""Record of one session: both methods under both conditions, ground truth, and data of the figures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 
 from analyze.estimation.paper import distance_from
 from analyze.pipeline.estimate import Estimate, estimate_evidence
-from analyze.pipeline.score import tip_truth
+from analyze.result.score import tip_truth
 from analyze.reproduce.paper.chain import PaperAnswer, paper_answers, refuse_empty
 from analyze.reproduce.paper.miscalibrated import miscalibrated
 from analyze.reproduce.paper.own_choice import own_choice
@@ -44,19 +44,19 @@ if TYPE_CHECKING:
     from schemas.proto import percuss_pb2 as pb
 
 SWEPT = "carton"
-"""whose sensitivities are drawn: the paper did so with its carton box"""
+"""Object whose sensitivities are computed; the paper computed them for its carton box."""
 SLICE = 1.0
-"""half-thickness of Fig. 12's slice, in cells"""
-STEPS = 6
-AFTER = 20
-"""frames that Fig. 6 shows of the landing"""
-SMOOTHED = 5
-"""frames, for Fig. 6's derivatives"""
+"""Half-thickness of Fig. 12's slice, in cells."""
+PROGRESS_STEPS = 6
+LANDING_FRAMES = 20
+"""Frames of the landing that Fig. 6 shows."""
+SMOOTHING_FRAMES = 5
+"""Frames averaged for Fig. 6's derivatives."""
 
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Levels of the noise in Fig. 9(b, c) and 10; empty: not swept."""
+    """Noise levels of Figs. 9(b, c) and 10; an empty tuple omits the sweep."""
 
     angles_deg: tuple[float, ...] = (PAPER_NOISE_DEG,)
     moments: tuple[float, ...] = ()
@@ -64,45 +64,52 @@ class Sweeps:
 
 
 def sweeps_of(name: str) -> Sweeps:
-    """All of them for the carton, as in the paper."""
+    """Default sweeps of an object: all for the carton, as in the paper, else the paper's angle noise only."""
     return Sweeps(ANGLE_LEVELS_DEG, MOMENT_LEVELS, LEVELS_M) if name == SWEPT else Sweeps()
 
 
 def session_record(
-    evidence: Evidence, body: pb.TruthBody, source: Source, sweeps: Sweeps | None = None, progress: Progress | None = None
+    evidence: Evidence,
+    body: pb.TruthBody,
+    source: Source,
+    sweeps: Sweeps | None = None,
+    progress: Progress | None = None,
 ) -> SessionRecord:
-    """What a session gives to the tables and figures.
+    """Analyse a session by both methods under both conditions.
 
     Args:
-        evidence: what its strikes showed.
-        body: the truth; no estimate sees it.
-        source: where theta(t) comes from.
-        sweeps: default: as `sweeps_of` its object.
+        evidence: strikes of the session.
+        body: ground truth, which no estimate uses.
+        source: origin of theta(t).
+        sweeps: noise levels; by default those of `sweeps_of` for the object.
         progress: called with (text, done, total).
 
     Raises:
         EstimationError: too few good strikes.
     """
-    say = progress or (lambda _text, _done, _total: None)
+    report = progress or (lambda _text, _done, _total: None)
     name = evidence.spec.name
     rng = np.random.default_rng((body.seed, zlib.crc32(name.encode())))
-    say("estimating", 0, STEPS)
+    report("estimating", 0, PROGRESS_STEPS)
     began = time.process_time()
     exact = estimate_evidence(evidence)
     cpu_s = time.process_time() - began
     refuse_empty(exact, name)
-    say("with calibration errors drawn", 1, STEPS)
+    report("with calibration errors drawn", 1, PROGRESS_STEPS)
     drawn = estimate_evidence(miscalibrated(evidence, rng))
     estimates = {Condition.EXACT: exact, Condition.DRAWN: drawn}
-    say("by the paper's method", 2, STEPS)
-    paper = {condition: [_by_paper(each, estimate, body) for each in paper_answers(estimate)] for condition, estimate in estimates.items()}
-    say("over noise of the angles", 3, STEPS)
+    report("by the paper's method", 2, PROGRESS_STEPS)
+    paper = {
+        condition: [_paper_answer(each, estimate, body) for each in paper_answers(estimate)]
+        for condition, estimate in estimates.items()
+    }
+    report("over noise of the angles", 3, PROGRESS_STEPS)
     sweeps = sweeps or sweeps_of(name)
     angle_noise = com_over_angles(exact, body, sweeps.angles_deg, rng)
     moment_noise = masses_over_moments(exact, body, sweeps.moments, rng)
-    say("over noise of the scan", 4, STEPS)
+    report("over noise of the scan", 4, PROGRESS_STEPS)
     scan_com, scan_masses = over_scan_noise(evidence, body, sweeps.scan_m, rng)
-    say("drawing", 5, STEPS)
+    report("drawing", 5, PROGRESS_STEPS)
     model = evidence.model
     return SessionRecord(
         object=name,
@@ -119,10 +126,11 @@ def session_record(
         true_masses_kg=list(body.region_mass_kg),
         cpu_s=cpu_s,
         angles=_angles(exact, body),
-        ours={condition: _by_us(estimate, body) for condition, estimate in estimates.items()},
+        ours={condition: _own_answer(estimate, body) for condition, estimate in estimates.items()},
         paper=paper,
         naive_kg={
-            key: sided(masses, exact.distribution.border_normal, body).tolist() for key, masses in exact.distribution.baselines.items()
+            key: sided(masses, exact.distribution.dividing_plane_normal, body).tolist()
+            for key, masses in exact.distribution.baselines.items()
         },
         angle_noise=angle_noise,
         moment_noise=moment_noise,
@@ -134,10 +142,10 @@ def session_record(
     )
 
 
-def _by_us(estimate: Estimate, body: pb.TruthBody) -> Answer:
+def _own_answer(estimate: Estimate, body: pb.TruthBody) -> Answer:
     regions = estimate.result.regions
-    assert regions is not None  # noqa: S101 - every estimate has some
-    same = bool(estimate.distribution.border_normal @ np.array(body.region_plane[:3]) >= 0)
+    assert regions is not None  # noqa: S101 - every estimate has regions
+    same = bool(estimate.distribution.dividing_plane_normal @ np.array(body.region_plane[:3]) >= 0)
     rows = [regions.regions[i] for i in ((0, 1, 2) if same else (0, 2, 1))]
     intervals = [row.mass.interval95 or (float("nan"), float("nan")) for row in rows]
     return Answer(
@@ -173,7 +181,7 @@ def _moments(estimate: Estimate, body: pb.TruthBody) -> list[AxisMoment]:
     return found
 
 
-def _by_paper(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> Answer:
+def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> Answer:
     com, tensor = np.array(body.com_object), np.array(body.inertia_com).reshape(3, 3)
     moments: list[AxisMoment] = []
     for axis_id, found in answer.i_edge.items():
@@ -201,7 +209,9 @@ def _by_paper(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> An
     regions = answer.regions
     return Answer(
         com_m=answer.com.tolist(),
-        masses_kg=None if regions is None else sided(regions.masses, regions.border_normal, body).tolist(),
+        masses_kg=None
+        if regions is None
+        else sided(regions.masses, regions.dividing_plane_normal, body).tolist(),
         moments=moments,
     )
 
@@ -213,8 +223,10 @@ def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
     for plane in estimate.planes:
         motion = by_id[plane.strike_id]
         assert motion.fit is not None  # noqa: S101 - it was used
-        passed = motion.verdict is Verdict.GOOD  # one that rocked back never passed the balance
-        paper = next((fit.phi for fit in motion.alternatives if passed and fit.estimator == "sign_change"), None)
+        tipped = motion.verdict is Verdict.GOOD  # a strike that rocked back never passed the balance
+        paper = next(
+            (fit.phi for fit in motion.alternatives if tipped and fit.estimator == "sign_change"), None
+        )
         found.append(
             Angle(
                 axis_id=plane.axis_id,
@@ -230,17 +242,21 @@ def _angles(estimate: Estimate, body: pb.TruthBody) -> list[Angle]:
 
 
 def _profile(estimate: Estimate, body: pb.TruthBody) -> Profile | None:
-    """Of the first strike that went over."""
+    """Profile of the first strike that tipped over; None without such a strike."""
     motion = next((each for each in estimate.evidence.motions if each.verdict is Verdict.GOOD), None)
     if motion is None or motion.angle is None or motion.phases is None or motion.fit is None:
         return None
     angle, phases = motion.angle, motion.phases
     seconds: Array = (angle.time_ns - motion.fit.time0_ns).astype(np.float64) * 1e-9
-    smooth = np.convolve(np.pad(angle.theta, SMOOTHED // 2, mode="edge"), np.ones(SMOOTHED) / SMOOTHED, mode="valid")
+    smooth = np.convolve(
+        np.pad(angle.theta, SMOOTHING_FRAMES // 2, mode="edge"),
+        np.ones(SMOOTHING_FRAMES) / SMOOTHING_FRAMES,
+        mode="valid",
+    )
     rate = np.gradient(smooth, seconds)
     spans = {name: getattr(phases, name) for name in ("rest", "strike", "stage_one", "stage_two", "landing")}
     last = max(spans[name][1] for name in spans if name != "landing" and spans[name] is not None)
-    shown = slice(0, min(len(seconds), last + AFTER))
+    shown = slice(0, min(len(seconds), last + LANDING_FRAMES))
     return Profile(
         time_s=seconds[shown].tolist(),
         theta_rad=angle.theta[shown].tolist(),
@@ -257,25 +273,28 @@ def _true_phi(motion: TipMotion, estimate: Estimate, body: pb.TruthBody) -> floa
 
 
 def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
-    """Slice through c across O's y."""
+    """Section of the regions through c, normal to O's y."""
     cells, distribution = estimate.cells, estimate.distribution
     outline = estimate.evidence.model.vertices[:, [0, 2]]
     near = np.abs(cells.points[:, 1] - estimate.com.position[1]) < SLICE * cells.pitch
     points = cells.points[near]
-    in_wall = cells.wall[near] > 0
+    in_shell = cells.wall[near] > 0
     true_normal, true_offset = np.array(body.region_plane[:3]), body.region_plane[3]
-    sign = 1.0 if distribution.border_normal @ true_normal >= 0 else -1.0
-    ours = _region(in_wall, sign * (points @ distribution.border_normal - distribution.border_offset) > 0)
+    sign = 1.0 if distribution.dividing_plane_normal @ true_normal >= 0 else -1.0
+    ours = _region(
+        in_shell,
+        sign * (points @ distribution.dividing_plane_normal - distribution.dividing_plane_offset) > 0,
+    )
     return Section(
         outline_m=_pairs(outline[ConvexHull(outline).vertices]),
         points_m=_pairs(points[:, [0, 2]]),
         ours=ours,
-        true=_region(in_wall, points @ true_normal > true_offset),
+        true=_region(in_shell, points @ true_normal > true_offset),
     )
 
 
-def _region(in_wall: NDArray[np.bool_], above: NDArray[np.bool_]) -> list[int]:
-    return [int(value) for value in np.where(in_wall, 0, np.where(above, 1, 2))]
+def _region(in_shell: NDArray[np.bool_], above: NDArray[np.bool_]) -> list[int]:
+    return [int(value) for value in np.where(in_shell, 0, np.where(above, 1, 2))]
 
 
 def _pairs(points: Array) -> list[tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""The tables: targets, Table 1 and Table 2 with the paper's rows beside its method and ours, the paper's own strikes, honesty of the sd."""
+"""Tables of the reproduction: Tables 1 and 2, error over stated sd, the paper's own strikes, sessions."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ Value = str | float | int | None
 
 @dataclass(frozen=True)
 class Column:
-    """Of a table."""
+    """Column of a table."""
 
     name: str
     digits: int | None = None
-    """after the point; None: text or a count"""
+    """Digits after the decimal point; None for text or a count."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """What is printed and what is written as CSV."""
+    """Table of the page, also written as a CSV file."""
 
     name: str
-    """of its file"""
+    """File name without suffix."""
     title: str
     columns: tuple[Column, ...]
     rows: tuple[tuple[Value, ...], ...]
@@ -36,13 +36,13 @@ class Table:
 
 
 def all_tables(records: Sequence[SessionRecord]) -> list[Table]:
-    """In the order in which they are read."""
+    """All tables with rows, in the order of the page."""
     found = [table1(records), table2(records), honesty(records), own_choice(records), sessions(records)]
     return [table for table in found if table.rows]
 
 
 def table1(records: Sequence[SessionRecord]) -> Table:
-    """Centre of mass."""
+    """Table 1: errors of the centre of mass, by object and method."""
     rows: list[tuple[Value, ...]] = []
     of_paper = published_centres()
     ours = scores.designed(records)
@@ -51,20 +51,32 @@ def table1(records: Sequence[SessionRecord]) -> Table:
         printed = [each for each in of_paper if each.object == name]
         if printed:
             rows.append(
-                _centre_row(name, "the paper, printed", [each.distance_m for each in printed], [each.volume_ratio for each in printed])
+                _centre_row(
+                    name,
+                    "the paper, published",
+                    [each.distance_m for each in printed],
+                    [each.volume_ratio for each in printed],
+                )
             )
-        for whose, condition, paper in (
+        for method, condition, paper in (
             ("the paper's method here", Condition.EXACT, True),
             ("the paper's method, calibration drawn", Condition.DRAWN, True),
             ("ours", Condition.EXACT, False),
             ("ours, calibration drawn", Condition.DRAWN, False),
         ):
             pairs = [(scores.distance(a, r), r) for a, r in scores.answers(mine, condition, paper=paper)]
-            rows.append(_centre_row(name, whose, [d for d, _ in pairs], [volume_ratio(d, r.volume_m3) for d, r in pairs]))
+            rows.append(
+                _centre_row(
+                    name, method, [d for d, _ in pairs], [volume_ratio(d, r.volume_m3) for d, r in pairs]
+                )
+            )
         naive = [float(np.linalg.norm(np.subtract(r.centroid_m, r.true_com_m))) for r in mine]
         rows.append(
             _centre_row(
-                name, "naive: middle of the volume", naive, [volume_ratio(d, r.volume_m3) for d, r in zip(naive, mine, strict=True)]
+                name,
+                "naive: centroid of the volume",
+                naive,
+                [volume_ratio(d, r.volume_m3) for d, r in zip(naive, mine, strict=True)],
             )
         )
     return Table(
@@ -72,7 +84,7 @@ def table1(records: Sequence[SessionRecord]) -> Table:
         "Table 1: centre of mass",
         (
             Column("object"),
-            Column("whose"),
+            Column("method"),
             Column("results"),
             Column("mean distance [mm]", 2),
             Column("median [mm]", 2),
@@ -80,20 +92,31 @@ def table1(records: Sequence[SessionRecord]) -> Table:
             Column("sphere over volume, mean [%]", 3),
         ),
         tuple(rows),
-        "The paper's method takes one strike per axis for a result, as the paper did; ours takes all nine. Its angles come from our "
-        "tracking, and scatter as Fig. 9(a) shows, where the paper's scattered by 1.85 degrees.",
+        "The paper's method uses one strike per axis for each result, as the paper did; ours uses all nine. "
+        "Both use angles from our tracking: Fig. 9(a) shows their scatter. The paper's own angles scattered "
+        "by 1.85 degrees.",
     )
 
 
-def _centre_row(name: str, whose: str, distances: Sequence[float], ratios: Sequence[float]) -> tuple[Value, ...]:
+def _centre_row(
+    name: str, method: str, distances: Sequence[float], ratios: Sequence[float]
+) -> tuple[Value, ...]:
     d = 1e3 * np.array(distances)
     if not len(d):
-        return (name, whose, 0, None, None, None, None)
-    return (name, whose, len(d), float(d.mean()), float(np.median(d)), float(d.max()), float(100 * np.mean(ratios)))
+        return (name, method, 0, None, None, None, None)
+    return (
+        name,
+        method,
+        len(d),
+        float(d.mean()),
+        float(np.median(d)),
+        float(d.max()),
+        float(100 * np.mean(ratios)),
+    )
 
 
 def table2(records: Sequence[SessionRecord]) -> Table:
-    """Region masses."""
+    """Table 2: errors of the region masses, by object and method."""
     rows: list[tuple[Value, ...]] = []
     of_paper = published_masses()
     ours = scores.designed(records)
@@ -101,8 +124,15 @@ def table2(records: Sequence[SessionRecord]) -> Table:
         mine = [record for record in ours if record.object == name]
         printed = [each for each in of_paper if each.object == name]
         if printed:
-            rows.append(_masses_row(name, "the paper, printed", [(each.metric, each.misplaced) for each in printed], len(printed)))
-        for whose, condition, paper in (
+            rows.append(
+                _masses_row(
+                    name,
+                    "the paper, published",
+                    [(each.metric, each.misplaced) for each in printed],
+                    len(printed),
+                )
+            )
+        for method, condition, paper in (
             ("the paper's method here", Condition.EXACT, True),
             ("the paper's method, calibration drawn", Condition.DRAWN, True),
             ("ours", Condition.EXACT, False),
@@ -110,7 +140,7 @@ def table2(records: Sequence[SessionRecord]) -> Table:
         ):
             found = [(a.masses_kg, r) for a, r in scores.answers(mine, condition, paper=paper)]
             pairs = [(scores.metric(m, r), scores.misplaced(m, r)) for m, r in found if m is not None]
-            rows.append(_masses_row(name, whose, pairs, len(found)))
+            rows.append(_masses_row(name, method, pairs, len(found)))
         for key in sorted(mine[0].naive_kg):
             pairs = [(scores.metric(r.naive_kg[key], r), scores.misplaced(r.naive_kg[key], r)) for r in mine]
             rows.append(_masses_row(name, f"naive: {key.replace('_', ' ')}", pairs, len(pairs)))
@@ -119,7 +149,7 @@ def table2(records: Sequence[SessionRecord]) -> Table:
         "Table 2: mass distribution",
         (
             Column("object"),
-            Column("whose"),
+            Column("method"),
             Column("results"),
             Column("without an answer"),
             Column("paper's metric, mean [%]", 1),
@@ -128,19 +158,21 @@ def table2(records: Sequence[SessionRecord]) -> Table:
             Column("mass in the wrong region, mean [%]", 1),
         ),
         tuple(rows),
-        "Paper's metric: mean over surface, upper and lower of |dm|, over M. Naive answers: all on the surface; uniform; their mix "
-        "that explains the moments best.",
+        "Paper's metric: mean of |dm| over shell, upper and lower part, divided by M. Naive answers: all "
+        "mass in the shell; uniform density; the mix of these two that fits the moments best.",
     )
 
 
-def _masses_row(name: str, whose: str, pairs: Sequence[tuple[float, float]], asked: int) -> tuple[Value, ...]:
+def _masses_row(
+    name: str, method: str, pairs: Sequence[tuple[float, float]], asked: int
+) -> tuple[Value, ...]:
     if not pairs:
-        return (name, whose, asked, asked, None, None, None, None)
+        return (name, method, asked, asked, None, None, None, None)
     both = 100 * np.array(pairs)
     first = both[:, 0]
     return (
         name,
-        whose,
+        method,
         asked,
         asked - len(pairs),
         float(first.mean()),
@@ -151,58 +183,73 @@ def _masses_row(name: str, whose: str, pairs: Sequence[tuple[float, float]], ask
 
 
 def honesty(records: Sequence[SessionRecord]) -> Table:
-    """What is achieved over what is stated."""
+    """Table of achieved error over stated standard deviation, by condition and quantity."""
     rows: list[tuple[Value, ...]] = []
     ours = scores.designed(records)
     for condition in Condition if ours else ():
-        rows += [_honest(condition, each) for each in scores.standardised(ours, condition)]
+        rows += [_honesty_row(condition, each) for each in scores.standardised(ours, condition)]
         for name in objects_of(scores.within_class(ours)):
             of_it = [record for record in ours if record.object == name]
             each = scores.standardised_masses(of_it, condition, f"region masses, {name}")
-            rows.append(_honest(condition, each, scores.repeated(of_it, condition) if len(of_it) > 1 else None))
+            rows.append(
+                _honesty_row(
+                    condition, each, scores.scatter_of_mean(of_it, condition) if len(of_it) > 1 else None
+                )
+            )
     note = (
-        "Scatter: root mean square of error over stated sd; 1 would be right, below 1 the sd is on the safe side. As calibrated, the rig's "
-        "files allow for errors of calibration that the virtual rig does not make. Of its mean: the part that is alike in every session of "
-        "an object. Region masses are the mean over all borders and fillings that fit: off by less than the sd for one body, by more for "
-        "another. Over many bodies that comes out; `make coverage` draws them."
+        "Scatter: root mean square of error over stated sd; 1 is ideal, below 1 the stated sd is "
+        "conservative. As calibrated: the rig's files state calibration errors that the virtual rig does not "
+        "have. Of its mean: the part of the scatter that repeats in every session of an object. Region "
+        "masses are means over all dividing planes and fillings that fit: for one body their error is below "
+        "the sd, for another above it; over many bodies the scatter is right (`make coverage` draws them)."
     )
-    columns = ("calibration", "of", "numbers")
+    columns = ("calibration", "quantity of the result", "values")
     last = (Column("scatter", 2), Column("of its mean", 2), Column("held by the 95 % interval [%]", 0))
     title = "Achieved error over the stated standard deviation"
     return Table("honesty", title, (*map(Column, columns), *last), tuple(row for row in rows if row[2]), note)
 
 
-def _honest(condition: Condition, each: scores.Standardised, of_mean: float | None = None) -> tuple[Value, ...]:
+def _honesty_row(
+    condition: Condition, each: scores.Standardised, of_mean: float | None = None
+) -> tuple[Value, ...]:
     label = "as calibrated" if condition is Condition.EXACT else "calibration errors drawn"
     many = len(each.scores)
     return (
-        (label, each.name, many, each.scatter, of_mean, 100 * float(each.held.mean())) if many else (label, each.name, 0, None, None, None)
+        (label, each.name, many, each.scatter, of_mean, 100 * float(each.held.mean()))
+        if many
+        else (label, each.name, 0, None, None, None)
     )
 
 
 def own_choice(records: Sequence[SessionRecord]) -> Table:
-    """The paper's own strikes."""
+    """Table of the centre of mass from the paper's own choice of strikes, by object."""
     rows: list[tuple[Value, ...]] = []
     ours = scores.designed(records)
     for name in objects_of(ours):
-        found = [record.own_choice for record in ours if record.object == name and record.own_choice is not None]
+        found = [
+            record.own_choice for record in ours if record.object == name and record.own_choice is not None
+        ]
         if not found:
             continue
         one = found[0]
         if one.refused is not None:
             rows.append((name, f"no plan: {one.refused.partition(':')[0]}", None, None, None, None, None))
             continue
-        told = "every direction told"
+        observable = "every direction"
         if one.open_direction is not None:
-            told = f"singular: nothing told along ({', '.join(f'{abs(value):.0f}' for value in one.open_direction)})"
+            direction = ", ".join(f"{abs(value):.0f}" for value in one.open_direction)
+            observable = f"singular: not along ({direction})"
         rows.append(
             (
                 name,
-                told,
+                observable,
                 max(each.friction_needed for each in found),
-                *(1e3 * float(np.median(_there(values))) for values in ([e.paper_off_m for e in found], [e.ours_off_m for e in found])),
-                1e3 * float(np.max(_there([each.paper_off_m for each in found]))),
-                1e3 * float(np.median(_there([each.ours_sd_m for each in found]))),
+                *(
+                    1e3 * float(np.median(_present(values)))
+                    for values in ([e.paper_off_m for e in found], [e.ours_off_m for e in found])
+                ),
+                1e3 * float(np.max(_present([each.paper_off_m for each in found]))),
+                1e3 * float(np.median(_present([each.ours_sd_m for each in found]))),
             )
         )
     return Table(
@@ -210,25 +257,26 @@ def own_choice(records: Sequence[SessionRecord]) -> Table:
         "The paper's own choice of strikes",
         (
             Column("object"),
-            Column("what it tells"),
+            Column("observable"),
             Column("friction needed", 1),
-            Column("its method, median [mm]", 1),
+            Column("paper's method, median [mm]", 1),
             Column("ours on its strikes, median [mm]", 1),
-            Column("its method, worst [mm]", 1),
-            Column("sd that ours states [mm]", 1),
+            Column("paper's method, worst [mm]", 1),
+            Column("sd stated by ours [mm]", 1),
         ),
         tuple(rows),
-        "First three impact points by force (3.1.3), with angles that have no error. Where nothing is told along a direction our answer "
-        "says so and states the sd of its guess; the paper's says nothing. Friction needed: so that no edge slides; plans count on 0.4.",
+        "The first three impact points by force (3.1.3), with angles without error. Along a direction that "
+        "is not observable, our answer reports this and the sd of its prior; the paper's method has no such "
+        "report. Friction needed: the least at which no edge slides; plans assume 0.4.",
     )
 
 
-def _there(values: Iterable[float | None]) -> list[float]:
+def _present(values: Iterable[float | None]) -> list[float]:
     return [value for value in values if value is not None]
 
 
 def sessions(records: Sequence[SessionRecord]) -> Table:
-    """Every session, for whoever wants to count again."""
+    """Table of the errors of every session."""
     rows: list[tuple[Value, ...]] = []
     for record in records:
         exact, drawn = record.ours[Condition.EXACT], record.ours[Condition.DRAWN]
@@ -253,7 +301,7 @@ def sessions(records: Sequence[SessionRecord]) -> Table:
         )
     columns = ("object", "seed", "source", "strikes by", "strikes", "axes")
     numbers = ("c [mm]", "c, calibration drawn [mm]", "c, paper's method [mm]")
-    masses_of = ("true surface [g]", "true upper [g]", "true lower [g]", "surface [g]", "upper [g]", "lower [g]")
+    masses_of = ("true shell [g]", "true upper [g]", "true lower [g]", "shell [g]", "upper [g]", "lower [g]")
     return Table(
         "sessions",
         "Every session",
@@ -262,13 +310,13 @@ def sessions(records: Sequence[SessionRecord]) -> Table:
             *(Column(name, 3) for name in numbers),
             *(Column(name, 1) for name in masses_of),
             Column("paper's metric [%]", 1),
-            Column("estimating [s]", 2),
+            Column("estimation time [s]", 2),
         ),
         tuple(rows),
     )
 
 
 def objects_of(records: Iterable[SessionRecord]) -> list[str]:
-    """The paper's in its order, others after them."""
+    """Names of the objects: the paper's in its order, then the others."""
     there = {record.object for record in records}
     return [name for name in OBJECTS if name in there] + sorted(there - set(OBJECTS))

@@ -1,4 +1,4 @@
-"""Every quantity that has a target, with what was reached: median and worst over the sessions on the paper's four objects."""
+"""Targets and values reached: median, mean and worst over the sessions on the paper's four objects."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SCAN_NOISE_M = 5e-3
 
 @dataclass(frozen=True)
 class Target:
-    """One line."""
+    """Target of one quantity, with the values reached."""
 
     quantity: str
     unit: str
@@ -26,15 +26,15 @@ class Target:
     paper: str
     must: float
     aim: float
-    """NaN: there is none"""
+    """NaN if there is none."""
     values: Sequence[float]
     must_text: str = ""
     bound: str = ""
-    """what keeps it from being smaller, in words: shown where it is missed"""
+    """Physical limit in words; shown if the target is missed."""
 
     @property
     def verdict(self) -> str:
-        """By the median or the mean, whichever is worse."""
+        """Comparison with the target, by the median or the mean, whichever is worse."""
         if not len(self.values):
             return "not run"
         reached = max(float(np.median(self.values)), float(np.mean(self.values)))
@@ -42,12 +42,24 @@ class Target:
 
 
 def targets(records: Sequence[SessionRecord]) -> list[Target]:
-    """In the order of the table of targets."""
+    """All targets, in the order of the table (docs/explanation/method.md, Targets)."""
     mine = scores.within_class(scores.designed(records))
     carton = [record for record in mine if record.scan_noise_com]
     moments = [axis for record in mine for axis in record.ours[Condition.EXACT].moments]
-    scan = [value for record in carton for row in record.scan_noise_com if np.isclose(row.level, SCAN_NOISE_M) for value in row.ours]
-    noisy = [value for record in mine for row in record.angle_noise if np.isclose(row.level, PAPER_NOISE_DEG) for value in row.ours]
+    scan = [
+        value
+        for record in carton
+        for row in record.scan_noise_com
+        if np.isclose(row.level, SCAN_NOISE_M)
+        for value in row.ours
+    ]
+    noisy = [
+        value
+        for record in mine
+        for row in record.angle_noise
+        if np.isclose(row.level, PAPER_NOISE_DEG)
+        for value in row.ours
+    ]
     found = [
         Target(
             "tip angle per frame, rms about its fit",
@@ -59,7 +71,16 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
             _degrees(a.frame_residual_rad for r in mine for a in r.angles),
             bound=bounds.FRAME,
         ),
-        Target("equi-plane angle, run to run", "deg", 3, "1.85", 0.3, 0.05, _degrees(_scatter(mine)), bound=bounds.REPEAT),
+        Target(
+            "equi-plane angle, run to run",
+            "deg",
+            3,
+            "1.85",
+            0.3,
+            0.05,
+            _degrees(_scatter(mine)),
+            bound=bounds.REPEAT,
+        ),
         Target(
             "centre of mass, distance; slip and rounding simulated, calibration exact",
             "mm",
@@ -70,7 +91,16 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
             _centre(mine, Condition.EXACT),
             bound=bounds.CENTRE,
         ),
-        Target("the same with calibration errors drawn", "mm", 2, "12.5", 2, 1, _centre(mine, Condition.DRAWN), bound=bounds.DRAWN),
+        Target(
+            "the same with calibration errors drawn",
+            "mm",
+            2,
+            "12.5",
+            2,
+            1,
+            _centre(mine, Condition.DRAWN),
+            bound=bounds.DRAWN,
+        ),
         Target(
             f"centre of mass from angles with {PAPER_NOISE_DEG} deg noise, 9 strikes",
             "mm",
@@ -104,14 +134,31 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
         ),
     ]
     for condition, label in ((Condition.EXACT, ""), (Condition.DRAWN, ", calibration errors drawn")):
-        answers = [(answer.masses_kg, record) for answer, record in scores.answers(mine, condition, paper=False)]
+        answers = [
+            (answer.masses_kg, record) for answer, record in scores.answers(mine, condition, paper=False)
+        ]
         metric = [100 * scores.metric(masses, record) for masses, record in answers if masses is not None]
         wrong = [100 * scores.misplaced(masses, record) for masses, record in answers if masses is not None]
         why = bounds.masses(mine, condition)
-        found.append(Target(f"region masses, the paper's metric{label}", "%", 1, "11.5", 4, 1.5, metric, bound=why))
+        found.append(
+            Target(f"region masses, the paper's metric{label}", "%", 1, "11.5", 4, 1.5, metric, bound=why)
+        )
         found.append(Target(f"mass in the wrong region{label}", "%", 1, "17.4", 6, 2.5, wrong, bound=why))
-    found += [_over_naive(name, [record for record in mine if record.object == name]) for name in objects_of(mine)]
-    found.append(Target("centre of mass under 5 mm scan noise (carton)", "mm", 2, "–", 3, 1.5, _millimetres(scan), bound=bounds.SCAN))
+    found += [
+        _over_naive(name, [record for record in mine if record.object == name]) for name in objects_of(mine)
+    ]
+    found.append(
+        Target(
+            "centre of mass under 5 mm scan noise (carton)",
+            "mm",
+            2,
+            "–",
+            3,
+            1.5,
+            _millimetres(scan),
+            bound=bounds.SCAN,
+        )
+    )
     found.append(
         Target(
             "phi and k of the strikes to all results, one core",
@@ -128,7 +175,7 @@ def targets(records: Sequence[SessionRecord]) -> list[Target]:
 
 
 def targets_table(records: Sequence[SessionRecord]) -> Table:
-    """As a table."""
+    """Table of targets with the values reached."""
     rows = tuple(
         (
             f"{each.quantity} [{each.unit}]",
@@ -145,14 +192,15 @@ def targets_table(records: Sequence[SessionRecord]) -> Table:
     )
     names = ("quantity", "paper", "must", "aim", "n", "median", "mean", "worst", "")
     note = (
-        "The four objects that are a shell and two even parts. Reached: by median and mean, whichever is worse. Over the best naive "
-        "answer's: our metric over that of the best of Table 2's naive answers, which take our border."
+        "For the paper's four objects, each a shell and two uniform parts. A target is reached if both "
+        "median and mean reach it. Over the best naive answer's: our metric, divided by that of the best "
+        "naive answer in Table 2, which uses our dividing plane."
     )
     return Table("targets", "Targets", tuple(Column(name) for name in names), rows, note)
 
 
 def missed(records: Sequence[SessionRecord]) -> list[tuple[str, str]]:
-    """Every reason why a target is missed, with what it concerns: (quantities, physical reason)."""
+    """Missed targets grouped by reason, as (quantities, physical reason)."""
     found: dict[str, list[str]] = {}
     for each in targets(records):
         if each.verdict == "missed":
@@ -161,32 +209,57 @@ def missed(records: Sequence[SessionRecord]) -> list[tuple[str, str]]:
 
 
 def _over_naive(name: str, records: Sequence[SessionRecord]) -> Target:
-    """Our region masses' error over that of the best naive answer, on one object."""
-    answers = [(answer.masses_kg, record) for answer, record in scores.answers(records, Condition.EXACT, paper=False)]
-    values = [100 * scores.metric(masses, record) / scores.best_naive(record) for masses, record in answers if masses is not None]
+    """Target for the error of our region masses over that of the best naive answer, on one object."""
+    answers = [
+        (answer.masses_kg, record) for answer, record in scores.answers(records, Condition.EXACT, paper=False)
+    ]
+    values = [
+        100 * scores.metric(masses, record) / scores.best_naive(record)
+        for masses, record in answers
+        if masses is not None
+    ]
     return Target(
-        f"region masses over the best naive answer's, {name}", "%", 0, "–", 50, math.nan, values, bound=bounds.naive(name, records)
+        f"region masses over the best naive answer's, {name}",
+        "%",
+        0,
+        "–",
+        50,
+        math.nan,
+        values,
+        bound=bounds.naive(name, records),
     )
 
 
-def _allowed(moments: Sequence[AxisMoment], part: float, length: float) -> float:
-    return part + length * float(np.median([1 / axis.distance_m for axis in moments])) if moments else part
+def _allowed(moments: Sequence[AxisMoment], fraction: float, length: float) -> float:
+    return (
+        fraction + length * float(np.median([1 / axis.distance_m for axis in moments]))
+        if moments
+        else fraction
+    )
 
 
 def _scatter(records: Iterable[SessionRecord]) -> list[float]:
-    """Sd of repeats of one axis in one session [rad]."""
+    """Standard deviations [rad] of the errors of repeated strikes on one axis of one session."""
     found: list[float] = []
     for record in records:
         for axis in {angle.axis_id for angle in record.angles}:
-            # Strikes that rocked back far from the balance say less, and state it.
-            off = [a.ours_rad - a.true_rad for a in record.angles if a.axis_id == axis and a.paper_rad is not None]
+            # Strikes that rocked back far before the balance determine phi less precisely, and state a larger
+            # sd.
+            off = [
+                a.ours_rad - a.true_rad
+                for a in record.angles
+                if a.axis_id == axis and a.paper_rad is not None
+            ]
             if len(off) > 1:
                 found.append(float(np.std(off, ddof=1)))
     return found
 
 
 def _centre(records: Sequence[SessionRecord], condition: Condition) -> list[float]:
-    return [1e3 * scores.distance(answer, record) for answer, record in scores.answers(records, condition, paper=False)]
+    return [
+        1e3 * scores.distance(answer, record)
+        for answer, record in scores.answers(records, condition, paper=False)
+    ]
 
 
 def _degrees(values: Iterable[float]) -> list[float]:

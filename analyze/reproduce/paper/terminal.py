@@ -1,4 +1,4 @@
-"""A table of the reproduction on the terminal."""
+"""Terminal output of the reproduction's tables."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ if TYPE_CHECKING:
     from analyze.reproduce.paper.tables import Table
 
 
-LEFT_OUT = ("paper", "n", "mean")
-"""columns that a terminal of 80 characters has no room for"""
+OMITTED_COLUMNS = ("paper", "n", "mean")
+"""Columns for which a terminal of 80 characters has no room."""
 
 
 def render_table(table: Table, console: Console | None = None) -> None:
-    """Print it."""
+    """Print a table of the reproduction on the terminal."""
     console = console or Console(highlight=False)
     shown = RichTable(title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    places = [i for i, column in enumerate(table.columns) if column.name not in LEFT_OUT]
+    places = [i for i, column in enumerate(table.columns) if column.name not in OMITTED_COLUMNS]
     for i in places:
-        # The first wraps, the numbers do not.
+        # Only the first column wraps; numbers stay on one line.
         shown.add_column(table.columns[i].name, justify="right" if i else "left", no_wrap=i > 0)
     for row in table.rows:
         shown.add_row(*("-" if row[i] is None else str(row[i]) for i in places))

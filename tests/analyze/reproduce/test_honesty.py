@@ -1,13 +1,20 @@
-"""Errors over stated sd: what is drawn is what is stated, and scatter tells what repeats from what does not."""
+"""Errors over stated sd: drawn errors have the stated sd, and repeating errors are separated."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from analyze.reproduce.paper.miscalibrated import K_SD, MASS_SD, OWN_RADIUS_SD, RADIUS_SD, TILT_SD, miscalibrated
+from analyze.reproduce.paper.miscalibrated import (
+    K_SD,
+    MASS_SD,
+    OWN_RADIUS_SD,
+    RADIUS_SD,
+    TILT_SD,
+    miscalibrated,
+)
 from analyze.reproduce.paper.record import Answer, Condition, SessionRecord, Source
-from analyze.reproduce.paper.scores import repeated, standardised_masses
+from analyze.reproduce.paper.scores import scatter_of_mean, standardised_masses
 from schemas.strike_plan import PlanMethod
 from tests.analyze.reproduce.theta_sessions import theta_session
 
@@ -15,7 +22,7 @@ DRAWS = 400
 
 
 def session(off_sd: float) -> SessionRecord:
-    """Of a body without a lower part, its masses off by so many of their stated sd."""
+    """Session on a body without a lower part whose masses are off by `off_sd` of their stated sd."""
     true, sd = np.array([0.03, 0.01, 0.0]), np.array([2e-3, 1e-3, 1e-3])
     found = true + off_sd * sd
     answer = Answer(
@@ -46,22 +53,29 @@ def session(off_sd: float) -> SessionRecord:
     )
 
 
-@pytest.mark.parametrize(("offs", "scatter", "alike", "held"), [((1, -1), 1, 0, 1), ((1, 1), 1, 1, 1), ((3, 1), np.sqrt(5), 2, 0.5)])
+@pytest.mark.parametrize(
+    ("offs", "scatter", "alike", "held"),
+    [((1, -1), 1, 0, 1), ((1, 1), 1, 1, 1), ((3, 1), np.sqrt(5), 2, 0.5)],
+)
 def test_scatter_and_what_of_it_repeats(offs, scatter, alike, held):
     records = [session(off) for off in offs]
     found = standardised_masses(records, Condition.DRAWN, "")
-    # The empty part's mass is at its bound: its error says nothing of the sd, its interval counts.
+    # The empty part's mass is at its bound: its error does not test the sd, its interval does.
     assert len(found.scores) == 2 * len(offs)
     assert len(found.held) == 3 * len(offs)
     assert found.scatter == pytest.approx(scatter)
     assert found.held.mean() == pytest.approx(held)
-    assert repeated(records, Condition.DRAWN) == pytest.approx(alike, abs=1e-9)
+    assert scatter_of_mean(records, Condition.DRAWN) == pytest.approx(alike, abs=1e-9)
 
 
 def test_what_is_drawn_is_what_is_stated():
     evidence, _ = theta_session("carton", 1)
     rng = np.random.default_rng(3)
-    before = {motion.strike_id: motion.fit.k for motion in evidence.motions if motion.fit is not None and motion.fit.k}
+    before = {
+        motion.strike_id: motion.fit.k
+        for motion in evidence.motions
+        if motion.fit is not None and motion.fit.k
+    }
     axis_of = {strike.id: strike.axis_id for strike in evidence.plan.strikes}
     axes = sorted(set(axis_of.values()))
     slower, masses, rounder = [], [], []
@@ -70,7 +84,9 @@ def test_what_is_drawn_is_what_is_stated():
         ratio = {axis: set() for axis in axes}
         for motion in drawn.motions:
             if motion.strike_id in before:
-                ratio[axis_of[motion.plan_strike_id]].add(round(motion.fit.k / before[motion.strike_id] - 1, 12))
+                ratio[axis_of[motion.plan_strike_id]].add(
+                    round(motion.fit.k / before[motion.strike_id] - 1, 12)
+                )
         assert all(len(each) == 1 for each in ratio.values()), "strikes about one axis share its k"
         slower.append([next(iter(ratio[axis])) for axis in axes])
         masses.append(drawn.spec.mass_kg - evidence.spec.mass_kg)

@@ -1,4 +1,4 @@
-"""Sessions in the virtual rig's physics without images: theta(t) as a camera would see it, for the quick form of the reproduction."""
+"""Sessions of the virtual rig without images: theta(t) is simulated with the camera's noise."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ def theta_session(name: str, seed: int, strikes: int = 9, axes: int = 3) -> tupl
     shape = thing.shape_file or ("", None)
     motions = tuple(attempt.motion for attempt in attempts)
     stated = manifest(thing.spec).model_copy(update={"gravity_tilt_sd_rad": GRAVITY_TILT_SD})
-    head = RecordingHead(Path("r.mcap"), stated, "c" * 64, tuple(motion.strike_id for motion in motions), files=("r.mcap",))
+    head = RecordingHead(
+        Path("r.mcap"), stated, "c" * 64, tuple(motion.strike_id for motion in motions), files=("r.mcap",)
+    )
     sha256 = object_sha256(thing.spec, shape[1])
     hidden = thing.body
     body = pb.TruthBody(
