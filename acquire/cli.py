@@ -1,6 +1,7 @@
-"""The `acquire` command: verbs only; each hands over to the module that does the work.
+"""The `acquire` command line: one function per verb; each calls the module that does the work.
 
-Exit codes: 0 done, 1 a named problem (one line on standard error), 2 wrong usage, 3 ended early or with loss, 130 interrupted.
+Exit codes: 0 done, 1 a named problem (one line on standard error), 2 wrong usage, 3 ended early or with loss,
+130 interrupted.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import os
 import signal
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +21,20 @@ from acquire.errors import AcquireError, CameraNotFound, DaemonSilent
 from schemas.command_line import Commands, NumberRange, one_line_errors
 
 _one_line_errors = one_line_errors("acquire", AcquireError)
+_SOCKET_HELP = "Rig file that names the daemon's socket"
 
 
 @click.group("acquire", cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="percuss")
 def main() -> None:
-    """Drive the rig: strike, film, record."""
+    """Drive the rig: strike the object, film it, record everything."""
 
 
 @main.command()
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors
 def discover(as_json: bool) -> None:
-    """List the GigE Vision cameras that answer. Exits with 1 when none does."""
+    """List the GigE Vision cameras that answer. Exits with 1 if none does."""
     from acquire.camera.aravis_library import discover as discover_cameras
 
     cameras = discover_cameras()
@@ -41,8 +44,8 @@ def discover(as_json: bool) -> None:
         click.echo(f"{camera.address:16} {camera.vendor} {camera.model} ({camera.serial})")
     if not cameras:
         raise CameraNotFound(
-            "no camera answers: check power and cable, that host and camera are in one subnet (`ip address`), "
-            "and that no firewall drops UDP port 3956"
+            "no camera answers: check power and cable, "
+            "that host and camera are in one subnet (`ip address`), and that no firewall drops UDP port 3956"
         )
 
 
@@ -51,15 +54,14 @@ def discover(as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors
 def check(rig: Path, as_json: bool) -> None:
-    """Check all that can be wrong before a session with RIG. Exits with 1 when anything fails."""
+    """Check camera, striker, computer and disk before a session with RIG. Exits with 1 if a check fails."""
     from rich.console import Console
 
     from acquire.preflight.check import Outcome
     from acquire.preflight.picture import CheckPicture
     from acquire.preflight.session import check_rig, real_probes
 
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.default_int_handler)  # as Ctrl-C: what was started ends, what was written goes
+    _end_as_on_ctrl_c()  # the processes it started end, its temporary files are removed
     console = Console(highlight=False)
     picture = CheckPicture(console) if console.is_terminal and not as_json else None
     checks, began = [], time.monotonic()
@@ -81,10 +83,10 @@ def check(rig: Path, as_json: bool) -> None:
 @main.command()
 @click.argument("rig", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the status as one JSON line when ready.")
-@click.option("--parent", type=int, hidden=True, help="End when the process with this id, which started this one, has ended.")
+@click.option("--parent", type=int, hidden=True, help="Process id of the parent: end when it has ended.")
 @_one_line_errors
 def run(rig: Path, as_json: bool, parent: int | None) -> None:
-    """Run the daemon for RIG (a rig file, TOML) until stopped."""
+    """Run the daemon for RIG (a rig file, TOML) until it is stopped."""
     from acquire.config import read_rig
     from acquire.daemon.daemon import Daemon
 
@@ -92,22 +94,28 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
 
     def ready(status: dict[str, Any]) -> None:
         model, address = status["camera"]["model"], config.camera.address
-        click.echo(json.dumps(status) if as_json else f"ready: {model} at {address}, socket {status['socket']}")
+        click.echo(
+            json.dumps(status) if as_json else f"ready: {model} at {address}, socket {status['socket']}"
+        )
         sys.stdout.flush()
 
-    goes_on = (lambda: True) if parent is None else (lambda: os.getppid() == parent)
-    Daemon(config, rig.read_text(encoding="utf-8")).run(ready, goes_on)
+    parent_alive = (lambda: True) if parent is None else (lambda: os.getppid() == parent)
+    Daemon(config, rig.read_text(encoding="utf-8")).run(ready, parent_alive)
 
 
 @main.command()
 @click.argument("object_file", metavar="OBJECT", type=click.Path(path_type=Path))
 @click.argument("plan", type=click.Path(path_type=Path))
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write (.mcap).")
-@click.option("--rig", type=click.Path(path_type=Path), help="Rig file that names the daemon's socket; default socket without it.")
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write (.mcap)."
+)
+@click.option(
+    "--rig", type=click.Path(path_type=Path), help=f"{_SOCKET_HELP}; without it, the default socket."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 @_one_line_errors
 def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_json: bool) -> None:
-    """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon; asks you to place it."""
+    """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon. Asks you to place the object."""
     from acquire.console.session import ConsoleOperator, SessionProgress
     from acquire.daemon.api import DaemonClient
     from acquire.recorder.atomic import refuse_unwritable
@@ -128,19 +136,30 @@ def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_js
     default="carton",
     show_default=True,
     type=click.Choice(["carton", "spray", "juice", "salt", "parcel"]),
-    help="What to strike; the parcel holds lumps, no even parts.",
+    help="What to strike. The parcel holds lumps instead of uniform parts.",
 )
-@click.option("--seed", default=1, type=click.IntRange(0), help="Seed of everything random in the virtual rig.")
-@click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write (.mcap).")
+@click.option(
+    "--seed", default=1, type=click.IntRange(0), help="Seed of everything random in the virtual rig."
+)
+@click.option(
+    "-o", "--output", required=True, type=click.Path(path_type=Path), help="The recording to write (.mcap)."
+)
 @click.option("--address", default="127.0.0.1", help="Loopback address of the virtual camera; one per rig.")
-@click.option("--strikes", default=9, type=click.IntRange(3), help="Strikes to plan.")
-@click.option("--axes", type=click.IntRange(1), help="Strike at most so many axes.  [default: as many as pay]")
-@click.option("--method", type=click.Choice(["ours", "paper"]), default="ours", help="How the strikes are chosen; see `analyze plan`.")
+@click.option("--strikes", default=9, type=click.IntRange(3), help="Number of strikes to plan.")
+@click.option(
+    "--axes", type=click.IntRange(1), help="Largest number of pivot axes.  [default: as many as pay]"
+)
+@click.option(
+    "--method",
+    type=click.Choice(["ours", "paper"]),
+    default="ours",
+    help="How the strikes are chosen; see `analyze plan`.",
+)
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report as JSON.")
 @_one_line_errors
 def demo(
-    object_name: str, seed: int, output: Path, address: str, strikes: int, axes: int | None, method: str, force: bool, as_json: bool
+    object_name: str, seed: int, output: Path, address: str, force: bool, as_json: bool, **plan_options: Any
 ) -> None:
     """Run a whole session on the virtual rig: real GigE Vision, real Dynamixel protocol, no hardware."""
     from acquire.console.session import SessionProgress
@@ -148,64 +167,109 @@ def demo(
 
     place = replaced_output(output) if force else fresh_output(output)
     with SessionProgress() as progress:
-        report = run_demo(object_name, seed, place, address=address, plan=DemoPlan(strikes, axes, method), progress=progress)
+        report = run_demo(
+            object_name, seed, place, address=address, plan=DemoPlan(**plan_options), progress=progress
+        )
     _print_session(report, as_json)
 
 
+@dataclass(frozen=True)
+class StrikeOptions:
+    """The options of `acquire strike` that select the strike or the calibration."""
+
+    speed: float | None
+    plan: Path | None
+    strike_id: str | None
+    energy: float | None
+    calibrate: bool
+    bodies: tuple[float, ...]
+    speeds: str | None
+    repeats: int
+    write: bool
+
+    def refuse_contradictions(self, rig: Path | None) -> None:
+        """Check that the options given belong together.
+
+        Raises:
+            click.UsageError: they do not.
+        """
+        if self.calibrate:
+            if rig is None or self.speed is not None or self.plan is not None:
+                raise click.UsageError("--calibrate needs --rig; give --speeds instead of --speed or --plan")
+            return
+        one_source = (self.speed is None) != (self.plan is None) and (self.plan is None) == (
+            self.strike_id is None
+        )
+        if self.bodies or self.speeds or self.write or not one_source:
+            raise click.UsageError(
+                "give --speed, or --plan with --strike; "
+                "--body-mass-kg, --speeds and --write belong to --calibrate"
+            )
+        if self.energy is not None and self.plan is None:
+            raise click.UsageError(
+                "--energy needs --plan and --strike: without an object a speed has no energy ratio"
+            )
+
+
 @main.command()
-@click.option("--rig", type=click.Path(path_type=Path), help="Rig file that names the daemon's socket; --calibrate needs it.")
-@click.option("--speed", type=NumberRange(0, 100, min_open=True), help="Tip speed, m/s.")
-@click.option("--plan", type=click.Path(path_type=Path), help="Take the speed from this plan, for --strike.")
-@click.option("--strike", "strike_id", help="Which strike of the plan.")
-@click.option("--energy", type=NumberRange(0.1, 3.0), help="Energy ratio wanted of the plan's strike; default: as a session would begin.")
-@click.option("--calibrate", is_flag=True, help="Swing a bare striker at several speeds, then at the bodies given.")
-@click.option("--body-mass-kg", "bodies", type=NumberRange(0, min_open=True), multiple=True, help="A free body to strike; inf: a wall.")
-@click.option("--speeds", help="With --calibrate: tip speeds in m/s, comma-separated; default: five, all that it can.")
-@click.option("--repeats", default=2, show_default=True, type=click.IntRange(1, 20), help="With --calibrate: swings at each speed.")
-@click.option("--write", is_flag=True, help="With --calibrate: put what was learned into the rig file.")
+@click.option("--rig", type=click.Path(path_type=Path), help=f"{_SOCKET_HELP}; required for --calibrate.")
+@click.option("--speed", type=NumberRange(0, 100, min_open=True), help="Tip speed [m/s].")
+@click.option("--plan", type=click.Path(path_type=Path), help="Plan to take the speed from; needs --strike.")
+@click.option("--strike", "strike_id", help="Id of the strike in the plan.")
+@click.option(
+    "--energy",
+    type=NumberRange(0.1, 3.0),
+    help="Energy ratio of the planned strike; 1 just tips the object.  [default: as a session would begin]",
+)
+@click.option(
+    "--calibrate", is_flag=True, help="Swing the bare striker at several speeds, then at the bodies given."
+)
+@click.option(
+    "--body-mass-kg",
+    "bodies",
+    type=NumberRange(0, min_open=True),
+    multiple=True,
+    help="With --calibrate: mass of a free body to strike [kg]; inf for a wall. May be repeated.",
+)
+@click.option(
+    "--speeds",
+    help="With --calibrate: tip speeds [m/s], comma-separated.  [default: five over the striker's range]",
+)
+@click.option(
+    "--repeats",
+    default=2,
+    show_default=True,
+    type=click.IntRange(1, 20),
+    help="With --calibrate: swings at each speed.",
+)
+@click.option("--write", is_flag=True, help="With --calibrate: write the estimates into the rig file.")
 @click.option("--yes", is_flag=True, help="Do not ask before a swing.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors
-def strike(
-    rig: Path | None,
-    speed: float | None,
-    plan: Path | None,
-    strike_id: str | None,
-    energy: float | None,
-    calibrate: bool,
-    bodies: tuple[float, ...],
-    speeds: str | None,
-    repeats: int,
-    write: bool,
-    yes: bool,
-    as_json: bool,
-) -> None:
+def strike(rig: Path | None, yes: bool, as_json: bool, **strike_options: Any) -> None:
     """Strike once without a session, or --calibrate a bare striker. Asks before every strike."""
     from acquire.console import strike as strike_command
 
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.default_int_handler)  # as Ctrl-C: the arm is stopped
-    if calibrate:
-        if rig is None or speed is not None or plan is not None:
-            raise click.UsageError("--calibrate needs --rig, and takes --speeds in place of --speed and --plan")
-        strike_command.calibrate(rig, strike_command.speeds_of(speeds), bodies, repeats, write=write, yes=yes, as_json=as_json)
+    _end_as_on_ctrl_c()  # the arm is stopped
+    given = StrikeOptions(**strike_options)
+    given.refuse_contradictions(rig)
+    if given.calibrate and rig is not None:
+        order = strike_command.CalibrationRequest(given.speeds, given.bodies, given.repeats)
+        strike_command.calibrate(rig, order, write=given.write, yes=yes, as_json=as_json)
         return
-    if bodies or speeds or write or (speed is None) == (plan is None) or (plan is None) != (strike_id is None):
-        raise click.UsageError("give --speed, or --plan with --strike; --body-mass-kg, --speeds and --write belong to --calibrate")
-    if plan is not None and strike_id is not None:
-        speed = strike_command.planned_speed(plan, strike_id, energy)
-    elif energy is not None:
-        raise click.UsageError("--energy needs --plan and --strike: without an object a speed has no energy ratio")
-    if not strike_command.once(_socket(rig), speed or 0.0, yes=yes, as_json=as_json):
+    speed = given.speed or 0.0
+    if given.plan is not None and given.strike_id is not None:
+        speed = strike_command.planned_speed(given.plan, given.strike_id, given.energy)
+    if not strike_command.strike_once(_socket(rig), speed, yes=yes, as_json=as_json):
         sys.exit(3)
 
 
 @main.command()
-@click.option("--rig", type=click.Path(path_type=Path), help="Rig file that names the daemon's socket.")
+@click.option("--rig", type=click.Path(path_type=Path), help=f"{_SOCKET_HELP}.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors
 def status(rig: Path | None, as_json: bool) -> None:
-    """Show what the daemon is doing."""
+    """Show the state of daemon, camera, striker and recording."""
     from acquire.daemon.api import DaemonClient
 
     with DaemonClient(_socket(rig)) as client:
@@ -218,30 +282,35 @@ def status(rig: Path | None, as_json: bool) -> None:
 
 
 @main.command()
-@click.option("--rig", type=click.Path(path_type=Path), help="Rig file that names the daemon's socket.")
-@click.option("--daemon", "whole", is_flag=True, help="End the daemon too, not only the motion.")
+@click.option("--rig", type=click.Path(path_type=Path), help=f"{_SOCKET_HELP}.")
+@click.option("--daemon", "end_daemon", is_flag=True, help="End the daemon as well.")
 @_one_line_errors
-def stop(rig: Path | None, whole: bool) -> None:
+def stop(rig: Path | None, end_daemon: bool) -> None:
     """Stop the striker now."""
     from acquire.daemon.api import DaemonClient
 
     try:
         with DaemonClient(_socket(rig), patience_s=2.0) as client:
             client.call("striker.stop")
-            if whole:
+            if end_daemon:
                 client.call("shutdown")
     except DaemonSilent as error:
         raise DaemonSilent(f"NOT STOPPED: if the arm moves, cut the motor's power: {error}") from None
-    click.echo("daemon stopped" if whole else "striker stopped")
+    click.echo("daemon stopped" if end_daemon else "striker stopped")
 
 
 @main.command()
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Where to write; default FILE with -recovered before .mcap.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="The file to write.  [default: FILE with -recovered before .mcap]",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @_one_line_errors
 def recover(file: Path, output: Path | None, as_json: bool) -> None:
-    """Rebuild a recording that was cut short. Exits with 3 when anything was lost, be it only what came behind a cut."""
+    """Rebuild a recording that was cut short. Exits with 3 if any data was lost, even only after the cut."""
     from acquire.recorder.recover.recover import default_output
     from acquire.recorder.recover.recover import recover as recover_file
 
@@ -249,6 +318,12 @@ def recover(file: Path, output: Path | None, as_json: bool) -> None:
     click.echo(json.dumps(report.as_dict()) if as_json else report.text())
     if report.anything_lost:
         sys.exit(3)
+
+
+def _end_as_on_ctrl_c() -> None:
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt, so that they clean up as Ctrl-C does."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)
 
 
 def _socket(rig: Path | None) -> Path:
@@ -260,9 +335,12 @@ def _socket(rig: Path | None) -> Path:
 def _print_session(report: Any, as_json: bool) -> None:
     if as_json:
         numbers = {"strikes": report.strikes, "frames": report.frames, "lost": report.lost}
-        click.echo(json.dumps({"path": str(report.path), "files": [str(path) for path in report.files], **numbers}))
+        click.echo(
+            json.dumps({"path": str(report.path), "files": [str(path) for path in report.files], **numbers})
+        )
     else:
-        click.echo(f"{', '.join(map(str, report.files))}: {report.strikes} strikes, {report.frames} frames, {report.lost} lost")
+        counts = f"{report.strikes} strikes, {report.frames} frames, {report.lost} frames lost"
+        click.echo(f"{', '.join(map(str, report.files))}: {counts}")
     if report.aborted:
         click.echo(f"acquire: the session ended early: {report.text}", err=True)
     if report.aborted or report.lost:

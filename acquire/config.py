@@ -1,4 +1,4 @@
-"""The rig file as `acquire` reads it; what may stand in it is in schemas/rig.py, because plans are made for the same rig."""
+"""Reader of the rig file; its schema is in schemas/rig.py, because `analyze plan` reads the same file."""
 
 from __future__ import annotations
 

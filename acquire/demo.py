@@ -1,6 +1,7 @@
-"""Composition root of the virtual rig: world, camera and operator around the same daemon and session that drive real hardware.
+"""Composition root of the virtual rig: simulated world, camera and operator, real daemon and session.
 
-Only this module knows both sides. The daemon is started as `acquire run RIG.toml`; it sees a camera address and a serial port.
+Only this module imports both sides. The daemon is started as `acquire run RIG.toml`; it is given a camera
+address and a serial port, as with real hardware.
 """
 
 from __future__ import annotations
@@ -32,36 +33,38 @@ from acquire.virtual.truth import merge_truth
 
 START_TIMEOUT_S = 30.0
 _FOLDER = "percuss-demo-"
-"""what a demo needs while it runs lies in /tmp/percuss-demo-<process id>-*"""
+"""prefix of a demo's temporary folder: /tmp/percuss-demo-<process id>-*"""
 
 
 @dataclass(frozen=True)
 class DemoOutput:
-    """Where the recording goes."""
+    """Path of the recording to write, with the older files that it replaces."""
 
     path: Path
     replaced: tuple[Path, ...] = ()
-    """older files that make room for it, once the rig is up"""
+    """older files to delete once the rig is up"""
 
 
 def fresh_output(path: Path) -> DemoOutput:
-    """A recording where there is none.
+    """Output at a path that must not exist yet.
 
     Raises:
-        RecorderError: there is one, or no place for it.
+        RecorderError: the path exists already or cannot be written.
     """
     refuse_unwritable(path)
     for taken in (path, Path(f"{path}.part")):
         if taken.exists():
-            raise RecorderError(f"{taken}: exists already: choose another name, or give --force to replace it")
+            raise RecorderError(
+                f"{taken}: exists already: choose another name, or give --force to replace it"
+            )
     return DemoOutput(path)
 
 
 def replaced_output(path: Path) -> DemoOutput:
-    """A recording in the place of what may be there.
+    """Output at a path where an older recording may be replaced.
 
     Raises:
-        RecorderError: what is there is no file, or there is no place for one.
+        RecorderError: the path is not a file or cannot be written.
     """
     refuse_unwritable(path)
     return DemoOutput(path, tuple(taken for taken in (path, Path(f"{path}.part")) if taken.exists()))
@@ -69,45 +72,47 @@ def replaced_output(path: Path) -> DemoOutput:
 
 @dataclass(frozen=True)
 class DemoPlan:
-    """What is asked of `analyze plan`."""
+    """Options of `analyze plan`."""
 
     strikes: int = 9
     axes: int | None = None
-    """at most so many different ones"""
+    """largest number of different pivot axes; None for as many as pay"""
     method: str = "ours"
-    """or paper"""
+    """"ours" or "paper\""""
 
-    def options(self) -> list[str]:
-        """On its command line."""
+    def arguments(self) -> list[str]:
+        """Command-line arguments of `analyze plan`."""
         most = [] if self.axes is None else ["--axes", str(self.axes)]
         return ["--strikes", str(self.strikes), *most, "--method", self.method]
 
 
-def run_demo(object_name: str, seed: int, output: DemoOutput, *, address: str, plan: DemoPlan, progress: Progress) -> SessionReport:
-    """Plan and run a session on the virtual rig and add the truth to its recording.
+def run_demo(
+    object_name: str, seed: int, output: DemoOutput, *, address: str, plan: DemoPlan, progress: Progress
+) -> SessionReport:
+    """Plan and run a session on the virtual rig, then add the ground truth to its recording.
 
     Args:
         object_name: one of OBJECT_NAMES.
-        seed: of everything random in the virtual rig.
+        seed: seed of everything random in the virtual rig.
         output: the recording to write.
         address: loopback address of the virtual camera.
-        plan: what to plan.
-        progress: hears what goes on.
+        plan: options of `analyze plan`.
+        progress: called with each step.
 
     Raises:
-        AcquireError: what the session raised; the rig is taken down in any case.
+        AcquireError: the session failed; the rig is taken down in any case.
     """
     _refuse_other_address(address)
     _remove_leftovers(Path(tempfile.gettempdir()))
     folder = Path(tempfile.mkdtemp(prefix=f"{_FOLDER}{os.getpid()}-"))
-    kept_truth = folder / "kept-truth.bin"
+    truth_path = folder / "kept-truth.bin"
     try:
         with interruptible(), contextlib.ExitStack() as cleanup:
-            return _session(object_name, seed, output, address, plan, progress, kept_truth, cleanup)
+            return _session(object_name, seed, output, address, plan, progress, truth_path, cleanup)
     finally:
-        if kept_truth.exists() and output.path.exists():
-            progress("adding the truth: to the recording", 1, 1)
-            merge_truth(output.path, kept_truth)
+        if truth_path.exists() and output.path.exists():
+            progress("finishing: adding the ground truth to the recording", 1, 1)
+            merge_truth(output.path, truth_path)
         shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -118,27 +123,43 @@ def _session(
     address: str,
     plan: DemoPlan,
     progress: Progress,
-    kept_truth: Path,
+    truth_path: Path,
     cleanup: contextlib.ExitStack,
 ) -> SessionReport:
-    folder = kept_truth.parent
+    folder = truth_path.parent
     thing = load_object(object_name, seed)
     object_path, plan_path, rig_path = folder / "object.toml", folder / "plan.json", folder / "rig.toml"
     _write_object(thing, object_path)
 
     progress("starting: world", 0, 1)
-    common = ["--object", object_name, "--seed", str(seed), "--dir", str(folder), "--parent", str(os.getpid())]
+    common = [
+        "--object",
+        object_name,
+        "--seed",
+        str(seed),
+        "--dir",
+        str(folder),
+        "--parent",
+        str(os.getpid()),
+    ]
     world_ready = cleanup.enter_context(started("world", folder, "acquire.virtual.world_process", *common))
-    rig_path.write_text(rig_toml(calibration_sheet(seed), address, world_ready["port"], folder / "run" / "daemon.sock"), encoding="utf-8")
+    rig_path.write_text(
+        rig_toml(calibration_sheet(seed), address, world_ready["port"], folder / "run" / "daemon.sock"),
+        encoding="utf-8",
+    )
     planning = cleanup.enter_context(_planning(object_path, plan_path, rig_path, plan))
     progress("starting: camera", 0, 1)
-    cleanup.enter_context(started("camera", folder, "acquire.virtual.camera_process", *common, "--address", address))
+    cleanup.enter_context(
+        started("camera", folder, "acquire.virtual.camera_process", *common, "--address", address)
+    )
     progress("starting: daemon", 0, 1)
     socket = read_rig(rig_path).daemon.socket_path()
-    cleanup.enter_context(started("daemon", folder, "acquire", "run", str(rig_path), "--json", "--parent", str(os.getpid())))
+    cleanup.enter_context(
+        started("daemon", folder, "acquire", "run", str(rig_path), "--json", "--parent", str(os.getpid()))
+    )
     wait_for_socket(socket, lambda: True, START_TIMEOUT_S)
     progress("starting: plan", 0, 1)
-    _planned(planning)
+    _wait_for_plan(planning)
 
     world = cleanup.enter_context(contextlib.closing(OperatorLink(folder / "world.sock")))
     client = cleanup.enter_context(contextlib.closing(DaemonClient(socket)))
@@ -147,14 +168,14 @@ def _session(
         older.unlink(missing_ok=True)
     try:
         return SessionRunner(client, SessionInput(object_path, plan_path), output.path, progress).run()
-    finally:  # a session that ends half-way leaves a recording too
-        shutil.copyfile(world.truth(), kept_truth)
+    finally:  # a session that ends early leaves a recording as well
+        shutil.copyfile(world.truth(), truth_path)
 
 
 def rig_toml(sheet: dict[str, Any], address: str, port: str, socket: Path) -> str:
-    """The rig file that a person would write for this station; `sheet` is what its calibration says."""
+    """Rig file that a person would write for this station; `sheet` holds its calibration."""
     camera, striker = sheet["camera"], sheet["striker"]
-    return f"""# The virtual rig, as a person would describe a real one.
+    return f"""# The virtual rig, described as a real one would be.
 name = "virtual"
 g_m_s2 = {sheet["g_m_s2"]}
 g_sd_m_s2 = 0.001
@@ -193,7 +214,7 @@ socket = "{socket}"
 
 
 def _remove_leftovers(temporary: Path) -> None:
-    """Folders of our demos that were killed: their processes ended by themselves, their folders could not."""
+    """Delete the folders of this user's demos that were killed; their processes have ended by themselves."""
     for folder in temporary.glob(f"{_FOLDER}*-*"):
         pid = folder.name.removeprefix(_FOLDER).partition("-")[0]
         with contextlib.suppress(OSError):
@@ -210,8 +231,10 @@ def _write_object(thing: VirtualObject, path: Path) -> None:
 
 
 @contextlib.contextmanager
-def _planning(object_path: Path, plan_path: Path, rig_path: Path, plan: DemoPlan) -> Iterator[subprocess.Popen[str]]:
-    """`analyze plan`, which works while the rig comes up."""
+def _planning(
+    object_path: Path, plan_path: Path, rig_path: Path, plan: DemoPlan
+) -> Iterator[subprocess.Popen[str]]:
+    """Run `analyze plan` while the rig starts."""
     command = [
         sys.executable,
         "-m",
@@ -222,7 +245,7 @@ def _planning(object_path: Path, plan_path: Path, rig_path: Path, plan: DemoPlan
         str(plan_path),
         "--rig",
         str(rig_path),
-        *plan.options(),
+        *plan.arguments(),
     ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
@@ -231,15 +254,15 @@ def _planning(object_path: Path, plan_path: Path, rig_path: Path, plan: DemoPlan
             process.kill()
 
 
-def _planned(planning: subprocess.Popen[str]) -> None:
-    """Wait for the plan.
+def _wait_for_plan(planning: subprocess.Popen[str]) -> None:
+    """Wait until `analyze plan` has written the plan.
 
     Raises:
-        SessionError: there is none; why.
+        SessionError: `analyze plan` failed; with its message.
     """
     stdout, stderr = planning.communicate()
     if planning.returncode != 0:
-        raise SessionError(f"no plan: {stderr.strip() or stdout.strip()}")
+        raise SessionError(f"`analyze plan` failed: {stderr.strip() or stdout.strip()}")
 
 
 def _refuse_other_address(address: str) -> None:
@@ -248,4 +271,7 @@ def _refuse_other_address(address: str) -> None:
     except ValueError:
         fits = False
     if not fits:
-        raise ConfigError(f"{address}: the virtual camera lives on loopback: give an address from 127.0.0.1 to 127.255.255.254")
+        raise ConfigError(
+            f"{address}: the virtual camera needs a loopback address: "
+            "give one from 127.0.0.1 to 127.255.255.254"
+        )

@@ -1,24 +1,24 @@
-"""Everything that acquire raises on purpose.
+"""The errors that acquire raises on purpose.
 
     AcquireError
     ├── ConfigError          a rig file that cannot be used
     ├── CameraError
-    │   ├── CameraNotFound   nothing answers at the address
-    │   ├── CameraLost       it answered before and does not now
-    │   └── CameraSettingError   asked for a setting, read back another
+    │   ├── CameraNotFound   no camera answers at the address
+    │   ├── CameraLost       the camera answered before and does not answer now
+    │   └── CameraSettingError   a setting reads back differently from what was written
     ├── StrikerError
     │   ├── StrikerNotFound  no port, or no servo on it
-    │   ├── StrikerLost      the bus fell silent
+    │   ├── StrikerLost      the servo bus no longer answers
     │   ├── StrikerFault     the servo reports a hardware error
-    │   └── StrikerRefused   an interlock said no
-    │       └── StrikerStopped   somebody said stop
-    ├── RecorderError        the file cannot be written, or a path is taken
-    │   ├── CaptureGone      the process that writes it died or was ended
-    │   └── RecordingBroken  what was asked about lies in a file that broke off
+    │   └── StrikerRefused   an interlock refused the motion
+    │       └── StrikerStopped   the striker was stopped on request
+    ├── RecorderError        the file cannot be written, or its path exists already
+    │   ├── CaptureGone      the capture process died or was ended
+    │   └── RecordingBroken  the data asked for is in a file that was cut short
     ├── DaemonError
-    │   ├── DaemonNotRunning nobody listens on the socket
-    │   ├── DaemonSilent     it is there, and does not answer
-    │   └── DaemonBusy       somebody already does, or a session is open
+    │   ├── DaemonNotRunning no process listens on the socket
+    │   ├── DaemonSilent     the daemon runs and does not answer
+    │   └── DaemonBusy       another daemon or session holds what was asked for
     └── SessionError         the session cannot go on
 
 Each message is one line: the device or file, what was asked, what came back, what to try.
@@ -38,11 +38,11 @@ class CameraError(AcquireError):
 
 
 class CameraNotFound(CameraError):
-    """Nothing answers at the address."""
+    """No camera answers at the address."""
 
 
 class CameraLost(CameraError):
-    """The camera answered before and does not now."""
+    """The camera answered before and does not answer now."""
 
 
 class CameraSettingError(CameraError):
@@ -58,7 +58,7 @@ class StrikerNotFound(StrikerError):
 
 
 class StrikerLost(StrikerError):
-    """The bus fell silent."""
+    """The servo bus no longer answers."""
 
 
 class StrikerFault(StrikerError):
@@ -66,11 +66,11 @@ class StrikerFault(StrikerError):
 
 
 class StrikerRefused(StrikerError):
-    """An interlock said no."""
+    """An interlock refused the motion."""
 
 
 class StrikerStopped(StrikerRefused):
-    """Somebody said stop: nothing moves until a person starts something anew."""
+    """The striker was stopped on request; nothing moves until a person starts it again."""
 
     def __init__(self, text: str = "the striker was stopped on request: home it to go on") -> None:
         super().__init__(text)
@@ -85,7 +85,7 @@ class CaptureGone(RecorderError):
 
 
 class RecordingBroken(RecorderError):
-    """What was asked about lies in a file that broke off; the recording goes on in the next."""
+    """The data asked for is in a file that was cut short; the recording continues in the next file."""
 
 
 class DaemonError(AcquireError):
@@ -93,11 +93,11 @@ class DaemonError(AcquireError):
 
 
 class DaemonNotRunning(DaemonError):
-    """Nobody listens on the socket."""
+    """No process listens on the socket."""
 
 
 class DaemonSilent(DaemonError):
-    """The daemon is there and does not answer."""
+    """The daemon runs and does not answer."""
 
 
 class DaemonBusy(DaemonError):
@@ -109,6 +109,9 @@ class SessionError(AcquireError):
 
 
 def by_name(name: str, otherwise: type[AcquireError] = AcquireError) -> type[AcquireError]:
-    """The error class called `name`, as it travels between processes; `otherwise` for any other name."""
+    """Error class of this module with the given name; `otherwise` for an unknown name.
+
+    Error classes travel between processes by name.
+    """
     found = globals().get(name)
     return found if isinstance(found, type) and issubclass(found, AcquireError) else otherwise

@@ -1,1 +1,1 @@
-"""The terminal side of sessions and single strikes."""
+"""Terminal interface of sessions and single strikes."""

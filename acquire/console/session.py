@@ -1,4 +1,4 @@
-"""The terminal side of a session: a progress line, and the person at the rig who answers with Enter."""
+"""Terminal interface of a session: a progress line, and prompts that the operator answers with Enter."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from acquire.errors import AcquireError
 
 
 class SessionProgress:
-    """Planned strikes done, what goes on now, time so far; on standard error, so that --json stays clean."""
+    """Progress line: planned strikes done, elapsed time, current step.
+
+    It is written to standard error, so that the output of --json stays clean.
+    """
 
     def __init__(self) -> None:
         self._console = Console(stderr=True)
@@ -31,17 +34,20 @@ class SessionProgress:
         self._task = self._progress.add_task("starting", total=1)
 
     def __call__(self, text: str, done: int, total: int) -> None:
-        """Show `text`; without a terminal, print the lines that tell of a strike's end or a step of the set-up."""
+        """Show `text` on the progress line; also print it as a line of its own if it contains a colon.
+
+        Texts with a colon report the end of a strike or a step of the set-up.
+        """
         self._progress.update(self._task, description=text, completed=done, total=max(total, 1))
         if ":" in text:
-            self.say(text)
+            self.print_line(text)
 
-    def say(self, text: str) -> None:
-        """Print a line of its own."""
+    def print_line(self, text: str) -> None:
+        """Print a line above the progress bar."""
         self._console.print(text, highlight=False, soft_wrap=True)
 
     def ask(self, text: str) -> str:
-        """Ask on the terminal; the bar pauses."""
+        """Answer of the operator to a question on the terminal; the progress bar pauses meanwhile."""
         self._progress.stop()
         self._console.print(text, highlight=False)
         answer = sys.stdin.readline()
@@ -52,18 +58,21 @@ class SessionProgress:
         self._progress.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._progress.stop()
 
 
 class ConsoleOperator:
-    """Puts the daemon's questions to the person at the terminal, and tells of its troubles."""
+    """Thread that puts the daemon's prompts to the operator at the terminal and prints its troubles."""
 
     def __init__(self, socket: Path, progress: SessionProgress) -> None:
         self._socket = socket
         self._progress = progress
         self._listener = DaemonClient(socket)
-        self._thread = threading.Thread(target=self._run, name="console-operator", daemon=True)  # may sit in readline for ever
+        # A daemon thread, because it may wait in readline for ever.
+        self._thread = threading.Thread(target=self._run, name="console-operator", daemon=True)
 
     def __enter__(self) -> ConsoleOperator:
         self._thread.start()
@@ -76,10 +85,14 @@ class ConsoleOperator:
         with contextlib.suppress(AcquireError, OSError), DaemonClient(self._socket) as answers:
             for event in self._listener.events():
                 if event["event"] == "trouble":
-                    self._progress.say(f"trouble: {event['text']}")
+                    self._progress.print_line(f"trouble: {event['text']}")
                 if event["event"] != "prompt":
                     continue
                 hint = f"[{event['hint']}] " if event.get("hint") else ""
-                line = self._progress.ask(f"{hint}{event['text']}\nEnter when it is placed, q to end the session: ")
+                line = self._progress.ask(
+                    f"{hint}{event['text']}\n"
+                    "Press Enter when the object is placed, or q and Enter to end the session: "
+                )
                 stop = line.strip().lower() == "q" or not line
-                answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=not stop, text="stopped at the terminal" if stop else "")
+                text = "stopped at the terminal" if stop else ""
+                answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=not stop, text=text)

@@ -49,7 +49,9 @@ class Daemon:
         self._stop_asked = False  # a plain flag: a signal handler that took a lock could wait for the very code it interrupts
         self._ending = False
         self._capture = capture or CaptureProcess(config)
-        self._recording = LiveRecording(config, rig_toml, self._capture, self._clock, self._on_watch, self._complain)
+        self._recording = LiveRecording(
+            config, rig_toml, self._capture, self._clock, self._on_watch, self._complain
+        )
         self._striker = self._make_striker()
         self._striker_lock = threading.Lock()
         self._stops = 0
@@ -80,11 +82,15 @@ class Daemon:
             self._camera = self._capture.start()
             cleanup.callback(self._join_reviver)
             cleanup.callback(self._end_recording)
-            cleanup.callback(self._release_striker)  # before all else: a file may take its time, a torque may not
+            cleanup.callback(
+                self._release_striker
+            )  # before all else: a file may take its time, a torque may not
             self._striker.open()
             if on_ready is not None:
                 on_ready(self._status(None, {}))
-            say_alive = cleanup.enter_context(service.serving(f"{self._camera.model} at {self._config.camera.address}"))
+            say_alive = cleanup.enter_context(
+                service.serving(f"{self._camera.model} at {self._config.camera.address}")
+            )
             while not self._stop_asked and goes_on():
                 time.sleep(TICK_S)
                 self._supervise()
@@ -97,7 +103,11 @@ class Daemon:
 
     def _make_striker(self) -> Striker:
         arguments = (self._config.striker, self._on_sample, self._on_event, self._on_clock, self._clock)
-        return ManualStriker(*arguments) if self._config.striker.kind == "manual" else DynamixelStriker(*arguments)
+        return (
+            ManualStriker(*arguments)
+            if self._config.striker.kind == "manual"
+            else DynamixelStriker(*arguments)
+        )
 
     def _handlers(self) -> dict[str, Any]:
         owned = {
@@ -115,7 +125,7 @@ class Daemon:
         }
         return {name: self._for_owner(handler) for name, handler in owned.items()} | {
             "status": self._status,
-            "rig": lambda *_: RigLimits.of(self._config).as_dict(),
+            "rig": lambda *_: RigLimits.from_config(self._config).as_dict(),
             "shutdown": self._shutdown,
             "recording.open": self._open_recording,
             "recording.close": self._close_recording,
@@ -130,7 +140,9 @@ class Daemon:
         def call(connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
             owner = self._recording.owner
             if owner is not None and owner is not connection:
-                raise SessionError("another program's session is open: wait for its end, or end it with `acquire stop`")
+                raise SessionError(
+                    "another program's session is open: wait for its end, or end it with `acquire stop`"
+                )
             return handler(connection, params)
 
         return call
@@ -140,7 +152,9 @@ class Daemon:
     def _open_recording(self, connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
         stops = self._stops
         manifest = self._recording.open(connection, params, self._camera)
-        self._stops_over = max(stops, self._stops_over)  # a person starts anew; what is said from here on holds
+        self._stops_over = max(
+            stops, self._stops_over
+        )  # a person starts anew; what is said from here on holds
         connection.on_close.append(lambda: self._owner_left(connection))
         return {"recording_id": manifest.recording_id, "wall_anchor_ns": manifest.wall_anchor_ns}
 
@@ -171,7 +185,10 @@ class Daemon:
         self._recording.write(topics.SESSION_STATE, message)
         name = pb.SessionState.State.Name(message.state)
         self._recording.log(f"{name} {message.strike_id} {message.text}".strip())
-        self._publish("state", {"state": name, "strike_id": message.strike_id, "attempt": message.attempt, "text": message.text})
+        self._publish(
+            "state",
+            {"state": name, "strike_id": message.strike_id, "attempt": message.attempt, "text": message.text},
+        )
         return {}
 
     def _write_strike(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
@@ -256,7 +273,9 @@ class Daemon:
         return {"state": self._striker.state.value}
 
     def _on_sample(self, message: pb.StrikerSample) -> None:
-        self._recording.write(topics.STRIKER_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2)
+        self._recording.write(
+            topics.STRIKER_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2
+        )
 
     def _on_event(self, message: pb.StrikerEvent) -> None:
         self._recording.write(topics.STRIKER_EVENT, message, message.host_time_ns)
@@ -266,7 +285,9 @@ class Daemon:
             self._complain(f"the striker is in a fault: {message.text}")
 
     def _on_clock(self, message: pb.ClockSample) -> None:
-        self._recording.write(topics.CLOCK_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2)
+        self._recording.write(
+            topics.CLOCK_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2
+        )
 
     # --- watch ----------------------------------------------------------------------------------------------------
 
@@ -276,7 +297,10 @@ class Daemon:
     def _latest(self, *_: object) -> dict[str, Any]:
         watcher = self._recording.watcher
         event = watcher.latest if watcher is not None else None
-        return {"event": event.model_dump(mode="json") if event else None, "alive": watcher is not None and watcher.alive}
+        return {
+            "event": event.model_dump(mode="json") if event else None,
+            "alive": watcher is not None and watcher.alive,
+        }
 
     def _expect(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         self._recording.expect(str(params["plan_strike_id"]))
@@ -285,7 +309,9 @@ class Daemon:
     def _judge(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
         timeout = float(params.pop("timeout_s", 10.0))
         watcher = self._recording.watcher
-        verdict = watcher.judge(JudgeRequest(kind="judge", **params), timeout) if watcher is not None else None
+        verdict = (
+            watcher.judge(JudgeRequest(kind="judge", **params), timeout) if watcher is not None else None
+        )
         return {"verdict": verdict.model_dump(mode="json") if verdict else None}
 
     # --- clients and child processes that are gone ------------------------------------------------------------------
@@ -341,7 +367,15 @@ class Daemon:
             capture = asdict(self._capture.status())
         except AcquireError as error:
             capture = {"error": str(error)}
-        numbers = ("frames", "lost", "dropped", "waiting_bytes", "fps", "bytes_written", "receive_buffer_bytes")
+        numbers = (
+            "frames",
+            "lost",
+            "dropped",
+            "waiting_bytes",
+            "fps",
+            "bytes_written",
+            "receive_buffer_bytes",
+        )
         return {
             "rig": self._config.name,
             "pid": os.getpid(),
@@ -352,7 +386,11 @@ class Daemon:
             "servo": asdict(health) if (health := self._striker.health) is not None else None,
             **{name: capture.get(name, 0) for name in numbers},
             "recording": str(capture["recording"]) if capture.get("recording") else None,
-            "camera": {"vendor": self._camera.vendor, "model": self._camera.model, "serial": self._camera.serial},
+            "camera": {
+                "vendor": self._camera.vendor,
+                "model": self._camera.model,
+                "serial": self._camera.serial,
+            },
             "connected": capture.get("connected", False),
             "trouble": capture["error"],
             "warnings": list(capture.get("warnings", ())),

@@ -1,1 +1,1 @@
-"""Sessions: the state machine, the energy of the next strike, and the client that carries them out."""
+"""Sessions: state machine, choice of the next tip speed, and the client that executes them."""

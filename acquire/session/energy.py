@@ -1,11 +1,15 @@
-"""How hard to strike next: learns striker and object together from every strike, and keeps the tip just over the top (METHOD.md 1.5).
+"""Adaptive choice of the tip speed: striker and object are estimated from every strike (method 1.5).
 
-A strike at tip speed v, height h gives the impulse J = (1 + e)*v / (1/m_s + h^2/I) and the energy ratio E = (J*h)^2 / (2*I*m*g*(R - z)),
-I the moment about the edge, R the distance of c from it, z its height over it. Unknown, with the plan's hypothesis as prior: where c
-is, the scale of the moments, the striker's effective mass m_s and restitution e, how much faster it swings than told, and per axis what
-this model leaves out (the tip's friction, a slanting face). Every strike tells of all of them: the angle of balance of c, the energy of
-everything. So an axis that was never struck is known from its neighbours. The most probable values are found by Gauss and Newton, their
-covariance there gives the spread, and E's distribution for the next strike follows by draws.
+A strike with tip speed v at height h gives the impulse J = (1 + e)*v / (1/m_s + h^2/I) and the energy ratio
+E = (J*h)^2 / (2*I*m*g*(R - z)): kinetic energy over the energy needed to tip. I is the moment of inertia
+about the edge, R the distance of the centre of mass c from it, z the height of c over it.
+
+Unknown, with the plan's hypothesis as prior: the position of c, a scale of the moments of inertia, the
+striker's effective mass m_s and restitution e, the ratio of reached to commanded tip speed, and per axis a
+model error (friction at the tip, a slanting face). Every strike informs all of them: the balance angle
+informs c, the energy informs everything. So the first strike on a new axis profits from the strikes on the
+others. The mode of the posterior is found by Gauss-Newton, its covariance follows from the linearisation
+there, and draws from that normal distribution give the distribution of E for the next strike.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import log_ndtr
 
+from schemas.impact_law import inverse_impact_mass
 from schemas.result import Verdict
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from schemas.watch_lines import StrikeVerdict
@@ -27,51 +32,63 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-MODEL_SD = 0.08
-"""of ln E, per axis: what the model leaves out (0.02 to 0.17 in the virtual rig)"""
-READING_SD, SPOILT_SD = 0.03, 0.25
-"""of ln E from strike to strike on one axis; where the contact was not clean"""
-TAILS = 3.0
-"""degrees of freedom of the readings' t distribution: a second touch of the arm, now and then, adds a third or a half"""
-ANGLE_SD = math.radians(0.3)
-"""rad, of a balance angle beside its own: gravity's tilt, the edge's place, the placement"""
-TOP_SD = 0.08
-"""of ln E as the highest angle of a tip that fell back tells it"""
+LOG_ENERGY_MODEL_SD = 0.08
+"""standard deviation of the model error of ln E, one per axis (0.02 to 0.17 in the virtual rig)"""
+LOG_ENERGY_SD = 0.03
+"""standard deviation of ln E between strikes on one axis"""
+LOG_ENERGY_SD_DISTURBED = 0.25
+"""the same for strikes with a disturbed contact, see `_DISTURBED`"""
+T_DEGREES_OF_FREEDOM = 3.0
+"""of the measurements' t distribution: a second contact of the arm sometimes adds a third or a half of the
+energy"""
+PHI_EXTRA_SD_RAD = math.radians(0.3)
+"""uncertainty of a balance angle beside its own: gravity's tilt, the edge's position, the placement"""
+LOG_ENERGY_SD_FROM_TOP = 0.08
+"""standard deviation of ln E derived from the largest angle of a tip that fell back"""
 BOUND_SD = 0.05
-"""of ln E: how sharp "over" and "back" are"""
-UNMOVED_ENERGY = 0.4
-"""of what a strike that turned the object by less than half a degree can have been"""
-SWING_SD, SPEED_SD = 0.02, 0.012
-"""relative: reached over commanded tip speed, all strikes alike; one reading of it"""
-SCALE_SD = 0.2
-"""relative, of the moments about c all together"""
-MASS_SD, RESTITUTION_SD = 0.25, 0.15
-"""relative, and as such, where the plan does not say"""
-DRAWS, SEED = 600, 20070601
-REGION = 2.0
-"""half edges of the hypothesis region in standard deviations"""
-STEPS, BELIEVED, SMALL, SETTLED = 14, 4, 1e-4, 1e-3
-SHORTENED = (1.0, 0.5, 0.25, 0.1)
-LEAST_RISE = 1e-4
-"""m by which c must rise to be over the top: less is a body that does not stand"""
-_SPOILT = frozenset({Verdict.SLID, Verdict.ROLLED, Verdict.TWISTED, Verdict.AIRBORNE, Verdict.STRUCK_TWICE})
+"""softness of the bounds on ln E that "tipped over" and "fell back" give"""
+MAX_ENERGY_UNMOVED = 0.4
+"""largest energy ratio of a strike that turned the object by less than half a degree"""
+SWING_RATIO_SD = 0.02
+"""relative prior standard deviation of reached over commanded tip speed, common to all strikes"""
+TIP_SPEED_SD = 0.012
+"""relative standard deviation of one measured tip speed"""
+INERTIA_SCALE_SD = 0.2
+"""relative prior standard deviation of the common scale of the moments of inertia about c"""
+STRIKER_MASS_KG, STRIKER_MASS_REL_SD = 0.2, 0.25
+RESTITUTION, RESTITUTION_SD = 0.4, 0.15
+"""prior of the striker where the plan has no hypothesis"""
+DRAW_COUNT, DRAW_SEED = 600, 20070601
+REGION_HALF_EDGE_SDS = 2.0
+"""half edge of the hypothesis region in standard deviations of c"""
+MAX_ITERATIONS, UNWEIGHTED_ITERATIONS = 14, 4
+DIFFERENCE_STEP, CONVERGED_STEP = 1e-4, 1e-3
+STEP_FRACTIONS = (1.0, 0.5, 0.25, 0.1)
+MIN_RISE_M = 1e-4
+"""smallest rise of c up to the balance point; a body with less does not stand"""
+_DISTURBED = frozenset(
+    {Verdict.SLID, Verdict.ROLLED, Verdict.TWISTED, Verdict.AIRBORNE, Verdict.STRUCK_TWICE}
+)
 
 
 @dataclass(frozen=True)
 class EnergyGoal:
-    """What a strike shall have, and what it must not."""
+    """Quantiles that the energy ratio of the next strike must respect."""
 
-    goal: float = 1.15
-    """the median aimed at"""
-    likely: float = 2.0
-    """not exceeded with 95 %"""
-    most: float = 2.7
-    """not exceeded with 99.5 %"""
+    median: float = 1.15
+    """largest median"""
+    quantile_95: float = 2.0
+    """value exceeded with at most 5 % probability"""
+    quantile_99_5: float = 2.7
+    """value exceeded with at most 0.5 % probability"""
 
 
 @dataclass(frozen=True)
 class StrikerEstimate:
-    """What the strikes so far say of the striker; 1 sigma each. Mass and restitution are hardly told apart by tips alone."""
+    """Striker parameters estimated from the strikes so far, with standard deviations.
+
+    Tips alone hardly separate effective mass and restitution.
+    """
 
     effective_mass_kg: float
     effective_mass_sd_kg: float
@@ -82,268 +99,348 @@ class StrikerEstimate:
     swing_ratio_sd: float
 
     def text(self) -> str:
-        """In words."""
+        """One line for the terminal."""
         mass, mass_sd = 1000 * self.effective_mass_kg, 1000 * self.effective_mass_sd_kg
         reached, reached_sd = 100 * self.swing_ratio, 100 * self.swing_ratio_sd
-        tip = f"restitution {self.restitution:.2f} ± {self.restitution_sd:.2f}, effective mass {mass:.0f} ± {mass_sd:.0f} g"
-        return f"striker's {tip}, reaches {reached:.1f} ± {reached_sd:.1f} % of the speed asked for"
+        return (
+            f"striker: restitution {self.restitution:.2f} ± {self.restitution_sd:.2f}, "
+            f"effective mass {mass:.0f} ± {mass_sd:.0f} g, "
+            f"reached speed {reached:.1f} ± {reached_sd:.1f} % of the commanded speed"
+        )
 
 
-class _Kind(enum.Enum):
-    """What a strike can tell."""
+class _Quantity(enum.Enum):
+    """Quantity that a strike measures or bounds."""
 
-    SWING = "ln of reached over commanded tip speed"
-    PHI = "the angle of balance"
-    ENERGY = "ln E"
-    BELOW = "ln E was less"
-    ABOVE = "ln E was more"
-    TOP = "the angle at which it turned back"
+    LOG_SWING_RATIO = "ln of reached over commanded tip speed"
+    PHI = "balance angle"
+    LOG_ENERGY = "ln E"
+    LOG_ENERGY_BELOW = "upper bound of ln E"
+    LOG_ENERGY_ABOVE = "lower bound of ln E"
+    TOP_ANGLE = "largest angle of a tip that fell back"
 
 
-_READ = frozenset({_Kind.SWING, _Kind.PHI, _Kind.ENERGY, _Kind.TOP})
+_MEASURED = frozenset({_Quantity.LOG_SWING_RATIO, _Quantity.PHI, _Quantity.LOG_ENERGY, _Quantity.TOP_ANGLE})
 
 
 @dataclass(frozen=True)
-class _Heard:
-    """One thing a strike told."""
+class _Observation:
+    """One measurement or bound from one strike."""
 
     axis: int
-    kind: _Kind
+    quantity: _Quantity
     value: float
     sd: float
     log_speed: float
-    """reached, of the tip"""
+    """ln of the reached tip speed in m/s"""
 
-    def missed(self, swing: Array, log_energy: Array, phi: Array) -> Array:
-        """By how many standard deviations states (k,) miss it; ln E given at 1 m/s."""
+    def residual(self, log_swing_ratio: Array, log_energy: Array, phi: Array) -> Array:
+        """Residual (k,) in standard deviations for k states; ln E (k,) is given for a tip speed of 1 m/s."""
         log_energy = log_energy + 2 * self.log_speed
-        match self.kind:
-            case _Kind.SWING:
-                return (swing - self.value) / self.sd
-            case _Kind.PHI:
-                return (phi - self.value) / self.sd
-            case _Kind.ENERGY:
-                return (log_energy - self.value) / self.sd
-            case _Kind.TOP:
+        match self.quantity:
+            case _Quantity.LOG_SWING_RATIO:
+                predicted = log_swing_ratio
+            case _Quantity.PHI:
+                predicted = phi
+            case _Quantity.LOG_ENERGY:
+                predicted = log_energy
+            case _Quantity.TOP_ANGLE:
                 phi = np.maximum(phi, self.value + 1e-3)
                 reached = (np.cos(phi - self.value) - np.cos(phi)) / (1 - np.cos(phi))
                 return (log_energy - np.log(reached)) / self.sd
-            case _Kind.BELOW | _Kind.ABOVE:
-                beyond = (log_energy - self.value) / self.sd
-                return _excess(beyond if self.kind is _Kind.BELOW else -beyond)
+            case _Quantity.LOG_ENERGY_BELOW | _Quantity.LOG_ENERGY_ABOVE:
+                excess = (log_energy - self.value) / self.sd
+                return _bound_residual(excess if self.quantity is _Quantity.LOG_ENERGY_BELOW else -excess)
+        return (predicted - self.value) / self.sd
 
 
 class EnergyLearner:
-    """One session's knowledge of striker and object.
+    """Posterior of striker and object within one session, and the tip speeds that follow from it.
 
     Args:
-        plan: its strikes and, where it has one, its hypothesis; without it each axis has only its predicted angle's spread.
-        goal: see EnergyGoal.
+        plan: the planned strikes and, if the plan has one, its hypothesis; without a hypothesis each axis has
+            only the spread of its predicted balance angle.
+        goal: limits of the energy ratio.
     """
 
     def __init__(self, plan: StrikePlan, goal: EnergyGoal | None = None) -> None:
         self._goal = goal or EnergyGoal()
-        self._axes = {axis_id: i for i, axis_id in enumerate(dict.fromkeys(strike.axis_id for strike in plan.strikes))}
+        self._axes = {
+            axis_id: i for i, axis_id in enumerate(dict.fromkeys(each.axis_id for each in plan.strikes))
+        }
         first = {strike.axis_id: strike for strike in reversed(plan.strikes)}
         self._model = _Model(plan, [first[axis_id] for axis_id in self._axes])
-        self._heard: list[_Heard] = []
-        self._best = np.zeros(self._model.size)
+        self._observations: list[_Observation] = []
+        self._mode = np.zeros(self._model.size)
         self._covariance = np.eye(self._model.size)
-        self._draws = np.random.default_rng(SEED).standard_normal((DRAWS, self._model.size + 1))
+        self._draws = np.random.default_rng(DRAW_SEED).standard_normal((DRAW_COUNT, self._model.size + 1))
 
     def tip_speed(self, strike: PlannedStrike) -> float:
-        """Speed to command for the next strike on this axis [m/s], within the plan's limits."""
-        log_energy = self._log_energy(strike)
-        bounds = [(0.5, self._goal.goal), (0.95, self._goal.likely), (0.995, self._goal.most)]
-        speed = math.exp(0.5 * min(math.log(limit) - float(np.quantile(log_energy, share)) for share, limit in bounds))
+        """Tip speed to command for the next strike on this axis [m/s], within the plan's limits."""
+        log_energy = self._log_energy_draws(strike)
+        goal = self._goal
+        limits = [(0.5, goal.median), (0.95, goal.quantile_95), (0.995, goal.quantile_99_5)]
+        speed = math.exp(
+            0.5 * min(math.log(limit) - float(np.quantile(log_energy, q)) for q, limit in limits)
+        )
         return min(max(speed, strike.tip_speed_m_s.min), strike.tip_speed_m_s.max)
 
     def speed_for(self, strike: PlannedStrike, energy: float) -> float:
-        """Tip speed [m/s] of which this E is expected (the median), whatever the plan's limits."""
-        return math.exp(0.5 * (math.log(energy) - float(np.median(self._log_energy(strike)))))
+        """Tip speed [m/s] whose median energy ratio is `energy`, without regard to the plan's limits."""
+        return math.exp(0.5 * (math.log(energy) - float(np.median(self._log_energy_draws(strike)))))
 
     def energy(self, strike: PlannedStrike, tip_speed_m_s: float) -> tuple[float, float, float]:
-        """Median of E expected of a commanded tip speed, and the bounds that hold 90 % of it."""
-        low, middle, high = np.exp(np.quantile(self._log_energy(strike), [0.05, 0.5, 0.95]) + 2 * math.log(tip_speed_m_s))
+        """Energy ratio expected at a commanded tip speed: median, then the bounds of the 90 % interval."""
+        quantiles = np.quantile(self._log_energy_draws(strike), [0.05, 0.5, 0.95])
+        low, middle, high = np.exp(quantiles + 2 * math.log(tip_speed_m_s))
         return float(middle), float(low), float(high)
 
-    def learn(self, strike: PlannedStrike, command_m_s: float, speed_m_s: float | None, verdict: StrikeVerdict | None) -> None:
-        """Take in what a strike gave.
+    def learn(
+        self,
+        strike: PlannedStrike,
+        command_m_s: float,
+        speed_m_s: float | None,
+        verdict: StrikeVerdict | None,
+    ) -> None:
+        """Update the posterior with one strike.
 
         Args:
-            strike: as planned.
-            command_m_s: tip speed that was asked for.
-            speed_m_s: as the striker measured it; None: it met nothing, or cannot tell.
-            verdict: None: nobody looked.
+            strike: the planned strike.
+            command_m_s: commanded tip speed.
+            speed_m_s: tip speed measured by the striker; None if the arm met nothing or the speed is unknown.
+            verdict: the verdict of `analyze watch`; None if there is none.
         """
         axis = self._axes[strike.axis_id]
-        log_speed = math.log(command_m_s) + float(self._model.swing(self._best[None])[0])
+        log_speed = math.log(command_m_s) + float(self._model.log_swing_ratio(self._mode[None])[0])
         if speed_m_s is not None and speed_m_s > 0:
             log_speed = math.log(speed_m_s)
-            self._heard.append(_Heard(axis, _Kind.SWING, log_speed - math.log(command_m_s), SPEED_SD, 0.0))
+            log_ratio = log_speed - math.log(command_m_s)
+            self._observations.append(
+                _Observation(axis, _Quantity.LOG_SWING_RATIO, log_ratio, TIP_SPEED_SD, 0.0)
+            )
         if verdict is not None:
-            self._heard += _said(axis, log_speed, verdict)
+            self._observations += _observations(axis, log_speed, verdict)
         self._solve()
 
     @property
     def striker(self) -> StrikerEstimate:
-        """The striker, by all strikes so far."""
-        drawn = self._posterior()
-        mass, rebound, swing = np.exp(self._model.striker(drawn)), np.exp(self._model.bounce(drawn)) - 1, np.exp(self._model.swing(drawn))
-        spread = [(float(np.median(each)), float(np.std(each))) for each in (mass, rebound, swing)]
-        return StrikerEstimate(*spread[0], *spread[1], *spread[2])
+        """Striker parameters estimated from all strikes so far."""
+        states = self._posterior_draws()
+        mass = np.exp(self._model.log_striker_mass(states))
+        restitution = np.exp(self._model.log_rebound(states)) - 1
+        swing_ratio = np.exp(self._model.log_swing_ratio(states))
+        values = [(float(np.median(each)), float(np.std(each))) for each in (mass, restitution, swing_ratio)]
+        return StrikerEstimate(*values[0], *values[1], *values[2])
 
-    def _log_energy(self, strike: PlannedStrike) -> Array:
-        """(n,) draws of ln E at a commanded tip speed of 1 m/s."""
-        drawn = self._posterior()
-        log_energy = self._model.tip(drawn, self._axes[strike.axis_id])[0] + 2 * self._model.swing(drawn)
-        return log_energy + READING_SD * self._draws[:, -1]
+    def _log_energy_draws(self, strike: PlannedStrike) -> Array:
+        """Draws (n,) of ln E at a commanded tip speed of 1 m/s."""
+        states = self._posterior_draws()
+        log_energy, _ = self._model.log_energy_and_phi(states, self._axes[strike.axis_id])
+        return log_energy + 2 * self._model.log_swing_ratio(states) + LOG_ENERGY_SD * self._draws[:, -1]
 
-    def _posterior(self) -> Array:
-        drawn = self._best + self._draws[:, :-1] @ np.linalg.cholesky(self._covariance).T
-        # The hypothesis region ends at two standard deviations; what strikes say of c may lie beyond.
-        near = self._best[:3]
-        drawn[:, :3] = np.clip(drawn[:, :3], np.minimum(near, -REGION), np.maximum(near, REGION))
-        return drawn
+    def _posterior_draws(self) -> Array:
+        """Draws (n, d) of the state."""
+        states = self._mode + self._draws[:, :-1] @ np.linalg.cholesky(self._covariance).T
+        # The hypothesis region ends at two standard deviations, but the estimate of c may lie outside.
+        com = self._mode[:3]
+        limit = REGION_HALF_EDGE_SDS
+        states[:, :3] = np.clip(states[:, :3], np.minimum(com, -limit), np.maximum(com, limit))
+        return states
 
     def _solve(self) -> None:
-        """Gauss and Newton with shortened steps, from the last best; outliers lose their weight only once all readings were believed.
+        """Find the posterior's mode by damped Gauss-Newton steps from the last mode.
 
-        Else a body or striker far from what was told would make every reading an outlier, for ever.
+        The first iterations weight all measurements fully: otherwise a body or striker far from the prior
+            would make
+        every measurement an outlier and could never be learned.
         """
-        z = self._best
+        z = self._mode
         residual = self._residuals(z[None])[0]
         weight = np.ones_like(residual)
-        for turn in range(STEPS):
-            moved = z + SMALL * np.eye(len(z))
-            slope = (self._residuals(moved) - residual).T / SMALL
-            scaled = slope * weight[:, None]
-            self._covariance = np.linalg.inv(scaled.T @ slope)
+        for iteration in range(MAX_ITERATIONS):
+            moved = z + DIFFERENCE_STEP * np.eye(len(z))
+            jacobian = (self._residuals(moved) - residual).T / DIFFERENCE_STEP
+            scaled = jacobian * weight[:, None]
+            self._covariance = np.linalg.inv(scaled.T @ jacobian)
             step = self._covariance @ (scaled.T @ residual)
             cost = float(weight @ residual**2)
             before = z
-            for part in SHORTENED:
-                trial = self._residuals((z - part * step)[None])[0]
+            for fraction in STEP_FRACTIONS:
+                trial = self._residuals((z - fraction * step)[None])[0]
                 if float(weight @ trial**2) <= cost:
-                    z, residual = z - part * step, trial
+                    z, residual = z - fraction * step, trial
                     break
-            if turn >= BELIEVED and float(np.abs(z - before).max()) < SETTLED:
+            if iteration >= UNWEIGHTED_ITERATIONS and float(np.abs(z - before).max()) < CONVERGED_STEP:
                 break
-            weight = self._weights(residual) if turn >= BELIEVED - 1 else weight
-        self._best = z
+            weight = self._weights(residual) if iteration >= UNWEIGHTED_ITERATIONS - 1 else weight
+        self._mode = z
 
     def _residuals(self, z: Array) -> Array:
-        """(k, n): of what was heard, then of the prior, for states z (k, d)."""
-        swing, tips = self._model.swing(z), {axis: self._model.tip(z, axis) for axis in {each.axis for each in self._heard}}
-        heard = [each.missed(swing, *tips[each.axis]) for each in self._heard]
-        return np.concatenate([np.stack(heard, axis=-1), z], axis=-1) if heard else z
+        """Residuals (k, n) of the observations, then of the prior, for states z (k, d)."""
+        if not self._observations:
+            return z
+        log_swing_ratio = self._model.log_swing_ratio(z)
+        axes = {each.axis for each in self._observations}
+        predicted = {axis: self._model.log_energy_and_phi(z, axis) for axis in axes}
+        residuals = [each.residual(log_swing_ratio, *predicted[each.axis]) for each in self._observations]
+        return np.concatenate([np.stack(residuals, axis=-1), z], axis=-1)
 
     def _weights(self, residual: Array) -> Array:
-        """(n,) of a t distribution for what was read off, 1 for bounds and prior."""
-        read = [*(each.kind in _READ for each in self._heard), *([False] * self._model.size)]
-        return np.where(read, (TAILS + 1) / (TAILS + residual**2), 1.0)
+        """Weights (n,): of a t distribution for measurements, 1 for bounds and prior."""
+        measured = [
+            *(each.quantity in _MEASURED for each in self._observations),
+            *([False] * self._model.size),
+        ]
+        dof = T_DEGREES_OF_FREEDOM
+        return np.where(measured, (dof + 1) / (dof + residual**2), 1.0)
 
 
-def _said(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Heard]:
-    """What a verdict tells; of some nothing (the marker was lost, the object lay wrong)."""
-    code, energy = verdict.code, verdict.energy_ratio
-    told: list[_Heard] = []
-    if verdict.phi is not None and code in {Verdict.GOOD, Verdict.ROCKED_BACK}:
-        told.append(_Heard(axis, _Kind.PHI, verdict.phi, math.hypot(ANGLE_SD, verdict.phi_sd or 0.0), log_speed))
-    if energy is not None and energy > 0 and (code in _SPOILT or code in {Verdict.GOOD, Verdict.ROCKED_BACK}):
-        told.append(_Heard(axis, _Kind.ENERGY, math.log(energy), SPOILT_SD if code in _SPOILT else READING_SD, log_speed))
-    elif code is Verdict.ROCKED_BACK:
-        top = verdict.theta_max_rad
-        told.append(_Heard(axis, _Kind.BELOW, 0.0, BOUND_SD, log_speed))
-        if top is not None and top > 0:
-            told.append(_Heard(axis, _Kind.TOP, top, TOP_SD, log_speed))
-    elif code is Verdict.GOOD:
-        told.append(_Heard(axis, _Kind.ABOVE, 0.0, BOUND_SD, log_speed))
-    elif code is Verdict.NOT_MOVED:
-        told.append(_Heard(axis, _Kind.BELOW, math.log(UNMOVED_ENERGY), BOUND_SD, log_speed))
-    return told
+def _observations(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
+    """Observations that a verdict gives; none if the marker was lost or the object was misplaced."""
+    code = verdict.code
+    if code is Verdict.NOT_MOVED:
+        return [
+            _Observation(axis, _Quantity.LOG_ENERGY_BELOW, math.log(MAX_ENERGY_UNMOVED), BOUND_SD, log_speed)
+        ]
+    if code in _DISTURBED:
+        return _energy_observation(axis, log_speed, verdict, LOG_ENERGY_SD_DISTURBED)
+    if code not in {Verdict.GOOD, Verdict.ROCKED_BACK}:
+        return []
+    found: list[_Observation] = []
+    if verdict.phi is not None:
+        phi_sd = math.hypot(PHI_EXTRA_SD_RAD, verdict.phi_sd or 0.0)
+        found.append(_Observation(axis, _Quantity.PHI, verdict.phi, phi_sd, log_speed))
+    energy = _energy_observation(axis, log_speed, verdict, LOG_ENERGY_SD)
+    return found + (energy or _energy_bounds(axis, log_speed, verdict))
+
+
+def _energy_observation(axis: int, log_speed: float, verdict: StrikeVerdict, sd: float) -> list[_Observation]:
+    energy = verdict.energy_ratio
+    if energy is None or energy <= 0:
+        return []
+    return [_Observation(axis, _Quantity.LOG_ENERGY, math.log(energy), sd, log_speed)]
+
+
+def _energy_bounds(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
+    """Bounds on ln E from a tip without an energy ratio: above 0 if it went over, below 0 if it fell back."""
+    if verdict.code is Verdict.GOOD:
+        return [_Observation(axis, _Quantity.LOG_ENERGY_ABOVE, 0.0, BOUND_SD, log_speed)]
+    found = [_Observation(axis, _Quantity.LOG_ENERGY_BELOW, 0.0, BOUND_SD, log_speed)]
+    top = verdict.theta_max_rad
+    if top is not None and top > 0:
+        found.append(_Observation(axis, _Quantity.TOP_ANGLE, top, LOG_ENERGY_SD_FROM_TOP, log_speed))
+    return found
 
 
 class _Model:
-    """The physics as a function of z, whose prior is N(0, 1) in every entry: c (3), moments, m_s, 1 + e, swing, one per axis."""
+    """Physics as a function of the state z, whose prior is N(0, 1) in every entry.
+
+    Entries: position of c (3), scale of the moments, m_s, 1 + e, swing ratio, then one model error per axis.
+    """
 
     def __init__(self, plan: StrikePlan, strikes: list[PlannedStrike]) -> None:
-        believed = plan.hypothesis
+        hypothesis = plan.hypothesis
         self.size = 7 + len(strikes)
-        self._known = believed is not None
-        self._bounce_0, self._bounce_sd = math.log(1.4), RESTITUTION_SD / 1.4
-        self._mass_0, self._mass_sd = math.log(0.2), MASS_SD
-        self._com, self._root, self._weight, self._body = np.zeros(3), np.zeros((3, 3)), 0.0, 0.0
-        if believed is not None:
-            values, vectors = np.linalg.eigh(np.array(believed.com_covariance_m2))
-            self._com, self._root = np.array(believed.com_m), vectors * np.sqrt(np.maximum(values, 0.0))
-            self._body, self._weight = believed.mass_kg, believed.mass_kg * believed.g_m_s2
-            tip = believed.striker
-            self._bounce_0, self._bounce_sd = math.log1p(tip.restitution), tip.restitution_sd / (1 + tip.restitution)
-            self._mass_0 = math.log(tip.effective_mass_kg)
-            self._mass_sd = tip.effective_mass_sd_kg / tip.effective_mass_kg
-        self._planned = [_Axis.of(strike, self._com, self._body) for strike in strikes]
-        self._own_sd = [MODEL_SD if self._known else math.hypot(MODEL_SD, _spread(strike)) for strike in strikes]
+        self._known = hypothesis is not None
+        self._log_rebound, self._log_rebound_sd = (
+            math.log(1 + RESTITUTION),
+            RESTITUTION_SD / (1 + RESTITUTION),
+        )
+        self._log_mass, self._log_mass_sd = math.log(STRIKER_MASS_KG), STRIKER_MASS_REL_SD
+        self._com, self._com_root, self._weight, self._mass = np.zeros(3), np.zeros((3, 3)), 0.0, 0.0
+        if hypothesis is not None:
+            values, vectors = np.linalg.eigh(np.array(hypothesis.com_covariance_m2))
+            self._com, self._com_root = np.array(hypothesis.com_m), vectors * np.sqrt(np.maximum(values, 0.0))
+            self._mass, self._weight = hypothesis.mass_kg, hypothesis.mass_kg * hypothesis.g_m_s2
+            tip = hypothesis.striker
+            self._log_rebound, self._log_rebound_sd = (
+                math.log1p(tip.restitution),
+                tip.restitution_sd / (1 + tip.restitution),
+            )
+            self._log_mass = math.log(tip.effective_mass_kg)
+            self._log_mass_sd = tip.effective_mass_sd_kg / tip.effective_mass_kg
+        self._axes = [_AxisModel.from_plan(strike, self._com, self._mass) for strike in strikes]
+        self._axis_sd = [
+            LOG_ENERGY_MODEL_SD
+            if self._known
+            else math.hypot(LOG_ENERGY_MODEL_SD, _log_energy_spread(strike))
+            for strike in strikes
+        ]
 
-    def striker(self, z: Array) -> Array:
-        """The logarithm of m_s."""
-        return self._mass_0 + self._mass_sd * z[:, 4]
+    def log_striker_mass(self, z: Array) -> Array:
+        """Logarithm ln m_s (k,) for states z (k, d); m_s in kg."""
+        return self._log_mass + self._log_mass_sd * z[:, 4]
 
-    def bounce(self, z: Array) -> Array:
-        """The logarithm of 1 + e."""
-        return self._bounce_0 + self._bounce_sd * z[:, 5]
+    def log_rebound(self, z: Array) -> Array:
+        """Logarithm ln (1 + e) (k,) for states z (k, d)."""
+        return self._log_rebound + self._log_rebound_sd * z[:, 5]
 
-    def swing(self, z: Array) -> Array:
-        """The logarithm of reached over commanded tip speed."""
-        return SWING_SD * z[:, 6]
+    def log_swing_ratio(self, z: Array) -> Array:
+        """Logarithm of reached over commanded tip speed (k,) for states z (k, d)."""
+        return SWING_RATIO_SD * z[:, 6]
 
-    def tip(self, z: Array, axis: int) -> tuple[Array, Array]:
-        """(k,) ln E where the tip reaches 1 m/s, and phi [rad]; without a hypothesis phi is what it was predicted to be."""
-        at = self._planned[axis]
-        own = self._own_sd[axis] * z[:, 7 + axis]
+    def log_energy_and_phi(self, z: Array, axis: int) -> tuple[Array, Array]:
+        """Logarithm ln E (k,) at a tip speed of 1 m/s, and balance angle phi (k,) [rad], for states z (k, d).
+
+        Without a hypothesis phi is the plan's prediction.
+        """
+        at = self._axes[axis]
+        model_error = self._axis_sd[axis] * z[:, 7 + axis]
         if not self._known:
-            return own + at.log_energy + 2 * (self.bounce(z) - self._bounce_0), np.full(len(z), at.phi)
-        arm = self._com + z[:, :3] @ self._root.T - at.point
+            rebound = self.log_rebound(z) - self._log_rebound
+            return model_error + at.log_energy + 2 * rebound, np.full(len(z), at.phi)
+        arm = self._com + z[:, :3] @ self._com_root.T - at.point
         up, forward = arm @ at.up, -(arm @ at.tip)
         distance = np.hypot(up, forward)
-        rise = np.maximum(distance - up, LEAST_RISE)
-        moment = at.i_com * np.exp(SCALE_SD * z[:, 3]) + self._body * (distance + at.radius) ** 2
-        impulse = self.bounce(z) - np.log(np.exp(-self.striker(z)) + at.height**2 / moment)
-        return own + 2 * (impulse + math.log(at.height)) - np.log(2 * moment * self._weight * rise), np.arctan2(forward, up)
+        rise = np.maximum(distance - up, MIN_RISE_M)
+        i_edge = at.i_com * np.exp(INERTIA_SCALE_SD * z[:, 3]) + self._mass * (distance + at.radius) ** 2
+        inverse_mass = inverse_impact_mass(np.exp(-self.log_striker_mass(z)), at.height, i_edge)
+        log_impulse = self.log_rebound(z) - np.log(inverse_mass)
+        log_energy = (
+            model_error + 2 * (log_impulse + math.log(at.height)) - np.log(2 * i_edge * self._weight * rise)
+        )
+        return log_energy, np.arctan2(forward, up)
 
 
 @dataclass(frozen=True)
-class _Axis:
-    """What the model needs of one axis, in O."""
+class _AxisModel:
+    """Geometry and inertia of one pivot axis in the object frame O."""
 
     point: Array
+    """(3,) point on the axis [m]"""
     tip: Array
+    """(3,) unit vector of the strike"""
     up: Array
+    """(3,) unit vector, vertical at rest"""
     radius: float
+    """of the edge's rounding [m]"""
     height: float
+    """of the impact point over the table [m]"""
     i_com: float
-    """kg m^2, about the parallel axis through c"""
+    """moment of inertia about the parallel axis through c [kg m^2]"""
     phi: float
+    """predicted balance angle [rad]"""
     log_energy: float
-    """as planned, at 1 m/s"""
+    """planned ln E, scaled to a tip speed of 1 m/s"""
 
     @classmethod
-    def of(cls, strike: PlannedStrike, com: Array, mass: float) -> _Axis:
-        """From the plan, c at `com`."""
+    def from_plan(cls, strike: PlannedStrike, com: Array, mass: float) -> _AxisModel:
+        """Axis of a planned strike for a centre of mass (3,) [m, in O] and mass [kg]."""
         tip, _, up = np.array(strike.R_world_object)
         point = np.array(strike.pivot.point)
         across = (com - point) @ np.stack([tip, up]).T
         i_com = strike.i_edge_predicted_kg_m2 - mass * (math.hypot(*across) + strike.pivot.radius_m) ** 2
         i_com = max(i_com, 0.1 * strike.i_edge_predicted_kg_m2)
         log_energy = math.log(strike.energy_ratio) - 2 * math.log(strike.tip_speed_m_s.target)
-        return cls(point, tip, up, strike.pivot.radius_m, strike.impact_height_m, i_com, strike.phi_predicted_rad, log_energy)
+        radius, height = strike.pivot.radius_m, strike.impact_height_m
+        return cls(point, tip, up, radius, height, i_com, strike.phi_predicted_rad, log_energy)
 
 
-def _spread(strike: PlannedStrike) -> float:
-    """1 sigma of ln E by the spread of the predicted angle: the rise goes with 1 - cos phi."""
+def _log_energy_spread(strike: PlannedStrike) -> float:
+    """Standard deviation of ln E due to that of the predicted angle: c rises in proportion to 1 - cos phi."""
     return strike.phi_predicted_sd_rad / math.tan(max(strike.phi_predicted_rad, 0.02) / 2)
 
 
-def _excess(beyond: Array) -> Array:
-    """A bound that is passed by `beyond` sd, as a residual: sqrt(-2 ln(normal distribution at -beyond))."""
-    return np.sqrt(-2 * log_ndtr(-beyond))
+def _bound_residual(excess: Array) -> Array:
+    """Residual of a soft bound that is exceeded by `excess` standard deviations: sqrt(-2 ln Phi(-excess))."""
+    return np.sqrt(-2 * log_ndtr(-excess))

@@ -1,13 +1,16 @@
-"""The state machine of one session, pure: events in, actions out. Who carries the actions out is session_runner.py.
+"""State machine of one session: events in, actions out, no I/O. `runner.py` executes the actions.
 
     place → check pose → arm → strike → record until at rest → judge → next
 
-A strike that does not give what it should is repeated, with a speed learned from it, up to `max_attempts` times; every attempt is kept.
+A strike without a good verdict is repeated with a tip speed estimated from all strikes so far, up to
+`max_attempts` times; every attempt is kept.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 from acquire.session.energy import EnergyGoal, EnergyLearner
 from schemas.proto import percuss_pb2 as pb
@@ -20,7 +23,7 @@ State = pb.SessionState.State
 
 @dataclass(frozen=True)
 class SessionSettings:
-    """How patient a session is."""
+    """Limits on repetitions, and the energy ratios aimed at and accepted."""
 
     max_attempts: int = 4
     max_placements: int = 3
@@ -29,7 +32,8 @@ class SessionSettings:
     energy_accepted: tuple[float, float] = (1.0, 2.5)
 
 
-# --- events -------------------------------------------------------------------------------------------------------
+# --- events
+# ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class PoseChecked:
-    """What the images say of the placement."""
+    """Result of comparing the object's pose with the plan."""
 
     good: bool
     text: str = ""
@@ -57,7 +61,7 @@ class Ready:
 
 @dataclass(frozen=True)
 class Struck:
-    """The striker is done. Times are host monotonic."""
+    """The strike is finished. Times are host monotonic."""
 
     contact_time_ns: int | None
     contact_time_sd_ns: float
@@ -67,7 +71,7 @@ class Struck:
 
 @dataclass(frozen=True)
 class Recorded:
-    """The object is at rest again and the window is closed; log times."""
+    """The object is at rest again and the recording window is closed. Times are log times."""
 
     window_start_ns: int
     window_end_ns: int
@@ -77,40 +81,52 @@ class Recorded:
 
 @dataclass(frozen=True)
 class Judged:
-    """The verdict; None when none came."""
+    """The verdict on the strike; None if there was none in time."""
 
     verdict: StrikeVerdict | None
 
 
 @dataclass(frozen=True)
 class StopRequested:
-    """The operator wants to end here."""
+    """The operator ends the session."""
 
     text: str = "stopped by the operator"
 
 
 @dataclass(frozen=True)
 class StrikerFailed:
-    """The striker ended in a fault, or its bus fell silent, while it was cocked or swung."""
+    """The striker reported a fault or its bus stopped answering while it was armed, cocked or swung."""
 
     text: str
 
 
 @dataclass(frozen=True)
-class BrokenOff:
-    """The file that held this strike's images broke off; the recording goes on in the next."""
+class FileCutShort:
+    """The file with this strike's images was cut short; the recording continues in the next file."""
 
     text: str
 
 
-Event = BrokenOff | StrikerFailed | Started | Placed | PoseChecked | Ready | Struck | Recorded | Judged | StopRequested
+Event = (
+    FileCutShort
+    | StrikerFailed
+    | Started
+    | Placed
+    | PoseChecked
+    | Ready
+    | Struck
+    | Recorded
+    | Judged
+    | StopRequested
+)
 
-# --- actions ------------------------------------------------------------------------------------------------------
+# --- actions
+# ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Announce:
-    """Write the state into the recording and tell the subscribers."""
+    """Write the session's state into the recording and notify the subscribers."""
 
     state: State
     strike_id: str
@@ -128,7 +144,7 @@ class AskToPlace:
 
 @dataclass(frozen=True)
 class CheckPose:
-    """Compare the images with the plan."""
+    """Compare the object's pose with the plan."""
 
     strike: PlannedStrike
 
@@ -140,12 +156,12 @@ class Arm:
 
 @dataclass(frozen=True)
 class ClearFault:
-    """Home the striker again; if that fails too, the session cannot go on."""
+    """Home the striker again; if that fails too, the session ends."""
 
 
 @dataclass(frozen=True)
 class Strike:
-    """Open the window and strike."""
+    """Open the recording window and strike."""
 
     strike: PlannedStrike
     strike_id: str
@@ -154,12 +170,12 @@ class Strike:
 
 @dataclass(frozen=True)
 class RecordUntilRest:
-    """Wait until the object is at rest, then close the window."""
+    """Wait until the object is at rest, then close the recording window."""
 
 
 @dataclass(frozen=True)
 class Judge:
-    """Ask for the verdict."""
+    """Ask `analyze watch` for the verdict."""
 
     strike: PlannedStrike
     strike_id: str
@@ -188,12 +204,17 @@ class Finish:
     text: str = ""
 
 
-Action = Announce | AskToPlace | CheckPose | Arm | ClearFault | Strike | RecordUntilRest | Judge | Keep | Finish
+Step = Announce | AskToPlace | CheckPose | Arm | ClearFault | Strike | RecordUntilRest | Judge | Keep
+"""an action after which the session continues"""
+Action = Step | Finish
 
 
 @dataclass
 class SessionMachine:
-    """Where the session stands. `handle` returns what to do next; the last action of a list is the one that answers with an event."""
+    """State of one session.
+
+    `handle` returns the next actions; executing the last of them yields the next event.
+    """
 
     plan: StrikePlan
     settings: SessionSettings = field(default_factory=SessionSettings)
@@ -208,22 +229,22 @@ class SessionMachine:
         self._command = 0.0
         self._struck: Struck | None = None
         self._recorded: Recorded | None = None
-        self._judged_at = (0, 1)
+        self._last_judged = (0, 1)
         """index and attempt of the strike judged last"""
 
     @property
     def strike(self) -> PlannedStrike:
-        """The planned strike in work."""
+        """The current planned strike."""
         return self.plan.strikes[self._index]
 
     @property
     def strike_id(self) -> str:
-        """Unique in the recording: planned strike and attempt."""
+        """Id of the current attempt, unique in the recording: planned strike and number of the attempt."""
         return f"{self.strike.id}.{self._attempt}"
 
     @property
     def progress(self) -> tuple[int, int]:
-        """(planned strikes done, planned strikes)."""
+        """Number of planned strikes done, and of all planned strikes."""
         return self._index, len(self.plan.strikes)
 
     def handle(self, event: Event) -> list[Action]:
@@ -232,47 +253,66 @@ class SessionMachine:
         Raises:
             ValueError: the event does not belong to the state.
         """
-        match event, self.state:
-            case StopRequested(text=text), _:
-                self.state = State.ABORTED
-                return [self._announce(text), Finish(aborted=True, text=text)]
-            case Started(), State.IDLE:
-                return self._place()
-            case Placed(), State.PLACING:
-                self.state = State.CHECKING_POSE
-                return [self._announce(), CheckPose(self.strike)]
-            case PoseChecked(good=True), State.CHECKING_POSE:
-                self.state = State.ARMING
-                return [self._announce(), Arm()]
-            case PoseChecked(text=text), State.CHECKING_POSE:
-                return self._place_again(text)
-            case Ready(), State.ARMING:
-                self.state = State.STRIKING
-                self._command = self.learner.tip_speed(self.strike)
-                return [self._announce(), Strike(self.strike, self.strike_id, self._command)]
-            case StrikerFailed(text=text), State.ARMING | State.STRIKING:
-                self._faults += 1
-                if self._faults > self.settings.max_faults:
-                    return self.handle(StopRequested(text))
-                return [self._announce(text), ClearFault(), *self._place("the striker was reset")]
-            case BrokenOff(text=text), State.ARMING | State.STRIKING | State.RECORDING | State.JUDGING:
-                return self._strike_again(text)
-            case BrokenOff(text=text), State.PLACING | State.FINISHED:  # it had been judged, and could not be kept
-                self._index, self._attempt = self._judged_at
-                return self._strike_again(text)
-            case Struck(), State.STRIKING:
-                self.state = State.RECORDING
-                self._struck = event
-                return [self._announce(), RecordUntilRest()]
-            case Recorded(), State.RECORDING:
-                self.state = State.JUDGING
-                self._recorded = event
-                assert self._struck is not None  # noqa: S101 - set on the way into RECORDING
-                return [self._announce(), Judge(self.strike, self.strike_id, event, self._struck)]
-            case Judged(verdict=verdict), State.JUDGING:
-                return self._judged(verdict)
-            case _:
-                raise ValueError(f"{type(event).__name__} does not belong to state {State.Name(self.state)}")
+        states, reaction = _REACTIONS[type(event)]
+        if states and self.state not in states:
+            raise ValueError(f"{type(event).__name__} does not belong to state {State.Name(self.state)}")
+        return reaction(self, event)
+
+    def on_stop_requested(self, event: StopRequested) -> list[Action]:
+        """End the session from any state."""
+        self.state = State.ABORTED
+        return [self._announce(event.text), Finish(aborted=True, text=event.text)]
+
+    def on_started(self, _event: Started) -> list[Action]:
+        """Begin with the first planned strike."""
+        return self._place()
+
+    def on_placed(self, _event: Placed) -> list[Action]:
+        """Check the placement."""
+        self.state = State.CHECKING_POSE
+        return [self._announce(), CheckPose(self.strike)]
+
+    def on_pose_checked(self, event: PoseChecked) -> list[Action]:
+        """Arm the striker, or ask for a better placement; after `max_placements` skip the strike."""
+        if event.good:
+            self.state = State.ARMING
+            return [self._announce(), Arm()]
+        self._placements += 1
+        if self._placements >= self.settings.max_placements:
+            return self._next()
+        return self._place(event.text)
+
+    def on_ready(self, _event: Ready) -> list[Action]:
+        """Strike with the tip speed that all strikes so far suggest."""
+        self.state = State.STRIKING
+        self._command = self.learner.tip_speed(self.strike)
+        return [self._announce(), Strike(self.strike, self.strike_id, self._command)]
+
+    def on_striker_failed(self, event: StrikerFailed) -> list[Action]:
+        """Clear the fault and place the object again; end the session after `max_faults`."""
+        return self._after_fault(event.text, [ClearFault()], "the striker was reset")
+
+    def on_file_cut_short(self, event: FileCutShort) -> list[Action]:
+        """Repeat the attempt whose images were lost.
+
+        While placing or finished, that is the attempt judged last: its record could not be written.
+        """
+        if self.state in {State.PLACING, State.FINISHED}:
+            self._index, self._attempt = self._last_judged
+        return self._after_fault(event.text, [], "again: its images were lost")
+
+    def on_struck(self, event: Struck) -> list[Action]:
+        """Record until the object is at rest."""
+        self.state = State.RECORDING
+        self._struck = event
+        return [self._announce(), RecordUntilRest()]
+
+    def on_recorded(self, event: Recorded) -> list[Action]:
+        """Ask for the verdict."""
+        self.state = State.JUDGING
+        self._recorded = event
+        assert self._struck is not None  # noqa: S101 - set on the way into RECORDING
+        return [self._announce(), Judge(self.strike, self.strike_id, event, self._struck)]
 
     def _announce(self, text: str = "") -> Announce:
         inside = self.state not in {State.IDLE, State.FINISHED}
@@ -282,24 +322,19 @@ class SessionMachine:
         self.state = State.PLACING
         return [self._announce(hint), AskToPlace(self.strike, hint)]
 
-    def _strike_again(self, text: str) -> list[Action]:
-        """The same strike once more: what came of it is lost, through no fault of its own."""
+    def _after_fault(self, text: str, remedy: list[Action], hint: str) -> list[Action]:
+        """Repeat the attempt after a device's fault; end the session after `max_faults` of them."""
         self._faults += 1
         if self._faults > self.settings.max_faults:
-            return self.handle(StopRequested(text))
-        return [self._announce(text), *self._place("again: its images were lost")]
+            return self.on_stop_requested(StopRequested(text))
+        return [self._announce(text), *remedy, *self._place(hint)]
 
-    def _place_again(self, text: str) -> list[Action]:
-        self._placements += 1
-        if self._placements >= self.settings.max_placements:
-            return self._next()
-        return self._place(text)
-
-    def _judged(self, verdict: StrikeVerdict | None) -> list[Action]:
-        struck, recorded = self._struck, self._recorded
+    def on_judged(self, event: Judged) -> list[Action]:
+        """Keep the strike, learn from it, and repeat it or go on to the next."""
+        verdict, struck, recorded = event.verdict, self._struck, self._recorded
         assert struck is not None  # noqa: S101 - set on the way into JUDGING
         assert recorded is not None  # noqa: S101 - set on the way into JUDGING
-        self._judged_at = (self._index, self._attempt)
+        self._last_judged = (self._index, self._attempt)
         keep = Keep(self.strike, self.strike_id, self._attempt, self._command, struck, recorded, verdict)
         good = False
         if verdict is not None:
@@ -322,3 +357,23 @@ class SessionMachine:
             return self._place()
         self.state = State.FINISHED
         return [self._announce(), Finish()]
+
+
+_REACTIONS: dict[type, tuple[frozenset[State], Callable[[SessionMachine, Any], list[Action]]]] = {
+    StopRequested: (frozenset(), SessionMachine.on_stop_requested),
+    Started: (frozenset({State.IDLE}), SessionMachine.on_started),
+    Placed: (frozenset({State.PLACING}), SessionMachine.on_placed),
+    PoseChecked: (frozenset({State.CHECKING_POSE}), SessionMachine.on_pose_checked),
+    Ready: (frozenset({State.ARMING}), SessionMachine.on_ready),
+    StrikerFailed: (frozenset({State.ARMING, State.STRIKING}), SessionMachine.on_striker_failed),
+    FileCutShort: (
+        frozenset(
+            {State.ARMING, State.STRIKING, State.RECORDING, State.JUDGING, State.PLACING, State.FINISHED},
+        ),
+        SessionMachine.on_file_cut_short,
+    ),
+    Struck: (frozenset({State.STRIKING}), SessionMachine.on_struck),
+    Recorded: (frozenset({State.RECORDING}), SessionMachine.on_recorded),
+    Judged: (frozenset({State.JUDGING}), SessionMachine.on_judged),
+}
+"""states in which each event may come (none named: any state), and the reaction to it"""

@@ -1,6 +1,7 @@
-"""Whether a plan is for the rig that is to carry it out: the striker's speeds and reach, and where the camera stands.
+"""Check of a plan against the rig at hand: the striker's speeds and reach, and the camera's position.
 
-A plan made without `--rig` is for the nominal rig. What this striker cannot do is said before the first strike, not in the middle.
+A plan made without `--rig` is for the nominal rig. The check is made before the first strike, so that no
+session ends in the middle because the striker cannot reach a speed or a height.
 """
 
 from __future__ import annotations
@@ -14,80 +15,99 @@ from acquire.config import RigConfig
 from schemas.rig_limits import TipSpeeds
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
-CAMERA_MOVED_M, CAMERA_TURNED_RAD = 0.02, math.radians(2.0)
-"""of the camera against the plan's, from which the tags may leave the image: either moves them by some 50 of its 656 pixels"""
-MOST_NAMED = 4
+MAX_CAMERA_SHIFT_M, MAX_CAMERA_TURN_RAD = 0.02, math.radians(2.0)
+"""difference to the plan's camera above which tags may leave the image: each shifts them by some 50 of 656
+pixels"""
+MAX_STRIKES_NAMED = 4
 
 
 @dataclass(frozen=True)
 class RigLimits:
-    """What a rig can be asked for."""
+    """Tip speeds and heights that a rig's striker can reach, and the camera's pose."""
 
     speeds: TipSpeeds | None
-    """m/s; None: a hand strikes, which has no limits of its own"""
+    """range of tip speeds [m/s]; None if a person strikes by hand, which has no fixed limits"""
     reach_m: tuple[float, float] | None
-    """heights over the table; None likewise"""
+    """lowest and highest impact point over the table; None if a person strikes by hand"""
     T_world_camera: list[list[float]]
 
     @classmethod
-    def of(cls, config: RigConfig) -> RigLimits:
-        """As the rig file has them."""
+    def from_config(cls, config: RigConfig) -> RigLimits:
+        """Limits of a rig file."""
         striker, pose = config.striker, config.camera.calibration.T_world_camera
         by_hand = striker.kind == "manual"
         return cls(None if by_hand else striker.tip_speeds(), None if by_hand else striker.reach_m, pose)
 
     def as_dict(self) -> dict[str, Any]:
-        """For the daemon's answer."""
+        """JSON object of the daemon's answer to `rig`."""
         speeds = None if self.speeds is None else [self.speeds.slowest_m_s, self.speeds.fastest_m_s]
         return {"speeds_m_s": speeds, "reach_m": self.reach_m, "T_world_camera": self.T_world_camera}
 
     @classmethod
     def from_dict(cls, answer: Mapping[str, Any]) -> RigLimits:
-        """From the daemon's answer."""
+        """Limits from the daemon's answer to `rig`."""
         speeds, reach = answer["speeds_m_s"], answer["reach_m"]
         return cls(
-            None if speeds is None else TipSpeeds(*speeds), None if reach is None else (reach[0], reach[1]), answer["T_world_camera"]
+            None if speeds is None else TipSpeeds(*speeds),
+            None if reach is None else (reach[0], reach[1]),
+            answer["T_world_camera"],
         )
 
 
-def beyond_striker(plan: StrikePlan, limits: RigLimits) -> str:
-    """Which strikes may ask for more than the striker can, by any speed of their range, in words; empty where none does."""
-    found: list[str] = []
-    if limits.speeds is not None:
-        speeds = limits.speeds
-        wrong = [each for each in plan.strikes if not (speeds.allow(each.tip_speed_m_s.min) and speeds.allow(each.tip_speed_m_s.max))]
-        if wrong:
-            low, high = min(each.tip_speed_m_s.min for each in wrong), max(each.tip_speed_m_s.max for each in wrong)
-            ask = f"{_named(wrong)} may ask for {low:.3g} to {high:.3g} m/s"
-            found.append(f"{ask}, it swings at {speeds.slowest_m_s:.3g} to {speeds.fastest_m_s:.3g} m/s")
-    if limits.reach_m is not None:
-        lowest, highest = limits.reach_m
-        wrong = [each for each in plan.strikes if not lowest <= each.impact_height_m <= highest]
-        if wrong:
-            heights = sorted(1000 * each.impact_height_m for each in wrong)
-            at = f"{heights[0]:.0f}" if len(wrong) == 1 else f"{heights[0]:.0f} to {heights[-1]:.0f}"
-            found.append(f"{_named(wrong)}: struck at {at} mm over the table, it reaches {1000 * lowest:.0f} to {1000 * highest:.0f} mm")
-    return "; ".join(found)
+def striker_limit_problem(plan: StrikePlan, limits: RigLimits) -> str:
+    """Strikes whose tip speeds or impact height exceed the striker's limits, as text; empty if none does."""
+    return "; ".join(text for text in (_speed_problem(plan, limits), _reach_problem(plan, limits)) if text)
 
 
-def camera_elsewhere(plan: StrikePlan, limits: RigLimits) -> str:
-    """How far the camera stands from where the plan has it, in words; empty where that is the same place."""
-    planned, here = _in_station(plan.strikes[0]), limits.T_world_camera
+def _speed_problem(plan: StrikePlan, limits: RigLimits) -> str:
+    if limits.speeds is None:
+        return ""
+    allow = limits.speeds.allow
+    wrong = [
+        each for each in plan.strikes if not (allow(each.tip_speed_m_s.min) and allow(each.tip_speed_m_s.max))
+    ]
+    if not wrong:
+        return ""
+    low, high = min(each.tip_speed_m_s.min for each in wrong), max(each.tip_speed_m_s.max for each in wrong)
+    slowest, fastest = limits.speeds.slowest_m_s, limits.speeds.fastest_m_s
+    needed = f"{_strike_ids(wrong)} may need {low:.3g} to {high:.3g} m/s"
+    return f"{needed}, the striker swings at {slowest:.3g} to {fastest:.3g} m/s"
+
+
+def _reach_problem(plan: StrikePlan, limits: RigLimits) -> str:
+    if limits.reach_m is None:
+        return ""
+    lowest, highest = limits.reach_m
+    wrong = [each for each in plan.strikes if not lowest <= each.impact_height_m <= highest]
+    if not wrong:
+        return ""
+    heights = sorted(1000 * each.impact_height_m for each in wrong)
+    needed = f"{heights[0]:.0f}" if len(wrong) == 1 else f"{heights[0]:.0f} to {heights[-1]:.0f}"
+    reach = f"the striker reaches {1000 * lowest:.0f} to {1000 * highest:.0f} mm"
+    return f"{_strike_ids(wrong)}: impact point {needed} mm over the table, {reach}"
+
+
+def camera_pose_problem(plan: StrikePlan, limits: RigLimits) -> str:
+    """Distance and rotation of the camera from the plan's pose, as text; empty if both are small."""
+    planned, here = _station_camera_pose(plan.strikes[0]), limits.T_world_camera
     moved = math.dist([row[3] for row in planned[:3]], [row[3] for row in here[:3]])
     trace = sum(planned[i][j] * here[i][j] for i in range(3) for j in range(3))
     turned = math.acos(min(max((trace - 1) / 2, -1.0), 1.0))
-    if moved <= CAMERA_MOVED_M and turned <= CAMERA_TURNED_RAD:
+    if moved <= MAX_CAMERA_SHIFT_M and turned <= MAX_CAMERA_TURN_RAD:
         return ""
-    return f"the camera stands {1000 * moved:.0f} mm and {math.degrees(turned):.0f} deg off the plan's: tags may leave its image"
+    difference = f"{1000 * moved:.0f} mm and {math.degrees(turned):.0f} deg"
+    return f"the camera stands {difference} off the plan's position: tags may leave its image"
 
 
-def _in_station(strike: PlannedStrike) -> list[list[float]]:
-    """T_world_camera of a strike, turned back by its heading."""
+def _station_camera_pose(strike: PlannedStrike) -> list[list[float]]:
+    """T_world_camera of a strike (4, 4), with the strike's heading taken back."""
     pose, cos, sin = strike.camera_pose, math.cos(strike.heading_rad), math.sin(strike.heading_rad)
     x, y = pose[0], pose[1]
-    return [[cos * a - sin * b for a, b in zip(x, y, strict=True)], [sin * a + cos * b for a, b in zip(x, y, strict=True)], *pose[2:]]
+    turned_x = [cos * a - sin * b for a, b in zip(x, y, strict=True)]
+    turned_y = [sin * a + cos * b for a, b in zip(x, y, strict=True)]
+    return [turned_x, turned_y, *pose[2:]]
 
 
-def _named(strikes: Sequence[PlannedStrike]) -> str:
-    more = f" and {len(strikes) - MOST_NAMED} more" if len(strikes) > MOST_NAMED else ""
-    return ", ".join(each.id for each in strikes[:MOST_NAMED]) + more
+def _strike_ids(strikes: Sequence[PlannedStrike]) -> str:
+    more = f" and {len(strikes) - MAX_STRIKES_NAMED} more" if len(strikes) > MAX_STRIKES_NAMED else ""
+    return ", ".join(each.id for each in strikes[:MAX_STRIKES_NAMED]) + more

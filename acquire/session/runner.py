@@ -1,4 +1,4 @@
-"""Carries out what the session's state machine asks for, as a client of the daemon."""
+"""Client of the daemon that executes the actions of the session's state machine."""
 
 from __future__ import annotations
 
@@ -11,9 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from acquire.daemon.api import DaemonClient
-from acquire.errors import RecordingBroken, SessionError, StrikerError, StrikerLost, StrikerNotFound, StrikerRefused, StrikerStopped
+from acquire.errors import (
+    RecordingBroken,
+    SessionError,
+    StrikerError,
+    StrikerLost,
+    StrikerNotFound,
+    StrikerRefused,
+    StrikerStopped,
+)
 from acquire.session import machine as s
-from acquire.session.plan_fit import RigLimits, beyond_striker, camera_elsewhere
+from acquire.session.plan_fit import RigLimits, camera_pose_problem, striker_limit_problem
 from acquire.striker.base import StrikerState
 from schemas.document import DocumentError
 from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
@@ -21,24 +29,26 @@ from schemas.strike_plan import PlannedStrike, StrikePlan, read_strike_plan
 from schemas.watch_lines import StrikeVerdict, WatchEvent
 
 POSE_TIMEOUT_S = 8.0
-"""for the object to come to rest and be seen after it was placed"""
+"""time for the object to come to rest and be seen after it was placed"""
 WATCHER_RESTART_S = 1.5
-"""for the daemon to start a dead `analyze watch` again"""
+"""time the daemon needs to restart `analyze watch` after it died"""
 POSE_TOLERANCE_RAD = 0.14
-"""8 degrees: far above a careful placement, far below a wrong face"""
-SERVO_TIMEOUT_S, SERVO_RETRY_S = 120.0, 0.5
-"""for somebody to see to the servo's cable or supply in the middle of a session, and between two looks"""
+"""8 degrees: far above the error of a careful placement, far below that of a wrong face"""
+SERVO_TIMEOUT_S = 120.0
+"""time for a person to mend the servo's cable or supply during a session"""
+SERVO_RETRY_S = 0.5
 REST_TIMEOUT_S = 3.0
-"""of images, for the object to come to rest; one that still rolls then has long landed, and a window of it is large and says no more"""
+"""recorded time after which the window is closed although the object moves: it has long landed and only
+rolls"""
 LATE_TIMEOUT_S = 9.0
-"""of the host's time for the same: images that come late are waited for so long"""
+"""the same in host time, for images that arrive late"""
 REST_MINIMUM_S = 0.9
-"""a tip that hangs at the top looks like rest"""
+"""shortest window: an object that hesitates at the balance point looks as if it were at rest"""
 
 
 @dataclass
 class SessionInput:
-    """The files a session starts from, read and checked against each other."""
+    """Object and plan files of a session, read and checked against each other."""
 
     object_path: Path
     plan_path: Path
@@ -61,28 +71,31 @@ class SessionInput:
             try:
                 self.shape = (shape_path.name, shape_path.read_bytes())
             except OSError as error:
-                raise SessionError(f"{shape_path}: the object's shape file cannot be read: {error.strerror}") from None
+                problem = f"{shape_path}: the object's shape file cannot be read: {error.strerror}"
+                raise SessionError(problem) from None
         digest = object_sha256(self.spec, self.shape[1] if self.shape else None)
         if digest != self.plan.object_sha256:
             raise SessionError(
-                f"{self.plan_path}: made for another object ({self.plan.object_name!r}) than {self.object_path} as it is now: "
-                f"run `analyze plan {self.object_path} -o {self.plan_path}` anew"
+                f"{self.plan_path}: this plan is for another object ({self.plan.object_name!r}) "
+                f"or an older version of {self.object_path}: "
+                f"run `analyze plan {self.object_path} -o {self.plan_path}` again"
             )
 
     @property
-    def plan_anew(self) -> str:
-        """What to do where the plan is for another rig."""
+    def replan_advice(self) -> str:
+        """Remedy for a plan that was made for another rig."""
         return f"plan for this rig: `analyze plan {self.object_path} --rig RIG.toml -o {self.plan_path}`"
 
 
 @dataclass(frozen=True)
 class SessionReport:
-    """What a session leaves behind."""
+    """Files and counts of a finished session."""
 
     path: Path
     files: tuple[Path, ...]
-    """more than one where the capture process died on the way"""
+    """files of the recording; more than one if the capture process died on the way"""
     strikes: int
+    """number of strikes recorded"""
     frames: int
     lost: int
     aborted: bool
@@ -90,17 +103,20 @@ class SessionReport:
 
 
 Progress = Callable[[str, int, int], None]
-"""text, planned strikes done, planned strikes"""
+"""called with a text, the number of planned strikes done, and of all planned strikes"""
 
 
 class SessionRunner:
     """Runs one session to its end.
 
     Raises:
-        SessionError, StrikerError, CameraError, DaemonError: as the daemon reports them; the recording so far is kept.
+        SessionError, StrikerError, CameraError, DaemonError: as the daemon reports them; the recording so far
+            is kept.
     """
 
-    def __init__(self, client: DaemonClient, given: SessionInput, output: Path, progress: Progress = lambda *_: None) -> None:
+    def __init__(
+        self, client: DaemonClient, given: SessionInput, output: Path, progress: Progress = lambda *_: None
+    ) -> None:
         self._client = client
         self._input = given
         self._output = output
@@ -108,16 +124,20 @@ class SessionRunner:
         self._machine = s.SessionMachine(given.plan)
         self._anchor_ns = 0
         self._ordered = 0
-        """strikes that the striker was told to make"""
+        """number of strikes ordered from the striker"""
         self._kept = 0
-        """of them, those whose record is in the file"""
+        """number of those whose record is in the file"""
         self._frames = 0
         self._lost = 0
 
     def run(self) -> SessionReport:
         """Open the recording, strike by the plan, close the recording."""
         limits = RigLimits.from_dict(self._client.call("rig"))
-        self._refuse_beyond_striker(limits)
+        if problem := striker_limit_problem(self._input.plan, limits):
+            raise SessionError(
+                f"{self._input.plan_path}: does not fit this rig's striker: {problem}: "
+                f"{self._input.replan_advice}"
+            )
         shape = self._input.shape
         opened = self._client.call(
             "recording.open",
@@ -130,8 +150,8 @@ class SessionRunner:
             shape_base64=base64.b64encode(shape[1]).decode() if shape else None,
         )
         self._anchor_ns = int(opened["wall_anchor_ns"])
-        if elsewhere := camera_elsewhere(self._input.plan, limits):
-            self._progress(f"{self._input.plan_path}: {elsewhere}: {self._input.plan_anew}", *self._machine.progress)
+        if problem := camera_pose_problem(self._input.plan, limits):
+            self._report(f"{self._input.plan_path}: {problem}: {self._input.replan_advice}")
         event: s.Event = s.Started()
         try:
             self._client.call("striker.home", after_stop=False)
@@ -139,82 +159,89 @@ class SessionRunner:
                 for action in self._machine.handle(event):
                     if isinstance(action, s.Finish):
                         return self._finish(action)
-                    answer = self._carried_out(action)
+                    answer = self._execute(action)
                     if answer is not None:
                         event = answer
-                    if isinstance(answer, s.BrokenOff | s.StopRequested):
-                        break  # what was to follow is done after the strike that has to be made again, or not at all
+                    if isinstance(answer, s.FileCutShort | s.StopRequested):
+                        break  # the actions that were to follow come after the repeated strike, or not at all
         except BaseException:
             with contextlib.suppress(Exception), self._client.another() as client:
                 client.call("striker.stop")
                 self._keep_or_discard([Path(path) for path in client.call("recording.close")["files"]])
             raise
 
-    def _refuse_beyond_striker(self, limits: RigLimits) -> None:
-        if beyond := beyond_striker(self._input.plan, limits):
-            raise SessionError(f"{self._input.plan_path}: is not for this rig's striker: {beyond}: {self._input.plan_anew}")
+    def _report(self, text: str) -> None:
+        self._progress(text, *self._machine.progress)
 
     def _keep_or_discard(self, files: list[Path]) -> None:
-        """After a failure: only a recording in which nothing was struck is of no use to anybody."""
-        named = ", ".join(map(str, files))
+        """Discard the recording of a failed session if no strike was ordered; keep it otherwise."""
+        names = ", ".join(map(str, files))
         if not files:
             return
         if self._ordered:
             unjudged = self._ordered - self._kept
-            more = f", and {unjudged} that ended before the verdict" if unjudged else ""
-            self._progress(f"kept: {self._kept} strikes{more} in {named}", *self._machine.progress)
+            more = f", and {unjudged} without a verdict" if unjudged else ""
+            self._report(f"kept: {self._kept} strikes{more} in {names}")
             return
         for path in files:
             path.unlink(missing_ok=True)
-        self._progress(f"discarded: {named}: no strike was ordered yet", *self._machine.progress)
+        self._report(f"discarded: {names}: no strike was ordered yet")
 
     def _finish(self, action: s.Finish) -> SessionReport:
         report = self._client.call("recording.close")
         if self._kept:
-            done, total = self._machine.progress
-            self._progress(f"learned: {self._machine.learner.striker.text()}", done, total)
-        files = tuple(Path(path) for path in report["files"])
+            self._report(f"learned: {self._machine.learner.striker.text()}")
         return SessionReport(
-            Path(report["path"]), files, self._kept, int(report["frames"]), int(report["lost"]), action.aborted, action.text
+            path=Path(report["path"]),
+            files=tuple(Path(path) for path in report["files"]),
+            strikes=self._kept,
+            frames=int(report["frames"]),
+            lost=int(report["lost"]),
+            aborted=action.aborted,
+            text=action.text,
         )
 
-    def _carried_out(self, action: s.Action) -> s.Event | None:
+    def _execute(self, action: s.Step) -> s.Event | None:
+        """Event that results from an action; None if it has no answer."""
         try:
-            return self._carry_out(action)
+            return self._call_daemon(action)
         except RecordingBroken as error:
-            self._progress(f"{error}: strike again", *self._machine.progress)
-            return s.BrokenOff(str(error))
+            self._report(f"{error}: strike again")
+            return s.FileCutShort(str(error))
 
-    def _carry_out(self, action: s.Action) -> s.Event | None:
+    def _call_daemon(self, action: s.Step) -> s.Event | None:
+        event: s.Event | None = None
         match action:
             case s.Announce():
                 self._announce(action)
-                return None
             case s.AskToPlace(strike=strike, hint=hint):
-                return self._ask_to_place(strike, hint)
+                event = self._ask_to_place(strike, hint)
             case s.CheckPose(strike=strike):
-                return self._check_pose(strike)
+                event = self._check_pose(strike)
             case s.Arm():
-                return self._arm()
+                event = self._arm()
             case s.ClearFault():
-                return self._clear_fault()
+                event = self._clear_fault()
             case s.Strike():
-                return self._strike(action)
+                event = self._strike(action)
             case s.RecordUntilRest():
-                return self._record_until_rest()
+                event = self._record_until_rest()
             case s.Judge():
-                return self._judge(action)
+                event = self._judge(action)
             case s.Keep():
                 self._keep(action)
-                return None
-            case s.Finish():
-                raise SessionError("a finished session was carried on")
+        return event
 
     def _announce(self, action: s.Announce) -> None:
-        done, total = self._machine.progress
-        self._client.call("recording.state", state=action.state, strike_id=action.strike_id, attempt=action.attempt, text=action.text)
+        self._client.call(
+            "recording.state",
+            state=action.state,
+            strike_id=action.strike_id,
+            attempt=action.attempt,
+            text=action.text,
+        )
         name = s.State.Name(action.state).replace("_", " ").lower()
-        self._progress(f"{action.strike_id} {name} {action.text}".strip(), done, total)
+        self._report(f"{action.strike_id} {name} {action.text}".strip())
 
     def _ask_to_place(self, strike: PlannedStrike, hint: str) -> s.Event:
         rotation, p = strike.R_world_object, strike.p_world_object
@@ -235,7 +262,7 @@ class SessionRunner:
     def _check_pose(self, strike: PlannedStrike) -> s.Event:
         since_ns = int(self._client.call("watch.expect", plan_strike_id=strike.id)["now_ns"])
         end = time.monotonic() + POSE_TIMEOUT_S
-        text = "no marker of the object is in view"
+        text = "none of the object's markers is in view"
         alive_until = time.monotonic() + WATCHER_RESTART_S
         seen_ns = 0
         while time.monotonic() < end:
@@ -243,10 +270,14 @@ class SessionRunner:
             if answer["alive"]:
                 alive_until = time.monotonic() + WATCHER_RESTART_S
             elif time.monotonic() > alive_until:
-                return s.PoseChecked(good=True, text="analyze watch is not running: the placement was not checked")
+                return s.PoseChecked(
+                    good=True, text="analyze watch is not running: the placement was not checked"
+                )
             event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
             if event is not None and seen_ns < event.time_ns <= since_ns:
-                seen_ns, end = event.time_ns, time.monotonic() + POSE_TIMEOUT_S  # started anew, it reads the recording from its beginning
+                # A restarted `analyze watch` reads the recording from its beginning: give it time to catch
+                # up.
+                seen_ns, end = event.time_ns, time.monotonic() + POSE_TIMEOUT_S
             if event is not None and event.time_ns > since_ns and event.markers:
                 error = event.placement_error_rad
                 if event.at_rest and error is not None and error < POSE_TOLERANCE_RAD:
@@ -265,9 +296,9 @@ class SessionRunner:
         return s.Ready()
 
     def _clear_fault(self) -> s.StopRequested | None:
-        """Home the striker again; where its servo is away, wait until somebody has put that right, or says stop."""
+        """Home the striker; if its servo does not answer, wait until it does or the session is stopped."""
         end = time.monotonic() + SERVO_TIMEOUT_S
-        said = ""
+        reported = ""
         while True:
             try:
                 self._client.call("striker.home", after_stop=False)
@@ -276,15 +307,18 @@ class SessionRunner:
             except (StrikerNotFound, StrikerLost) as error:
                 if time.monotonic() > end:
                     raise
-                if str(error) != said:
-                    said = str(error)
-                    self._progress(f"waiting for the striker: {said}", *self._machine.progress)
+                if str(error) != reported:
+                    reported = str(error)
+                    self._report(f"waiting for the striker: {reported}")
                 time.sleep(SERVO_RETRY_S)
             else:
                 return None
 
     def _striker_failed(self, error: StrikerError) -> s.Event:
-        """A fault can be cleared; a stop is an order, also where it ended in a fault, and so is a refusal without one."""
+        """Event for a striker error.
+
+        A fault can be cleared; a stop, or a refusal without a fault, ends the session.
+        """
         in_fault = self._client.call("status")["striker"] == StrikerState.FAULT.value
         if isinstance(error, StrikerStopped) or (isinstance(error, StrikerRefused) and not in_fault):
             return s.StopRequested(str(error))
@@ -292,14 +326,21 @@ class SessionRunner:
 
     def _strike(self, action: s.Strike) -> s.Event:
         self._client.call("window.open")
-        self._ordered += 1  # from here on the file may hold what happens once only
+        self._ordered += 1  # from here on the file may hold images that cannot be made again
         try:
-            outcome = self._client.call("striker.strike", strike_id=action.strike_id, tip_speed_m_s=action.tip_speed_m_s)
+            outcome = self._client.call(
+                "striker.strike", strike_id=action.strike_id, tip_speed_m_s=action.tip_speed_m_s
+            )
         except StrikerError as error:
-            with contextlib.suppress(RecordingBroken):  # there is nothing in it that is needed
+            with contextlib.suppress(RecordingBroken):  # this window is not needed
                 self._client.call("window.close")
             return self._striker_failed(error)
-        return s.Struck(outcome["contact_time_ns"], outcome["contact_time_sd_ns"], outcome["tip_speed_m_s"], outcome["contacts"])
+        return s.Struck(
+            contact_time_ns=outcome["contact_time_ns"],
+            contact_time_sd_ns=outcome["contact_time_sd_ns"],
+            tip_speed_m_s=outcome["tip_speed_m_s"],
+            contacts=outcome["contacts"],
+        )
 
     def _record_until_rest(self) -> s.Event:
         start = time.monotonic()
@@ -308,7 +349,7 @@ class SessionRunner:
             time.sleep(0.05)
             answer = self._client.call("watch.latest")
             event = answer["event"] if answer["alive"] else None
-            if event is None:  # nobody looks: the tip is recorded all the same
+            if event is None:  # `analyze watch` is not running: record for a fixed time
                 if time.monotonic() - start > REST_TIMEOUT_S:
                     break
                 continue
@@ -319,7 +360,9 @@ class SessionRunner:
         report = self._client.call("window.close", end_ns=end_ns)
         self._frames += int(report["frames"])
         self._lost += int(report["lost"])
-        return s.Recorded(int(report["start_ns"]), int(report["end_ns"]), int(report["frames"]), int(report["lost"]))
+        return s.Recorded(
+            int(report["start_ns"]), int(report["end_ns"]), int(report["frames"]), int(report["lost"])
+        )
 
     def _judge(self, action: s.Judge) -> s.Event:
         contact = action.struck.contact_time_ns
@@ -334,10 +377,13 @@ class SessionRunner:
         return s.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
 
     def _contact(self, action: s.Keep) -> tuple[int, float]:
-        """Log time and sd of the contact [ns]: as the striker felt it, or for a hand as the images tell it; 0 where nobody knows."""
-        felt, verdict = action.struck.contact_time_ns, action.verdict
-        if felt:
-            return felt + self._anchor_ns, action.struck.contact_time_sd_ns
+        """Log time of the contact and its standard deviation [ns]; both 0 if unknown.
+
+        The striker's measurement, or the images' if a person struck by hand.
+        """
+        measured_ns, verdict = action.struck.contact_time_ns, action.verdict
+        if measured_ns:
+            return measured_ns + self._anchor_ns, action.struck.contact_time_sd_ns
         if verdict is not None and verdict.contact_time_ns is not None:
             return verdict.contact_time_ns, verdict.contact_time_sd_ns or 0.0
         return 0, 0.0
@@ -360,10 +406,13 @@ class SessionRunner:
             "impact_height_m": action.strike.impact_height_m,
         }
         if verdict is not None:
-            record |= {"verdict_code": verdict.code.value, "verdict_text": verdict.reason, "energy_ratio": verdict.energy_ratio or 0.0}
+            record |= {
+                "verdict_code": verdict.code.value,
+                "verdict_text": verdict.reason,
+                "energy_ratio": verdict.energy_ratio or 0.0,
+            }
         self._client.call("recording.strike", **record)
         self._kept += 1
-        done, total = self._machine.progress
         code = verdict.code.value.replace("_", " ") if verdict else "no verdict"
-        energy = f", E = {verdict.energy_ratio:.2f}" if verdict and verdict.energy_ratio else ""
-        self._progress(f"{action.strike_id}: {code}{energy}", done, total)
+        energy = f", energy ratio {verdict.energy_ratio:.2f}" if verdict and verdict.energy_ratio else ""
+        self._report(f"{action.strike_id}: {code}{energy}")

@@ -1,4 +1,7 @@
-"""One strike without a session, and the calibration of a bare striker: a client of the daemon. Every swing is allowed by itself."""
+"""Client of the daemon for a single strike and for the calibration of a bare striker.
+
+A person confirms every swing that may meet something.
+"""
 
 from __future__ import annotations
 
@@ -15,29 +18,29 @@ from acquire.config import RigConfig
 from acquire.daemon.api import DaemonClient
 from acquire.errors import ConfigError, SessionError, StrikerRefused
 from acquire.striker.base import StrikeOutcome
-from acquire.striker.calibration import StrikerNumbers, Swing
+from acquire.striker.calibration import StrikerParameters, Swing
 from schemas.rig_limits import SLOWEST_RAD_S, tip_speeds
 
-Ask = Callable[[str], bool]
-"""puts a question to the person at the rig; False: no"""
-DEFAULT_STEPS = 5
-ABOVE_SLOWEST, LONGER_RUN_UP = 1.2, 1.08
-"""margins of a calibration's speeds to what the striker refuses"""
-DECIMALS = 4
-TRIES = 4
-"""of a swing: a host that stands still for 100 ms stops the arm"""
+Confirm = Callable[[str], bool]
+"""asks the person at the rig; False if the answer is no"""
+DEFAULT_SPEED_COUNT = 5
+SLOWEST_FACTOR, RUN_UP_FACTOR = 1.2, 1.08
+"""margins of a calibration's speeds to the speeds that the striker refuses"""
+SPEED_DECIMALS = 4
+MAX_SWING_TRIES = 4
+"""tries of one swing: a host that pauses for 100 ms stops the arm"""
 
 
 @contextlib.contextmanager
 def held_striker(client: DaemonClient) -> Iterator[None]:
-    """The block may strike; whatever ends it early stops the arm.
+    """Context in which the caller may strike; an exception inside it stops the arm.
 
     Raises:
-        SessionError: a session is under way: the striker is not ours.
+        SessionError: a session is running, which owns the striker.
     """
     recording = client.call("status")["recording"]
     if recording:
-        raise SessionError(f"a session is under way ({recording}): end it first, the striker is its own")
+        raise SessionError(f"a session is running ({recording}) and uses the striker: end the session first")
     try:
         yield
     except BaseException:
@@ -46,22 +49,26 @@ def held_striker(client: DaemonClient) -> Iterator[None]:
         raise
 
 
-def strike_once(client: DaemonClient, name: str, tip_speed_m_s: float, ask: Ask, *, after_stop: bool = True) -> StrikeOutcome:
-    """Ask, home where that is needed, arm for one shot, cock, strike.
+def strike_once(
+    client: DaemonClient, name: str, tip_speed_m_s: float, confirm: Confirm, *, after_stop: bool = True
+) -> StrikeOutcome:
+    """Ask, home if necessary, arm for one strike, cock, strike.
 
     Args:
-        client: of the daemon.
-        name: of the strike.
-        tip_speed_m_s: how fast.
-        ask: a person, before anything moves.
-        after_stop: that person starts anew after somebody stopped the striker; else it stays stopped.
+        client: client of the daemon.
+        name: id of the strike.
+        tip_speed_m_s: commanded tip speed.
+        confirm: asks a person before anything moves.
+        after_stop: whether this call may start the striker again after somebody stopped it.
 
     Raises:
-        StrikerRefused: the answer was no, or an interlock said no.
-        StrikerStopped: somebody stopped the striker since the question was put.
+        StrikerRefused: the answer was no, or an interlock refused.
+        StrikerStopped: somebody stopped the striker after the question was asked.
     """
     stops = client.call("status")["stops"]
-    if not ask(f"the arm will swing at {tip_speed_m_s:.3f} m/s: all hands off, what it shall meet in its place?"):
+    if not confirm(
+        f"The arm will swing at {tip_speed_m_s:.3f} m/s. Are all hands away and the target in place?"
+    ):
         raise StrikerRefused("not struck: the answer was no")
     status = client.call("status")
     if status["striker"] != "homed" or status["striker_trouble"]:
@@ -72,19 +79,23 @@ def strike_once(client: DaemonClient, name: str, tip_speed_m_s: float, ask: Ask,
 
 
 def outcome_lines(outcome: StrikeOutcome, command_m_s: float) -> list[str]:
-    """What the striker felt, for people."""
+    """Outcome of a strike as lines for the terminal."""
     if outcome.contact_time_ns is None:
-        return [f"contact      none felt (commanded {command_m_s:.3f} m/s)"]
-    begin_ms = (outcome.contact_time_ns - outcome.released_ns) * 1e-6
-    impulse = "no loss of speed stands out"
+        return [f"contact      none measured (commanded {command_m_s:.3f} m/s)"]
+    begin_ms, sd_ms = (
+        (outcome.contact_time_ns - outcome.released_ns) * 1e-6,
+        outcome.contact_time_sd_ns * 1e-6,
+    )
+    impulse = "no significant loss of speed"
     if outcome.impulse_n_s is not None:
         impulse = f"{1000 * outcome.impulse_n_s:.2f} ± {1000 * outcome.impulse_sd_n_s:.2f} mN s"
     touches = f"{outcome.contacts}"
     if outcome.contacts > 1:
-        touches += ": the arm met it again before it was out of the way: strike softer, or set it farther from what stands behind it"
+        touches += ": the arm hit the object again: strike more softly, or leave more room behind the object"
+    speed = f"{outcome.tip_speed_m_s:.4f} ± {outcome.tip_speed_sd_m_s:.4f} m/s"
     return [
-        f"contact      {begin_ms:.2f} ± {outcome.contact_time_sd_ns * 1e-6:.2f} ms after release, {outcome.contact_time_ns} ns monotonic",
-        f"tip speed    {outcome.tip_speed_m_s:.4f} ± {outcome.tip_speed_sd_m_s:.4f} m/s (commanded {command_m_s:.3f})",
+        f"contact      {begin_ms:.2f} ± {sd_ms:.2f} ms after release, {outcome.contact_time_ns} ns monotonic",
+        f"tip speed    {speed} (commanded {command_m_s:.3f})",
         f"impulse      {impulse}",
         f"contacts     {touches}",
     ]
@@ -92,79 +103,93 @@ def outcome_lines(outcome: StrikeOutcome, command_m_s: float) -> list[str]:
 
 @dataclass(frozen=True)
 class CalibrationOrder:
-    """What is to be swung, and at what."""
+    """Swings of a calibration: each speed in the air, then each speed at each body."""
 
     speeds_m_s: tuple[float, ...]
     repeats: int
     bodies_kg: tuple[float, ...]
-    """free bodies, each struck at every speed after the swings in the air; infinite: a wall"""
+    """masses of the free bodies to strike; infinite for a wall"""
 
 
-def speeds_within(rig: RigConfig, steps: int = DEFAULT_STEPS) -> tuple[float, ...]:
-    """Tip speeds [m/s] that this striker can swing, evenly from the slowest to the fastest."""
+def default_tip_speeds(rig: RigConfig, count: int = DEFAULT_SPEED_COUNT) -> tuple[float, ...]:
+    """Tip speeds [m/s] (count,), evenly spaced over the range of this striker."""
     arm = rig.striker
-    slowest = ABOVE_SLOWEST * SLOWEST_RAD_S * arm.arm_length_m
-    fastest = tip_speeds(arm.arm_length_m, arm.cocked_angle_rad / LONGER_RUN_UP, arm.velocity_limit_rad_s).fastest_m_s
-    return tuple(round(slowest + (fastest - slowest) * i / (steps - 1), DECIMALS) for i in range(steps))
+    slowest = SLOWEST_FACTOR * SLOWEST_RAD_S * arm.arm_length_m
+    run_up_rad = arm.cocked_angle_rad / RUN_UP_FACTOR
+    fastest = tip_speeds(arm.arm_length_m, run_up_rad, arm.velocity_limit_rad_s).fastest_m_s
+    return tuple(round(slowest + (fastest - slowest) * i / (count - 1), SPEED_DECIMALS) for i in range(count))
 
 
 def calibrate(
-    client: DaemonClient, rig: RigConfig, order: CalibrationOrder, ask: Ask, heard: Callable[[Swing], None] = lambda _swing: None
+    client: DaemonClient,
+    rig: RigConfig,
+    order: CalibrationOrder,
+    confirm: Confirm,
+    on_swing: Callable[[Swing], None] = lambda _swing: None,
 ) -> list[Swing]:
     """Swing in the air, then at each body, from slow to fast.
 
     Args:
-        client: of the daemon that runs this very rig file.
-        rig: what the daemon reckons with.
-        order: what to do.
-        ask: asked before the first swing in the air, and before every swing at a body.
-        heard: told every swing as it is made.
+        client: client of a daemon that was started with this rig file.
+        rig: the rig file.
+        order: speeds, repeats and bodies.
+        confirm: called before the first swing in the air, and before every swing at a body.
+        on_swing: called after every swing.
 
     Raises:
-        StrikerRefused: a hand strikes here; or the answer was no.
-        SessionError: a session is under way.
+        StrikerRefused: a person strikes by hand at this rig, or the answer was no.
+        SessionError: a session is running, or the arm did not complete a swing.
         ConfigError: the daemon runs another rig.
     """
     if rig.striker.kind != "dynamixel":
-        raise StrikerRefused("a hand strikes here: there is nothing to calibrate")
+        raise StrikerRefused("at this rig a person strikes by hand: there is no striker to calibrate")
     running = client.call("status")["rig"]
     if running != rig.name:
-        raise ConfigError(f"the daemon runs rig {running!r}, the file says {rig.name!r}: give the file it was started with")
+        raise ConfigError(
+            f"the daemon runs rig {running!r}, the file describes {rig.name!r}: "
+            "give the file the daemon was started with"
+        )
     swings: list[Swing] = []
     with held_striker(client):
-        if not ask("take away all that the arm could meet: it swings in the air now"):
+        if not confirm("The arm will swing in the air. Is everything out of its way?"):
             raise StrikerRefused("not calibrated: the answer was no")
         client.call("striker.home")
         for body in (None, *order.bodies_kg):
             for speed in (speed for speed in order.speeds_m_s for _ in range(order.repeats)):
-                outcome = _through(client, f"calibrate-{len(swings) + 1}", speed, _before(body, ask))
+                name = f"calibrate-{len(swings) + 1}"
+                outcome = _completed_swing(client, name, speed, _confirm_target(body, confirm))
                 swings.append(_swing(outcome, speed, body, rig))
-                heard(swings[-1])
+                on_swing(swings[-1])
     return swings
 
 
-def _through(client: DaemonClient, name: str, tip_speed_m_s: float, ask: Ask) -> StrikeOutcome:
-    """A swing that came to angle 0, made again where it did not."""
-    for _ in range(TRIES):
-        outcome = strike_once(client, name, tip_speed_m_s, ask, after_stop=False)
+def _completed_swing(
+    client: DaemonClient, name: str, tip_speed_m_s: float, confirm: Confirm
+) -> StrikeOutcome:
+    """Outcome of a swing that reached angle 0, repeated until one did."""
+    for _ in range(MAX_SWING_TRIES):
+        outcome = strike_once(client, name, tip_speed_m_s, confirm, after_stop=False)
         if outcome.contact_time_ns is not None:
             return outcome
-    raise SessionError(f"{name}: the arm did not come to angle 0 at {tip_speed_m_s:.3f} m/s in {TRIES} tries: check that it moves freely")
+    raise SessionError(
+        f"{name}: the arm did not reach angle 0 at {tip_speed_m_s:.3f} m/s in {MAX_SWING_TRIES} tries: "
+        "check that it moves freely"
+    )
 
 
-def _before(body_kg: float | None, ask: Ask) -> Ask:
+def _confirm_target(body_kg: float | None, confirm: Confirm) -> Confirm:
     if body_kg is None:
-        return lambda _text: True  # asked once, before the first
-    return lambda text: ask(f"{named(body_kg)} at the hanging arm's tip; {text}")
+        return lambda _text: True  # confirmed once, before the first swing in the air
+    return lambda text: confirm(f"Place {body_name(body_kg)} at the tip of the hanging arm. {text}")
 
 
-def named(body_kg: float) -> str:
-    """What is struck, in words."""
-    return "a wall" if body_kg == float("inf") else f"the body of {1000 * body_kg:g} g, free to move,"
+def body_name(body_kg: float) -> str:
+    """Name of a struck body for messages."""
+    return "a wall" if body_kg == float("inf") else f"the free body of {1000 * body_kg:g} g"
 
 
 def _swing(outcome: StrikeOutcome, command_m_s: float, body_kg: float | None, rig: RigConfig) -> Swing:
-    """The tip's loss of speed from the impulse, which the striker reckons as effective mass times loss."""
+    """Swing with the tip's loss of speed: measured impulse over the effective mass used to compute it."""
     drop, drop_sd = None, 0.0
     if body_kg is not None and outcome.impulse_n_s is not None:
         mass, mass_sd = rig.striker.effective_mass_kg, rig.striker.effective_mass_sd_kg
@@ -173,8 +198,8 @@ def _swing(outcome: StrikeOutcome, command_m_s: float, body_kg: float | None, ri
     return Swing(command_m_s, outcome.tip_speed_m_s, outcome.tip_speed_sd_m_s, drop, drop_sd, body_kg)
 
 
-def striker_lines(numbers: StrikerNumbers) -> dict[str, str]:
-    """Entries of the rig file's section [striker]."""
+def striker_entries(numbers: StrikerParameters) -> dict[str, str]:
+    """Entries of the rig file's section [striker], as TOML text by key."""
     return {
         "effective_mass_kg": f"{numbers.effective_mass_kg:.4g}",
         "effective_mass_sd_kg": f"{numbers.effective_mass_sd_kg:.2g}",
@@ -184,16 +209,18 @@ def striker_lines(numbers: StrikerNumbers) -> dict[str, str]:
 
 
 def write_striker(path: Path, entries: dict[str, str]) -> None:
-    """Put entries into the rig file's section [striker]; every other line stays as it is. Whole or not at all.
+    """Set entries of the rig file's section [striker]; all other lines stay as they are.
+
+    The file is replaced at once, by renaming.
 
     Raises:
-        ConfigError: the file cannot be read or written, or its section is not written as `[striker]`.
+        ConfigError: the file cannot be read or written, or has no plain section `[striker]`.
     """
     try:
         text = path.read_text(encoding="utf-8")
         lines = _with_entries(text.splitlines(), entries)
         if lines is None or not _only_changes(text, "\n".join(lines), entries):
-            raise ConfigError(f"{path}: has no plain section [striker] to write in: put these lines there by hand")
+            raise ConfigError(f"{path}: no plain section [striker] found: enter these values by hand")
         part = path.with_name(path.name + ".part")
         with part.open("w", encoding="utf-8") as file:
             file.write("\n".join(lines) + "\n")
@@ -222,7 +249,10 @@ def _with_entries(lines: list[str], entries: dict[str, str]) -> list[str] | None
 
 
 def _only_changes(before: str, after: str, entries: dict[str, str]) -> bool:
-    """Whether the file means the same but for these entries: a section can be written in ways that a line editor does not see."""
+    """True if both texts have equal TOML content except for these entries.
+
+    TOML allows ways to write a section that an edit by lines does not recognise.
+    """
     old: dict[str, Any]
     try:
         old, new = tomllib.loads(before), tomllib.loads(after)
@@ -232,7 +262,8 @@ def _only_changes(before: str, after: str, entries: dict[str, str]) -> bool:
     return old == new
 
 
-def reached(swings: Sequence[Swing]) -> list[tuple[float, list[Swing]]]:
-    """Swings in the air by commanded speed, slowest first."""
+def air_swings_by_speed(swings: Sequence[Swing]) -> list[tuple[float, list[Swing]]]:
+    """Swings in the air grouped by commanded speed, slowest first."""
     air = [each for each in swings if each.body_kg is None]
-    return [(speed, [each for each in air if each.command_m_s == speed]) for speed in sorted({each.command_m_s for each in air})]
+    speeds = sorted({each.command_m_s for each in air})
+    return [(speed, [each for each in air if each.command_m_s == speed]) for speed in speeds]

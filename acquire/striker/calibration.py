@@ -1,7 +1,8 @@
-"""What swings of a bare striker say of it: reached over commanded tip speed, effective mass and restitution (METHOD.md 1.5).
+"""Calibration of a bare striker: swing ratio, effective mass and restitution (method 1.5).
 
-A tip of effective mass m_s that meets a free body of mass m_b at speed v loses the speed dv = (1 + e)*v / (1 + m_s/m_b). A light body
-(m_b far below m_s) tells (1 + e)/m_s, a heavy one (or a wall) 1 + e: only both tell them apart. Swings in the air tell nothing of either.
+A tip of effective mass m_s that meets a free body of mass m_b at speed v loses the speed
+dv = (1 + e)*v / (1 + m_s/m_b). A light body (m_b far below m_s) determines (1 + e)/m_s, a heavy one or a wall
+1 + e: both together determine m_s and e. Swings in the air determine neither.
 """
 
 from __future__ import annotations
@@ -12,42 +13,44 @@ from dataclasses import dataclass
 
 import numpy as np
 
-DROP_SD = 0.05
-"""relative, of every drop alike: the servo pushes on during the touch, and feels the rebound late"""
-LEAST_SPEED_SD = 0.002
-"""relative, of a tip speed: the rounding of the velocity register, at least"""
-LEAST_MASS_SD, LEAST_RESTITUTION_SD = 1e-4, 1e-3
-STEPS, SMALL = 20, 1e-5
+COMMON_DROP_SD = 0.05
+"""relative error common to all speed losses: the servo pushes on during the contact and measures the rebound
+late"""
+MIN_SPEED_SD = 0.002
+"""smallest relative standard deviation of a tip speed: the resolution of the velocity register"""
+MIN_MASS_SD_KG, MIN_RESTITUTION_SD = 1e-4, 1e-3
+MAX_ITERATIONS, DIFFERENCE_STEP = 20, 1e-5
 
 
 @dataclass(frozen=True)
 class Swing:
-    """One swing."""
+    """One swing of the striker, in the air or at a body."""
 
     command_m_s: float
+    """commanded tip speed"""
     speed_m_s: float
-    """reached, of the tip"""
+    """reached tip speed"""
     speed_sd_m_s: float
     drop_m_s: float | None = None
-    """what the touch took from the tip's speed; None: nothing stood out"""
+    """loss of tip speed at contact; None if it was not significant"""
     drop_sd_m_s: float = 0.0
     body_kg: float | None = None
-    """what it met, free to move; None: air; infinite: a wall"""
+    """mass of the free body that was struck; None in the air, infinite for a wall"""
 
 
 @dataclass(frozen=True)
 class SwingRatio:
-    """Reached over commanded tip speed."""
+    """Ratio of reached to commanded tip speed."""
 
     mean: float
     mean_sd: float
     scatter: float
-    """1 sigma from swing to swing"""
+    """standard deviation between swings"""
 
 
 @dataclass(frozen=True)
-class StrikerNumbers:
-    """Effective mass and restitution, 1 sigma each."""
+class StrikerParameters:
+    """Effective mass and restitution of the striker, with standard deviations."""
 
     effective_mass_kg: float
     effective_mass_sd_kg: float
@@ -56,49 +59,72 @@ class StrikerNumbers:
 
 
 def swing_ratio(swings: Sequence[Swing]) -> SwingRatio:
-    """Mean over all swings, weighted by what each knows; its sd from the scatter or from the stated sd, whichever is larger."""
+    """Mean ratio of reached to commanded tip speed, weighted by inverse variance.
+
+    Its standard deviation follows from the scatter or from the swings' own, whichever gives more.
+    """
     ratio = np.array([each.speed_m_s / each.command_m_s for each in swings])
-    sd = np.array([max(each.speed_sd_m_s / each.command_m_s, LEAST_SPEED_SD) for each in swings])
+    sd = np.array([max(each.speed_sd_m_s / each.command_m_s, MIN_SPEED_SD) for each in swings])
     weight = sd**-2 / np.sum(sd**-2)
     mean = float(weight @ ratio)
     scatter = math.sqrt(float(weight @ (ratio - mean) ** 2) * len(ratio) / max(len(ratio) - 1, 1))
-    return SwingRatio(mean, max(scatter / math.sqrt(len(ratio)), math.sqrt(1 / float(np.sum(sd**-2)))), scatter)
+    mean_sd = max(scatter / math.sqrt(len(ratio)), math.sqrt(1 / float(np.sum(sd**-2))))
+    return SwingRatio(mean, mean_sd, scatter)
 
 
-def learn_striker(prior: StrikerNumbers, swings: Sequence[Swing]) -> StrikerNumbers:
-    """The prior, changed by the swings that met a body; without one it comes back as it was.
+def estimate_striker(prior: StrikerParameters, swings: Sequence[Swing]) -> StrikerParameters:
+    """Posterior of the striker's parameters given the swings at bodies; the prior itself if there are none.
 
-    Unknown: ln m_s, ln(1 + e) and the common error of all drops; Gauss and Newton from the prior.
+    Unknowns: ln m_s, ln(1 + e) and the common relative error of all speed losses; Gauss-Newton from the
+        prior.
     """
-    met = [each for each in swings if each.body_kg is not None and each.drop_m_s is not None and each.drop_m_s > 0]
-    if not met:
+    hits = [
+        each
+        for each in swings
+        if each.body_kg is not None and each.drop_m_s is not None and each.drop_m_s > 0
+    ]
+    if not hits:
         return prior
-    log_share = np.array([math.log((each.drop_m_s or 0.0) / each.speed_m_s) for each in met])
-    sd = np.array([math.hypot(each.drop_sd_m_s / (each.drop_m_s or 1.0), each.speed_sd_m_s / each.speed_m_s) for each in met])
-    light = np.array([1 / (each.body_kg or math.inf) for each in met])
-    sds = np.array(
+    log_loss = np.array([math.log((each.drop_m_s or 0.0) / each.speed_m_s) for each in hits])
+    sd = np.array(
         [
-            max(prior.effective_mass_sd_kg, LEAST_MASS_SD) / prior.effective_mass_kg,
-            max(prior.restitution_sd, LEAST_RESTITUTION_SD) / (1 + prior.restitution),
-            DROP_SD,
+            math.hypot(each.drop_sd_m_s / (each.drop_m_s or 1.0), each.speed_sd_m_s / each.speed_m_s)
+            for each in hits
         ]
     )
-    middle = np.array([math.log(prior.effective_mass_kg), math.log1p(prior.restitution), 0.0])
+    inverse_mass = np.array([1 / (each.body_kg or math.inf) for each in hits])
+    prior_sd = np.array(
+        [
+            max(prior.effective_mass_sd_kg, MIN_MASS_SD_KG) / prior.effective_mass_kg,
+            max(prior.restitution_sd, MIN_RESTITUTION_SD) / (1 + prior.restitution),
+            COMMON_DROP_SD,
+        ]
+    )
+    prior_mean = np.array([math.log(prior.effective_mass_kg), math.log1p(prior.restitution), 0.0])
 
-    def residual(x: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        told = x[1] + x[2] - np.log1p(np.exp(x[0]) * light)
-        return np.concatenate([(told - log_share) / np.maximum(sd, LEAST_SPEED_SD), (x - middle) / sds])
+    def residual(
+        x: np.ndarray[tuple[int], np.dtype[np.float64]],
+    ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        predicted = x[1] + x[2] - np.log1p(np.exp(x[0]) * inverse_mass)
+        return np.concatenate(
+            [(predicted - log_loss) / np.maximum(sd, MIN_SPEED_SD), (x - prior_mean) / prior_sd]
+        )
 
-    x = middle.copy()
-    covariance = np.diag(sds**2)
-    for _ in range(STEPS):
+    x = prior_mean.copy()
+    covariance = np.diag(prior_sd**2)
+    for _ in range(MAX_ITERATIONS):
         now = residual(x)
-        slope = np.stack([(residual(x + SMALL * unit) - now) / SMALL for unit in np.eye(3)], axis=-1)
-        covariance = np.linalg.inv(slope.T @ slope)
-        step = covariance @ (slope.T @ now)
+        jacobian = np.stack(
+            [(residual(x + DIFFERENCE_STEP * unit) - now) / DIFFERENCE_STEP for unit in np.eye(3)], axis=-1
+        )
+        covariance = np.linalg.inv(jacobian.T @ jacobian)
+        step = covariance @ (jacobian.T @ now)
         x = x - step
         if float(np.abs(step).max()) < 1e-6:
             break
-    mass, bounce = math.exp(float(x[0])), math.exp(float(x[1]))
-    mass_sd, bounce_sd = mass * math.sqrt(float(covariance[0, 0])), bounce * math.sqrt(float(covariance[1, 1]))
-    return StrikerNumbers(mass, mass_sd, min(max(bounce - 1, 0.0), 1.0), bounce_sd)
+    mass, rebound = math.exp(float(x[0])), math.exp(float(x[1]))
+    mass_sd, rebound_sd = (
+        mass * math.sqrt(float(covariance[0, 0])),
+        rebound * math.sqrt(float(covariance[1, 1])),
+    )
+    return StrikerParameters(mass, mass_sd, min(max(rebound - 1, 0.0), 1.0), rebound_sd)

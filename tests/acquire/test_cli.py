@@ -72,14 +72,20 @@ def test_a_stop_that_reaches_nobody_says_what_to_do_first(hung: Path) -> None:
     result = CliRunner().invoke(main, ["stop", "--rig", str(hung)])
     assert result.exit_code == 1
     (line,) = result.stderr.splitlines()
-    assert line.startswith("acquire: NOT STOPPED: if the arm moves, cut the motor's power: the daemon (process ")
+    assert line.startswith(
+        "acquire: NOT STOPPED: if the arm moves, cut the motor's power: the daemon (process "
+    )
 
 
 def test_a_demo_removes_the_folders_of_killed_ones(tmp_path: Path) -> None:
     with subprocess.Popen([sys.executable, "-c", ""]) as dead:
         dead.wait()
     left, mine = tmp_path / f"percuss-demo-{dead.pid}-abc", tmp_path / f"percuss-demo-{os.getpid()}-abc"
-    others = [tmp_path / "percuss-demo-x-abc", tmp_path / "percuss-1000", tmp_path / f"percuss-demo-{dead.pid}-link"]
+    others = [
+        tmp_path / "percuss-demo-x-abc",
+        tmp_path / "percuss-1000",
+        tmp_path / f"percuss-demo-{dead.pid}-link",
+    ]
     for folder in (left, mine, *others[:2]):
         (folder / "run").mkdir(parents=True)
     others[2].symlink_to(mine)

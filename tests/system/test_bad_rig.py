@@ -39,7 +39,9 @@ ADDRESS, EMPTY_ADDRESS = loopback(62), loopback(63)
 class Rig:
     folder: Path
 
-    def file(self, name: str, address: str = ADDRESS, striker: str = 'kind = "manual"', socket_name: str = "d") -> Path:
+    def file(
+        self, name: str, address: str = ADDRESS, striker: str = 'kind = "manual"', socket_name: str = "d"
+    ) -> Path:
         return write(
             self.folder / f"{name}.toml",
             f"""[camera]
@@ -71,7 +73,13 @@ def rig() -> Iterator[Rig]:
 
 
 def daemon_complaint(rig_file: Path) -> str:
-    done = subprocess.run([sys.executable, "-m", "acquire", "run", str(rig_file)], capture_output=True, text=True, timeout=90, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "acquire", "run", str(rig_file)],
+        capture_output=True,
+        text=True,
+        timeout=90,
+        check=False,
+    )
     assert done.returncode == 1
     assert done.stdout == ""
     return one_line(done.stderr)
@@ -98,8 +106,14 @@ def signals() -> Iterator[None]:
     [
         ("missing", "no such serial port; check the cable, and `port` in the rig file"),
         ("no terminal", "is no serial port; check the cable, and `port` in the rig file"),
-        ("silent", "no servo with id 1 answers at 1000000 bit/s; check its power, and `id` and `baud_rate` in the rig file"),
-        ("other baud rate", "no servo with id 1 answers at 57600 bit/s; check its power, and `id` and `baud_rate` in the rig file"),
+        (
+            "silent",
+            "no servo with id 1 answers at 1000000 bit/s; check its power, and `id` and `baud_rate` in the rig file",
+        ),
+        (
+            "other baud rate",
+            "no servo with id 1 answers at 57600 bit/s; check its power, and `id` and `baud_rate` in the rig file",
+        ),
         ("held", "the port is in use by another program; `fuser"),
     ],
 )
@@ -129,7 +143,9 @@ def test_a_socket_that_cannot_be_ours(rig: Rig) -> None:
     assert precious.read_text() == "precious"
     (rig.folder / "open").mkdir()
     (rig.folder / "open").chmod(0o755)
-    assert "must belong to you alone (chmod 700)" in complaint(acquire, "run", rig.file("b", socket_name="open"))
+    assert "must belong to you alone (chmod 700)" in complaint(
+        acquire, "run", rig.file("b", socket_name="open")
+    )
     write(rig.folder / "plain", "")
     assert "set [daemon] socket elsewhere" in complaint(acquire, "run", rig.file("c", socket_name="plain"))
     assert "may have 100 bytes" in complaint(acquire, "run", rig.file("e", socket_name="long" * 40))
@@ -137,7 +153,9 @@ def test_a_socket_that_cannot_be_ours(rig: Rig) -> None:
 
 @pytest.mark.parametrize("verb", [("status",), ("stop",), ("stop", "--daemon")])
 def test_no_daemon(rig: Rig, verb: tuple[str, ...]) -> None:
-    assert "no daemon listens at" in complaint(acquire, *verb, "--rig", rig.file("nobody", socket_name="nobody"))
+    assert "no daemon listens at" in complaint(
+        acquire, *verb, "--rig", rig.file("nobody", socket_name="nobody")
+    )
     assert "no such rig file: check the path" in complaint(acquire, *verb, "--rig", rig.folder / "gone.toml")
 
 
@@ -191,26 +209,51 @@ def test_a_session_with_a_plan_of_another_object(daemon: Path, tmp_path: Path) -
     thing, plan = session_files(tmp_path)
     thing.write_text(CARTON.replace("0.044", "0.045"))
     line = complaint(acquire, "session", thing, plan, "-o", tmp_path / "r.mcap", "--rig", daemon)
-    assert re.search(r"plan.json: made for another object .*run `analyze plan .*object.toml -o .*plan.json` anew", line)
+    assert re.search(
+        r"plan.json: this plan is for another object .*run `analyze plan .*object.toml -o .*plan.json` again",
+        line,
+    )
     write(plan, plan.read_text().replace('"schema_version":"1.0"', '"schema_version":"2.0"'))
     line = complaint(acquire, "session", thing, plan, "-o", tmp_path / "r.mcap", "--rig", daemon)
-    assert "plan.json: has schema version 2.0, this program reads 1.x: make it anew with `analyze plan`" in line
-    assert "not valid JSON" in complaint(acquire, "session", thing, thing, "-o", tmp_path / "r.mcap", "--rig", daemon)
-    assert "gone.json: no such file" in complaint(acquire, "session", thing, tmp_path / "gone.json", "-o", tmp_path / "r.mcap")
+    assert (
+        "plan.json: has schema version 2.0, this program reads 1.x: make it anew with `analyze plan`" in line
+    )
+    assert "not valid JSON" in complaint(
+        acquire, "session", thing, thing, "-o", tmp_path / "r.mcap", "--rig", daemon
+    )
+    assert "gone.json: no such file" in complaint(
+        acquire, "session", thing, tmp_path / "gone.json", "-o", tmp_path / "r.mcap"
+    )
     assert names_in(tmp_path) == {"object.toml", "plan.json"}
 
 
-def test_a_session_that_ends_before_its_first_strike_leaves_no_file(daemon: Path, tmp_path: Path, rig: Rig) -> None:
+def test_a_session_that_ends_before_its_first_strike_leaves_no_file(
+    daemon: Path, tmp_path: Path, rig: Rig
+) -> None:
     given = session_files(tmp_path)
-    command = [sys.executable, "-m", "acquire", "session", *map(str, given), "-o", str(tmp_path / "r.mcap"), "--rig", str(daemon)]
-    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    command = [
+        sys.executable,
+        "-m",
+        "acquire",
+        "session",
+        *map(str, given),
+        "-o",
+        str(tmp_path / "r.mcap"),
+        "--rig",
+        str(daemon),
+    ]
+    process = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     with DaemonClient(rig.socket("running")) as client:
         end = time.monotonic() + 15
         while client.call("status")["recording"] is None and time.monotonic() < end:
             time.sleep(0.05)
         time.sleep(0.5)
         process.send_signal(signal.SIGINT)
-        process.wait(60)  # before its input is closed: that would end the session too, as a person who leaves does, with another code
+        process.wait(
+            60
+        )  # before its input is closed: that would end the session too, as a person who leaves does, with another code
         output, errors = process.communicate(timeout=60)
         assert process.returncode == 130
         assert output == ""

@@ -10,11 +10,22 @@ import pytest
 
 from acquire.session.energy import EnergyLearner
 from schemas.result import Verdict
-from schemas.strike_plan import Impact, Pivot, PlanHypothesis, PlannedStrike, Range, StrikePlan, StrikerPrior, parse_strike_plan
+from schemas.strike_plan import (
+    Impact,
+    Pivot,
+    PlanHypothesis,
+    PlannedStrike,
+    Range,
+    StrikePlan,
+    StrikerPrior,
+    parse_strike_plan,
+)
 from schemas.watch_lines import StrikeVerdict
 
 MASS, G, HALF = 0.05, 9.81, np.array([0.04, 0.03, 0.09])
-UNIT_INERTIA = np.diag([(HALF[1] ** 2 + HALF[2] ** 2) / 3, (HALF[0] ** 2 + HALF[2] ** 2) / 3, (HALF[0] ** 2 + HALF[1] ** 2) / 3])
+UNIT_INERTIA = np.diag(
+    [(HALF[1] ** 2 + HALF[2] ** 2) / 3, (HALF[0] ** 2 + HALF[2] ** 2) / 3, (HALF[0] ** 2 + HALF[1] ** 2) / 3]
+)
 POSE = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 X, Y, Z = np.eye(3)
 AXES = {"zx": (Z, X), "zX": (Z, -X), "zy": (Z, Y), "xz": (X, Z), "xZ": (X, -Z), "yz": (Y, Z)}
@@ -55,11 +66,23 @@ class Truth:
         if energy > 1:
             return energy, verdict(Verdict.GOOD, energy, phi)
         top = phi - math.acos(math.cos(phi) + energy * (1 - math.cos(phi)))
-        return energy, verdict(Verdict.ROCKED_BACK, energy if energy > 0.6 else None, phi if energy > 0.6 else None, top)
+        return energy, verdict(
+            Verdict.ROCKED_BACK, energy if energy > 0.6 else None, phi if energy > 0.6 else None, top
+        )
 
 
-def verdict(code: Verdict, energy: float | None = None, phi: float | None = None, top: float | None = None) -> StrikeVerdict:
-    return StrikeVerdict(strike_id="x", code=code, reason="", phi=phi, phi_sd=1e-3 if phi else None, energy_ratio=energy, theta_max_rad=top)
+def verdict(
+    code: Verdict, energy: float | None = None, phi: float | None = None, top: float | None = None
+) -> StrikeVerdict:
+    return StrikeVerdict(
+        strike_id="x",
+        code=code,
+        reason="",
+        phi=phi,
+        phi_sd=1e-3 if phi else None,
+        energy_ratio=energy,
+        theta_max_rad=top,
+    )
 
 
 def planned(name: str, strike_id: str, c: np.ndarray, striker: StrikerPrior) -> PlannedStrike:
@@ -95,12 +118,20 @@ def planned(name: str, strike_id: str, c: np.ndarray, striker: StrikerPrior) -> 
 
 
 def plan(names: list[str], known: bool = True, restitution: float = 0.4) -> StrikePlan:
-    striker = StrikerPrior(effective_mass_kg=0.17, effective_mass_sd_kg=0.05, restitution=restitution, restitution_sd=0.15)
+    striker = StrikerPrior(
+        effective_mass_kg=0.17, effective_mass_sd_kg=0.05, restitution=restitution, restitution_sd=0.15
+    )
     believed = PlanHypothesis(
-        com_m=[0.0, 0.0, 0.0], com_covariance_m2=np.diag((0.1 * HALF) ** 2).tolist(), mass_kg=MASS, g_m_s2=G, striker=striker
+        com_m=[0.0, 0.0, 0.0],
+        com_covariance_m2=np.diag((0.1 * HALF) ** 2).tolist(),
+        mass_kg=MASS,
+        g_m_s2=G,
+        striker=striker,
     )
     strikes = [planned(name, f"s{i}", np.zeros(3), striker) for i, name in enumerate(names)]
-    return StrikePlan(object_name="box", object_sha256="0", strikes=strikes, hypothesis=believed if known else None)
+    return StrikePlan(
+        object_name="box", object_sha256="0", strikes=strikes, hypothesis=believed if known else None
+    )
 
 
 def struck(learner: EnergyLearner, strike: PlannedStrike, truth: Truth) -> float:
@@ -237,7 +268,9 @@ def test_speeds_stay_within_the_plan():
     whole = plan(["zx"])
     learner, strike = EnergyLearner(whole), whole.strikes[0]
     for _ in range(4):
-        learner.learn(strike, strike.tip_speed_m_s.target, strike.tip_speed_m_s.target, verdict(Verdict.GOOD, 60.0))
+        learner.learn(
+            strike, strike.tip_speed_m_s.target, strike.tip_speed_m_s.target, verdict(Verdict.GOOD, 60.0)
+        )
     assert learner.tip_speed(strike) == strike.tip_speed_m_s.min
 
 
@@ -268,7 +301,9 @@ def test_a_session_in_the_rigs_physics_keeps_the_energy_just_over_the_top(seed):
 
     rng = np.random.default_rng(seed)
     striker = mistaken(rng)
-    attempts = SimulatedRig(load_object("carton", seed), rng).run(s.SessionMachine(plan_for("carton", 9, striker)))
+    attempts = SimulatedRig(load_object("carton", seed), rng).run(
+        s.SessionMachine(plan_for("carton", 9, striker))
+    )
     assert max(each.energy for each in attempts) < 3
     for axis in {each.axis_id for each in attempts}:
         energies = [each.energy for each in attempts if each.axis_id == axis]

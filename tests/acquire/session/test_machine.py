@@ -70,7 +70,10 @@ def drive(machine: s.SessionMachine, judge) -> list[s.Action]:
 
 
 def test_good_strikes_are_made_once_each():
-    done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"), planned("s3"))), lambda *_: verdict(Verdict.GOOD, 1.15))
+    done = drive(
+        s.SessionMachine(plan(planned("s1"), planned("s2"), planned("s3"))),
+        lambda *_: verdict(Verdict.GOOD, 1.15),
+    )
     assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s2.1", "s3.1"]
 
 
@@ -141,7 +144,14 @@ def test_an_event_out_of_place_is_refused():
 def test_a_striker_that_met_nothing_is_not_blamed_on_the_object():
     machine = s.SessionMachine(plan(planned("s1")))
     before = machine.learner.tip_speed(machine.strike)
-    for event in (s.Started(), s.Placed(), s.PoseChecked(good=True), s.Ready(), s.Struck(None, 0.0, 0.0, 0), s.Recorded(1, 2, 3, 0)):
+    for event in (
+        s.Started(),
+        s.Placed(),
+        s.PoseChecked(good=True),
+        s.Ready(),
+        s.Struck(None, 0.0, 0.0, 0),
+        s.Recorded(1, 2, 3, 0),
+    ):
         machine.handle(event)
     machine.handle(s.Judged(verdict(Verdict.NOT_MOVED, None)))
     assert machine.learner.tip_speed(machine.strike) == before
@@ -168,7 +178,7 @@ def carried_to(machine: s.SessionMachine, state) -> None:
 def test_a_strike_whose_file_broke_off_is_made_again(state):
     machine = s.SessionMachine(plan(planned("s1"), planned("s2")))
     carried_to(machine, state)
-    actions = machine.handle(s.BrokenOff("the window was cut off"))
+    actions = machine.handle(s.FileCutShort("the window was cut off"))
     assert isinstance(actions[-1], s.AskToPlace)
     assert machine.strike_id == "s1.1"
     assert "the window was cut off" in actions[0].text
@@ -182,7 +192,7 @@ def test_a_strike_that_was_judged_and_could_not_be_kept_is_made_again(strikes):
     actions = machine.handle(s.Judged(verdict(Verdict.GOOD, 1.2)))
     assert isinstance(actions[0], s.Keep)
     assert machine.state == (s.State.FINISHED if strikes == 1 else s.State.PLACING)
-    actions = machine.handle(s.BrokenOff("the capture process ended"))
+    actions = machine.handle(s.FileCutShort("the capture process ended"))
     assert isinstance(actions[-1], s.AskToPlace)
     assert machine.strike_id == "s1.1"
 
@@ -191,9 +201,9 @@ def test_files_that_break_off_again_and_again_end_the_session():
     machine = s.SessionMachine(plan(planned("s1")), s.SessionSettings(max_faults=2))
     carried_to(machine, s.State.STRIKING)
     for _ in range(2):
-        assert isinstance(machine.handle(s.BrokenOff("x"))[-1], s.AskToPlace)
+        assert isinstance(machine.handle(s.FileCutShort("x"))[-1], s.AskToPlace)
         machine.handle(s.Placed())
         machine.handle(s.PoseChecked(good=True))
-    actions = machine.handle(s.BrokenOff("x"))
+    actions = machine.handle(s.FileCutShort("x"))
     assert isinstance(actions[-1], s.Finish)
     assert actions[-1].aborted

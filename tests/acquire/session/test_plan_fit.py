@@ -1,4 +1,4 @@
-"""A plan for another rig is told before the first strike."""
+"""A plan for another rig is refused before the first strike."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from acquire.config import RigConfig
 from acquire.errors import SessionError
-from acquire.session.plan_fit import RigLimits, beyond_striker, camera_elsewhere
+from acquire.session.plan_fit import RigLimits, camera_pose_problem, striker_limit_problem
 from acquire.session.runner import SessionInput, SessionRunner
 from schemas.rig import StrikerConfig
 from schemas.strike_plan import Range
@@ -22,10 +22,15 @@ HERE = [[1.0, 0.0, 0.0, 0.03], [0.0, 0.0, 1.0, -0.55], [0.0, -1.0, 0.0, 0.08], [
 
 
 def limits(**striker: Any) -> RigLimits:
-    calibration = {"width": 656, "height": 492, "K": [[1430, 0, 328], [0, 1430, 246], [0, 0, 1]], "T_world_camera": HERE}
+    calibration = {
+        "width": 656,
+        "height": 492,
+        "K": [[1430, 0, 328], [0, 1430, 246], [0, 0, 1]],
+        "T_world_camera": HERE,
+    }
     camera = {"address": "1", "calibration": calibration}
     config = RigConfig.model_validate({"camera": camera, "striker": StrikerConfig(**striker).model_dump()})
-    return RigLimits.from_dict(json.loads(json.dumps(RigLimits.of(config).as_dict())))
+    return RigLimits.from_dict(json.loads(json.dumps(RigLimits.from_config(config).as_dict())))
 
 
 def strike(name: str, **changes: Any):
@@ -36,37 +41,51 @@ def test_a_plan_within_the_limits_is_fine_to_the_last_digit() -> None:
     speeds = limits(arm_length_m=0.1).speeds
     assert speeds is not None
     edge = Range(min=speeds.slowest_m_s, target=0.4, max=speeds.fastest_m_s)
-    assert beyond_striker(plan(strike("s1", tip_speed_m_s=edge)), limits(arm_length_m=0.1)) == ""
+    assert striker_limit_problem(plan(strike("s1", tip_speed_m_s=edge)), limits(arm_length_m=0.1)) == ""
 
 
 def test_too_fast_and_too_slow_strikes_are_named() -> None:
     """0.1 m at 8 rad/s is 0.8 m/s, at 0.5 rad/s 0.05 m/s; the plans' strikes may ask for 0.1 to 0.9 m/s."""
-    said = beyond_striker(plan(*(strike(f"s{number}") for number in range(1, 7))), limits(arm_length_m=0.1))
-    assert said == "s1, s2, s3, s4 and 2 more may ask for 0.1 to 0.9 m/s, it swings at 0.05 to 0.8 m/s"
-    assert beyond_striker(plan(strike("s1", tip_speed_m_s=Range(min=0.05, target=0.2, max=0.3))), limits(arm_length_m=0.12))
+    said = striker_limit_problem(
+        plan(*(strike(f"s{number}") for number in range(1, 7))), limits(arm_length_m=0.1)
+    )
+    assert said == "s1, s2, s3, s4 and 2 more may need 0.1 to 0.9 m/s, the striker swings at 0.05 to 0.8 m/s"
+    assert striker_limit_problem(
+        plan(strike("s1", tip_speed_m_s=Range(min=0.05, target=0.2, max=0.3))), limits(arm_length_m=0.12)
+    )
 
 
 def test_what_is_out_of_reach_is_named() -> None:
     low, high, fine = strike("s1", impact_height_m=0.01), strike("s2", impact_height_m=0.5), strike("s3")
-    assert beyond_striker(plan(fine, low), limits()) == "s1: struck at 10 mm over the table, it reaches 15 to 400 mm"
-    assert "s1, s2: struck at 10 to 500 mm" in beyond_striker(plan(low, high, fine), limits())
+    assert (
+        striker_limit_problem(plan(fine, low), limits())
+        == "s1: impact point 10 mm over the table, the striker reaches 15 to 400 mm"
+    )
+    assert "s1, s2: impact point 10 to 500 mm" in striker_limit_problem(plan(low, high, fine), limits())
 
 
 def test_a_hand_has_no_limits() -> None:
-    assert beyond_striker(plan(strike("s1", impact_height_m=0.5)), limits(kind="manual", arm_length_m=0.05)) == ""
+    assert (
+        striker_limit_problem(
+            plan(strike("s1", impact_height_m=0.5)), limits(kind="manual", arm_length_m=0.05)
+        )
+        == ""
+    )
 
 
 def test_a_camera_elsewhere() -> None:
-    assert camera_elsewhere(plan(strike("s1")), limits()) == ""
+    assert camera_pose_problem(plan(strike("s1")), limits()) == ""
     nearer = [[*row[:3], row[3] + shift] for row, shift in zip(HERE, (0.0, 0.05, 0.0, 0.0), strict=True)]
-    assert "the camera stands 50 mm and 0 deg off the plan's" in camera_elsewhere(plan(strike("s1", camera_pose=nearer)), limits())
+    assert "the camera stands 50 mm and 0 deg off the plan's position" in camera_pose_problem(
+        plan(strike("s1", camera_pose=nearer)), limits()
+    )
     c, s = math.cos(0.1), math.sin(0.1)
     tilted = [[c, s, 0.0, 0.03], [0.0, 0.0, 1.0, -0.55], [s, -c, 0.0, 0.08], [0.0, 0.0, 0.0, 1.0]]
-    assert "0 mm and 6 deg" in camera_elsewhere(plan(strike("s1", camera_pose=tilted)), limits())
+    assert "0 mm and 6 deg" in camera_pose_problem(plan(strike("s1", camera_pose=tilted)), limits())
 
 
 class Daemon:
-    """Of a rig with these limits; opens no recording."""
+    """Fake daemon of a rig with these limits; opens no recording."""
 
     def __init__(self, answer: RigLimits) -> None:
         self.answer, self.calls = answer, []
@@ -86,12 +105,13 @@ def test_a_session_is_refused_before_its_recording_is_opened(tmp_path: Path) -> 
     with pytest.raises(SessionError) as caught:
         SessionRunner(daemon, SessionInput(thing, path), tmp_path / "r.mcap").run()  # type: ignore[arg-type] - what is called of it
     line = str(caught.value)
-    assert line.startswith(f"{path}: is not for this rig's striker: s1, s2, s3, s4 may ask for 0.1 to 1 m/s, it swings at 0.025 to 0.4 m/s")
+    problem = "s1, s2, s3, s4 may need 0.1 to 1 m/s, the striker swings at 0.025 to 0.4 m/s"
+    assert line.startswith(f"{path}: does not fit this rig's striker: {problem}")
     assert line.endswith(f": plan for this rig: `analyze plan {thing} --rig RIG.toml -o {path}`")
     assert daemon.calls == ["rig"]
 
 
 def test_a_strike_turned_on_the_table_leaves_the_camera_where_it_is() -> None:
     turned = [[-1.0, 0.0, 0.0, -0.03], [0.0, 0.0, -1.0, 0.55], [0.0, -1.0, 0.0, 0.08], [0.0, 0.0, 0.0, 1.0]]
-    assert camera_elsewhere(plan(strike("s1", camera_pose=turned, heading_rad=math.pi)), limits()) == ""
-    assert "180 deg off" in camera_elsewhere(plan(strike("s1", camera_pose=turned)), limits())
+    assert camera_pose_problem(plan(strike("s1", camera_pose=turned, heading_rad=math.pi)), limits()) == ""
+    assert "180 deg off" in camera_pose_problem(plan(strike("s1", camera_pose=turned)), limits())

@@ -1,4 +1,4 @@
-"""`acquire strike` against a daemon's API: what is asked, what is ordered, what is printed, what is written."""
+"""`acquire strike` against a fake daemon's API: questions, commands sent, output, rig file written."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ socket = "{socket}"
 
 @dataclass
 class Daemon:
-    """Answers as a daemon whose striker reaches 98 % of what it is told and loses a quarter of its speed to what it meets."""
+    """Fake daemon: its striker reaches 98 % of the commanded speed and loses a quarter of it at contact."""
 
     calls: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     recording: str | None = None
@@ -68,7 +68,13 @@ class Daemon:
 
     def _status(self, _params: object) -> dict[str, Any]:
         state = "homed" if self.homed else "disarmed"
-        return {"recording": self.recording, "rig": "bench", "striker": state, "striker_trouble": "", "stops": 0}
+        return {
+            "recording": self.recording,
+            "rig": "bench",
+            "striker": state,
+            "striker_trouble": "",
+            "stops": 0,
+        }
 
     def _home(self, _params: object) -> dict[str, Any]:
         self.homed = True
@@ -82,7 +88,9 @@ class Daemon:
         speed = 0.98 * params["tip_speed_m_s"]
         impulse = MASS * 0.25 * speed
         sd = impulse * ((MASS_SD / MASS) ** 2 + 0.1**2) ** 0.5
-        return asdict(StrikeOutcome(1_200_000_000 if meets else None, 2e5, speed, 0.002, impulse, sd, int(meets), 10**9))
+        return asdict(
+            StrikeOutcome(1_200_000_000 if meets else None, 2e5, speed, 0.002, impulse, sd, int(meets), 10**9)
+        )
 
     @property
     def orders(self) -> list[str]:
@@ -100,7 +108,9 @@ def daemon(tmp_path: Path) -> Iterator[Daemon]:
 
 
 def run(tmp_path: Path, *arguments: str, answers: str = "") -> Any:
-    return CliRunner().invoke(main, ["strike", "--rig", str(tmp_path / "rig.toml"), *arguments], input=answers)
+    return CliRunner().invoke(
+        main, ["strike", "--rig", str(tmp_path / "rig.toml"), *arguments], input=answers
+    )
 
 
 def test_one_strike_is_asked_for_and_armed_once(daemon: Daemon, tmp_path: Path) -> None:
@@ -124,11 +134,11 @@ def test_a_session_is_not_disturbed(daemon: Daemon, tmp_path: Path) -> None:
     daemon.recording = "r.mcap"
     result = run(tmp_path, "--speed", "0.3", "--yes")
     assert result.exit_code == 1
-    assert "a session is under way (r.mcap)" in result.stderr
+    assert "a session is running (r.mcap)" in result.stderr
     assert daemon.orders == []
 
 
-def test_what_ends_it_early_stops_the_arm(daemon: Daemon, tmp_path: Path) -> None:
+def test_an_error_stops_the_arm(daemon: Daemon, tmp_path: Path) -> None:
     daemon.fails = StrikerRefused
     result = run(tmp_path, "--speed", "0.3", "--yes")
     assert result.exit_code == 1
@@ -153,7 +163,9 @@ def test_a_miss_has_its_own_exit_code(daemon: Daemon, tmp_path: Path) -> None:
         ["--speed", "0.3", "--energy", "1.1"],
     ],
 )
-def test_orders_that_contradict_themselves_are_refused(daemon: Daemon, tmp_path: Path, arguments: list[str]) -> None:
+def test_orders_that_contradict_themselves_are_refused(
+    daemon: Daemon, tmp_path: Path, arguments: list[str]
+) -> None:
     assert run(tmp_path, *arguments).exit_code == 2
     assert daemon.calls == []
 
@@ -161,14 +173,28 @@ def test_orders_that_contradict_themselves_are_refused(daemon: Daemon, tmp_path:
 def test_calibration_learns_and_writes(daemon: Daemon, tmp_path: Path) -> None:
     """The arm loses a quarter of its speed to 50 g: (1 + e) / (1 + m / 0.05) = 0.25."""
     rig = tmp_path / "rig.toml"
-    result = run(tmp_path, "--calibrate", "--yes", "--speeds", "0.2,0.4", "--repeats", "3", "--body-mass-kg", "0.05", "--write", "--json")
+    result = run(
+        tmp_path,
+        "--calibrate",
+        "--yes",
+        "--speeds",
+        "0.2,0.4",
+        "--repeats",
+        "3",
+        "--body-mass-kg",
+        "0.05",
+        "--write",
+        "--json",
+    )
     assert result.exit_code == 0, result.stderr
     found = json.loads(result.stdout)
     assert len(found["swings"]) == 12
     assert daemon.orders.count("arm") == daemon.orders.count("strike") == 12
     assert found["swing_ratio"]["mean"] == pytest.approx(0.98, abs=1e-6)
     learned = found["striker"]
-    assert (1 + learned["restitution"]) / (1 + learned["effective_mass_kg"] / 0.05) == pytest.approx(0.25, rel=0.1)
+    assert (1 + learned["restitution"]) / (1 + learned["effective_mass_kg"] / 0.05) == pytest.approx(
+        0.25, rel=0.1
+    )
     written = read_rig(rig).striker
     assert written.effective_mass_kg == pytest.approx(learned["effective_mass_kg"], rel=1e-3)
     assert written.restitution_sd == pytest.approx(learned["restitution_sd"], rel=0.1)
@@ -181,50 +207,74 @@ def test_swings_in_the_air_leave_the_file_alone(daemon: Daemon, tmp_path: Path) 
     before = (tmp_path / "rig.toml").read_bytes()
     result = run(tmp_path, "--calibrate", "--speeds", "0.2", "--write", answers="y\n")
     assert result.exit_code == 0, result.stderr
-    assert "reached / commanded 0.9800 ± " in result.stdout
-    assert "not learned" in result.stdout
+    assert "reached / commanded speed: 0.9800 ± " in result.stdout
+    assert "were not determined" in result.stdout
     assert (tmp_path / "rig.toml").read_bytes() == before
 
 
 def test_calibration_ends_where_the_answer_is_no(daemon: Daemon, tmp_path: Path) -> None:
-    result = run(tmp_path, "--calibrate", "--speeds", "0.2", "--repeats", "1", "--body-mass-kg", "0.05", answers="y\nn\n")
+    result = run(
+        tmp_path,
+        "--calibrate",
+        "--speeds",
+        "0.2",
+        "--repeats",
+        "1",
+        "--body-mass-kg",
+        "0.05",
+        answers="y\nn\n",
+    )
     assert result.exit_code == 1
     assert daemon.orders.count("strike") == 1
 
 
-def test_it_is_not_calibrated_with_another_rigs_file(daemon: Daemon, tmp_path: Path) -> None:
+def test_calibration_refuses_the_file_of_another_rig(daemon: Daemon, tmp_path: Path) -> None:
     rig = read_rig(tmp_path / "rig.toml").model_copy(update={"name": "other"})
-    with DaemonClient(rig.daemon.socket_path()) as client, pytest.raises(ConfigError, match="runs rig 'bench', the file says 'other'"):
-        single_strike.calibrate(client, rig, single_strike.CalibrationOrder((0.2,), 1, ()), lambda _text: True)
+    with (
+        DaemonClient(rig.daemon.socket_path()) as client,
+        pytest.raises(ConfigError, match="runs rig 'bench', the file describes 'other'"),
+    ):
+        single_strike.calibrate(
+            client, rig, single_strike.CalibrationOrder((0.2,), 1, ()), lambda _text: True
+        )
 
 
-def test_an_arm_that_does_not_come_through_is_said(daemon: Daemon, tmp_path: Path) -> None:
+def test_an_incomplete_swing_is_reported(daemon: Daemon, tmp_path: Path) -> None:
     daemon.meets = False
     rig = read_rig(tmp_path / "rig.toml")
     with (
         DaemonClient(rig.daemon.socket_path()) as client,
-        pytest.raises(SessionError, match=r"calibrate-1: the arm did not come to angle 0"),
+        pytest.raises(SessionError, match=r"calibrate-1: the arm did not reach angle 0"),
     ):
-        single_strike.calibrate(client, rig, single_strike.CalibrationOrder((0.2,), 1, ()), lambda _text: True)
+        single_strike.calibrate(
+            client, rig, single_strike.CalibrationOrder((0.2,), 1, ()), lambda _text: True
+        )
 
 
 def test_a_swing_that_came_to_nothing_is_made_again(daemon: Daemon, tmp_path: Path) -> None:
     rig = read_rig(tmp_path / "rig.toml")
     daemon.misses = 2
     with DaemonClient(rig.daemon.socket_path()) as client:
-        swings = single_strike.calibrate(client, rig, single_strike.CalibrationOrder((0.2,), 2, ()), lambda _text: True)
+        swings = single_strike.calibrate(
+            client, rig, single_strike.CalibrationOrder((0.2,), 2, ()), lambda _text: True
+        )
     assert len(swings) == 2
     assert daemon.orders.count("strike") == 4
 
 
 def test_the_default_speeds_are_ones_the_striker_takes(daemon: Daemon, tmp_path: Path) -> None:
     rig = read_rig(tmp_path / "rig.toml")
-    speeds = single_strike.speeds_within(rig)
+    speeds = single_strike.default_tip_speeds(rig)
     assert len(speeds) == 5
     assert 0.06 < speeds[0] < speeds[-1] < rig.striker.velocity_limit_rad_s * rig.striker.arm_length_m + 1e-9
 
 
-ENTRIES = {"effective_mass_kg": "0.15", "effective_mass_sd_kg": "0.02", "restitution": "0.5", "restitution_sd": "0.04"}
+ENTRIES = {
+    "effective_mass_kg": "0.15",
+    "effective_mass_sd_kg": "0.02",
+    "restitution": "0.5",
+    "restitution_sd": "0.04",
+}
 
 
 @pytest.mark.parametrize(
@@ -241,17 +291,21 @@ def test_only_the_strikers_lines_change(tmp_path: Path, section: str) -> None:
     before = tomllib.loads(path.read_text(encoding="utf-8"))
     single_strike.write_striker(path, ENTRIES)
     after = tomllib.loads(path.read_text(encoding="utf-8"))
-    assert {key: after["striker"].pop(key) for key in ENTRIES} == {key: float(value) for key, value in ENTRIES.items()}
+    assert {key: after["striker"].pop(key) for key in ENTRIES} == {
+        key: float(value) for key, value in ENTRIES.items()
+    }
     for key in ENTRIES:
         before["striker"].pop(key, None)
     assert after == before
 
 
-@pytest.mark.parametrize("text", ["name = 1\n", "striker = { restitution = 0.3 }\n", "[striker]\nreach_m = [\n  0.1,\n[\n"])
+@pytest.mark.parametrize(
+    "text", ["name = 1\n", "striker = { restitution = 0.3 }\n", "[striker]\nreach_m = [\n  0.1,\n[\n"]
+)
 def test_a_file_it_does_not_understand_is_left_alone(tmp_path: Path, text: str) -> None:
     path = tmp_path / "r.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ConfigError, match="put these lines there by hand"):
+    with pytest.raises(ConfigError, match="enter these values by hand"):
         single_strike.write_striker(path, ENTRIES)
     assert path.read_text(encoding="utf-8") == text
     assert list(tmp_path.iterdir()) == [path]

@@ -7,15 +7,19 @@ import math
 import numpy as np
 import pytest
 
-from acquire.striker.calibration import StrikerNumbers, Swing, learn_striker, swing_ratio
+from acquire.striker.calibration import StrikerParameters, Swing, estimate_striker, swing_ratio
 
-PRIOR = StrikerNumbers(0.17, 0.05, 0.4, 0.15)
+PRIOR = StrikerParameters(0.17, 0.05, 0.4, 0.15)
 SPEEDS = (0.1, 0.2, 0.3, 0.4)
 
 
 def swings(body_kg: float, mass: float, restitution: float, rng: np.random.Generator) -> list[Swing]:
     share = (1 + restitution) / (1 + mass / body_kg)
-    return [Swing(v, v, 0.003 * v, v * share * (1 + rng.normal(0, 0.1)), 0.1 * v * share, body_kg) for v in SPEEDS for _ in range(3)]
+    return [
+        Swing(v, v, 0.003 * v, v * share * (1 + rng.normal(0, 0.1)), 0.1 * v * share, body_kg)
+        for v in SPEEDS
+        for _ in range(3)
+    ]
 
 
 def test_swings_in_the_air_tell_only_of_the_speed():
@@ -25,14 +29,16 @@ def test_swings_in_the_air_tell_only_of_the_speed():
     assert ratio.mean == pytest.approx(0.97, abs=3 * ratio.mean_sd)
     assert ratio.scatter == pytest.approx(0.005, rel=0.5)
     assert 0.0005 < ratio.mean_sd < 0.003
-    assert learn_striker(PRIOR, air) is PRIOR
+    assert estimate_striker(PRIOR, air) is PRIOR
 
 
 @pytest.mark.parametrize("heavy_kg", [1.5, math.inf])
 @pytest.mark.parametrize(("mass", "restitution"), [(0.13, 0.55), (0.21, 0.3), (0.17, 0.4)])
 def test_a_light_and_a_heavy_body_tell_mass_and_restitution_apart(mass, restitution, heavy_kg):
     rng = np.random.default_rng(2)
-    learned = learn_striker(PRIOR, swings(0.03, mass, restitution, rng) + swings(heavy_kg, mass, restitution, rng))
+    learned = estimate_striker(
+        PRIOR, swings(0.03, mass, restitution, rng) + swings(heavy_kg, mass, restitution, rng)
+    )
     assert learned.effective_mass_sd_kg < 0.4 * PRIOR.effective_mass_sd_kg
     assert learned.restitution_sd < 0.6 * PRIOR.restitution_sd
     assert abs(learned.effective_mass_kg - mass) < 2.5 * learned.effective_mass_sd_kg
@@ -41,14 +47,14 @@ def test_a_light_and_a_heavy_body_tell_mass_and_restitution_apart(mass, restitut
 
 def test_one_body_leaves_them_together():
     rng = np.random.default_rng(3)
-    learned = learn_striker(PRIOR, swings(0.03, 0.25, 0.6, rng))
+    learned = estimate_striker(PRIOR, swings(0.03, 0.25, 0.6, rng))
     told = (1 + learned.restitution) / learned.effective_mass_kg
     assert told == pytest.approx(1.6 / 0.25, rel=0.15)
     assert learned.restitution_sd > 0.8 * PRIOR.restitution_sd
 
 
 def test_a_touch_that_was_not_felt_says_nothing():
-    assert learn_striker(PRIOR, [Swing(0.2, 0.2, 0.001, None, 0.0, 0.03)]) is PRIOR
+    assert estimate_striker(PRIOR, [Swing(0.2, 0.2, 0.001, None, 0.0, 0.03)]) is PRIOR
 
 
 def test_intervals_hold_what_made_them():
@@ -58,8 +64,18 @@ def test_intervals_hold_what_made_them():
         mass, restitution = 0.17 * math.exp(rng.normal(0, 0.29)), 0.4 + rng.normal(0, 0.12)
         shared = 1 + rng.normal(0, 0.05)
         made = swings(0.03, mass, restitution, rng) + swings(1.0, mass, restitution, rng)
-        made = [Swing(s.command_m_s, s.speed_m_s, s.speed_sd_m_s, shared * (s.drop_m_s or 0), s.drop_sd_m_s, s.body_kg) for s in made]
-        learned = learn_striker(PRIOR, made)
+        made = [
+            Swing(
+                s.command_m_s,
+                s.speed_m_s,
+                s.speed_sd_m_s,
+                shared * (s.drop_m_s or 0),
+                s.drop_sd_m_s,
+                s.body_kg,
+            )
+            for s in made
+        ]
+        learned = estimate_striker(PRIOR, made)
         inside += abs(learned.effective_mass_kg - mass) < 2 * learned.effective_mass_sd_kg
         inside += abs(learned.restitution - restitution) < 2 * learned.restitution_sd
     assert 105 <= inside <= 120
