@@ -1,6 +1,8 @@
-"""One frozen value per arrow: Recording -> MarkerTrack -> TipMotion -> EquiPlane -> CentreOfMass -> InertialParameters -> MassDistribution.
+"""The values that the stages pass on, each a frozen dataclass.
 
-SI units, angles in rad. Arrays: the last axis is the vector.
+Recording -> MarkerTrack -> TipMotion -> EquiPlane -> CentreOfMass -> InertialParameters -> MassDistribution.
+SI units, angles in rad. Arrays: the last axis is the vector. Frames: W (world, z up, table z = 0), O
+(object), C (camera, OpenCV), M (marker), B (board); "sd" is one standard deviation.
 """
 
 from __future__ import annotations
@@ -19,30 +21,33 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Pinhole with OpenCV distortion or OpenCV's fisheye, and its place in W."""
+    """Pinhole camera with OpenCV distortion, or OpenCV's fisheye, and its pose in W."""
 
     width: int
+    """image width [px]"""
     height: int
+    """image height [px]"""
     K: Array
-    """(3, 3) px"""
+    """(3, 3) camera matrix [px]"""
     distortion: Array
-    """(5,) k1, k2, p1, p2, k3; of a fisheye (4,) k1, k2, k3, k4"""
+    """(5,) k1, k2, p1, p2, k3; for a fisheye (4,) k1, k2, k3, k4"""
     T_world_camera: Array
-    """(4, 4)"""
+    """(4, 4) pose of C in W, translation in m"""
     model: LensModel = LensModel.PINHOLE
     line_time_s: float = 0.0
-    """by which each row is read later than the row above; a frame's time is that of its middle row"""
+    """delay [s] between the readout of neighbouring rows; a frame's time is that of its middle row"""
 
 
 @dataclass(frozen=True)
 class Marker:
-    """A marker on the object."""
+    """Square marker on the object."""
 
     id: int | str
-    """its name: a number of 36h11, else as "25h9-3" (schemas.tags)"""
+    """name of the marker: a number of family 36h11, otherwise a text such as "25h9-3" (schemas.tags)"""
     size: float
+    """edge of the black square [m]"""
     T_object_marker: Array | None
-    """(4, 4)"""
+    """(4, 4) pose of M in O, translation in m; None if unknown"""
 
 
 @dataclass(frozen=True)
@@ -50,35 +55,37 @@ class ImageFrame:
     """One image of a recording."""
 
     time_ns: int
-    """log_time: wall anchor + host monotonic time of mid-exposure"""
+    """log_time [ns] of mid-exposure: wall-clock anchor + host monotonic time"""
     sequence: int
+    """frame number in the recording"""
     image: NDArray[np.uint8]
-    """(height, width)"""
+    """(height, width) grey levels"""
 
 
 @dataclass(frozen=True)
 class MarkerTrack:
-    """One marker through one strike window; only frames in which it was found."""
+    """One marker through one strike window, in the frames in which it was found."""
 
     marker_id: int | str
+    """name of the marker"""
     time_ns: IntArray
-    """(n,) of the frames, unless `late_ns` says otherwise"""
+    """(n,) log_time [ns] at which the corners were where `corners_px` has them"""
     corners_px: Array
-    """(n, 4, 2), OpenCV order: top-left, top-right, bottom-right, bottom-left of the marker"""
+    """(n, 4, 2) raw pixels, OpenCV order: top-left, top-right, bottom-right, bottom-left of the marker"""
     corner_sd_px: Array
-    """(n,)"""
+    """(n,) standard deviation of a corner's coordinate [px]"""
     R_camera_marker: Array
-    """(n, 3, 3)"""
+    """(n, 3, 3) rotation from M to C"""
     p_camera_marker: Array
-    """(n, 3) m"""
+    """(n, 3) marker centre in C [m]"""
     frames_total: int
-    """frames in the window, found or not"""
+    """number of frames in the window, with or without the marker"""
     late_ns: IntArray | None = None
-    """(n,) of a rolling shutter: by how much `time_ns`, at which the corners were where they are said to be, is later than the frame's"""
+    """(n,) delay [ns] of `time_ns` after the frame's own time, by a rolling shutter; None if it is 0"""
 
     @property
     def frame_ns(self) -> IntArray:
-        """(n,) times of the images that it was found in."""
+        """Times (n,) [ns] of the images in which the marker was found."""
         return self.time_ns if self.late_ns is None else self.time_ns - self.late_ns
 
 
@@ -87,22 +94,23 @@ class TipAngle:
     """Tipping angle since rest about the pivot axis, from one or more tracks."""
 
     time_ns: IntArray
-    """(n,)"""
+    """(n,) log_time of the frames [ns]"""
     theta: Array
-    """(n,) rad, 0 at rest, + tips"""
+    """(n,) tipping angle [rad], 0 at rest, positive as the object tips"""
     sd: Array
-    """(n,) rad, random part per frame"""
+    """(n,) random standard deviation of theta [rad]"""
     off_axis: Array
-    """(n,) rad, rotation about other axes: wobble and twist"""
+    """(n,) rotation about the other two axes [rad]: wobble and twist"""
     slip: Array
-    """(n,) m, displacement of the pivot point along the table, 0 where the full pose is not known"""
+    """(n,) displacement of the pivot point along the table [m], 0 if the full pose is unknown"""
     zero_sd: float = 0.0
-    """rad, 1 sigma of where 0 lies: shared by all frames, so that no number of them averages it out"""
+    """standard deviation [rad] of theta's zero, shared by all frames, so that no number of them averages it
+    out"""
 
 
 @dataclass(frozen=True)
 class Phases:
-    """Index ranges [start, stop) into a TipAngle; None where a phase did not occur."""
+    """Index ranges [start, stop) of a strike's phases in a TipAngle; None if a phase did not occur."""
 
     rest: tuple[int, int] | None
     strike: tuple[int, int] | None
@@ -113,22 +121,24 @@ class Phases:
 
 @dataclass(frozen=True)
 class RollingContact:
-    """Where a contact that rolls on a curved flank touches at phi: there it rolls like the circle of curvature about its centre."""
+    """Circle of curvature of the object's cross-section at the point that touches the table at phi."""
 
     along: float
-    """m in the rest pose, of that centre from the plan's pivot point, the way the object tips"""
+    """offset [m] of the circle's centre from the plan's pivot point in the rest pose, towards where the
+    object tips"""
     over: float
-    """m, the same upwards"""
+    """offset [m] of that centre upwards"""
     radius: float
-    """m, of curvature"""
+    """radius of curvature [m]"""
     sd: float
-    """m, 1 sigma of the centre across itself; of a curve of the shape's own all of it, else beside the pivot's"""
+    """standard deviation [m] of the centre across the axis: all of it for a curve of the shape itself,
+    otherwise in addition to the pivot's"""
     energy_ratio: float
-    """energy over what standing up takes, on this flank"""
+    """energy of the strike over the energy needed to stand up on this section"""
     of_shape: bool = False
-    """whether the radius is the shape's own, and not the rounding that the object file gives its edges"""
+    """True if the radius belongs to the shape itself, not to the rounding that the object file states"""
     radius_sd: float = 0.0
-    """m, 1 sigma of the radius: the centre lies nearer to c by as much as it is larger"""
+    """standard deviation [m] of the radius; a larger radius puts the centre nearer to c by as much"""
 
 
 @dataclass(frozen=True)
@@ -136,137 +146,168 @@ class MotionFit:
     """phi and k of one strike by one estimator."""
 
     estimator: str
+    """name of the estimator"""
     phi: float
+    """balance angle [rad]: theta at which c stands above the contact"""
     k: float | None
-    """rad/s^2"""
+    """m g R / (I_c,l + m (R + rho)^2) [rad/s^2]; None if the estimator does not report it"""
     covariance: Array
-    """(2, 2) of (phi, k), with what all frames of the strike share; k's row is 0 where k is None"""
+    """(2, 2) covariance of (phi, k), with the errors that all frames of the strike share; k's row is 0 if k
+    is None"""
     theta0: float
+    """theta [rad] at `time0_ns`"""
     omega0: float
+    """angular speed [rad/s] at `time0_ns`"""
     time0_ns: int
-    """theta0, omega0 hold here"""
+    """log_time [ns] of theta0 and omega0"""
     damping: float
+    """drag coefficient c of c theta' |theta'|; 0 if not fitted"""
     window: tuple[int, int]
-    """index range used"""
+    """index range [start, stop) of the fitted frames"""
     residual: Array
-    """(window length,) rad"""
+    """(stop - start,) measured minus fitted theta [rad]"""
     note: str = ""
-    """why this estimator, this window"""
+    """reason for this estimator and this window"""
     violated: tuple[str, ...] = ()
-    """assumptions of the estimator that the motion did not keep, each with its number"""
+    """assumptions of the estimator that the motion violated, each with its number"""
     rolling: RollingContact | None = None
-    """where the contact rolls on a flank: what takes the place of the plan's pivot point and radius"""
+    """circle that replaces the plan's pivot point and radius; None if the edge does not roll on a curve"""
 
 
 @dataclass(frozen=True)
 class TipMotion:
-    """One strike: what happened, and what was fitted."""
+    """Motion of one strike: verdict, theta(t), phases and fits."""
 
     strike_id: str
+    """id of the strike"""
     plan_strike_id: str
+    """id of the planned strike"""
     verdict: Verdict
     reason: str
+    """explanation of the verdict, one sentence with its numbers"""
     angle: TipAngle | None
+    """theta(t); None if no marker was followed"""
     phases: Phases | None
+    """phases of theta(t); None if there is no theta(t)"""
     fit: MotionFit | None
-    """the one used"""
+    """the fit that the estimate uses; None if nothing fits"""
     alternatives: tuple[MotionFit, ...]
+    """fits by other estimators, for comparison"""
     energy_ratio: float | None
-    faster: float | None = None
-    """true frame rate over the stated one at which it would be a tip, where it is none as stated; None: as stated, or at none"""
+    """energy of the strike over the energy needed to tip; None if nothing fits"""
+    frame_rate_ratio: float | None = None
+    """true frame rate over the stated one at which the motion would be a tip; None if it is a tip as stated,
+    or at no ratio"""
 
 
 @dataclass(frozen=True)
 class EquiPlane:
-    """Plane in O that holds the pivot's centre line and c. normal . (c - point) = 0."""
+    """Plane in O through the pivot's centre line and c: normal . (c - point) = 0."""
 
     strike_id: str
+    """id of the strike"""
     axis_id: str
+    """id of the pivot axis"""
     point: Array
-    """(3,) on the centre line"""
+    """(3,) point on the centre line [m]"""
     direction: Array
-    """(3,) unit, +theta about it tips"""
+    """(3,) unit vector of the axis; positive theta about it tips the object"""
     up: Array
-    """(3,) unit, W's z in O at rest"""
+    """(3,) unit vector, W's z in O at rest"""
     normal: Array
-    """(3,) unit"""
+    """(3,) unit normal"""
     phi: float
+    """balance angle [rad]"""
     sd_phi: float
-    """random part"""
+    """random standard deviation of phi [rad]"""
     k: float | None
+    """as in MotionFit [rad/s^2]; None if not reported"""
     sd_k: float | None
+    """standard deviation of k [rad/s^2]; None if k is"""
     cov_phi_k: float
+    """covariance of phi and k [rad * rad/s^2]"""
     edge_radius: float
+    """radius of the edge's rounding, or of curvature [m]"""
     edge_sd: float
-    """m, position of the line across itself, shared by strikes on the axis"""
+    """standard deviation [m] of the centre line across itself, shared by the strikes on the axis"""
     heading: float = 0.0
-    """rad, how the strike was turned on the table: which part of gravity's tilt it feels"""
+    """heading [rad] of the strike on the table: selects the component of gravity's tilt that acts"""
     face: str = ""
-    """that it rested on, whose place all edges of the face share; "": not known"""
+    """id of the resting face, whose position error all its edges share; "" if unknown"""
     rounded: bool = True
-    """`edge_radius` is the edges' rounding, whose error all edges share; False: a flank's curvature"""
+    """True if `edge_radius` is the edges' rounding, whose error all edges share; False if it is a curvature
+    of the section"""
     level: int = 0
-    """number of the levelling of the table that it was made on: whose tilt of gravity it feels"""
+    """number of the levelling of the table, whose tilt of gravity the strikes on it share"""
     radius_sd: float = 0.0
-    """m, of a flank's radius of curvature: the line lies nearer to c by as much as it is larger"""
+    """standard deviation [m] of a section's radius of curvature; a larger radius puts the line nearer to c by
+    as much"""
 
 
 @dataclass(frozen=True)
 class TableTilt:
-    """How far the vertical leans from the table's normal, on one levelling."""
+    """Tilt of the vertical against the table's normal, on one levelling."""
 
     lean: Array
-    """(2,) rad, towards W's x (where objects tip) and y: the table rises that way by as much"""
+    """(2,) tilt [rad] of the vertical towards W's x (the direction of tipping) and y; the table is higher on
+    that side"""
     covariance: Array
-    """(2, 2) rad^2"""
+    """(2, 2) covariance of `lean` [rad^2]"""
     prior_sd: Array
-    """(2,) rad, 1 sigma before any strike"""
+    """(2,) standard deviation [rad] before any strike"""
 
     @property
     def sd(self) -> Array:
-        """(2,) rad."""
+        """Standard deviation (2,) of `lean` [rad]."""
         return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True)
 class CentreOfMass:
-    """c in O."""
+    """Centre of mass c in O, with covariance and residuals."""
 
     position: Array
-    """(3,) m"""
+    """(3,) c [m]"""
     covariance: Array
-    """(3, 3) m^2; unobserved directions carry the prior's variance"""
+    """(3, 3) covariance [m^2]; unobserved directions carry the prior's variance"""
     observed: bool
+    """True if the strikes determine all three coordinates"""
     unobserved_direction: Array | None
-    """(3,) unit, worst known, where not observed"""
+    """(3,) unit vector of the direction that is known worst; None if c is observed"""
     residuals: Array
-    """(strikes,) m, signed distance of c from each of `planes`"""
+    """(strikes,) signed distance of c from each of `planes` [m]"""
     weights: Array
-    """(strikes,) relative, sum 1"""
+    """(strikes,) share of information, sum 1"""
     distances: Array
-    """(strikes,) R, m"""
+    """(strikes,) distance R of c from the centre lines [m]"""
     distance_covariance: Array
-    """(strikes, strikes) m^2, of R"""
+    """(strikes, strikes) covariance of R [m^2]"""
     position_distance_covariance: Array
-    """(3, strikes) m^2, between c and R"""
+    """(3, strikes) covariance of c and R [m^2]"""
     robust: Array
-    """(strikes,) 1 = as good as its sd says, towards 0 = an outlier that was given little weight"""
+    """(strikes,) robust weight: 1 for a strike within its sd, towards 0 for an outlier"""
     tilts: tuple[TableTilt, ...] = ()
-    """of each levelling of the table"""
+    """tilt of each levelling of the table"""
     planes: tuple[EquiPlane, ...] = ()
-    """of the strikes, upright in gravity as it was found to lean"""
+    """equi-planes of the strikes, corrected for the estimated tilt of gravity"""
 
 
 @dataclass(frozen=True)
 class AxisInertia:
-    """Moments about one pivot axis."""
+    """Moments of inertia about one pivot axis."""
 
     axis_id: str
+    """id of the pivot axis"""
     direction: Array
+    """(3,) unit vector in O"""
     i_edge: float
+    """moment about the contact line at balance [kg m^2]"""
     i_edge_sd: float
+    """its standard deviation [kg m^2]"""
     i_com: float
+    """moment about the parallel axis through c [kg m^2]"""
     i_com_sd: float
+    """its standard deviation [kg m^2]"""
 
 
 @dataclass(frozen=True)
@@ -274,56 +315,64 @@ class InertialParameters:
     """Mass, c and the inertia tensor about c, axes of O."""
 
     mass: float
+    """mass [kg]"""
     mass_sd: float
+    """its standard deviation [kg]"""
     com: CentreOfMass
     inertia: Array
-    """(3, 3) kg m^2"""
+    """(3, 3) inertia tensor about c [kg m^2]"""
     inertia_sd: Array
-    """(3, 3)"""
+    """(3, 3) standard deviations [kg m^2]"""
     measured: NDArray[np.bool_]
-    """(3, 3) True where strikes determine the entry, False where the prior does"""
+    """(3, 3) True if the strikes determine the entry, False if the prior does"""
     axes: tuple[AxisInertia, ...] = field(default=())
+    """moments about the pivot axes"""
     joint_covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(4 + axes, 4 + axes) of (mass, c, i_com per axis)"""
+    """(4 + axes, 4 + axes) covariance of (mass, c, i_com per axis)"""
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(10, 10) of (mass, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz)"""
+    """(10, 10) covariance of (mass, c, Ixx, Iyy, Izz, Ixy, Ixz, Iyz)"""
 
 
 @dataclass(frozen=True)
-class WallThickness:
-    """What the moments say of a wall whose thickness is not given."""
+class ShellThickness:
+    """Thickness of a shell, estimated from the moments where it is not stated."""
 
     value: float
-    """m"""
+    """thickness [m]"""
     sd: float
+    """its standard deviation [m]"""
     interval: tuple[float, float]
-    """m, that hold 95 %"""
+    """95 % interval [m]"""
     swept: tuple[float, float]
-    """m, that were tried"""
+    """range of thicknesses that were tried [m]"""
 
 
 @dataclass(frozen=True)
 class MassDistribution:
-    """Masses of the shell (R1) and the interior on either side of a plane (R2 where n.x > offset, R3 elsewhere)."""
+    """Masses of the shell (R1) and of the interior on either side of a plane (R2 where n.x > offset, else
+    R3)."""
 
     names: tuple[str, ...]
+    """names of the regions"""
     masses: Array
-    """(n,) kg"""
+    """(n,) masses [kg]"""
     covariance: Array
-    """(n, n) kg^2"""
+    """(n, n) covariance [kg^2]"""
     intervals: Array
-    """(n, 2) kg, that hold 95 %: of such a body's masses, or the limits where it is not `explained` as such a body"""
+    """(n, 2) 95 % intervals [kg] for such a body, or `limits` if the body is not `explained` as one"""
     limits: Array
-    """(n, 2) kg, between which they lie whatever fills the interior of an even shell"""
+    """(n, 2) bounds [kg] that hold for any filling of the interior of a uniform shell"""
     misfit: float
-    """chi^2 of the moments at the best border"""
+    """chi^2 of the moments at the best dividing plane"""
     explained: bool
-    """whether that is as errors of measurement would have it"""
-    border_normal: Array
-    """(3,) unit, in O; across the body's middle where none explains the moments"""
-    border_offset: float
-    border_offset_interval: tuple[float, float]
+    """True if that misfit is within the errors of measurement"""
+    dividing_plane_normal: Array
+    """(3,) unit normal in O; the plane lies across the body's middle if none explains the moments"""
+    dividing_plane_offset: float
+    """offset of the dividing plane along its normal [m]"""
+    dividing_plane_offset_interval: tuple[float, float]
+    """95 % interval of the offset [m]"""
     baselines: dict[str, Array]
-    """naive answers"""
-    wall: WallThickness | None = None
-    """where its thickness is not given"""
+    """naive answers by name: masses (n,) [kg]"""
+    shell: ShellThickness | None = None
+    """shell thickness; None if the object file states it"""

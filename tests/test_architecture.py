@@ -45,17 +45,32 @@ DOCUMENTS = {
     "schemas.result",
     "schemas.watch_lines",
 }
-FOUNDATION = STDLIB | {"numpy", "scipy", "analyze.errors", "analyze.types", "schemas.rig_limits", "schemas.tags"} | DOCUMENTS
+FOUNDATION = (
+    STDLIB
+    | {
+        "numpy",
+        "scipy",
+        "analyze.errors",
+        "analyze.least_squares",
+        "analyze.types",
+        "schemas.rig_limits",
+        "schemas.tags",
+    }
+    | DOCUMENTS
+)
 """what every pure package may use; DOCUMENTS for their types, `schemas.rig_limits` for its numbers, `schemas.tags` for names"""
 SHAPE_FORMATS = {"trimesh", "manifold3d", "laspy", "json", "re", "struct", "warnings", "zipfile.ZipFile"}
 """what turns a shape file's bytes into arrays, in memory"""
 PURE = {
+    "analyze/least_squares": FOUNDATION,
     "analyze/geometry": FOUNDATION | {"analyze.geometry", "io.BytesIO", "pathlib.PurePath"} | SHAPE_FORMATS,
-    "analyze/planning": FOUNDATION | {"analyze.planning", "analyze.geometry", "analyze.tracking.camera_model", "analyze.motion.moulded"},
+    "analyze/planning": FOUNDATION
+    | {"analyze.planning", "analyze.geometry", "analyze.tracking.camera_model", "analyze.motion.moulded"},
     "analyze/tracking": FOUNDATION | {"analyze.tracking", "cv2"},
     "analyze/calibration": FOUNDATION | {"analyze.calibration", "analyze.tracking", "analyze.tags", "cv2"},
     "analyze/motion": FOUNDATION | {"analyze.motion", "analyze.tracking"},
-    "analyze/registration": FOUNDATION | {"analyze.registration", "analyze.motion", "analyze.tracking", "analyze.geometry"},
+    "analyze/registration": FOUNDATION
+    | {"analyze.registration", "analyze.motion", "analyze.tracking", "analyze.geometry"},
     "analyze/estimation": FOUNDATION | {"analyze.estimation", "analyze.geometry"},
 }
 """package -> all that it may import; what is not listed has a clock, a file, a device or a later stage behind it"""
@@ -82,7 +97,7 @@ CV2_ALLOWED = (
     "analyze/reading/image_message.py",
     "analyze/sources/pictures.py",
     "analyze/replay/",
-    "analyze/verbs/watch.py",
+    "analyze/verbs/watch/",
     "analyze/batch",
     "analyze/report",
     "analyze/tags",
@@ -129,7 +144,9 @@ def _imports(path: Path) -> list[tuple[int, str]]:
             found += [(node.lineno, f"{module}.{alias.name}") for alias in node.names]
         elif isinstance(node, ast.Call) and _called(node) in {"import_module", "__import__"}:
             name = node.args[0] if node.args else None
-            found.append((node.lineno, str(name.value) if isinstance(name, ast.Constant) else MADE_AT_RUN_TIME))
+            found.append(
+                (node.lineno, str(name.value) if isinstance(name, ast.Constant) else MADE_AT_RUN_TIME)
+            )
     return found
 
 
@@ -142,7 +159,12 @@ def _within(name: str, *packages: str) -> bool:
 
 
 def _violations(rule) -> list[str]:
-    return [f"{_name(path)}:{line}: imports {module}" for path in SOURCES for line, module in _imports(path) if rule(_name(path), module)]
+    return [
+        f"{_name(path)}:{line}: imports {module}"
+        for path in SOURCES
+        for line, module in _imports(path)
+        if rule(_name(path), module)
+    ]
 
 
 def _top(module: str) -> str:
@@ -150,7 +172,9 @@ def _top(module: str) -> str:
 
 
 def test_schemas_imports_nothing_of_ours():
-    assert not _violations(lambda path, module: path.startswith("schemas/") and _top(module) in {"acquire", "analyze"})
+    assert not _violations(
+        lambda path, module: path.startswith("schemas/") and _top(module) in {"acquire", "analyze"}
+    )
 
 
 def test_the_two_packages_never_import_each_other():
@@ -169,7 +193,9 @@ def test_nothing_imports_tests():
 @pytest.mark.parametrize("module", sorted(OWNERS))
 def test_a_library_has_its_owner(module):
     owners = OWNERS[module]
-    assert not _violations(lambda path, name: _top(name) == module and not any(path.startswith(owner) for owner in owners))
+    assert not _violations(
+        lambda path, name: _top(name) == module and not any(path.startswith(owner) for owner in owners)
+    )
 
 
 def test_production_code_does_not_know_the_virtual_rig():
@@ -181,9 +207,14 @@ def test_production_code_does_not_know_the_virtual_rig():
 
 @pytest.mark.parametrize("package", sorted(PURE))
 def test_a_pure_package_imports_only_what_is_listed(package):
-    assert not _violations(lambda path, module: path.startswith(package) and not _within(module, *PURE[package]))
     assert not _violations(
-        lambda path, module: path.startswith(package) and module.startswith(tuple(f"{document}.read_" for document in DOCUMENTS))
+        lambda path, module: path.startswith(package) and not _within(module, *PURE[package])
+    )
+    assert not _violations(
+        lambda path, module: (
+            path.startswith(package)
+            and module.startswith(tuple(f"{document}.read_" for document in DOCUMENTS))
+        )
     )
 
 
@@ -229,7 +260,10 @@ def test_pickle_and_shells_are_not_used():
         f"{_name(path)}:{node.lineno}: shell=True"
         for path in SOURCES
         for node in _nodes(path)
-        if isinstance(node, ast.keyword) and node.arg == "shell" and isinstance(node.value, ast.Constant) and node.value.value is True
+        if isinstance(node, ast.keyword)
+        and node.arg == "shell"
+        and isinstance(node.value, ast.Constant)
+        and node.value.value is True
     ]
     assert not shells
 
@@ -244,18 +278,45 @@ def test_every_module_says_what_it_is():
 
 def test_colours_of_plots_stand_in_the_style_file_alone():
     """A plot takes its colours by name from `analyze/report/style.py`; nothing and white are no colours."""
-    keywords = {"color", "colors", "facecolor", "facecolors", "edgecolor", "edgecolors", "ecolor", "mfc", "mec", "c", "cmap"}
+    keywords = {
+        "color",
+        "colors",
+        "facecolor",
+        "facecolors",
+        "edgecolor",
+        "edgecolors",
+        "ecolor",
+        "mfc",
+        "mec",
+        "c",
+        "cmap",
+    }
     found = []
     for path in SOURCES:
-        if not _name(path).startswith(("analyze/report/", "analyze/reproduce/")) or _name(path).endswith("/style.py"):
+        if not _name(path).startswith(("analyze/report/", "analyze/reproduce/")) or _name(path).endswith(
+            "/style.py"
+        ):
             continue
         for node in _nodes(path):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str) and re.fullmatch(r"#([0-9a-fA-F]{3,4}){1,2}", node.value):
+            if (
+                isinstance(node, ast.Constant)
+                and isinstance(node.value, str)
+                and re.fullmatch(r"#([0-9a-fA-F]{3,4}){1,2}", node.value)
+            ):
                 found.append(f"{_name(path)}:{node.lineno}: {node.value}")
-            if isinstance(node, ast.keyword) and node.arg in keywords and isinstance(node.value, ast.Constant):
-                found += [f"{_name(path)}:{node.value.lineno}: {node.value.value}"] * (node.value.value not in {"none", "white"})
+            if (
+                isinstance(node, ast.keyword)
+                and node.arg in keywords
+                and isinstance(node.value, ast.Constant)
+            ):
+                found += [f"{_name(path)}:{node.value.lineno}: {node.value.value}"] * (
+                    node.value.value not in {"none", "white"}
+                )
     assert not found
     # Nobody else draws plots; printed tags and boards are black on white.
     assert not _violations(
-        lambda path, module: _top(module) == "matplotlib" and not path.startswith(("analyze/report/", "analyze/reproduce/", "analyze/tags/pdf"))
+        lambda path, module: (
+            _top(module) == "matplotlib"
+            and not path.startswith(("analyze/report/", "analyze/reproduce/", "analyze/tags/pdf"))
+        )
     )

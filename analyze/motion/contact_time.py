@@ -36,7 +36,13 @@ def contact_time(fit: MotionFit) -> ContactTime | None:
     if fit.k is None or fit.omega0 <= 0 or fit.theta0 < 0:
         return None
     slowing = fit.k * math.sin(fit.phi)
-    since_s = (math.sqrt(fit.omega0**2 + 2 * slowing * fit.theta0) - fit.omega0) / slowing if slowing > 0 else fit.theta0 / fit.omega0
+    since_s = (
+        (math.sqrt(fit.omega0**2 + 2 * slowing * fit.theta0) - fit.omega0) / slowing
+        if slowing > 0
+        else fit.theta0 / fit.omega0
+    )
     noise_s = float(np.sqrt(np.mean(fit.residual**2))) / fit.omega0 if len(fit.residual) else 0.0
-    touch_s = TOUCH_S / 2 / math.sqrt(3)  # first touch is up to half of it earlier, later by as much for a push that swells
+    touch_s = (
+        TOUCH_S / 2 / math.sqrt(3)
+    )  # first touch is up to half of it earlier, later by as much for a push that swells
     return ContactTime(fit.time0_ns - round(since_s * 1e9), math.hypot(noise_s, touch_s) * 1e9)

@@ -1,7 +1,8 @@
-"""How the edge itself moved during a strike: slid along the table, or left it.
+"""Motion of the edge itself during a strike: sliding along the table, or leaving it.
 
-The camera sees where the point moves that is taken for the edge. Where that point is off the true edge by d, turning alone moves it by
-(R(theta) - 1) d: a registration error, no sliding. It is told apart by what it does off the table, and taken out.
+The camera sees the motion of the point that is taken for the edge. If that point is off the true edge by d,
+rotation alone moves it by (R(theta) - 1) d: a registration error, no sliding. Its vertical part identifies d,
+which is then removed.
 """
 
 from __future__ import annotations
@@ -12,75 +13,88 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.least_squares.robust import huber_weights, median_scale
+
 if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion
     from analyze.types import Array
 
 _OFFSET_SD = 5e-4
-"""m, of the edge's place as the plan and the marker's registration have it"""
-_OFFSET_MOST = 1.5e-3
-"""m; what would need more is a lift, unless turning explains all that was seen, along the table too"""
-_HELD = 6e-5
-"""m, of what turning may leave unexplained there"""
-_UNMODELLED = 3e-5
-"""m, of a frame's lift: the rounding is no perfect circle, nor the lens model perfect"""
-_SHARED = 3.0
-"""neighbouring frames share most of that: ten of them count as one"""
+"""standard deviation [m] of the edge's position by the plan and the marker's registration"""
+_MAX_OFFSET = 1.5e-3
+"""largest offset [m]; a larger one is a lift, unless rotation explains all that was seen, along the table too
+"""
+_MAX_UNEXPLAINED = 6e-5
+"""largest slip or lift [m] that a held edge may leave unexplained by rotation"""
+_LIFT_MODEL_SD = 3e-5
+"""model error of a frame's lift [m]: neither the rounding's circle nor the lens model is perfect"""
+_CORRELATION_FACTOR = 3.0
+"""factor on the sd for errors shared by neighbouring frames: ten of them count as one"""
 _NEIGHBOURS = 5
-_OUTLIER = 3.0
-_LEFT = 3e-4
-"""m, that the edge must have risen at the end of a window to have left the table for good"""
+"""number of frames of a median"""
+_OUTLIER_SIGMAS = 3.0
+"""threshold of Huber's weights"""
+_MIN_RISE = 3e-4
+"""least lift [m] at the end of a window of an edge that left the table for good"""
 
 
 @dataclass(frozen=True)
 class EdgeMotion:
-    """Of the frames of a window, against its first frames."""
+    """Sliding and lifting of the edge over a window, relative to its first frames."""
 
     motion: PlanarMotion
-    """with slip and lift of the edge itself"""
+    """the motion with slip and lift of the edge itself"""
     slid: float
-    """m, most that it slid, less what noise makes of it"""
+    """range of the sliding, less that of noise [m]"""
     lifted: float
-    """m, the same off the table"""
+    """range of the lifting, less that of noise [m]"""
     offset: Array
-    """(2,) m, along and off the table at rest, of the true edge from where it was taken to be"""
+    """(2,) offset of the true edge from the assumed one at rest, along and off the table [m]"""
     offset_covariance: Array
-    """(2, 2) m^2"""
+    """(2, 2) covariance of `offset` [m^2]"""
 
 
 def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
-    """Slip and lift of the edge, its misplacement taken out.
+    """Slip and lift of the edge, corrected for its misplacement.
 
     Args:
-        motion: as tip_angle gives it.
-        window: frames [start, stop) that are looked at; all are corrected.
+        motion: the motion from `tip_angle`.
+        window: frames [start, stop) that are evaluated; all frames are corrected.
     """
     angle = motion.angle
     used = slice(*window)
     theta, sd = angle.theta[used], np.maximum(motion.position_sd[used], 1e-7)
-    found = _corrected(motion, used, *_lifted_by(theta, motion.lift[used], sd), sd)
-    if max(found.slid, found.lifted) < _HELD:
+    found = _corrected(motion, used, *_offset_of_sliding_edge(theta, motion.lift[used], sd), sd)
+    if max(found.slid, found.lifted) < _MAX_UNEXPLAINED:
         return found
-    # Or is the point farther off than it should be, and the edge did hold?
-    misplaced = _misplaced(theta, angle.slip[used], motion.lift[used], sd)
+    # The point may be farther off the edge than its prior allows while the edge held.
+    misplaced = _offset_of_held_edge(theta, angle.slip[used], motion.lift[used], sd)
     return found if misplaced is None else _corrected(motion, used, *misplaced, sd)
 
 
 def moved_by_offset(theta: Array) -> Array:
-    """(n, 2, 2): how far (along, off the table) turning moves a point, per metre that it lies (along, off) beside the edge."""
+    """Displacement (n, 2, 2) of a point by rotation through theta (n,) [rad], per metre of its offset from
+    the edge.
+
+    Rows: displacement along and off the table; columns: offset along and off the table.
+    """
     sin, turned = np.sin(theta), np.cos(theta) - 1.0
     return np.stack([np.stack([turned, sin], axis=-1), np.stack([-sin, turned], axis=-1)], axis=-2)
 
 
 def left_table(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
-    """First frame of a window from which the edge only rises: the body has gone over to a next edge, or flies. None: it does neither.
+    """First frame of a window from which the edge only rises; None if there is none.
 
-    A body with a bevel or facets comes down on the next edge before the next face does, and turns about that one from then on.
+    The body has then passed to its next edge, or flies. With a bevel or facets it comes down on the next edge
+    before the next face, and turns about that edge from then on.
+
+    A body with a bevel or facets comes down on the next edge before the next face does, and turns about that
+    one from then on.
     """
     first, last = window
     lift = motion.lift[first:last]
-    noise = 4.0 * np.maximum(motion.position_sd[first:last], _UNMODELLED)
-    if len(lift) < 2 * _NEIGHBOURS or float(np.median(lift[-3:])) < _LEFT:
+    noise = 4.0 * np.maximum(motion.position_sd[first:last], _LIFT_MODEL_SD)
+    if len(lift) < 2 * _NEIGHBOURS or float(np.median(lift[-3:])) < _MIN_RISE:
         return None
     down = np.flatnonzero(lift <= noise)
     if not len(down):
@@ -91,53 +105,73 @@ def left_table(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
 
 
 def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Array, sd: Array) -> EdgeMotion:
+    """Motion with the displacement by an `offset` (2,) [m] removed from slip and lift."""
     angle = motion.angle
     along, off = (moved_by_offset(angle.theta) @ offset).T
     slip, lift = angle.slip - along, motion.lift - off
     corrected = replace(motion, angle=replace(angle, slip=slip), lift=lift)
-    return EdgeMotion(corrected, smooth_range(slip[used], sd), max(0.0, smooth_range(lift[used], sd)), -offset, covariance)
+    return EdgeMotion(
+        corrected, smooth_range(slip[used], sd), max(0.0, smooth_range(lift[used], sd)), -offset, covariance
+    )
 
 
-def _lifted_by(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
-    """(2,) m that the point is off an edge that slides, and covariance (2, 2): only what that does off the table tells it."""
+def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
+    """Offset (2,) [m] of the point from an edge that may slide, from the lift alone, and its covariance (2,
+    2)."""
     A = moved_by_offset(theta)[:, 1]
-    scale = _SHARED * np.hypot(sd, _UNMODELLED)
+    scale = _CORRELATION_FACTOR * np.hypot(sd, _LIFT_MODEL_SD)
     weight = np.ones_like(lift)
     offset: Array = np.zeros(2)
     normal = np.eye(2) / _OFFSET_SD**2
     for _ in range(8):
         rows = A * (np.sqrt(weight) / scale)[:, None]
         normal = rows.T @ rows + np.eye(2) / _OFFSET_SD**2
-        offset = np.asarray(np.linalg.solve(normal, rows.T @ (lift * np.sqrt(weight) / scale)), dtype=np.float64)
+        offset = np.asarray(
+            np.linalg.solve(normal, rows.T @ (lift * np.sqrt(weight) / scale)), dtype=np.float64
+        )
         left = np.abs(lift - A @ offset) / scale
-        weight = np.minimum(1.0, _OUTLIER * max(1.0, 1.4826 * float(np.median(left))) / np.maximum(left, 1e-9))
+        weight = huber_weights(left, _OUTLIER_SIGMAS, max(1.0, median_scale(left)))
     covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
-    # One that is too far to be true is a lift: then the offset is what it was before.
-    return (offset, covariance) if float(np.linalg.norm(offset)) < _OFFSET_MOST else (np.zeros(2), np.eye(2) * _OFFSET_SD**2)
+    # An implausibly large offset is a lift: then the prior's offset is kept.
+    return (
+        (offset, covariance)
+        if float(np.linalg.norm(offset)) < _MAX_OFFSET
+        else (np.zeros(2), np.eye(2) * _OFFSET_SD**2)
+    )
 
 
-def _misplaced(theta: Array, slip: Array, lift: Array, sd: Array) -> tuple[Array, Array] | None:
-    """(2,) m that the point is off an edge that holds (a tag of unknown place, or not printed to scale), and covariance (2, 2).
+def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> tuple[Array, Array] | None:
+    """Offset (2,) [m] of the point from an edge that held, and its covariance (2, 2); None if the edge did
+    not hold.
+
+    Offsets of that size come from a tag of unknown place, or from one not printed to scale.
 
     None where the edge did not hold.
     """
     moved, still = moved_by_offset(theta), np.zeros(len(theta))
     off_table = np.concatenate([moved[:, 1], still[:, None]], axis=1)
     along = np.concatenate([moved[:, 0], still[:, None] + 1.0], axis=1)
-    rows, seen, weight = np.concatenate([off_table, along]), np.concatenate([lift, slip]), 1.0 / np.tile(sd, 2)
+    rows, seen, weight = (
+        np.concatenate([off_table, along]),
+        np.concatenate([lift, slip]),
+        1.0 / np.tile(sd, 2),
+    )
     rows = rows * weight[:, None]
     found = np.linalg.lstsq(rows, seen * weight, rcond=None)[0]
     covariance = np.asarray(np.linalg.pinv(rows.T @ rows), dtype=np.float64)[:2, :2]
     left_lift, left_slip = np.split(seen - rows / weight[:, None] @ found, 2)
-    held = len(theta) >= 2 * _NEIGHBOURS and max(smooth_range(left_lift, sd), smooth_range(left_slip, sd)) < _HELD
+    held = (
+        len(theta) >= 2 * _NEIGHBOURS
+        and max(smooth_range(left_lift, sd), smooth_range(left_slip, sd)) < _MAX_UNEXPLAINED
+    )
     return (np.asarray(found[:2], dtype=np.float64), covariance) if held else None
 
 
 def smooth_range(values: Array, sd: Array) -> float:
-    """Range of the medians of five neighbours [as values], less four of their own sd: what noise alone hardly reaches."""
+    """Range of the medians of five neighbours, less four of their own sd, in the unit of `values` (n,)."""
     if len(values) < _NEIGHBOURS:
         return 0.0
     smooth = np.median(np.lib.stride_tricks.sliding_window_view(values, _NEIGHBOURS), axis=1)
-    # The median of five normal values has 0.536 of their sd.
+    # The sd of the median of five normal values is 0.536 of theirs.
     noise = 4.0 * math.sqrt(2.0) * 0.536 * float(np.median(sd))
     return max(0.0, float(np.ptp(smooth)) - noise)

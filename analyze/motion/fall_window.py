@@ -81,13 +81,19 @@ def _parabolas(scaled: Array, sd: Array) -> list[tuple[int, int]]:
     while round(length) <= min(len(scaled), LONGEST):
         frames = round(length)
         basis = np.linalg.qr(np.vander(np.linspace(-1, 1, frames), 4, increasing=True))[0]
-        windows = np.lib.stride_tricks.sliding_window_view(scaled, frames, axis=0)[:: max(1, frames // PLACES)]
+        windows = np.lib.stride_tricks.sliding_window_view(scaled, frames, axis=0)[
+            :: max(1, frames // PLACES)
+        ]
         centred = windows - windows.mean(axis=2, keepdims=True)
         parts = centred @ basis
         left = np.sum(centred**2, axis=(1, 2)) - np.sum(parts**2, axis=(1, 2))
         rms = np.sqrt(np.maximum(left, 0) / (3 * (frames - 4)))
         fall, bent = _fall_of(parts, basis, sd)
-        good = (fall >= LEAST_FALL) & (bent <= BENT) & (rms <= np.maximum(CLOSE, ROUGH * fall / float(np.min(sd))))
+        good = (
+            (fall >= LEAST_FALL)
+            & (bent <= BENT)
+            & (rms <= np.maximum(CLOSE, ROUGH * fall / float(np.min(sd))))
+        )
         for place in np.flatnonzero(good).tolist():
             start = place * max(1, frames // PLACES)
             candidates.append((float(fall[place]), start, start + frames))
@@ -145,13 +151,17 @@ class _Curve:
         return np.abs(position - at @ self._parts) / np.sqrt(1 + at @ self._inverse @ at)
 
 
-def _belongs(number: IntArray, scaled: Array, sd: Array, window: tuple[int, int], frame: int, noise: float) -> bool:
+def _belongs(
+    number: IntArray, scaled: Array, sd: Array, window: tuple[int, int], frame: int, noise: float
+) -> bool:
     """Whether a frame beside the stretch lies where the stretch's own curve leads."""
     start, stop = window
     if abs(int(number[frame] - number[start if frame < start else stop - 1])) > MOST_MISSING + 1:
         return False
     curve = _Curve(number[start:stop], scaled[start:stop])
-    return bool(np.all(curve.off(int(number[frame]), scaled[frame]) <= HELD_TO * noise + ROUGH * curve.fall(sd) / sd))
+    return bool(
+        np.all(curve.off(int(number[frame]), scaled[frame]) <= HELD_TO * noise + ROUGH * curve.fall(sd) / sd)
+    )
 
 
 def _apart(windows: list[FallWindow]) -> list[FallWindow]:

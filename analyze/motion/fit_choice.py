@@ -1,178 +1,236 @@
-"""Which estimator suits what a strike shows, and why: hinge or rolling contact, over all or a clean stretch, or the moment balance."""
+"""Choice of the estimator for one strike: hinge or rolling contact, over all or a clean stretch, or the
+moment balance."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.motion.balance_fit import moment_balance
-from analyze.motion.contact import ContactErrors
 from analyze.motion.edge_motion import edge_motion, left_table
-from analyze.motion.free_motion import LATEST_START, Estimator, holds_balance, jump, longest_clean_fit, scatter, settled_fit
-from analyze.motion.kicked_fit import kicked_fit
-from analyze.motion.phases import Course, WindowLimits, free_window
+from analyze.motion.free_motion import (
+    LATEST_START,
+    Estimator,
+    holds_balance,
+    jump,
+    longest_clean_fit,
+    scatter,
+    settled_fit,
+)
+from analyze.motion.phases import Course, free_window
 from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
 from analyze.motion.rolling_choice import rolls_on
 from analyze.motion.rolling_fit import rolling_fit
-from analyze.motion.verdict import Judgement, VerdictLimits
+from analyze.motion.strike_task import Judgement
+from analyze.motion.two_impact_fit import fit_two_impacts
 from schemas.result import Verdict
 
 if TYPE_CHECKING:
     from analyze.motion.edge_motion import EdgeMotion
-    from analyze.motion.flank import Flank
+    from analyze.motion.settings import MotionSettings, VerdictLimits, WindowLimits
+    from analyze.motion.support_function import SupportFunction
     from analyze.motion.tip_angle import PlanarMotion
     from analyze.types import MotionFit, TipAngle
     from schemas.strike_plan import PlannedStrike
 
 
-_STILL_TOUCHED = 4
+_FIRST_TOUCH_FRAMES = 4
 """frames of the window that may still belong to a long first touch, whose end the clean stretch leaves out"""
-_CLEAR_SIGHT = math.radians(0.2)
-"""noise of a frame's angle, up to which a creeping edge can be told from it"""
-_NOISIER = 1.5
-"""scatter over the angle's own noise, up to which it is put down to where the edge was seen"""
-_EXPLAINED = 0.25
-"""share of a blow's evidence that may be left where the balance is to explain it"""
-_SAME = 4.0
-"""sd within which two values of phi are one"""
-_APART, _APART_LEAST = 3.0, math.radians(0.02)
-"""sd of the hinge's phi, and rad, that hinge and balance must differ by for that; less is within what the edge's place is known to"""
+_MAX_NOISE_TO_SEE_CREEP = math.radians(0.2)
+"""noise of a frame's angle [rad] up to which a creeping edge can be distinguished from it"""
+_MAX_EDGE_NOISE = 1.5
+"""scatter over the angle's own noise, up to which it is attributed to the noisy position of the edge"""
+_UNEXPLAINED_SHARE = 0.25
+"""largest share of a jump's chi^2 that may remain if the moment balance is to explain the jump"""
+_SAME_PHI_SIGMAS = 4.0
+"""number of sd within which two values of phi agree"""
+_CREEP_SIGMAS, _MIN_CREEP_RAD = 3.0, math.radians(0.02)
+"""least difference of phi between hinge and balance, in sd and in rad, that proves a creeping edge
 
-
-@dataclass(frozen=True)
-class MotionSettings:
-    """What a user may change; the defaults are the documented ones."""
-
-    window: WindowLimits = field(default_factory=WindowLimits)
-    verdict: VerdictLimits = field(default_factory=VerdictLimits)
-    contact: ContactErrors = field(default_factory=ContactErrors)
-    smoothing_points: int = 5
-    """of the paper's sign_change"""
+Smaller differences are within the error of the edge's position.
+"""
 
 
 @dataclass(frozen=True)
 class StrikeFits:
-    """What the motion was fitted with."""
+    """Fits of one strike's motion, with the one chosen."""
 
     chosen: MotionFit | None
-    """None: nothing fits"""
+    """the fit to use; None if nothing fits"""
     others: tuple[MotionFit, ...]
+    """fits that were rejected, for comparison"""
     motion: PlanarMotion
-    """with what the edge itself did"""
-    kick: Judgement | None = None
-    """where a second kick splits the motion"""
+    """the motion with the slip and lift of the edge itself"""
+    second_impact: Judgement | None = None
+    """verdict on a second impact that splits the motion; None if there is none"""
     problem: str = ""
-    """why nothing fits"""
+    """reason why nothing fits"""
 
 
 @dataclass(frozen=True)
-class _Hinge:
-    """A fit that takes the edge for one that holds."""
+class _WindowFit:
+    """Fit over the window that its own phi bounds."""
 
     fit: MotionFit | None
+    """None if nothing fits"""
     window: tuple[int, int]
+    """frames [start, stop)"""
     problem: str = ""
-    """why there is no fit"""
+    """reason why there is no fit"""
 
 
 def fit_strike(
-    motion: PlanarMotion, course: Course, planned: PlannedStrike, settings: MotionSettings, section: Flank | None = None
+    motion: PlanarMotion,
+    course: Course,
+    planned: PlannedStrike,
+    settings: MotionSettings,
+    section: SupportFunction | None = None,
 ) -> StrikeFits:
     """Fit the free motion over the window that phi itself bounds.
 
     Args:
-        motion: through the whole window of the strike.
-        course: what it did, with the release.
-        planned: the strike; its phi says where to look first.
+        motion: the motion through the whole window of the strike.
+        course: its events, with the release.
+        planned: the strike; its predicted phi gives the first window.
         settings: limits.
-        section: of the object across the pivot axis, where its shape is known.
+        section: the object's cross-section at the pivot axis; None if its shape is unknown.
     """
-    flank, rolls = rolls_on(section, planned)
-    if flank is None:
+    curve, rolls = rolls_on(section, planned)
+    if curve is None:
         radius = planned.pivot.radius_m
-        return _fits(motion, course, planned, settings, lambda angle, frames: pivot_fit(angle, frames, radius), radius)
-    # On a circle about the pivot the moment balance is right as well; on any other flank it is not.
-    bent = None if flank is section else planned.pivot.radius_m
-    fits = _fits(motion, course, planned, settings, lambda angle, frames: rolling_fit(angle, frames, flank), bent)
-    return _rolling(fits, motion.angle, rolls, settings.verdict) if fits.chosen is not None else fits
+        return _fits(
+            motion, course, planned, settings, lambda angle, frames: pivot_fit(angle, frames, radius), radius
+        )
+    # The moment balance holds on a circle about the pivot as well, but on no other curve.
+    balance_radius = None if curve is section else planned.pivot.radius_m
+    fits = _fits(
+        motion,
+        course,
+        planned,
+        settings,
+        lambda angle, frames: rolling_fit(angle, frames, curve),
+        balance_radius,
+    )
+    return _explain_rolling(fits, motion.angle, rolls, settings.verdict) if fits.chosen is not None else fits
 
 
 def _fits(
-    motion: PlanarMotion, course: Course, planned: PlannedStrike, settings: MotionSettings, over: Estimator, radius: float | None
+    motion: PlanarMotion,
+    course: Course,
+    planned: PlannedStrike,
+    settings: MotionSettings,
+    estimator: Estimator,
+    radius: float | None,
 ) -> StrikeFits:
-    """The fit by `over`, or by the moment balance about a rounding of that radius (None: not by that)."""
-    whole = _hinge(motion.angle, course, planned.phi_predicted_rad, settings.window, over)
+    """Fits by `estimator`, or by the moment balance about a rounding of `radius` [m] (None: without the
+    balance)."""
+    whole = _fit_window(motion.angle, course, planned.phi_predicted_rad, settings.window, estimator)
     left = left_table(edge_motion(motion, whole.window).motion, whole.window)
-    until = None if left is None else _until(motion.angle, (whole.window[0], left), over)
+    until = None if left is None else _fit_until(motion.angle, (whole.window[0], left), estimator)
     if left is None or until is None:
-        return _fits_over(motion, whole, planned, settings, over, radius)
-    fits = _fits_over(motion, until, planned, settings, over, radius)
+        return _fits_over(motion, whole, planned, settings, estimator, radius)
+    fits = _fits_over(motion, until, planned, settings, estimator, radius)
     if fits.chosen is None:
         return fits
-    turned = f"ends at {math.degrees(float(motion.angle.theta[left])):.0f} deg, where it goes over to its next edge"
-    return replace(fits, chosen=replace(fits.chosen, note="; ".join(part for part in (fits.chosen.note, turned) if part)))
+    turned = (
+        f"ends at {math.degrees(float(motion.angle.theta[left])):.0f} deg, where the next edge takes over"
+    )
+    return replace(fits, chosen=replace(fits.chosen, note=_joined(fits.chosen.note, turned)))
 
 
-def _until(angle: TipAngle, window: tuple[int, int], over: Estimator) -> _Hinge | None:
-    """Over a window that ends where the edge leaves the table; None where too little is left of it to hold the balance point."""
+def _joined(*notes: str) -> str:
+    return "; ".join(note for note in notes if note)
+
+
+def _fit_window(
+    angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits, estimator: Estimator
+) -> _WindowFit:
+    """Fit over the window that the fit's own phi [rad] bounds, by iteration from the predicted phi [rad]."""
+    window = free_window(angle, course, phi_predicted, limits)
+    try:
+        fit = estimator(angle, window)
+        for _ in range(3):
+            again = free_window(angle, course, fit.phi, limits)
+            if again == window or again[1] - again[0] < MIN_FRAMES:
+                break
+            fit = estimator(angle, again)
+            window = again
+    except EstimationError as error:
+        return _WindowFit(None, window, str(error))
+    return _WindowFit(fit, window)
+
+
+def _fit_until(angle: TipAngle, window: tuple[int, int], estimator: Estimator) -> _WindowFit | None:
+    """Fit over a window that ends where the edge leaves the table; None if it is too short to hold the
+    balance point."""
     if window[1] - window[0] < 2 * MIN_FRAMES:
         return None
     try:
-        fit = over(angle, window)
+        fit = estimator(angle, window)
     except EstimationError:
         return None
-    return _Hinge(fit, window) if holds_balance(angle, fit) else None
+    return _WindowFit(fit, window) if holds_balance(angle, fit) else None
 
 
 def _fits_over(
-    motion: PlanarMotion, found: _Hinge, planned: PlannedStrike, settings: MotionSettings, over: Estimator, radius: float | None
+    motion: PlanarMotion,
+    found: _WindowFit,
+    planned: PlannedStrike,
+    settings: MotionSettings,
+    estimator: Estimator,
+    radius: float | None,
 ) -> StrikeFits:
-    hinge, window, problem = found.fit, found.window, found.problem
+    """Fits over one window: the moment balance if the edge moved, else the hinge, whole or in its clean
+    part."""
+    hinge, window = found.fit, found.window
     angle, limits = motion.angle, settings.verdict
     edge = edge_motion(motion, window)
     balanced, why = _balanced(edge, window, hinge, planned, limits) if radius is not None else (None, "")
     if balanced is not None:
         others = () if hinge is None else (replace(hinge, violated=(why,)),)
-        note = "; ".join(part for part in (f"chosen because {why}", balanced.note) if part)
+        note = _joined(f"chosen because {why}", balanced.note)
         return StrikeFits(replace(balanced, note=note), others, edge.motion)
     if hinge is None:
-        return _with_kick(edge.motion, window, limits, problem, radius or 0.0)
+        return _with_second_impact(edge.motion, window, limits, found.problem, radius or 0.0)
     index, size, gain = jump(angle, hinge)
-    if not _kicked(hinge, size, gain, limits):
-        return StrikeFits(settled_fit(hinge, lambda frames: over(angle, frames)), (), edge.motion)
-    clean = longest_clean_fit(angle, window, over)
-    # A light touch right after the first leaves all that follows as good, and so does the table where it slows the object down, which it
-    # cannot do without moving the edge. Else it is a second blow.
+    if not _is_jump(hinge, size, gain, limits):
+        return StrikeFits(settled_fit(hinge, lambda frames: estimator(angle, frames)), (), edge.motion)
+    clean = longest_clean_fit(angle, window, estimator)
+    # A light touch right after the first leaves all that follows intact, and so does the table where it slows
+    # the object down, which it cannot do without moving the edge. Any other jump is a second impact.
     early = index - window[0]
-    light = early < _STILL_TOUCHED or (early <= LATEST_START and abs(size) < limits.second_blow * abs(hinge.omega0))
+    weak = abs(size) < limits.second_impact_ratio * abs(hinge.omega0)
+    light = early < _FIRST_TOUCH_FRAMES or (early <= LATEST_START and weak)
     slowed = size < 0 and max(edge.slid, edge.lifted) >= limits.edge_moved
     if clean is not None and (slowed or light):
         return StrikeFits(clean, (), edge.motion)
-    reason = _kick_reason(angle, index, size, window)
+    reason = _jump_reason(angle, index, size, window)
     rest = (index + settings.window.guard_frames, window[1])
     fit = clean or hinge
     if clean is None and rest[1] - rest[0] >= 2 * MIN_FRAMES:
         try:
-            fit = over(angle, rest)
+            fit = estimator(angle, rest)
         except EstimationError:
             reason += " (no fit after it)"
     return StrikeFits(fit, (), edge.motion, Judgement(Verdict.STRUCK_TWICE, reason))
 
 
-def _rolling(fits: StrikeFits, angle: TipAngle, rolls: str, limits: VerdictLimits) -> StrikeFits:
-    """Says of a rolling fit why it was taken and what it assumed, and puts the hinge's beside it."""
+def _explain_rolling(fits: StrikeFits, angle: TipAngle, rolls: str, limits: VerdictLimits) -> StrikeFits:
+    """Add to a rolling fit the reason for it and what it violated, and the hinge's fit for comparison."""
     fit = fits.chosen
     if fit is None or fit.rolling is None:
         return fits
     used = edge_motion(fits.motion, fit.window)
-    slid = f"the contact slid by {1e3 * used.slid:.1f} mm and rose by {1e3 * used.lifted:.1f} mm against rolling"
+    slid = (
+        f"the contact slid by {1e3 * used.slid:.1f} mm and rose by {1e3 * used.lifted:.1f} mm against rolling"
+    )
     violated = (slid,) if max(used.slid, used.lifted) >= limits.edge_moved else ()
     others = (*fits.others, *_as_hinge(angle, fit.window, rolls))
-    note = "; ".join(part for part in (f"chosen because {rolls}", fit.note) if part)
+    note = _joined(f"chosen because {rolls}", fit.note)
     return replace(fits, chosen=replace(fit, note=note, violated=violated), others=others)
 
 
@@ -183,81 +241,104 @@ def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[
         return ()
 
 
-def _hinge(angle: TipAngle, course: Course, phi_predicted: float, limits: WindowLimits, over: Estimator) -> _Hinge:
-    """pivot_fit, or another, over the window that its own phi bounds."""
-    window = free_window(angle, course, phi_predicted, limits)
-    try:
-        fit = over(angle, window)
-        for _ in range(3):
-            again = free_window(angle, course, fit.phi, limits)
-            if again == window or again[1] - again[0] < MIN_FRAMES:
-                break
-            fit = over(angle, again)
-            window = again
-    except EstimationError as error:
-        return _Hinge(None, window, str(error))
-    return _Hinge(fit, window)
-
-
-def _kicked(fit: MotionFit, size: float, gain: float, limits: VerdictLimits) -> bool:
-    return gain >= limits.kick_chi2 and abs(size) >= limits.kick_ratio * abs(fit.omega0)
+def _is_jump(fit: MotionFit, size: float, gain: float, limits: VerdictLimits) -> bool:
+    """True if a jump in speed (size [rad/s], gain in chi^2) is significant and large against the speed at
+    release."""
+    return gain >= limits.speed_jump_chi2 and abs(size) >= limits.speed_jump_ratio * abs(fit.omega0)
 
 
 def _balanced(
-    edge: EdgeMotion, window: tuple[int, int], hinge: MotionFit | None, planned: PlannedStrike, limits: VerdictLimits
+    edge: EdgeMotion,
+    window: tuple[int, int],
+    hinge: MotionFit | None,
+    planned: PlannedStrike,
+    limits: VerdictLimits,
 ) -> tuple[MotionFit | None, str]:
-    """The moment balance over the same window, where the edge moved and that explains the motion; and what says that it moved."""
+    """Moment balance over a window if it is to replace the hinge's fit, with the reason; None if it is
+    not."""
     moved = max(edge.slid, edge.lifted) >= limits.edge_moved
-    if not moved and (hinge is None or float(np.median(edge.motion.angle.sd[slice(*window)])) > _CLEAR_SIGHT):
+    noise = float(np.median(edge.motion.angle.sd[slice(*window)]))
+    if not moved and (hinge is None or noise > _MAX_NOISE_TO_SEE_CREEP):
         return None, ""
     phi = None if hinge is not None else planned.phi_predicted_rad
 
-    def over(frames: tuple[int, int]) -> MotionFit:
+    def balance(frames: tuple[int, int]) -> MotionFit:
         return moment_balance(edge.motion, frames, planned.pivot.radius_m, phi, edge.offset_covariance)
 
     try:
-        fit = over(window)
+        fit = balance(window)
     except EstimationError:
         return None, ""
     angle = edge.motion.angle
     _, size, left = jump(angle, fit)
-    # The place of the edge is noisy too, which the angle's own sd does not hold; but a motion that does not fit is no noise.
-    left /= min(max(1.0, scatter(fit.residual) / float(np.median(angle.sd[slice(*fit.window)]))), _NOISIER) ** 2
-    if _kicked(fit, size, left, limits):
+    # The angle's sd does not include the noise of the edge's position; but a motion that does not fit is no
+    # noise.
+    angle_sd = float(np.median(angle.sd[slice(*fit.window)]))
+    left /= min(max(1.0, scatter(fit.residual) / angle_sd), _MAX_EDGE_NOISE) ** 2
+    if _is_jump(fit, size, left, limits):
         return None, ""
     if moved or hinge is None:
-        return settled_fit(fit, over), f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
+        slid = f"the edge slid by {1e3 * edge.slid:.1f} mm and rose by {1e3 * edge.lifted:.1f} mm"
+        return settled_fit(fit, balance), slid
+    reason = _reason_for_balance(angle, window, hinge, fit, left, planned.pivot.radius_m, limits)
+    return (fit if reason else None), reason
+
+
+def _reason_for_balance(
+    angle: TipAngle,
+    window: tuple[int, int],
+    hinge: MotionFit,
+    balanced: MotionFit,
+    left: float,
+    radius: float,
+    limits: VerdictLimits,
+) -> str:
+    """Reason to prefer a moment balance although the edge was not seen to move; empty if there is none.
+
+    Args:
+        angle: theta(t).
+        window: frames [start, stop).
+        hinge: the hinge's fit.
+        balanced: the moment balance.
+        left: gain in chi^2 that a jump in speed still offers with the balance.
+        radius: radius of the edge's rounding [m].
+        limits: limits of a jump.
+    """
     _, size, gain = jump(angle, hinge)
-    if _kicked(hinge, size, gain, limits):
-        if left < _EXPLAINED * gain and _confirmed(angle, window, fit, planned.pivot.radius_m):
-            return fit, f"the edge moved at one end of the window, which a hinge takes for a blow of {size:+.2f} rad/s"
-        return None, ""
-    sd, other = math.sqrt(float(hinge.covariance[0, 0])), math.sqrt(float(fit.covariance[0, 0]))
-    apart = abs(fit.phi - hinge.phi)
-    if other < sd and apart > max(_APART * sd, _APART_LEAST):
-        return fit, f"a hinge would put phi {math.degrees(apart):.2f} deg off, {apart / sd:.1f} of its sd: the edge crept"
-    return None, ""
+    if _is_jump(hinge, size, gain, limits):
+        if left < _UNEXPLAINED_SHARE * gain and _explains_jump(angle, window, balanced, radius):
+            return f"the edge moved at one end of the window, which a hinge shows as an impact of {size:+.2f} rad/s"
+        return ""
+    sd, balanced_sd = math.sqrt(float(hinge.covariance[0, 0])), math.sqrt(float(balanced.covariance[0, 0]))
+    apart = abs(balanced.phi - hinge.phi)
+    if balanced_sd < sd and apart > max(_CREEP_SIGMAS * sd, _MIN_CREEP_RAD):
+        return f"a hinge would put phi {math.degrees(apart):.2f} deg off, {apart / sd:.1f} of its sd: the edge crept"
+    return ""
 
 
-def _confirmed(angle: TipAngle, window: tuple[int, int], balanced: MotionFit, radius: float) -> bool:
-    """Whether theta(t) bears out a balance that explains a blow: no hinge struck again comes closer, and phi is that of the clean part."""
-    kicked = kicked_fit(angle, window, radius)
-    if kicked is not None and scatter(kicked.fit.residual) < scatter(balanced.residual):
+def _explains_jump(angle: TipAngle, window: tuple[int, int], balanced: MotionFit, radius: float) -> bool:
+    """True if no hinge with two impacts fits theta(t) better, and phi is that of the clean part."""
+    twice = fit_two_impacts(angle, window, radius)
+    if twice is not None and scatter(twice.fit.residual) < scatter(balanced.residual):
         return False
     clean = longest_clean_fit(angle, window, lambda angle, frames: pivot_fit(angle, frames, radius))
     if clean is None:
         return False
-    return abs(clean.phi - balanced.phi) < _SAME * math.sqrt(float(clean.covariance[0, 0] + balanced.covariance[0, 0]))
+    sd = math.sqrt(float(clean.covariance[0, 0] + balanced.covariance[0, 0]))
+    return abs(clean.phi - balanced.phi) < _SAME_PHI_SIGMAS * sd
 
 
-def _with_kick(motion: PlanarMotion, window: tuple[int, int], limits: VerdictLimits, problem: str, radius: float) -> StrikeFits:
-    """Where no hinge fits: perhaps two do, with a second blow between them."""
-    found = kicked_fit(motion.angle, window, radius)
-    if found is None or not _kicked(found.fit, found.size, found.gain, limits):
+def _with_second_impact(
+    motion: PlanarMotion, window: tuple[int, int], limits: VerdictLimits, problem: str, radius: float
+) -> StrikeFits:
+    """Fits where no single hinge fits: two, with a second impact between them, if these do."""
+    found = fit_two_impacts(motion.angle, window, radius)
+    if found is None or not _is_jump(found.fit, found.size, found.gain, limits):
         return StrikeFits(None, (), motion, problem=problem)
-    return StrikeFits(found.fit, (), motion, Judgement(Verdict.STRUCK_TWICE, _kick_reason(motion.angle, found.index, found.size, window)))
+    reason = _jump_reason(motion.angle, found.index, found.size, window)
+    return StrikeFits(found.fit, (), motion, Judgement(Verdict.STRUCK_TWICE, reason))
 
 
-def _kick_reason(angle: TipAngle, index: int, size: float, window: tuple[int, int]) -> str:
+def _jump_reason(angle: TipAngle, index: int, size: float, window: tuple[int, int]) -> str:
     after = 1e-6 * (angle.time_ns[index] - angle.time_ns[window[0]])
     return f"its speed jumped by {size:+.2f} rad/s {after:.0f} ms after the strike: catch the striker after the first contact"

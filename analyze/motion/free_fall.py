@@ -21,6 +21,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from analyze.errors import EstimationError
+from analyze.least_squares.robust import huber_weights
 from analyze.motion.fall_window import LEAST_FALL, LEAST_FRAMES, FallWindow
 from analyze.types import Array, MarkerTrack
 
@@ -126,7 +127,9 @@ def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, film
     # A hand lets go, and a fall ends, a little before that shows.
     margin = max(1, round(MARGIN * fall.frames))
     if fall.frames - 2 * margin >= LEAST_FRAMES:
-        fall = fit_fall(track, covariance, FallWindow(window.start + margin, window.stop - margin, window.fall), film)
+        fall = fit_fall(
+            track, covariance, FallWindow(window.start + margin, window.stop - margin, window.fall), film
+        )
     return fall if fall.misfit <= NO_FALL and fall.dropped >= LEAST_FALL else None
 
 
@@ -158,14 +161,24 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, film: Fi
         # A stated line time is in true seconds.
         known = 0.0 if film.line_time is None else film.line_time / q
         time = stated + known * seen[:, 1]
-        shutter_sd = READ_OUT * frame_s / film.rows if film.line_time is None else abs(known) * LINE_TIME_KNOWN
+        shutter_sd = (
+            READ_OUT * frame_s / film.rows if film.line_time is None else abs(known) * LINE_TIME_KNOWN
+        )
         late = np.stack([speed * seen[:, 1:], speed * seen[:, :1]], axis=2)
         columns = np.concatenate(
-            [_powers(time), turned, (-_drag(speed, stated))[:, :, None], late if number else np.zeros_like(late)], axis=2
+            [
+                _powers(time),
+                turned,
+                (-_drag(speed, stated))[:, :, None],
+                late if number else np.zeros_like(late),
+            ],
+            axis=2,
         )
         prior = np.zeros(15)
         prior[12] = beta
-        sd = np.concatenate([np.full(9, 1e3), np.full(3, ARM_SD), [beta_sd], np.full(2, max(shutter_sd, 1e-12))])
+        sd = np.concatenate(
+            [np.full(9, 1e3), np.full(3, ARM_SD), [beta_sd], np.full(2, max(shutter_sd, 1e-12))]
+        )
         if film.line_time is not None:
             sd[14] = 1e-12
         whole = P + film.time_sd**2 * speed[:, :, None] * speed[:, None, :]
@@ -181,15 +194,28 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, film: Fi
         standardised = np.einsum("nij,nj->ni", root, off)
         each = np.linalg.norm(standardised, axis=1) / np.sqrt(3.0)
         rms = max(1.0, float(np.median(each)) / MIDDLE)
-        weight = np.minimum(1.0, (TURNING_POINT * rms / np.maximum(each, 1e-9)) ** 2)
+        weight = huber_weights(each, TURNING_POINT, rms) ** 2
         scatter = rms * _alike(standardised * np.sqrt(weight)[:, None])
         v, a = solution[3:6], solution[6:9]
         q = float(np.sqrt(np.linalg.norm(a) / film.gravity))
         if not np.isfinite(q) or q <= 0:
             break
     if not np.isfinite(q) or q <= 0:
-        raise EstimationError("a stretch that looked like a fall has no acceleration: film the tag while it falls by 0.3 m or more")
-    return _fall(track, window, stated, solution, inverse, q, scatter, float(np.quantile(each, 0.9)) / NINTH, off, weight)
+        raise EstimationError(
+            "a stretch that looked like a fall has no acceleration: film the tag while it falls by 0.3 m or more"
+        )
+    return _fall(
+        track,
+        window,
+        stated,
+        solution,
+        inverse,
+        q,
+        scatter,
+        float(np.quantile(each, 0.9)) / NINTH,
+        off,
+        weight,
+    )
 
 
 def _fall(
@@ -212,7 +238,9 @@ def _fall(
     nuisances = slice(9, 15)
     block = inverse[nuisances, nuisances]
     cross = inverse[6:9, nuisances]
-    own = float(along @ (inverse[6:9, 6:9] - cross @ np.linalg.solve(block + 1e-30 * np.eye(6), cross.T)) @ along)
+    own = float(
+        along @ (inverse[6:9, 6:9] - cross @ np.linalg.solve(block + 1e-30 * np.eye(6), cross.T)) @ along
+    )
     own = min(max(own, 0.0), variance)
     to_q = q / (2 * size)
     sighted = float(along[2] ** 2)
@@ -253,7 +281,9 @@ def _frame_s(stated: Array) -> float:
 def _powers(time: Array) -> Array:
     """(n, 3, 9): of p0, v0, a."""
     eye = np.eye(3)
-    return np.concatenate([each[:, None, None] * eye for each in (np.ones_like(time), time, 0.5 * time**2)], axis=2)
+    return np.concatenate(
+        [each[:, None, None] * eye for each in (np.ones_like(time), time, 0.5 * time**2)], axis=2
+    )
 
 
 def _turned(R: Array, time: Array) -> Array:
@@ -301,8 +331,14 @@ def true_time(falls: list[Fall], film: Film) -> TrueTime:
     weight = weight / weight.sum()
     each = np.array([fall.slower for fall in falls])
     q = float(weight @ each)
-    apart = float(np.sqrt(np.sum(((each - q) ** 2) / (noise**2 + shared**2)) / (len(falls) - 1))) if len(falls) > 1 else 1.0
+    apart = (
+        float(np.sqrt(np.sum(((each - q) ** 2) / (noise**2 + shared**2)) / (len(falls) - 1)))
+        if len(falls) > 1
+        else 1.0
+    )
     own = float(np.sqrt(np.sum((weight * noise) ** 2))) * max(1.0, apart)
     together = float(np.hypot(own, weight @ shared))
     by_size, by_gravity = q * film.size_sd / film.size / 2, q * film.gravity_sd / film.gravity / 2
-    return TrueTime(q, float(np.sqrt(together**2 + by_size**2 + by_gravity**2)), together, by_size, by_gravity, apart)
+    return TrueTime(
+        q, float(np.sqrt(together**2 + by_size**2 + by_gravity**2)), together, by_size, by_gravity, apart
+    )

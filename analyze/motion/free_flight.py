@@ -91,7 +91,9 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
         normal = np.einsum("f,frc->rc", weight, products)
         size = np.sqrt(np.diag(normal))
         if np.linalg.cond(normal / np.outer(size, size)) > 1e8:
-            raise EstimationError(f"{len(flights)} flights do not tell the centre of mass: throw so that the body turns in flight")
+            raise EstimationError(
+                f"{len(flights)} flights do not tell the centre of mass: throw so that the body turns in flight"
+            )
         before, x = x, np.asarray(np.linalg.solve(normal, weight @ rights), dtype=np.float64)
         left = np.maximum(squares - 2 * rights @ x + np.einsum("r,frc,c->f", x, products, x), 0.0)
         variance = float(weight @ left) / float(counts.sum())
@@ -103,7 +105,9 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
     scores: Array = weight[:, None] * (rights - products @ x)
     by_throw: Array = np.array([np.sum(scores[groups == name], axis=0) for name in np.unique(groups)])
     meat = by_throw.T @ by_throw * len(by_throw) / (len(by_throw) - 1)
-    return FlightBody(x[:3], float(x[3]), inverse @ meat @ inverse, len(flights), float(np.sqrt(np.median(left / counts))))
+    return FlightBody(
+        x[:3], float(x[3]), inverse @ meat @ inverse, len(flights), float(np.sqrt(np.median(left / counts)))
+    )
 
 
 def off_the_parabola(flights: Sequence[Flight], com: Array, gravity: float, drag: float) -> Array:
@@ -111,7 +115,9 @@ def off_the_parabola(flights: Sequence[Flight], com: Array, gravity: float, drag
     found: list[float] = []
     for flight in flights:
         matrix, level = _without_start(flight.motion, drag)
-        found.append(float(np.sqrt(np.sum((level - matrix @ np.append(com, gravity)) ** 2) / (len(level) - 6))))
+        found.append(
+            float(np.sqrt(np.sum((level - matrix @ np.append(com, gravity)) ** 2) / (len(level) - 6)))
+        )
     return np.array(found)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from analyze.errors import EstimationError
 from analyze.motion.pendulum import trajectory
-from analyze.motion.phases import second_kick
+from analyze.motion.phases import speed_jump
 from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
 from analyze.types import Array, MotionFit, TipAngle
 
@@ -25,7 +25,7 @@ START_STEP, END_STEP = 2, 3
 LATEST_START = 8
 """frames after release by which a sliding edge has come to rest (0.07 s at 120 fps): later jumps are a second strike"""
 CLEAN_CHI2 = 14.0
-"""what a jump in speed may improve the fit at most in a clean stretch, as VerdictLimits.kick_chi2 has it"""
+"""what a jump in speed may improve the fit at most in a clean stretch, as VerdictLimits.speed_jump_chi2 has it"""
 CLEAN_SCATTER = 2.5
 """mean squared residual over the frames' own variance, at most"""
 
@@ -44,11 +44,13 @@ def jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
     window = slice(*fit.window)
     time = np.asarray((angle.time_ns[window] - fit.time0_ns) * 1e-9, dtype=np.float64)
     _, _, jacobian = trajectory(time, fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
-    index, size, gain = second_kick(time, fit.residual, angle.sd[window], jacobian)
+    index, size, gain = speed_jump(time, fit.residual, angle.sd[window], jacobian)
     return fit.window[0] + index, size, gain
 
 
-def longest_clean_fit(angle: TipAngle, window: tuple[int, int], over: Estimator = pivot_fit) -> MotionFit | None:
+def longest_clean_fit(
+    angle: TipAngle, window: tuple[int, int], over: Estimator = pivot_fit
+) -> MotionFit | None:
     """The fit by `over` over the longest stretch within `window` (indices, half open) that shows no jump; None where there is none."""
     first, last = window
     shortest = 2 * MIN_FRAMES
@@ -93,7 +95,10 @@ def settled_fit(fit: MotionFit, again: Callable[[tuple[int, int]], MotionFit]) -
         return fit
     chosen = next(other for other in later if _rms(other) <= SETTLED * least)
     waited = 1e-6 * (chosen.time0_ns - fit.time0_ns)
-    return replace(chosen, note=f"begins {waited:.0f} ms after the first free frame, until when the striker still touched")
+    return replace(
+        chosen,
+        note=f"begins {waited:.0f} ms after the first free frame, until when the striker still touched",
+    )
 
 
 def _rms(fit: MotionFit) -> float:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from analyze.motion.flank import Flank
+    from analyze.motion.support_function import SupportFunction
     from schemas.strike_plan import PlannedStrike
 
 _DEEP = 5e-4
@@ -31,7 +31,7 @@ _LIFTED = math.radians(1.0)
 """from which on no part of the face that it stood on touches"""
 
 
-def landing_angle(section: Flank, planned: PlannedStrike) -> float | None:
+def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | None:
     """Angle [rad] from which on the next face may touch; None where none does before the section ends, or before the body balances.
 
     Args:
@@ -42,7 +42,9 @@ def landing_angle(section: Flank, planned: PlannedStrike) -> float | None:
     depth = section.height - planned.pivot.radius_m
     # What touches with a curve rolls on; it does not land.
     flat = np.ones(len(angles), dtype=bool) if section.bent is None else ~section.bent
-    deep = np.flatnonzero((angles > _LIFTED) & (depth > _DEEP + _SURFACE * planned.pivot.sd_m) & (section.ahead > 0.0) & flat)
+    deep = np.flatnonzero(
+        (angles > _LIFTED) & (depth > _DEEP + _SURFACE * planned.pivot.sd_m) & (section.ahead > 0.0) & flat
+    )
     if not len(deep):
         return None
     reach = math.hypot(float(depth[deep[0]]), float(section.ahead[deep[0]]))

@@ -25,6 +25,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from analyze.errors import EstimationError
+from analyze.least_squares.robust import huber_weights, median_scale
 from analyze.motion.body_motion import BodyMotion, trapezoid_weights
 
 if TYPE_CHECKING:
@@ -100,7 +101,9 @@ def about_com(inertia_origin: Array, com: Array) -> Array:
     return inertia_origin - (float(com @ com) * np.eye(3) - np.outer(com, com))
 
 
-def moment_rows(contact: Contact, radius: float, gravity: float, windows: int = WINDOWS) -> tuple[Array, Array]:
+def moment_rows(
+    contact: Contact, radius: float, gravity: float, windows: int = WINDOWS
+) -> tuple[Array, Array]:
     """Weak moment balance of one contact.
 
     Args:
@@ -120,9 +123,14 @@ def moment_rows(contact: Contact, radius: float, gravity: float, windows: int = 
     R = motion.R_world_object
     directions = [np.tile(axis, (n, 1)) for axis in np.eye(3)] if contact.edge is None else [R @ contact.edge]
     # L_q = J_q w with J_q = J_O - 2 (c.q) 1 + c q^T + q c^T + (q.q) 1 - q q^T
-    units_com = [-2.0 * float(axis @ centre) * np.eye(3) + np.outer(axis, centre) + np.outer(centre, axis) for axis in np.eye(3)]
+    units_com = [
+        -2.0 * float(axis @ centre) * np.eye(3) + np.outer(axis, centre) + np.outer(centre, axis)
+        for axis in np.eye(3)
+    ]
     own = float(centre @ centre) * np.eye(3) - np.outer(centre, centre)
-    momentum = [motion.halfway @ matrix @ motion.angular_velocity[..., None] for matrix in (*units_com, *_UNITS, own)]
+    momentum = [
+        motion.halfway @ matrix @ motion.angular_velocity[..., None] for matrix in (*units_com, *_UNITS, own)
+    ]
     span = float(motion.time[-1] - motion.time[0])
     phase = (motion.time - motion.time[0]) / span
     weights = trapezoid_weights(motion.time)
@@ -136,17 +144,24 @@ def moment_rows(contact: Contact, radius: float, gravity: float, windows: int = 
             below = radius * window * np.cross(e, _UP)
             d_below = np.diff(below, axis=0)
 
-            def moment_of(arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below) -> float:
+            def moment_of(
+                arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below
+            ) -> float:
                 """Of an arm (3,) in O from the centre line, under (q'' - g), and what its own acceleration adds below the centre line."""
                 arms = R @ arm
                 turned = window * np.cross(e, arms)
                 return -float(
-                    np.sum(step * np.diff(turned, axis=0)) + weights @ (turned @ g) + np.sum(np.diff(arms, axis=0) / dt * d_below)
+                    np.sum(step * np.diff(turned, axis=0))
+                    + weights @ (turned @ g)
+                    + np.sum(np.diff(arms, axis=0) / dt * d_below)
                 )
 
             by_spin = [-float(np.sum(d_direction * each[..., 0])) for each in momentum]
             fixed = moment_of(-centre) + by_spin[9] - float(np.sum(step * d_below) + weights @ (below @ g))
-            coefficients.append([moment_of(axis) + spin for axis, spin in zip(np.eye(3), by_spin[:3], strict=True)] + by_spin[3:9])
+            coefficients.append(
+                [moment_of(axis) + spin for axis, spin in zip(np.eye(3), by_spin[:3], strict=True)]
+                + by_spin[3:9]
+            )
             wanted.append(-fixed)
     scale = 1.0 / math.sqrt(span)
     return np.array(coefficients) * scale, np.array(wanted) * scale
@@ -164,15 +179,22 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         EstimationError: the contacts are too few, or too much alike.
     """
     if 3 * len(contacts) < 20:
-        raise EstimationError(f"{len(contacts)} contacts are too few for centre of mass and inertia: 7 are the least, 50 a good number")
+        raise EstimationError(
+            f"{len(contacts)} contacts are too few for centre of mass and inertia: 7 are the least, 50 a good number"
+        )
     # The rows are quadratic in the radius: three of them say all.
     nodes = np.array([0.0, 0.5, 1.0]) * max(2.0 * radius[0], 4.0 * radius[1], 1e-4)
     found = [[moment_rows(contact, float(node), gravity) for contact in contacts] for node in nodes]
     rows = [np.concatenate([each[0] for each in at]) for at in found]
     wanted = [np.concatenate([each[1] for each in at]) for at in found]
     powers = np.linalg.inv(np.vander(nodes, 3, increasing=True))
-    by_power = np.einsum("pk,krc->prc", powers, np.array(rows)), np.einsum("pk,kr->pr", powers, np.array(wanted))
-    groups = np.concatenate([np.full(len(each[1]), contact.group) for contact, each in zip(contacts, found[0], strict=True)])
+    by_power = (
+        np.einsum("pk,krc->prc", powers, np.array(rows)),
+        np.einsum("pk,kr->pr", powers, np.array(wanted)),
+    )
+    groups = np.concatenate(
+        [np.full(len(each[1]), contact.group) for contact, each in zip(contacts, found[0], strict=True)]
+    )
 
     def balance(x: Array) -> tuple[Array, Array]:
         power, slope = np.array([1.0, x[9], x[9] ** 2]), np.array([0.0, 1.0, 2 * x[9]])
@@ -182,7 +204,7 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
 
     start = np.array([*np.linalg.lstsq(rows[1], wanted[1], rcond=None)[0], nodes[1]])
     sizes = np.array([1e-3, 1e-3, 1e-3, *[1e-4] * 6, 1e-3])
-    spread = _spread(balance(start)[0])
+    spread = median_scale(balance(start)[0])
     prior_row = np.zeros(10)
     x = start
     for _ in range(4):
@@ -195,9 +217,11 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
             return np.vstack([balance(x)[1], prior_row])
 
         # scipy's own hints know only the names of built-in derivatives.
-        solved = least_squares(residual, x, jacobian, x_scale=sizes, loss="huber", f_scale=_LOSS_SCALE * spread)  # pyright: ignore[reportArgumentType]
+        solved = least_squares(
+            residual, x, jacobian, x_scale=sizes, loss="huber", f_scale=_LOSS_SCALE * spread
+        )  # pyright: ignore[reportArgumentType]
         x, before = np.asarray(solved.x, dtype=np.float64), spread
-        spread = _spread(balance(x)[0])
+        spread = median_scale(balance(x)[0])
         if abs(spread - before) < 0.01 * spread:
             break
     left, J = balance(x)
@@ -218,20 +242,18 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
     )
 
 
-def _spread(values: Array) -> float:
-    return 1.4826 * float(np.median(np.abs(values)))
-
-
 def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, spread: float) -> Array:
     """Of a robust fit whose residuals share errors within groups (Liang and Zeger 1986; Huber's weights as in White 1980)."""
-    weight = np.minimum(1.0, _LOSS_SCALE * spread / np.maximum(np.abs(left), 1e-30))
+    weight = huber_weights(left, _LOSS_SCALE, spread)
     size = np.sqrt(np.sum(J**2, axis=0))
     scaled, own = J / size, prior / size
     # The loss bends only inside: that, not the weights, is its second derivative.
     bent = np.abs(left) < _LOSS_SCALE * spread
     normal = (scaled * bent[:, None]).T @ scaled + np.outer(own, own)
     if np.linalg.cond(normal) > 1e12:
-        raise EstimationError("the contacts are too much alike to tell centre of mass and inertia: use throws that land on other edges")
+        raise EstimationError(
+            "the contacts are too much alike to tell centre of mass and inertia: use throws that land on other edges"
+        )
     meat = np.outer(own, own) * spread**2
     names = np.unique(groups)
     for name in names:

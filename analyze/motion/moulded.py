@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.motion.flank import from_outline
+from analyze.motion.support_function import from_outline
 from analyze.motion.rolling_choice import is_curved_to
 
 if TYPE_CHECKING:

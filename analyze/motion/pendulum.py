@@ -1,8 +1,10 @@
-"""The free tipping motion theta'' = -k sin(phi - theta) - c theta' |theta'|, with its derivatives by every parameter.
+"""Free tipping motion theta'' = -k sin(phi - theta) - c theta' |theta'|, with its derivatives by every
+parameter.
 
-In psi = theta - phi this is the inverted pendulum psi'' = k sin psi - c psi' |psi'|. Fixed steps of fourth order with the variational
-equations beside it: at the fixed step of 8 ms and k = 100 rad/s^2 the error stays below 6e-6 rad over 0.5 s, a tenth of the best
-camera's noise. Plain floats, because arrays of four numbers would cost twenty times as much.
+In psi = theta - phi this is the inverted pendulum psi'' = k sin psi - c psi' |psi'|. Fixed steps of fourth
+order with the variational equations beside it: at the fixed step of 8 ms and k = 100 rad/s^2 the error stays
+below 6e-6 rad over 0.5 s, a tenth of the best camera's noise. Plain floats, because arrays of four numbers
+would cost twenty times as much.
 """
 
 from __future__ import annotations
@@ -18,13 +20,14 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 _MAX_STEP_S = 0.009
+"""integration step [s], at most"""
 G = 9.81
-"""m/s^2; a hundredth of it is a hundredth of a small correction"""
-_FAR = 50.0
-"""rad; where a trial's parameters bring it there, it goes no farther"""
+"""standard gravity [m/s^2]; it only scales small corrections, so that 1 % of it does not matter"""
+_MAX_PSI = 50.0
+"""angle from balance [rad] at which the integration of a trial stops"""
 
 State = tuple[float, float, float, float, float, float, float, float]
-"""psi, omega, then (d psi, d omega) by psi_0, by omega_0, by c"""
+"""psi, omega, then the derivatives of (psi, omega) by psi_0, by omega_0 and by c"""
 
 
 def _rate(y: State, k: float, c: float) -> State:
@@ -56,21 +59,26 @@ def _add(y: State, rate: State, h: float) -> State:
     )
 
 
-def trajectory(time: Array, phi: float, k: float, theta0: float, omega0: float, radius: float = 0.0) -> tuple[Array, Array, Array]:
-    """Solve the motion without drag, and its sensitivities, by Nystroem's method: of psi'' = f(psi) a step needs but three slopes.
+def trajectory(
+    time: Array, phi: float, k: float, theta0: float, omega0: float, radius: float = 0.0
+) -> tuple[Array, Array, Array]:
+    """Motion without drag and its derivatives by the parameters, by Nystroem's method.
 
-    An edge of radius rho rolls: c comes nearer to the contact on either side of the balance, so that with e = k rho / g
-    psi'' = sin psi (k + e psi'^2) / i, i = 1 - 2 e (1 - cos psi); energy gives psi'^2 at every psi (docs/decisions/0025).
+    For psi'' = f(psi) a step needs three slopes only.
+
+    An edge of radius rho rolls: c comes nearer to the contact on either side of the balance, so that with e =
+    k rho / g psi'' = sin psi (k + e psi'^2) / i, i = 1 - 2 e (1 - cos psi); energy gives psi'^2 at every psi
+    (docs/decisions/0025).
 
     Source: Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, II.14, table 14.2.
 
     Args:
-        time: (n,) s since the state holds, ascending, the first may be 0.
-        phi: rad.
-        k: rad/s^2.
-        theta0: rad at time 0.
-        omega0: rad/s at time 0.
-        radius: rho [m], of the edge's rounding.
+        time: (n,) time since the initial state [s], ascending, the first may be 0.
+        phi: balance angle [rad].
+        k: as in MotionFit [rad/s^2].
+        theta0: theta at time 0 [rad].
+        omega0: angular speed at time 0 [rad/s].
+        radius: radius rho of the edge's rounding [m].
 
     Returns:
         theta (n,), omega (n,), and d theta / d (phi, k, theta0, omega0) (n, 4).
@@ -116,31 +124,39 @@ def trajectory(time: Array, phi: float, k: float, theta0: float, omega0: float, 
             db += sixth * (b1 + 4.0 * b2 + b3)
         now = target
         rows.append((psi, omega, a, b))
-        if not abs(psi) < _FAR:
+        if not abs(psi) < _MAX_PSI:
             rows.extend([rows[-1]] * (len(time) - len(rows)))
             break
     table = np.array(rows)
-    return table[:, 0] + phi, table[:, 1], _by_parameters(time, table[:, 1], table[:, 2], table[:, 3], k, omega0)
+    return (
+        table[:, 0] + phi,
+        table[:, 1],
+        _by_parameters(time, table[:, 1], table[:, 2], table[:, 3], k, omega0),
+    )
 
 
-def _by_parameters(time: Array, omega: Array, by_theta0: Array, by_omega0: Array, k: float, omega0: float) -> Array:
-    """(n, 4) by phi, k, theta0, omega0."""
-    # Scale invariance psi(t; k, omega0) = F(sqrt(k) t, omega0 / sqrt(k)) gives the derivative by k for nothing; that e changes with k is
-    # less than a hundredth of it.
+def _by_parameters(
+    time: Array, omega: Array, by_theta0: Array, by_omega0: Array, k: float, omega0: float
+) -> Array:
+    """Derivatives (n, 4) of theta by phi, k, theta0, omega0."""
+    # Scale invariance psi(t; k, omega0) = F(sqrt(k) t, omega0 / sqrt(k)) gives the derivative by k without
+    # another equation. The change of e with k is neglected: less than a hundredth of it.
     by_k = (time * omega - omega0 * by_omega0) / (2.0 * k)
     return np.stack([1.0 - by_theta0, by_k, by_theta0, by_omega0], axis=-1)
 
 
-def trajectory_with_drag(time: Array, phi: float, k: float, theta0: float, omega0: float, drag: float) -> tuple[Array, Array, Array]:
-    """Solve the motion and its sensitivities, by Runge and Kutta's method.
+def trajectory_with_drag(
+    time: Array, phi: float, k: float, theta0: float, omega0: float, drag: float
+) -> tuple[Array, Array, Array]:
+    """Motion with drag and its derivatives by the parameters, by the Runge-Kutta method.
 
     Args:
-        time: (n,) s since the state holds, ascending, the first may be 0.
-        phi: rad.
-        k: rad/s^2.
-        theta0: rad at time 0.
-        omega0: rad/s at time 0.
-        drag: c, dimensionless.
+        time: (n,) time since the initial state [s], ascending, the first may be 0.
+        phi: balance angle [rad].
+        k: as in MotionFit [rad/s^2].
+        theta0: theta at time 0 [rad].
+        omega0: angular speed at time 0 [rad/s].
+        drag: drag coefficient c [1].
 
     Returns:
         theta (n,), omega (n,), and d theta / d (phi, k, theta0, omega0, drag) (n, 5).
@@ -160,7 +176,7 @@ def trajectory_with_drag(time: Array, phi: float, k: float, theta0: float, omega
             y = _add(_add(_add(_add(y, k1, h / 6), k2, h / 3), k3, h / 3), k4, h / 6)
         now = target
         rows.append(y)
-        if not abs(y[0]) < _FAR:
+        if not abs(y[0]) < _MAX_PSI:
             rows.extend([y] * (len(time) - len(rows)))
             break
     table = np.array(rows)
@@ -169,18 +185,27 @@ def trajectory_with_drag(time: Array, phi: float, k: float, theta0: float, omega
 
 
 def energy_ratio(phi: float, k: float, theta0: float, omega0: float) -> float:
-    """Kinetic energy that the body had (or would have had) at theta = 0, over what it needs to reach phi.
+    """Kinetic energy at theta = 0, real or extrapolated, over the energy needed to reach phi.
 
-    omega_rest^2 / (2 k (1 - cos phi)), with omega_rest from the energy integral omega^2 / 2 + k cos(theta - phi) = const.
+    omega_rest^2 / (2 k (1 - cos phi)), with omega_rest from the energy integral omega^2 / 2 + k cos(theta -
+    phi) = const.
     """
     square = omega0 * omega0 + 2.0 * k * (math.cos(theta0 - phi) - math.cos(phi))
     return square / (2.0 * k * (1.0 - math.cos(phi)))
 
 
 def first_guess(time: Array, theta: Array) -> tuple[float, float, float, float]:
-    """phi, k, theta0, omega0 by linear least squares on the twice *integrated* equation; nothing is differentiated.
+    """First guess of phi, k, theta0, omega0 by linear least squares on the twice integrated equation.
 
-    theta(t) = theta0 + omega0 t - A II cos(theta) + B II sin(theta), A = k sin(phi), B = k cos(phi), II the double integral.
+    Nothing is differentiated: theta(t) = theta0 + omega0 t - A II cos(theta) + B II sin(theta), A = k
+    sin(phi), B = k cos(phi), II the double integral.
+
+    Args:
+        time: (n,) s.
+        theta: (n,) rad.
+
+    theta(t) = theta0 + omega0 t - A II cos(theta) + B II sin(theta), A = k sin(phi), B = k cos(phi), II the
+    double integral.
     """
     columns = _integrated_columns(time, theta)
     solution = np.linalg.lstsq(columns, theta, rcond=None)[0]
@@ -192,27 +217,45 @@ def first_guess(time: Array, theta: Array) -> tuple[float, float, float, float]:
     )
 
 
-def first_guess_with_kick(time: Array, theta: Array, places: Sequence[int]) -> list[tuple[float, int, Array]]:
-    """The same with a jump in speed at one of the `places` (indices of time).
+def first_guess_with_jump(time: Array, theta: Array, frames: Sequence[int]) -> list[tuple[float, int, Array]]:
+    """First guesses as by `first_guess`, with a jump in speed at one frame each.
+
+    Args:
+        time: (n,) s.
+        theta: (n,) rad.
+        frames: indices of `time` at which a jump is tried.
+
+    Returns:
+        (sum of squares, frame, (5,) phi, k, theta0, omega0, jump) for each frame, the best first.
 
     Returns:
         (sum of squares, place, (5,) phi, k, theta0, omega0, jump) of each, the best first.
     """
     columns = _integrated_columns(time, theta)
     found: list[tuple[float, int, Array]] = []
-    for place in places:
-        jump = np.maximum(time - time[place], 0.0)
+    for frame in frames:
+        jump = np.maximum(time - time[frame], 0.0)
         rows = np.column_stack([columns, jump])
         x = np.linalg.lstsq(rows, theta, rcond=None)[0]
-        guess = np.array([math.atan2(float(x[2]), float(x[3])), math.hypot(float(x[2]), float(x[3])), x[0], x[1], x[4]])
-        found.append((float(np.sum((theta - rows @ x) ** 2)), place, guess))
+        guess = np.array(
+            [math.atan2(float(x[2]), float(x[3])), math.hypot(float(x[2]), float(x[3])), x[0], x[1], x[4]]
+        )
+        found.append((float(np.sum((theta - rows @ x) ** 2)), frame, guess))
     return sorted(found, key=lambda each: each[0])
 
 
 def _integrated_columns(time: Array, theta: Array) -> Array:
+    """Columns (n, 4) of the twice integrated equation: 1, t, -II cos(theta), II sin(theta)."""
+
     def integrate(values: Array) -> Array:
         return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
 
     return np.stack(
-        [np.ones_like(time), time - time[0], -integrate(integrate(np.cos(theta))), integrate(integrate(np.sin(theta)))], axis=-1
+        [
+            np.ones_like(time),
+            time - time[0],
+            -integrate(integrate(np.cos(theta))),
+            integrate(integrate(np.sin(theta))),
+        ],
+        axis=-1,
     )

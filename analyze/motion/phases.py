@@ -1,4 +1,5 @@
-"""Where a strike's phases lie: rest, strike (to t1), stage one, stage two (from t2), landing (t3) (paper 3.2.1, Fig. 6)."""
+"""Phases of a strike: rest, impact (to t1), stage one, stage two (from t2), landing (t3) (VISAPP 2013, 3.2.1,
+Fig. 6)."""
 
 from __future__ import annotations
 
@@ -11,55 +12,47 @@ import numpy as np
 from analyze.types import Phases
 
 if TYPE_CHECKING:
+    from analyze.motion.settings import WindowLimits
     from analyze.types import Array, TipAngle
 
-_STARTED_RAD = math.radians(0.15)
-_MISSED = 1.6
-"""frames, between two that follow each other at most"""
-_LEAST_STEP_S = 1 / 200
-"""between two frames whose turn tells whether the body was stopped"""
-
-
-@dataclass(frozen=True)
-class WindowLimits:
-    """Bounds of the gravity-only window."""
-
-    guard_frames: int = 2
-    """frames after the strike that are left out: the striker may still touch"""
-    guard_s: float = 0.008
-    """the same at least, where frames come faster than 240 a second"""
-    past_phi: float = math.radians(25.0)
-    """rad past phi, before friction gives out"""
-    above_rest: float = math.radians(0.7)
-    """rad, below it the face that the object stood on may touch"""
+_MIN_MOVED_RAD = math.radians(0.15)
+"""least theta [rad] of a moving object"""
+_MAX_FRAME_GAP = 1.6
+"""largest time between consecutive frames, in median frame intervals"""
+_MIN_STEP_S = 1 / 200
+"""least time [s] between two frames whose difference is taken as a speed in the search for a landing"""
 
 
 @dataclass(frozen=True)
 class Course:
-    """Indices into a TipAngle that the motion itself shows."""
+    """Events of a strike in theta(t), as indices into a TipAngle."""
 
     moved: int | None
-    """first frame that is clearly off rest"""
+    """first frame that is clearly off rest; None if nothing moved"""
     released: int | None
-    """first frame in which only gravity acts (t1 and the guard)"""
+    """first frame in which only gravity acts (t1 and the guard); None if nothing moved"""
     top: int | None
-    """frame of the largest angle"""
+    """frame of the largest angle; None if nothing moved"""
     ended: int
-    """first frame after the free motion: landed, came back, or the window's end"""
+    """first frame after the free motion: landed, came back, or the end of the window"""
     came_back: bool
+    """True if the object returned to rest before it landed"""
 
 
-def find_course(angle: TipAngle, contact_time_ns: int, limits: WindowLimits, lands_at: float | None = None) -> Course:
-    """Read the course of a strike off theta(t).
+def find_course(
+    angle: TipAngle, contact_time_ns: int, limits: WindowLimits, landing_angle_rad: float | None = None
+) -> Course:
+    """Find impact, release, top and end of a strike in theta(t).
 
     Args:
-        angle: of the whole window, resting frames first.
-        contact_time_ns: log_time of the contact as the striker felt it, 0 where it is not known.
-        limits: guards.
-        lands_at: rad, from which on the shape's next face may touch, whether or not that slows the body; None: only the motion tells.
+        angle: theta(t) of the whole window, resting frames first.
+        contact_time_ns: log_time of the contact as the striker measured it, 0 if not known.
+        limits: guards of the gravity-only window.
+        landing_angle_rad: theta [rad] from which the shape's next face may touch, whether or not that slows
+            the body; None if only theta(t) shows a landing.
     """
     theta, n = angle.theta, len(angle.theta)
-    threshold = np.maximum(_STARTED_RAD, 6.0 * angle.sd)
+    threshold = np.maximum(_MIN_MOVED_RAD, 6.0 * angle.sd)
     above = theta > threshold
     after = angle.time_ns > contact_time_ns - 20_000_000 if contact_time_ns else np.ones(n, dtype=bool)
     # Two frames in a row: one alone may be a wrong reading.
@@ -68,13 +61,17 @@ def find_course(angle: TipAngle, contact_time_ns: int, limits: WindowLimits, lan
         return Course(None, None, None, n, came_back=False)
     moved = int(np.argmax(moving))
     # The contact lies before the first moved frame, at most one frame and the time the threshold hides.
-    struck = max(moved, int(np.searchsorted(angle.time_ns, contact_time_ns, side="left"))) if contact_time_ns else moved
+    struck = (
+        max(moved, int(np.searchsorted(angle.time_ns, contact_time_ns, side="left")))
+        if contact_time_ns
+        else moved
+    )
     released = min(_after(angle, struck, limits), n - 1)
     # On its way up it may still be as low as that, where frames come fast: back is what had been above.
     up = released + int(np.argmax(theta[released:] >= limits.above_rest))
     back = np.flatnonzero(theta[up:] < limits.above_rest)
     ended_back = up + int(back[0]) if len(back) else n
-    landed = min(_landing(angle, released), _reached(angle, released, lands_at))
+    landed = min(_landing(angle, released), _reached(angle, released, landing_angle_rad))
     ended = min(ended_back, landed)
     top = released + int(np.argmax(theta[released:ended])) if ended > released else released
     return Course(moved, released, top, ended, came_back=ended_back <= landed and len(back) > 0)
@@ -86,26 +83,35 @@ def _after(angle: TipAngle, struck: int, limits: WindowLimits) -> int:
     return max(struck + limits.guard_frames, int(np.searchsorted(angle.time_ns, until_ns, side="left")))
 
 
-def _reached(angle: TipAngle, released: int, lands_at: float | None) -> int:
-    """First frame after `released` at that angle [rad] or past it; one frame alone, before the last, may be a wrong reading."""
-    if lands_at is None:
+def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) -> int:
+    """First frame after `released` at or beyond a landing angle [rad].
+
+    A single frame before the last may be a wrong reading.
+    """
+    if landing_angle_rad is None:
         return len(angle.theta)
-    past = angle.theta[released:] >= lands_at
+    past = angle.theta[released:] >= landing_angle_rad
     stays = np.flatnonzero(past & np.append(past[1:], True))
     return released + int(stays[0]) if len(stays) else len(angle.theta)
 
 
 def _landing(angle: TipAngle, released: int) -> int:
-    """First frame after `released` in which the body was stopped hard: it loses a third of a fast turn within two frames.
+    """First frame after `released` in which the body was stopped: it loses a third of a fast turn within two
+    frames.
 
-    What it was losing already does not count: on its way up gravity alone takes as much from a small body. Of frames that come faster than
-    240 a second only some are looked at: between two of them the turn would be within their errors.
+    A loss that was already under way does not count: on the way up gravity alone takes as much from a small
+    body. Above 240 frames a second only some frames are used: the turn between neighbours would be within
+    their errors.
     """
-    every = max(1, round(_LEAST_STEP_S / max(1e-9 * float(np.median(np.diff(angle.time_ns))), 1e-6))) if len(angle.time_ns) > 1 else 1
+    every = (
+        max(1, round(_MIN_STEP_S / max(1e-9 * float(np.median(np.diff(angle.time_ns))), 1e-6)))
+        if len(angle.time_ns) > 1
+        else 1
+    )
     theta, sd, time_ns = angle.theta[::every], angle.sd[::every], angle.time_ns[::every]
     gap = np.maximum(np.diff(time_ns) * 1e-9, 1e-6)
     step = np.diff(theta) / gap
-    whole = gap < _MISSED * float(np.median(gap)) if len(gap) else gap > 0
+    whole = gap < _MAX_FRAME_GAP * float(np.median(gap)) if len(gap) else gap > 0
     released = -(-released // every)
     for i in range(max(released + 2, 2), len(step)):
         # On its way up, or falling back.
@@ -115,26 +121,53 @@ def _landing(angle: TipAngle, released: int) -> int:
         noise = 3.0 * float(sd[i]) / float(gap[i])
         # Over frames that are missing nobody can say.
         followed = bool(np.all(whole[max(released, i - 4) : i + 1]))
-        if followed and before > 1.0 + noise and now < 0.66 * before - noise and theta[i] > math.radians(20.0):
-            losing = min(float(np.mean(np.diff(earlier))), 0.0) * (len(earlier) + 1) / 2 if len(earlier) > 1 else 0.0
+        if (
+            followed
+            and before > 1.0 + noise
+            and now < 0.66 * before - noise
+            and theta[i] > math.radians(20.0)
+        ):
+            losing = (
+                min(float(np.mean(np.diff(earlier))), 0.0) * (len(earlier) + 1) / 2
+                if len(earlier) > 1
+                else 0.0
+            )
             if now < 0.66 * before + losing - noise:
                 return i * every
     return len(angle.theta)
 
 
 def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimits) -> tuple[int, int]:
-    """Range in which only gravity acts, given where the balance is: from release to 25 deg past it, or to the end of the free motion."""
+    """Frames [start, stop) in which only gravity acts: from release to 25 deg past phi, or to the end of the
+    free motion.
+
+    Args:
+        angle: theta(t).
+        course: its events.
+        phi: balance angle [rad].
+        limits: bounds of the window.
+    """
     if course.released is None:
         return 0, 0
     first = course.released
     past = np.flatnonzero(angle.theta[first : course.ended] > phi + limits.past_phi)
     # The frame before landing or coming back may be exposed while the contact begins.
-    last = first + int(past[0]) if len(past) else (course.ended if course.ended == len(angle.theta) else course.ended - 1)
+    last = (
+        first + int(past[0])
+        if len(past)
+        else (course.ended if course.ended == len(angle.theta) else course.ended - 1)
+    )
     return first, max(first, last)
 
 
 def phases_of(angle: TipAngle, course: Course, phi: float | None) -> Phases:
-    """Index ranges of the phases; stage two begins at the first frame past phi."""
+    """Index ranges of the phases; stage two begins at the first frame past phi.
+
+    Args:
+        angle: theta(t).
+        course: its events.
+        phi: balance angle [rad]; None if unknown.
+    """
     n = len(angle.theta)
     if course.moved is None or course.released is None:
         return Phases((0, n), None, None, None, None)
@@ -150,16 +183,17 @@ def phases_of(angle: TipAngle, course: Course, phi: float | None) -> Phases:
     )
 
 
-def second_kick(time: Array, residual: Array, sd: Array, omega_response: Array) -> tuple[int, float, float]:
-    """Most likely sudden change of speed within a window: (index, rad/s, chi^2 gained).
+def speed_jump(time: Array, residual: Array, sd: Array, omega_response: Array) -> tuple[int, float, float]:
+    """Most likely sudden change of speed within a window: (index, size [rad/s], gain in chi^2).
 
     Args:
         time: (n,) s.
-        residual: (n,) rad, of a fit without the kick.
+        residual: (n,) rad, of a fit without a jump.
         sd: (n,) rad.
-        omega_response: (n, p) derivatives of theta by the fitted parameters, which take up part of a kick.
+        omega_response: (n, p) derivatives of theta by the fitted parameters, which absorb part of a jump.
 
-    A kick at frame i adds the response to a change of speed, taken as linear in time, which holds for the few frames that show it.
+    A jump at frame i adds the response to a change of speed, taken as linear in time, which holds for the few
+    frames that show it.
     """
     n = len(time)
     basis = omega_response / sd[:, None]
@@ -167,12 +201,12 @@ def second_kick(time: Array, residual: Array, sd: Array, omega_response: Array) 
     r = residual / sd
     best = (0, 0.0, 0.0)
     for i in range(1, n - 4):
-        kick = np.maximum(time - time[i], 0.0) / sd
-        kick = kick - q @ (q.T @ kick)
-        power = float(kick @ kick)
+        ramp = np.maximum(time - time[i], 0.0) / sd
+        ramp = ramp - q @ (q.T @ ramp)
+        power = float(ramp @ ramp)
         if power <= 0:
             continue
-        size = float(kick @ r) / power
+        size = float(ramp @ r) / power
         gain = size * size * power
         if gain > best[2]:
             best = (i, size, gain)

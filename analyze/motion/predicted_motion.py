@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.least_squares.robust import lag_one_correlation
 from analyze.motion.pendulum import trajectory
 
 if TYPE_CHECKING:
@@ -30,12 +31,11 @@ LEAST_FORETOLD = 4
 VAGUE = math.radians(3.0)
 """1 sigma at which the foretelling ends"""
 _ROUNDS, _SETTLED = 12, 1e-9
-_MOST_ALIKE = 0.9
 _PARAMETERS = 4
 
 
 @dataclass(frozen=True)
-class Foretold:
+class PredictedValues:
     """Phi and k of a strike as they are foretold."""
 
     phi: float
@@ -49,7 +49,7 @@ class Foretold:
 
 
 @dataclass(frozen=True)
-class ForetoldMotion:
+class PredictedMotion:
     """Theta(t) measured less foretold, over the strike's free frames."""
 
     strike_id: str
@@ -79,7 +79,9 @@ class ForetoldMotion:
         return float(np.mean(np.abs(self.offset[self.start :]) > 1.96 * self.sd[self.start :]))
 
 
-def foretold_motion(strike_id: str, angle: TipAngle, fit: MotionFit, told: Foretold) -> ForetoldMotion:
+def predicted_motion(
+    strike_id: str, angle: TipAngle, fit: MotionFit, told: PredictedValues
+) -> PredictedMotion:
     """Start the pendulum by the first free frames, let it run with the foretold phi and k, and compare.
 
     Args:
@@ -111,14 +113,22 @@ def foretold_motion(strike_id: str, angle: TipAngle, fit: MotionFit, told: Foret
     by_body = left @ (by[:, :2] * np.array([1.0, told.k]))
     of_frames = left @ noise @ left.T
     own_rows = own_by * np.array([1.0, fit.k or told.k, 1.0, 1.0])
-    by_frames = np.asarray(np.linalg.pinv(own_rows.T @ np.linalg.solve(noise, own_rows), hermitian=True)[:2, :2], dtype=np.float64)
+    by_frames = np.asarray(
+        np.linalg.pinv(own_rows.T @ np.linalg.solve(noise, own_rows), hermitian=True)[:2, :2],
+        dtype=np.float64,
+    )
     body = told.covariance + _beyond(told.own, by_frames)
-    offset, sd = seen - expected, np.sqrt(np.diag(of_frames) + np.einsum("ni,ij,nj->n", by_body, body, by_body))
+    offset, sd = (
+        seen - expected,
+        np.sqrt(np.diag(of_frames) + np.einsum("ni,ij,nj->n", by_body, body, by_body)),
+    )
     vague = np.flatnonzero(sd[start + LEAST_FORETOLD :] > VAGUE)
     end = start + LEAST_FORETOLD + int(vague[0]) if len(vague) else count
     late = slice(start, end)
     squared = _against(offset[late], by_body[late], of_frames[late, late], body)
-    return ForetoldMotion(strike_id, told.k, time[:end], offset[:end], sd[:end], start, float(time[-1]), squared)
+    return PredictedMotion(
+        strike_id, told.k, time[:end], offset[:end], sd[:end], start, float(time[-1]), squared
+    )
 
 
 def _least_squares(by: Array, noise: Array) -> Array:
@@ -141,9 +151,7 @@ def _noise(residual: Array, sd: Array) -> Array:
     n = len(residual)
     z = residual / sd
     squares = max(float(np.sum(z * z)), 1e-30)
-    alike = float(np.sum(z[1:] * z[:-1])) / squares
-    # Within its own noise it is none, as in pivot_fit.
-    alike = min(alike, _MOST_ALIKE) if alike > 2.0 / math.sqrt(n) else 0.0
+    alike = lag_one_correlation(z)
     away = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
     return squares / max(n - _PARAMETERS, 1) * np.outer(sd, sd) * alike**away
 

@@ -1,8 +1,9 @@
-"""How far phi may lie from its best value: the profile likelihood, for fits whose linearised covariance cannot be believed.
+"""Profile likelihood of phi, for fits whose linearised covariance cannot be trusted.
 
-Where a strike rocked back far below the top, or flew over it, theta(t) bends little and phi and k nearly replace each other: the sum of
-squares is a curved valley, and its curvature at the bottom says nothing of its length. So phi is held at values away from the best one,
-everything else is fitted again, and the place is sought where the sum has grown by 1.96^2 variances (Venzon and Moolgavkar 1988).
+Where a strike rocked back far below the top, or flew over it, theta(t) bends little and phi and k nearly
+replace each other: the sum of squares is a curved valley, and its curvature at the bottom does not give its
+length. So phi is held at values away from the best one, everything else is fitted again, and the value is
+sought at which the sum has grown by 1.96^2 variances (Venzon and Moolgavkar 1988).
 """
 
 # scipy is only partly typed; its unknowns are no mistakes of ours.
@@ -24,32 +25,39 @@ if TYPE_CHECKING:
 
 _QUANTILE = 1.96
 _SEARCH_STEPS = 4
-_CLOSE = 0.1
-"""relative, of the sum's growth: the interval's end is then known to 5 %"""
+_GROWTH_TOLERANCE = 0.1
+"""relative error of the sum's growth: the interval's end is then accurate to 5 %"""
 _PHI_RANGE = (math.radians(0.5), math.radians(130.0))
 _K_RANGE = (0.5, 5000.0)
 
 
 @dataclass(frozen=True)
 class Tip:
-    """A fitted tip."""
+    """Fitted tip."""
 
     time: Array
-    """(n,) s"""
+    """(n,) time [s]"""
     theta: Array
-    """(n,) rad"""
+    """(n,) measured theta [rad]"""
     weight: Array
-    """(n,) 1/rad, of the residuals; 0 = not used"""
+    """(n,) factor on the residuals [1/rad]; 0 if not used"""
     parameters: Array
-    """(p,) phi, k, theta0, omega0[, drag], the best"""
+    """(p,) best phi, k, theta0, omega0[, drag]"""
     covariance: Array
-    """(p, p) linearised, for residuals of variance 1 after weighting"""
+    """(p, p) linearised covariance for weighted residuals of variance 1"""
     radius: float = 0.0
-    """m, of the edge's rounding, where it rolls"""
+    """radius of the edge's rounding [m]"""
 
 
 def profile_sd(tip: Tip, variance: float) -> float:
-    """Root mean square of the sides of phi's 95 % interval over 1.96 [rad]; of a side that is open, what lies within 0.5..130 deg.
+    """Standard deviation of phi [rad] equivalent to its 95 % interval: root mean square of its sides over
+    1.96.
+
+    A side that is open counts up to 0.5 or 130 deg.
+
+    Args:
+        tip: the fit.
+        variance: variance of the weighted residuals, correlation included.
 
     Args:
         tip: the fit.
@@ -60,13 +68,14 @@ def profile_sd(tip: Tip, variance: float) -> float:
 
 
 def _side(tip: Tip, variance: float, lowest: float, sign: float) -> float:
+    """Length of one side of the interval over 1.96 [rad]; `sign` is -1 or 1."""
     phi = float(tip.parameters[0])
     room = (_PHI_RANGE[1] - phi) if sign > 0 else (phi - _PHI_RANGE[0])
     wanted = _QUANTILE**2 * variance
     away = min(_QUANTILE * math.sqrt(float(tip.covariance[0, 0]) * variance), room)
     for _ in range(_SEARCH_STEPS):
         grown = _sum_of_squares(tip, phi + sign * away) - lowest
-        if abs(grown / wanted - 1.0) < _CLOSE or (away >= room and grown < wanted):
+        if abs(grown / wanted - 1.0) < _GROWTH_TOLERANCE or (away >= room and grown < wanted):
             break
         # The sum grows about as the square of the distance.
         away = min(away * min(max(math.sqrt(wanted / max(grown, 1e-12)), 0.3), 3.0), room)
@@ -74,12 +83,15 @@ def _side(tip: Tip, variance: float, lowest: float, sign: float) -> float:
 
 
 def _sum_of_squares(tip: Tip, phi: float) -> float:
-    """Smallest weighted sum with phi held."""
+    """Smallest weighted sum of squares with phi [rad] held."""
     best = tip.parameters
-    ahead = tip.covariance[1:, 0] / tip.covariance[0, 0] * (phi - best[0])
-    start = best[1:] + ahead
-    # In log k: k times sin(phi) is what the data know, and k must stay positive.
-    x = np.array([math.log(best[1]) + math.log(max(math.sin(best[0]), 0.02) / max(math.sin(phi), 0.02)), *start[1:]])
+    shift = tip.covariance[1:, 0] / tip.covariance[0, 0] * (phi - best[0])
+    start = best[1:] + shift
+    # In log k, from a start with the same k sin(phi): the data determine that product, and k must stay
+    # positive.
+    x = np.array(
+        [math.log(best[1]) + math.log(max(math.sin(best[0]), 0.02) / max(math.sin(phi), 0.02)), *start[1:]]
+    )
     scale = np.array([0.2, 0.02, 0.2, 0.1])[: len(x)]
 
     def unpack(x: Array) -> tuple[float, float, float, float, float]:
@@ -103,6 +115,6 @@ def _sum_of_squares(tip: Tip, phi: float) -> float:
         part[:, 0] *= unpack(x)[1]
         return np.clip(part, -1e9, 1e9)
 
-    # scipy's own hints know only the names of built-in derivatives.
+    # scipy's type hints admit only the names of its built-in derivatives.
     found = least_squares(residual, x, jacobian, x_scale=scale, max_nfev=15, xtol=1e-6, ftol=1e-6)  # pyright: ignore[reportArgumentType]
     return 2.0 * float(found.cost)  # pyright: ignore[reportUnknownArgumentType]

@@ -29,7 +29,12 @@ MODEL_PX = 0.01
 
 
 def rest_pose(
-    corners_ideal: Array, track: MarkerTrack, still: NDArray[np.bool_], marker: Marker, camera: CameraModel, R_world_object: Array
+    corners_ideal: Array,
+    track: MarkerTrack,
+    still: NDArray[np.bool_],
+    marker: Marker,
+    camera: CameraModel,
+    R_world_object: Array,
 ) -> tuple[Array, Array]:
     """R_camera_marker (3, 3) and p_camera_marker (3,) [m] at rest.
 
@@ -65,7 +70,10 @@ def rest_pose(
         residual = (mean - project_ideal(camera, in_camera)).ravel() / sd
         away = Rotation.from_matrix(R_nominal.T @ turn).as_rotvec() / prior_sd
         J = np.concatenate(
-            [np.hstack([by_turn, by_translation.reshape(8, 3)]) / sd, np.hstack([np.diag(1.0 / prior_sd), np.zeros((3, 3))])]
+            [
+                np.hstack([by_turn, by_translation.reshape(8, 3)]) / sd,
+                np.hstack([np.diag(1.0 / prior_sd), np.zeros((3, 3))]),
+            ]
         )
         step = np.linalg.lstsq(J, np.concatenate([residual, -away]), rcond=None)[0]
         turn = turn @ Rotation.from_rotvec(np.clip(step[:3], -0.3, 0.3)).as_matrix()
@@ -90,7 +98,9 @@ def placement_error(
         None where no marker's place on the object is known.
     """
     turns = [
-        Rotation.from_matrix(R_world_object @ (camera.T_world_camera[:3, :3] @ R @ marker.T_object_marker[:3, :3].T).T)
+        Rotation.from_matrix(
+            R_world_object @ (camera.T_world_camera[:3, :3] @ R @ marker.T_object_marker[:3, :3].T).T
+        )
         for R, marker in zip(R_camera_marker, markers, strict=True)
         if marker.T_object_marker is not None
     ]

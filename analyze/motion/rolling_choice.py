@@ -6,10 +6,10 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from analyze.motion.flank import circle
+from analyze.motion.support_function import circle
 
 if TYPE_CHECKING:
-    from analyze.motion.flank import Flank
+    from analyze.motion.support_function import SupportFunction
     from analyze.motion.tip_angle import PlanarMotion
     from schemas.strike_plan import PlannedStrike
 
@@ -25,7 +25,7 @@ _FROM, _PAST = math.radians(1.0), math.radians(25.0)
 """rad after rest, and past the predicted balance: where the section counts"""
 
 
-def rolls_on(section: Flank | None, planned: PlannedStrike) -> tuple[Flank | None, str]:
+def rolls_on(section: SupportFunction | None, planned: PlannedStrike) -> tuple[SupportFunction | None, str]:
     """What the contact rolls on, and what says so; None for an edge that is as good as a hinge.
 
     Args:
@@ -43,18 +43,18 @@ def rolls_on(section: Flank | None, planned: PlannedStrike) -> tuple[Flank | Non
     return None, ""
 
 
-def is_curved(section: Flank, planned: PlannedStrike) -> bool:
+def is_curved(section: SupportFunction, planned: PlannedStrike) -> bool:
     """Whether the section is a curve where it touches, and not a corner or a bevel."""
     return is_curved_to(section, planned.phi_predicted_rad)
 
 
-def is_curved_to(section: Flank, phi: float) -> bool:
+def is_curved_to(section: SupportFunction, phi: float) -> bool:
     """The same for a balance expected at `phi` [rad]."""
     last = phi + _PAST
     return section.curved_over(_FROM, last, _BENT) > _OVER and section.longest_flat(_FROM, last) < _FLAT
 
 
-def against_rolling(motion: PlanarMotion, flank: Flank, planned: PlannedStrike) -> PlanarMotion:
+def against_rolling(motion: PlanarMotion, flank: SupportFunction, planned: PlannedStrike) -> PlanarMotion:
     """The motion with slip and lift against rolling on the flank; as tracked they are against rolling on the plan's rounding."""
     along, over = flank.rolled(motion.angle.theta)
     slip = motion.angle.slip + planned.pivot.radius_m * motion.angle.theta - along

@@ -16,14 +16,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analyze.errors import EstimationError
+from analyze.least_squares.levenberg_marquardt import (
+    Observations,
+    minimise,
+    residual_variance,
+    unit_covariance,
+)
 from analyze.motion.pendulum import trajectory
-from analyze.motion.pivot_fit import Fitted, Sample, covariance_of, fit_model, minimise, motion_fit, sample
+from analyze.motion.pivot_fit import FittedModel, Sample, cut_sample, fit_model, motion_fit
 from analyze.motion.rolling_guess import Expected, first_guess
 from analyze.motion.rolling_motion import G, energy_ratio, rolled, stance, tips_at
 from analyze.types import RollingContact
 
 if TYPE_CHECKING:
-    from analyze.motion.flank import Flank
+    from analyze.motion.support_function import SupportFunction
     from analyze.types import Array, MotionFit, TipAngle
 
 ESTIMATOR = "rolling_fit"
@@ -40,7 +46,7 @@ _LINEAR_SD = math.radians(0.3)
 """of phi, from which on a linearised covariance is not believed"""
 
 
-def rolling_fit(angle: TipAngle, window: tuple[int, int], flank: Flank) -> MotionFit:
+def rolling_fit(angle: TipAngle, window: tuple[int, int], flank: SupportFunction) -> MotionFit:
     """Fit phi, k, theta0, omega0 (and how far c is from the contact, where the flank tells) over angle[window[0]:window[1]].
 
     Args:
@@ -51,10 +57,10 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], flank: Flank) -> Motio
     Raises:
         EstimationError: the window is too short or holds no tipping motion.
     """
-    cut = sample(angle, window, 5)
+    cut = cut_sample(angle, window, 5)
     expected = _expected(cut, flank)
     # What is expected of the body is three more observations.
-    seen = replace(cut, theta=np.append(cut.theta, expected.values()), sd=np.append(cut.sd, np.ones(3)))
+    seen = Observations(np.append(cut.theta, expected.values()), np.append(cut.sd, np.ones(3)))
     steps = np.concatenate([np.zeros((1, 5)), np.diag(_STEPS), -np.diag(_STEPS)])
 
     def model(x: Array) -> tuple[Array, Array]:
@@ -62,23 +68,35 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], flank: Flank) -> Motio
         theta = np.concatenate([rolled(cut.time, sets, flank), expected.rows() @ sets[:, :3].T])
         return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)
 
-    solution = minimise(seen, model, first_guess(cut.time, cut.theta, cut.sd, flank, expected), _SCALE, positive=0)
+    solution = minimise(
+        seen, model, first_guess(cut.time, cut.theta, cut.sd, flank, expected), _SCALE, positive=0
+    )
     x = solution.parameters
     balance = tips_at(flank, x[:3])
-    phi, k, _ = stance(flank, x[:3] + steps[:, :3], np.full(len(steps), balance if balance is not None else 0.0))
+    phi, k, _ = stance(
+        flank, x[:3] + steps[:, :3], np.full(len(steps), balance if balance is not None else 0.0)
+    )
     if balance is None or np.isnan(phi + k).any() or not 0.5 < k[0] < 5000.0:
         raise EstimationError("the motion is no tip over a curved flank: look at the images")
     by = np.stack([(values[1:6] - values[6:]) / (2 * _STEPS) for values in (phi, k)])
-    covariance = by @ covariance_of(solution, seen, _SCALE, profiled=False) @ by.T
-    fitted = Fitted(np.array([phi[0], k[0], *x[3:]]), solution.residual[: len(cut.time)], covariance)
-    fit = motion_fit(ESTIMATOR, angle, window, cut, replace(fitted, covariance=covariance * _stretched(cut, fitted) ** 2))
+    of_fitted = unit_covariance(solution, seen.sd, _SCALE) * residual_variance(solution, seen.sd)
+    covariance = by @ of_fitted @ by.T
+    fitted = FittedModel(np.array([phi[0], k[0], *x[3:]]), solution.residual[: len(cut.time)], covariance)
+    fit = motion_fit(
+        ESTIMATOR, angle, window, cut, replace(fitted, covariance=covariance * _stretched(cut, fitted) ** 2)
+    )
     ratio = energy_ratio(flank, x[:3], fit.phi, fit.theta0, fit.omega0)
     along, over, radius = flank.centre(fit.phi)
     own = flank.of_shape(fit.phi)
-    return replace(fit, rolling=RollingContact(along, over, radius, flank.sd, ratio, own, flank.rough * radius if own else 0.0))
+    return replace(
+        fit,
+        rolling=RollingContact(
+            along, over, radius, flank.sd, ratio, own, flank.rough * radius if own else 0.0
+        ),
+    )
 
 
-def _expected(cut: Sample, flank: Flank) -> Expected:
+def _expected(cut: Sample, flank: SupportFunction) -> Expected:
     """Where c is before the motion is looked at: near the section's middle, or anywhere."""
     if math.isfinite(flank.middle_sd):
         ahead, above = flank.middle
@@ -87,7 +105,7 @@ def _expected(cut: Sample, flank: Flank) -> Expected:
     return Expected(-solid * math.sin(phi), solid * math.cos(phi), _ANYWHERE * solid, _SOLID * solid**2)
 
 
-def _stretched(cut: Sample, fitted: Fitted) -> float:
+def _stretched(cut: Sample, fitted: FittedModel) -> float:
     """How much wider than linearised phi's interval is: that of a hinge's motion with the same phi, k and noise."""
     if math.sqrt(float(fitted.covariance[0, 0])) <= _LINEAR_SD:
         return 1.0

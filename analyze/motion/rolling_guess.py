@@ -16,7 +16,7 @@ import numpy as np
 from analyze.motion.rolling_motion import G, columns
 
 if TYPE_CHECKING:
-    from analyze.motion.flank import Flank
+    from analyze.motion.support_function import SupportFunction
     from analyze.types import Array
 
 _DEGREE = 6
@@ -43,14 +43,20 @@ class Expected:
     def rows(self) -> Array:
         """(3, 3): times 1 / J, a / J, b / J it is what `values` says, each within 1."""
         by_sd = self.J / self.sd
-        return np.array([[-self.above * by_sd, by_sd, 0.0], [self.ahead * by_sd, 0.0, by_sd], [self.J / _UNSURE, 0.0, 0.0]])
+        return np.array(
+            [
+                [-self.above * by_sd, by_sd, 0.0],
+                [self.ahead * by_sd, 0.0, by_sd],
+                [self.J / _UNSURE, 0.0, 0.0],
+            ]
+        )
 
     def values(self) -> Array:
         """(3,): c is there, and J that."""
         return np.array([0.0, 0.0, 1.0 / _UNSURE])
 
 
-def first_guess(time: Array, theta: Array, sd: Array, flank: Flank, expected: Expected) -> Array:
+def first_guess(time: Array, theta: Array, sd: Array, flank: SupportFunction, expected: Expected) -> Array:
     """(5,) 1 / J, a / J, b / J, theta0, omega0.
 
     Args:
@@ -70,7 +76,9 @@ def first_guess(time: Array, theta: Array, sd: Array, flank: Flank, expected: Ex
     loose = (_LOOSE * sd + _DRIFT)[:, None]
     rows = np.column_stack([-by_turn - twice, np.ones_like(t), t]) / loose
     prior = np.column_stack([expected.rows(), np.zeros((3, 2))])
-    x = np.linalg.lstsq(np.concatenate([rows, prior]), np.concatenate([theta / loose[:, 0], expected.values()]), rcond=None)[0]
+    x = np.linalg.lstsq(
+        np.concatenate([rows, prior]), np.concatenate([theta / loose[:, 0], expected.values()]), rcond=None
+    )[0]
     x[0] = max(x[0], 0.2 / expected.J)
     # The integral over theta begins at the least theta, the speed is what the constant leaves of it.
     m = columns(flank, theta[:1])[0][0]

@@ -21,7 +21,7 @@ import numpy as np
 from analyze.motion.runge_kutta import advanced
 
 if TYPE_CHECKING:
-    from analyze.motion.flank import Flank
+    from analyze.motion.support_function import SupportFunction
     from analyze.types import Array
 
 G = 9.81
@@ -38,15 +38,17 @@ _NEAREST = 1e-3
 """m, of c from the centre of curvature"""
 
 
-def columns(flank: Flank, theta: Array) -> tuple[Array, Array, Array]:
+def columns(flank: SupportFunction, theta: Array) -> tuple[Array, Array, Array]:
     """The flank's m (..., 3), f (..., 3) and rho (...) at theta (...)."""
     h, ahead, radius = flank.at(theta)
     cos, sin = np.cos(theta), np.sin(theta)
-    m = np.stack([h * h + ahead * ahead, 2.0 * (h * cos - ahead * sin), 2.0 * (h * sin + ahead * cos)], axis=-1)
+    m = np.stack(
+        [h * h + ahead * ahead, 2.0 * (h * cos - ahead * sin), 2.0 * (h * sin + ahead * cos)], axis=-1
+    )
     return m, np.stack([ahead, -sin, cos], axis=-1), radius
 
 
-def rolled(time: Array, x: Array, flank: Flank, slide: tuple[Array, Array] | None = None) -> Array:
+def rolled(time: Array, x: Array, flank: SupportFunction, slide: tuple[Array, Array] | None = None) -> Array:
     """Theta (n, c) of c motions (RK4).
 
     Args:
@@ -58,7 +60,9 @@ def rolled(time: Array, x: Array, flank: Flank, slide: tuple[Array, Array] | Non
     one, a, b = x[:, 0], x[:, 1], x[:, 2]
     body = x[:, :3]
     theta = x[:, 3]
-    state = np.stack([theta, x[:, 4] * np.maximum(1.0 + np.sum(columns(flank, theta)[0] * body, axis=-1), _LEAST)])
+    state = np.stack(
+        [theta, x[:, 4] * np.maximum(1.0 + np.sum(columns(flank, theta)[0] * body, axis=-1), _LEAST)]
+    )
     found = np.empty((len(time), len(theta)))
     found[0] = theta
 
@@ -72,7 +76,9 @@ def rolled(time: Array, x: Array, flank: Flank, slide: tuple[Array, Array] | Non
             speed = _possible(turn / inertia)
             return np.stack([speed, -slope * (G - radius * speed * speed)])
         speed = _possible((turn - s * u - slope * z) / inertia)
-        return np.stack([speed, -slope * (G - radius * speed * speed) + (slope * u + (one * radius - s) * z) * speed])
+        return np.stack(
+            [speed, -slope * (G - radius * speed * speed) + (slope * u + (one * radius - s) * z) * speed]
+        )
 
     for i in range(1, len(time)):
         gap = float(time[i] - time[i - 1])
@@ -86,7 +92,7 @@ def _possible(speed: Array) -> Array:
     return np.minimum(np.maximum(speed, -_FASTEST), _FASTEST)
 
 
-def tips_at(flank: Flank, body: Array) -> float | None:
+def tips_at(flank: SupportFunction, body: Array) -> float | None:
     """Angle [rad] at which c of a body (3,) first stands over the contact so that it tips on; None where it never does."""
     theta = np.linspace(*_TIPS, _TRIED)
     ahead = columns(flank, theta)[1] @ body
@@ -94,7 +100,7 @@ def tips_at(flank: Flank, body: Array) -> float | None:
     return float(theta[passed[0]]) if len(passed) else None
 
 
-def stance(flank: Flank, body: Array, phi: Array) -> tuple[Array, Array, Array]:
+def stance(flank: SupportFunction, body: Array, phi: Array) -> tuple[Array, Array, Array]:
     """phi, k and R (c,) of bodies (c, 3), phi near `phi` (c,); NaN where c does not stand there so that it tips."""
     J = 1.0 / body[:, 0]
     a, b = J * body[:, 1], J * body[:, 2]
@@ -112,7 +118,7 @@ def stance(flank: Flank, body: Array, phi: Array) -> tuple[Array, Array, Array]:
     return phi + lost, k + lost, distance + lost
 
 
-def energy_ratio(flank: Flank, body: Array, phi: float, theta: float, omega: float) -> float:
+def energy_ratio(flank: SupportFunction, body: Array, phi: float, theta: float, omega: float) -> float:
     """Energy at theta, omega over what it takes to stand up at phi, both against rest at theta = 0; body (3,)."""
     at = np.array([0.0, phi, theta])
     h, _, _ = flank.at(at)

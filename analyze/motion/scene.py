@@ -47,7 +47,9 @@ class Scene:
     """every eighth pixel, to tell motion where no marker is in view"""
 
 
-def read_scene(frame: ImageFrame, camera: CameraModel, families: Sequence[TagFamily] = (USUAL_FAMILY,)) -> Scene:
+def read_scene(
+    frame: ImageFrame, camera: CameraModel, families: Sequence[TagFamily] = (USUAL_FAMILY,)
+) -> Scene:
     """Find all markers of `families` in one image."""
     corners: dict[int | str, Array] = {}
     twice: list[int | str] = []
@@ -55,8 +57,12 @@ def read_scene(frame: ImageFrame, camera: CameraModel, families: Sequence[TagFam
         if sighting.marker_id in corners:
             twice.append(sighting.marker_id)
             continue
-        square = fit_square(frame.image, pixel_map(camera), undistort(camera, sighting.corners_px), sighting.corners_px)
-        corners[sighting.marker_id] = sighting.corners_px if square is None else distort(camera, square.corners)
+        square = fit_square(
+            frame.image, pixel_map(camera), undistort(camera, sighting.corners_px), sighting.corners_px
+        )
+        corners[sighting.marker_id] = (
+            sighting.corners_px if square is None else distort(camera, square.corners)
+        )
     sparse = frame.image[::2, ::2]
     saturated = float(np.count_nonzero(sparse >= _SATURATED)) / sparse.size
     return Scene(frame.time_ns, corners, tuple(twice), saturated, frame.image[::8, ::8].astype(np.float32))
@@ -89,7 +95,9 @@ class PlacementCheck:
     text: str
 
 
-def check_placement(scene: Scene, markers: Mapping[int | str, Marker], camera: CameraModel, planned: PlannedStrike) -> PlacementCheck:
+def check_placement(
+    scene: Scene, markers: Mapping[int | str, Marker], camera: CameraModel, planned: PlannedStrike
+) -> PlacementCheck:
     """Compare the pose that the markers show with the plan's R_world_object."""
     wanted = ", ".join(str(i) for i in planned.visible_markers) or "any"
     if scene.twice:
@@ -99,7 +107,8 @@ def check_placement(scene: Scene, markers: Mapping[int | str, Marker], camera: C
         strange = sorted(scene.corners, key=name_order)
         if strange:
             return PlacementCheck(
-                None, f"marker {strange[0]} is not on this object: put the right object down, marker {wanted} towards the camera"
+                None,
+                f"marker {strange[0]} is not on this object: put the right object down, marker {wanted} towards the camera",
             )
         return PlacementCheck(None, f"no marker is in view: place tag {wanted} towards the camera")
     R_world_object = np.array(planned.R_world_object, dtype=float)
@@ -119,7 +128,9 @@ def check_placement(scene: Scene, markers: Mapping[int | str, Marker], camera: C
             " (`analyze register` finds them afterwards)",
         )
     error, correction = found
-    return PlacementCheck(error, _advice(error, correction, wanted, any(i in known for i in planned.visible_markers)))
+    return PlacementCheck(
+        error, _advice(error, correction, wanted, any(i in known for i in planned.visible_markers))
+    )
 
 
 def _nearer(corners_ideal: Array, marker: Marker, camera: CameraModel, R_world_object: Array) -> Array | None:

@@ -59,7 +59,9 @@ def acceleration_noise(points: int) -> float:
     return float(np.linalg.norm(np.convolve(once, once)))
 
 
-def sign_change(angle: TipAngle, window: tuple[int, int], points: int = 5, fit: MotionFit | None = None) -> MotionFit:
+def sign_change(
+    angle: TipAngle, window: tuple[int, int], points: int = 5, fit: MotionFit | None = None
+) -> MotionFit:
     """Find phi as the paper does, over angle[window[0]:window[1]], the window starting in the strike or just after it.
 
     The sd is what the smoothing leaves of the frames' noise at the crossing: sd(alpha) over the slope of alpha by theta. That slope is k at
@@ -71,23 +73,38 @@ def sign_change(angle: TipAngle, window: tuple[int, int], points: int = 5, fit: 
     """
     first, last = window
     if last - first < points + 4:
-        raise EstimationError(f"{last - first} frames are too few to differentiate twice with {points}-point smoothing")
+        raise EstimationError(
+            f"{last - first} frames are too few to differentiate twice with {points}-point smoothing"
+        )
     omega, alpha = angular_acceleration(angle, points)
     inside = alpha[first:last]
     negative = np.flatnonzero(inside < 0)
     if not len(negative):
-        raise EstimationError("the angular acceleration never turns negative: the window starts after the balance point")
+        raise EstimationError(
+            "the angular acceleration never turns negative: the window starts after the balance point"
+        )
     rising = negative[0] + np.flatnonzero((inside[negative[0] : -1] < 0) & (inside[negative[0] + 1 :] >= 0))
     if not len(rising):
-        raise EstimationError("the angular acceleration has no second sign change: the object did not pass its balance point")
+        raise EstimationError(
+            "the angular acceleration has no second sign change: the object did not pass its balance point"
+        )
     i = first + int(rising[0])
     share = float(alpha[i] / (alpha[i] - alpha[i + 1]))
     phi = float(angle.theta[i] + share * (angle.theta[i + 1] - angle.theta[i]))
     here = float(angle.time_ns[i + 1] - angle.time_ns[i]) * 1e-9
-    slope = abs(float(alpha[i + 1] - alpha[i])) / max(here * abs(float(omega[i])), 1e-9) if fit is None or fit.k is None else fit.k
+    slope = (
+        abs(float(alpha[i + 1] - alpha[i])) / max(here * abs(float(omega[i])), 1e-9)
+        if fit is None or fit.k is None
+        else fit.k
+    )
     step = float(np.median(np.diff(angle.time_ns))) * 1e-9
     left = 0.0 if fit is None else float(np.sqrt(np.mean(fit.residual**2)))
-    sd = max(float(np.median(angle.sd[first:last])), left) * acceleration_noise(points) / step**2 / max(slope, 1e-9)
+    sd = (
+        max(float(np.median(angle.sd[first:last])), left)
+        * acceleration_noise(points)
+        / step**2
+        / max(slope, 1e-9)
+    )
     return MotionFit(
         estimator="sign_change",
         phi=phi,

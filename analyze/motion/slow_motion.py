@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.motion.strike import analyse_strike
+from analyze.motion.strike_task import StrikeTask
 from schemas.result import Verdict
 
 if TYPE_CHECKING:
@@ -38,7 +39,12 @@ FRAMES = 100
 
 
 def ratio_of_a_tip(
-    motion: TipMotion, tracks: Sequence[MarkerTrack], markers: Sequence[Marker], camera: CameraModel, task: StrikeTask, k_foretold: float
+    motion: TipMotion,
+    tracks: Sequence[MarkerTrack],
+    markers: Sequence[Marker],
+    camera: CameraModel,
+    task: StrikeTask,
+    k_foretold: float,
 ) -> int | None:
     """By how much faster than its times say a strike must have been to be a tip; None where it is one, or is none at any ratio.
 
@@ -50,13 +56,19 @@ def ratio_of_a_tip(
         task: the strike as planned and as carried out.
         k_foretold: rad/s^2, roughly.
     """
-    if motion.verdict is Verdict.GOOD or motion.angle is None or float(motion.angle.theta.max(initial=0.0)) < LEAST_TURN:
+    if (
+        motion.verdict is Verdict.GOOD
+        or motion.angle is None
+        or float(motion.angle.theta.max(initial=0.0)) < LEAST_TURN
+    ):
         return None
     slower = _rise_s(motion.angle) / _tip_s(task.planned.phi_predicted_rad, k_foretold)
     off: dict[int, float] = {}
     for ratio in (each for each in RATIOS if each / ROUGHLY < slower < each * ROUGHLY):
         # A rolling shutter's rows are the image's, however slowly it plays: the corners are where they are already.
-        again = analyse_strike([_faster(track, ratio) for track in tracks], markers, camera, _task(task, ratio))
+        again = analyse_strike(
+            [_faster(track, ratio) for track in tracks], markers, camera, _task(task, ratio)
+        )
         if again.verdict is Verdict.GOOD and again.fit is not None and again.fit.k:
             off[ratio] = abs(math.log(again.fit.k / k_foretold))
     best = min(off, key=lambda ratio: off[ratio], default=None)

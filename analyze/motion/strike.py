@@ -1,22 +1,23 @@
-"""One strike from its tracks to phi, k and a verdict."""
+"""Analysis of one strike: from its marker tracks to phi, k and a verdict."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.errors import EstimationError, TrackingError
 from analyze.motion.contact import with_contact_errors
-from analyze.motion.fit_choice import MotionSettings, fit_strike
+from analyze.motion.fit_choice import fit_strike
 from analyze.motion.pendulum import energy_ratio
 from analyze.motion.phases import Course, find_course, free_window, phases_of
 from analyze.motion.rolling_choice import against_rolling, is_curved
+from analyze.motion.settings import MotionSettings
 from analyze.motion.sign_change import sign_change
+from analyze.motion.strike_task import Judgement
 from analyze.motion.tip_angle import Placement, PlanarMotion, tip_angle
-from analyze.motion.verdict import Judgement, judge_contact, judge_fit, judge_hard, judge_motion, judge_vague
+from analyze.motion.verdict import judge_contact, judge_fit, judge_hard, judge_motion, judge_vague
 from analyze.types import TipMotion
 from schemas.result import Verdict
 from schemas.watch_lines import StrikeVerdict
@@ -24,34 +25,18 @@ from schemas.watch_lines import StrikeVerdict
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analyze.motion.flank import Flank
-    from analyze.types import CameraModel, IntArray, Marker, MarkerTrack, MotionFit, TipAngle
+    from analyze.motion.strike_task import StrikeTask
+    from analyze.types import CameraModel, Marker, MarkerTrack, MotionFit, TipAngle
     from schemas.strike_plan import PlannedStrike
 
 _REST_BEFORE_CONTACT_NS = 4_000_000
 """half a frame at 120 fps: the exposure of a resting frame must end before the contact"""
-_FAST_NS = 1e9 / 180
+_FAST_FRAME_NS = 1e9 / 180
+"""frame interval [ns] below which the smoothing is widened"""
 _STILL_PX = 0.15
-_SEEN_AFTER_NS = 200_000_000
-"""of images after the contact: with fewer nobody can say whether the object moved"""
-
-
-@dataclass(frozen=True)
-class StrikeTask:
-    """What is known of a strike before its images are looked at."""
-
-    strike_id: str
-    planned: PlannedStrike
-    contact_time_ns: int = 0
-    """log_time as the striker felt it, 0 = not known"""
-    images_end_ns: int | None = None
-    """log_time of the last image, 0 where there is none; None = not known"""
-    section: Flank | None = None
-    """of the object across the pivot axis, as its shape has it; None = the plan's rounding is all that is known"""
-    lands_at: float | None = None
-    """rad, from which on the shape's next face may touch; None = not known, or what touches rolls on"""
-    unmarked_ns: IntArray | None = None
-    """log times of the images without a marker; None = not known: every frame that is missing is taken for one"""
+"""motion of a corner [px] below which a marker is at rest"""
+_MIN_SEEN_NS = 200_000_000
+"""time after the contact [ns] that the images must cover to show whether the object moved"""
 
 
 def placement_of(planned: PlannedStrike) -> Placement:
@@ -65,19 +50,25 @@ def placement_of(planned: PlannedStrike) -> Placement:
 
 
 def analyse_strike(
-    tracks: Sequence[MarkerTrack], markers: Sequence[Marker], camera: CameraModel, task: StrikeTask, settings: MotionSettings | None = None
+    tracks: Sequence[MarkerTrack],
+    markers: Sequence[Marker],
+    camera: CameraModel,
+    task: StrikeTask,
+    settings: MotionSettings | None = None,
 ) -> TipMotion:
-    """Analyse one strike. Never raises for a bad strike: the verdict says what was wrong, and phi and k stand wherever they could be had.
+    """Analyse one strike; a bad strike raises nothing.
+
+    The verdict names the fault, and phi and k are given wherever they could be fitted.
 
     Args:
         tracks: the object's markers through the strike's window.
         markers: the object's markers.
-        camera: with its place in W.
+        camera: camera with its pose in W.
         task: the strike as planned and as carried out.
         settings: limits; None for the defaults.
     """
     settings = settings or MotionSettings()
-    if (unseen := _unseen(task)) is not None:
+    if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
     rest_end_ns = rest_end(tracks, task.contact_time_ns)
     try:
@@ -88,26 +79,36 @@ def analyse_strike(
 
 
 def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSettings) -> TipMotion:
-    """The part of `analyse_strike` after the images: phases, fits, verdict."""
-    if (unseen := _unseen(task)) is not None:
+    """Analyse the motion of one strike: phases, fits and verdict.
+
+    Args:
+        motion: the motion in the plane across the pivot axis.
+        task: the strike as planned and as carried out.
+        settings: limits.
+    """
+    if (unseen := _judge_unseen(task)) is not None:
         return _without_motion(task, unseen)
     if task.section is not None and is_curved(task.section, task.planned):
         motion = against_rolling(motion, task.section, task.planned)
     angle = motion.angle
-    course = find_course(angle, task.contact_time_ns, settings.window, task.lands_at)
+    course = find_course(angle, task.contact_time_ns, settings.window, task.landing_angle_rad)
     judgement = judge_motion(motion, course, task, settings.verdict)
-    tipped = float(np.max(angle.theta[course.moved : course.ended], initial=0.0)) >= settings.verdict.not_moved
+    tipped = float(np.max(angle.theta[course.moved : course.ended], initial=0.0)) >= settings.verdict.min_turn
     if course.released is None or not tipped:
         return _result(task, judgement or Judgement(Verdict.NOT_MOVED, "no tip"), angle, course, None, ())
     fits = fit_strike(motion, course, task.planned, settings, task.section)
     if fits.chosen is None:
         window = free_window(angle, course, task.planned.phi_predicted_rad, settings.window)
         contact = judge_contact(fits.motion, window, task.planned.rolls, settings.verdict)
-        return _result(task, judgement or fits.kick or contact or _unfitted(angle, course, fits.problem), angle, course, None, ())
-    fit, kick = with_contact_errors(fits.chosen, task.planned.rolls, settings.contact), fits.kick
+        judgement = judgement or fits.second_impact or contact or _judge_unfitted(angle, course, fits.problem)
+        return _result(task, judgement, angle, course, None, ())
+    fit, impact = with_contact_errors(fits.chosen, task.planned.rolls, settings.contact), fits.second_impact
     top = float(np.max(angle.theta[course.released : course.ended]))
     vague = judge_vague(fit, course, top, settings.verdict)
-    judgement = judgement or kick or judge_contact(fits.motion, _until(angle, course.released, fit), task.planned.rolls, settings.verdict)
+    until_balance = _window_to_balance(angle, course.released, fit)
+    judgement = (
+        judgement or impact or judge_contact(fits.motion, until_balance, task.planned.rolls, settings.verdict)
+    )
     if vague is not None:
         return _result(task, judgement or vague, angle, course, None, ())
     ratio = _energy_ratio(fit)
@@ -123,9 +124,14 @@ def analyse_motion(motion: PlanarMotion, task: StrikeTask, settings: MotionSetti
 
 
 def verdict_of(motion: TipMotion) -> StrikeVerdict:
-    """What is said of a strike while the session goes on."""
+    """Verdict on a strike as the session reports it."""
     fit, top = motion.fit, None
-    if motion.verdict is Verdict.ROCKED_BACK and motion.angle is not None and motion.phases is not None and motion.phases.stage_one:
+    if (
+        motion.verdict is Verdict.ROCKED_BACK
+        and motion.angle is not None
+        and motion.phases is not None
+        and motion.phases.stage_one
+    ):
         top = float(np.max(motion.angle.theta[slice(*motion.phases.stage_one)]))
     return StrikeVerdict(
         strike_id=motion.strike_id,
@@ -138,62 +144,93 @@ def verdict_of(motion: TipMotion) -> StrikeVerdict:
     )
 
 
-def _unseen(task: StrikeTask) -> Judgement | None:
-    """Verdict where the images end before a tip could be seen in them: that says nothing, least of all that the object stood still."""
+def _judge_unseen(task: StrikeTask) -> Judgement | None:
+    """Verdict if the images end before a tip could show in them; it does not mean that the object stood
+    still."""
     end = task.images_end_ns
-    if end is None or (end and not task.contact_time_ns) or end >= task.contact_time_ns + _SEEN_AFTER_NS:
+    if end is None or (end and not task.contact_time_ns) or end >= task.contact_time_ns + _MIN_SEEN_NS:
         return None
     after_ms = 1e-6 * (end - task.contact_time_ns)
-    where = "it has no images" if not end else f"its images end {abs(after_ms):.0f} ms {'after' if after_ms >= 0 else 'before'} the contact"
+    side = "after" if after_ms >= 0 else "before"
+    where = "it has no images" if not end else f"its images end {abs(after_ms):.0f} ms {side} the contact"
     return Judgement(Verdict.UNREADABLE, f"{where}: the camera was lost, or came late; strike again")
 
 
 def rest_end(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
-    """Time before which frames count as rest: the contact, or the first clear motion of any marker where that comes earlier."""
+    """log_time [ns] before which frames count as rest: the contact, or the first clear motion of a marker if
+    earlier.
+
+    Args:
+        tracks: the object's markers.
+        contact_time_ns: log_time of the contact [ns], 0 if unknown.
+    """
     ends = [contact_time_ns - _REST_BEFORE_CONTACT_NS] if contact_time_ns else []
     for track in tracks:
         if len(track.time_ns) < 6:
             continue
         first = np.median(track.corners_px[:5], axis=0)
-        away = np.max(np.abs(track.corners_px - first), axis=(1, 2)) > np.maximum(_STILL_PX, 8.0 * track.corner_sd_px)
+        away = np.max(np.abs(track.corners_px - first), axis=(1, 2)) > np.maximum(
+            _STILL_PX, 8.0 * track.corner_sd_px
+        )
         moving = away[:-1] & away[1:]
         if np.any(moving):
             ends.append(int(track.time_ns[max(int(np.argmax(moving)) - 1, 1)]))
-    return min(ends, default=max((int(track.time_ns[-1]) + 1 for track in tracks if len(track.time_ns)), default=0))
+    return min(
+        ends, default=max((int(track.time_ns[-1]) + 1 for track in tracks if len(track.time_ns)), default=0)
+    )
 
 
-def _unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
-    """Verdict where theta(t) could not be fitted."""
+def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
+    """Verdict if theta(t) could not be fitted."""
     if course.came_back and course.top is not None:
         top = math.degrees(float(angle.theta[course.top]))
-        return Judgement(Verdict.ROCKED_BACK, f"rocked back from {top:.1f} deg, too small a turn to be fitted: strike harder")
+        return Judgement(
+            Verdict.ROCKED_BACK,
+            f"rocked back from {top:.1f} deg, too small a turn to be fitted: strike harder",
+        )
     return Judgement(Verdict.UNREADABLE, reason)
 
 
-def _until(angle: TipAngle, released: int, fit: MotionFit) -> tuple[int, int]:
-    """From release to 5 deg past the balance point, within the fitted window: what happens later no longer bears on phi."""
+def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[int, int]:
+    """Frames from release to 5 deg past the balance point within the fitted window; later motion does not
+    affect phi."""
     last = fit.window[1]
     past = np.flatnonzero(angle.theta[released:last] > fit.phi + 0.09)
     return released, (released + int(past[0]) if len(past) else last)
 
 
-def _alternatives(angle: TipAngle, course: Course, fit: MotionFit, settings: MotionSettings) -> tuple[MotionFit, ...]:
+def _alternatives(
+    angle: TipAngle, course: Course, fit: MotionFit, settings: MotionSettings
+) -> tuple[MotionFit, ...]:
+    """Fits by the paper's estimator, for comparison."""
     if course.moved is None:
         return ()
     try:
-        return (sign_change(angle, (course.moved, fit.window[1]), _points(angle, settings.smoothing_points), fit),)
+        return (
+            sign_change(
+                angle, (course.moved, fit.window[1]), _smoothing_points(angle, settings.smoothing_points), fit
+            ),
+        )
     except EstimationError:
         return ()
 
 
-def _points(angle: TipAngle, usual: int) -> int:
-    """As long a smoothing where frames come faster than the usual 120 a second: differentiated twice, noise goes with the rate squared."""
+def _smoothing_points(angle: TipAngle, usual: int) -> int:
+    """Number of frames smoothed over, for the same time at frame rates above 180 Hz as at the usual 120 Hz.
+
+    The noise of a second derivative grows with the square of the frame rate.
+    """
     frame_ns = float(np.median(np.diff(angle.time_ns)))
-    return usual if frame_ns > _FAST_NS else 2 * round(usual * 1e9 / 120 / frame_ns / 2) + 1
+    return usual if frame_ns > _FAST_FRAME_NS else 2 * round(usual * 1e9 / 120 / frame_ns / 2) + 1
 
 
 def _result(
-    task: StrikeTask, judgement: Judgement, angle: TipAngle, course: Course, fit: MotionFit | None, alternatives: tuple[MotionFit, ...]
+    task: StrikeTask,
+    judgement: Judgement,
+    angle: TipAngle,
+    course: Course,
+    fit: MotionFit | None,
+    alternatives: tuple[MotionFit, ...],
 ) -> TipMotion:
     return TipMotion(
         strike_id=task.strike_id,
@@ -209,8 +246,14 @@ def _result(
 
 
 def _energy_ratio(fit: MotionFit) -> float:
-    return fit.rolling.energy_ratio if fit.rolling else energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
+    return (
+        fit.rolling.energy_ratio
+        if fit.rolling
+        else energy_ratio(fit.phi, fit.k or 1.0, fit.theta0, fit.omega0)
+    )
 
 
 def _without_motion(task: StrikeTask, judgement: Judgement) -> TipMotion:
-    return TipMotion(task.strike_id, task.planned.id, judgement.code, judgement.reason, None, None, None, (), None)
+    return TipMotion(
+        task.strike_id, task.planned.id, judgement.code, judgement.reason, None, None, None, (), None
+    )

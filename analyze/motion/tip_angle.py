@@ -88,7 +88,11 @@ class _Views:
 
 
 def tip_angle(
-    tracks: Sequence[MarkerTrack], markers: Sequence[Marker], camera: CameraModel, placement: Placement, rest_end_ns: int
+    tracks: Sequence[MarkerTrack],
+    markers: Sequence[Marker],
+    camera: CameraModel,
+    placement: Placement,
+    rest_end_ns: int,
 ) -> PlanarMotion:
     """Tipping angle since rest about the pivot axis (W's y, its small yaw fitted).
 
@@ -103,13 +107,20 @@ def tip_angle(
         TrackingError: there is no track, or the object is not seen at rest before the strike.
     """
     if not tracks:
-        raise TrackingError("no marker was followed in this window: check light, focus and the plan's visible_markers")
+        raise TrackingError(
+            "no marker was followed in this window: check light, focus and the plan's visible_markers"
+        )
     by_id = {marker.id: marker for marker in markers}
     views, pivot = _collect(tracks, by_id, camera, placement, rest_end_ns)
     R_camera_world, t_camera_world = world_to_camera(camera)
     yaw = 0.0
     best = _solve(views, pivot, yaw, camera, R_camera_world, t_camera_world)
-    costs = np.array([_cost(_solve(views, pivot, y, camera, R_camera_world, t_camera_world), y) for y in (-_YAW_SD, 0.0, _YAW_SD)])
+    costs = np.array(
+        [
+            _cost(_solve(views, pivot, y, camera, R_camera_world, t_camera_world), y)
+            for y in (-_YAW_SD, 0.0, _YAW_SD)
+        ]
+    )
     curvature = costs[0] - 2 * costs[1] + costs[2]
     if curvature > 0:
         yaw = float(np.clip(0.5 * (costs[0] - costs[2]) / curvature, -3.0, 3.0)) * _YAW_SD
@@ -120,7 +131,11 @@ def tip_angle(
     off_axis_sd = np.sqrt(full.covariance[:, 3, 3] + full.covariance[:, 4, 4]) * _scale(full)
     turned_aside = full.x[:, 3:5] - full.x[at_rest, 3:5].mean(axis=0)
     # A body that wobbles is no planar motion: forcing it into one shifts theta by a part of the wobble.
-    chosen = full if np.median(chi2) > _PLANAR_MISFIT and np.median(full.chi2 / full.freedom) < 0.5 * np.median(chi2) else best
+    chosen = (
+        full
+        if np.median(chi2) > _PLANAR_MISFIT and np.median(full.chi2 / full.freedom) < 0.5 * np.median(chi2)
+        else best
+    )
     relative = chosen.chi2 / np.maximum(chosen.freedom, 1)
     bad = np.sqrt(np.maximum(1.0, relative / max(1.0, 9.0 * float(np.median(relative)))))
     single = np.sqrt(chosen.covariance[:, 0, 0])
@@ -134,11 +149,17 @@ def tip_angle(
         slip=motion[:, 1] - placement.radius * motion[:, 0],
         zero_sd=_zero_sd(random[at_rest], single[at_rest], _scale(chosen), views.sd[at_rest].min(axis=1)),
     )
-    position_sd = np.sqrt(0.5 * (chosen.covariance[:, 1, 1] + chosen.covariance[:, 2, 2])) * _scale(chosen) * bad
+    position_sd = (
+        np.sqrt(0.5 * (chosen.covariance[:, 1, 1] + chosen.covariance[:, 2, 2])) * _scale(chosen) * bad
+    )
     # Slip is x less what rolling makes of theta.
     to_slip = np.array([[1.0, 0.0, 0.0], [-placement.radius, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    covariance = to_slip @ chosen.covariance[:, :3, :3] @ to_slip.T * (random / single * bad)[:, None, None] ** 2
-    return PlanarMotion(angle, motion[:, 2], position_sd, chi2, off_axis_sd, yaw, int(np.count_nonzero(at_rest)), covariance)
+    covariance = (
+        to_slip @ chosen.covariance[:, :3, :3] @ to_slip.T * (random / single * bad)[:, None, None] ** 2
+    )
+    return PlanarMotion(
+        angle, motion[:, 2], position_sd, chi2, off_axis_sd, yaw, int(np.count_nonzero(at_rest)), covariance
+    )
 
 
 def _random_scale(theta: Array, sd: Array) -> float:
@@ -179,11 +200,21 @@ def _scale(solution: _Solution) -> float:
 
 
 def _collect(
-    tracks: Sequence[MarkerTrack], by_id: dict[int | str, Marker], camera: CameraModel, placement: Placement, rest_end_ns: int
+    tracks: Sequence[MarkerTrack],
+    by_id: dict[int | str, Marker],
+    camera: CameraModel,
+    placement: Placement,
+    rest_end_ns: int,
 ) -> tuple[_Views, Array]:
-    rested = [track for track in tracks if np.count_nonzero(track.time_ns < rest_end_ns) >= 3 and track.marker_id in by_id]
+    rested = [
+        track
+        for track in tracks
+        if np.count_nonzero(track.time_ns < rest_end_ns) >= 3 and track.marker_id in by_id
+    ]
     if not rested:
-        raise TrackingError("no marker lies still in view before the strike: start earlier, the camera on a stand, and check the light")
+        raise TrackingError(
+            "no marker lies still in view before the strike: start earlier, the camera on a stand, and check the light"
+        )
     time_ns = np.unique(np.concatenate([track.time_ns for track in rested]))
     n, m = len(time_ns), len(rested)
     ideal = np.zeros((n, m, 4, 2))
@@ -206,7 +237,9 @@ def _collect(
         turned = Rotation.from_matrix(R_world_camera @ track.R_camera_marker @ R_world_marker.T).as_rotvec()
         theta[index, j] = turned[:, 1]
         if marker.T_object_marker is not None:
-            lever = marker.T_object_marker[:3, :3].T @ (placement.p_object_pivot - marker.T_object_marker[:3, 3])
+            lever = marker.T_object_marker[:3, :3].T @ (
+                placement.p_object_pivot - marker.T_object_marker[:3, 3]
+            )
             pivots.append(R_world_marker @ lever + p_world_marker)
     nominal = placement.R_world_object @ placement.p_object_pivot + placement.p_world_object
     pivot = np.mean(pivots, axis=0) if pivots else nominal
@@ -236,7 +269,9 @@ def _turn(points: Array, axis: Array, theta: Array) -> Array:
     return points * cos + np.cross(axis, points) * sin + (points @ axis)[..., None] * axis * (1.0 - cos)
 
 
-def _solve(views: _Views, pivot: Array, yaw: float, camera: CameraModel, R_camera_world: Array, t_camera_world: Array) -> _Solution:
+def _solve(
+    views: _Views, pivot: Array, yaw: float, camera: CameraModel, R_camera_world: Array, t_camera_world: Array
+) -> _Solution:
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])
@@ -254,18 +289,29 @@ def _solve(views: _Views, pivot: Array, yaw: float, camera: CameraModel, R_camer
         residual = (views.ideal - project_ideal(camera, in_camera)).reshape(n, -1) * weight
         by_point = project_jacobian(camera, in_camera) @ R_camera_world
         by_theta = (by_point @ np.cross(axis, turned)[..., None])[..., 0]
-        J = np.stack([by_theta, by_point @ along, by_point @ up], axis=-1).reshape(n, -1, 3) * weight[..., None]
+        J = (
+            np.stack([by_theta, by_point @ along, by_point @ up], axis=-1).reshape(n, -1, 3)
+            * weight[..., None]
+        )
         normal = J.transpose(0, 2, 1) @ J
         step = np.linalg.solve(normal, (J.transpose(0, 2, 1) @ residual[..., None]))[..., 0]
         x += step
         if float(np.max(np.abs(step))) < 1e-7:
             break
     freedom = np.count_nonzero(weight > 0, axis=1) - 3
-    return _Solution(x, np.asarray(np.linalg.inv(normal), dtype=np.float64), np.sum(residual**2, axis=1), freedom)
+    return _Solution(
+        x, np.asarray(np.linalg.inv(normal), dtype=np.float64), np.sum(residual**2, axis=1), freedom
+    )
 
 
 def _solve_full(
-    views: _Views, pivot: Array, yaw: float, camera: CameraModel, planar: Array, R_camera_world: Array, t_camera_world: Array
+    views: _Views,
+    pivot: Array,
+    yaw: float,
+    camera: CameraModel,
+    planar: Array,
+    R_camera_world: Array,
+    t_camera_world: Array,
 ) -> _Solution:
     """Six parameters per frame, starting at the planar fit: also rotation about W's z and x, and displacement along the axis."""
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
@@ -285,9 +331,16 @@ def _solve_full(
         in_camera = (arm + pivot + shift[:, None, None, :]) @ R_camera_world.T + t_camera_world
         residual = (views.ideal - project_ideal(camera, in_camera)).reshape(n, -1) * weight
         by_point = project_jacobian(camera, in_camera) @ R_camera_world
-        columns = [(by_point @ np.cross(direction, arm)[..., None])[..., 0] for direction in (axis, up, along)]
+        columns = [
+            (by_point @ np.cross(direction, arm)[..., None])[..., 0] for direction in (axis, up, along)
+        ]
         shifts = [by_point @ direction for direction in (along, up, axis)]
-        J = np.stack([columns[0], shifts[0], shifts[1], columns[1], columns[2], shifts[2]], axis=-1).reshape(n, -1, 6) * weight[..., None]
+        J = (
+            np.stack([columns[0], shifts[0], shifts[1], columns[1], columns[2], shifts[2]], axis=-1).reshape(
+                n, -1, 6
+            )
+            * weight[..., None]
+        )
         normal = J.transpose(0, 2, 1) @ J + np.diag(prior)
         gradient = (J.transpose(0, 2, 1) @ residual[..., None])[..., 0] - prior * x
         x += np.linalg.solve(normal, gradient[..., None])[..., 0]

@@ -11,7 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion
+from analyze.motion.settings import MotionSettings
+from analyze.motion.strike import analyse_motion
+from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.types import TipAngle, TipMotion
 from schemas.result import Verdict
@@ -21,7 +23,18 @@ from tests.analyze.motion.tipping import planned
 T0 = 10**18
 LEVER = 0.1
 """m, from the edge to the marker: an error of the angle moves the edge's place by so much"""
-KINDS = ("good", "rocked back", "slid", "airborne", "struck twice", "twisted", "rolled", "marker lost", "not moved", "outside the window")
+KINDS = (
+    "good",
+    "rocked back",
+    "slid",
+    "airborne",
+    "struck twice",
+    "twisted",
+    "rolled",
+    "marker lost",
+    "not moved",
+    "outside the window",
+)
 EXPECTED = {
     "good": {Verdict.GOOD},
     "rocked back": {Verdict.ROCKED_BACK},
@@ -75,7 +88,12 @@ def holding_height(body: Body) -> float:
 
 
 def seen(
-    course: Course, body: Body, rng: np.random.Generator, noise: float, rolls: bool = False, contact_known: bool = True
+    course: Course,
+    body: Body,
+    rng: np.random.Generator,
+    noise: float,
+    rolls: bool = False,
+    contact_known: bool = True,
 ) -> tuple[PlanarMotion, StrikeTask]:
     """Noise on every frame: of the angle, and what that does to the edge's place at a marker LEVER above it."""
     n = len(course.time)
@@ -92,12 +110,23 @@ def seen(
     )
     # The zero is the mean of the resting frames, as tip_angle takes it.
     rest = course.time < 0
-    angle = replace(angle, theta=angle.theta - angle.theta[rest].mean(), slip=angle.slip - angle.slip[rest].mean())
+    angle = replace(
+        angle, theta=angle.theta - angle.theta[rest].mean(), slip=angle.slip - angle.slip[rest].mean()
+    )
     lift = course.lift + LEVER * error * np.sin(course.theta) + rng.normal(0, 1e-5, n)
-    by_error = noise * np.stack([np.ones(n), -LEVER * np.cos(course.theta), LEVER * np.sin(course.theta)], axis=-1)
+    by_error = noise * np.stack(
+        [np.ones(n), -LEVER * np.cos(course.theta), LEVER * np.sin(course.theta)], axis=-1
+    )
     covariance = by_error[:, :, None] * by_error[:, None, :] + np.diag([0.0, 1e-10, 1e-10])
     motion = PlanarMotion(
-        angle, lift - lift[rest].mean(), np.full(n, place), np.ones(n), np.full(n, 2 * noise), 0.0, int(rest.sum()), covariance
+        angle,
+        lift - lift[rest].mean(),
+        np.full(n, place),
+        np.ones(n),
+        np.full(n, 2 * noise),
+        0.0,
+        int(rest.sum()),
+        covariance,
     )
     off = math.radians(rng.normal(0, 3))
     plan = planned(body.rho, body.phi + off, rolls)
@@ -128,7 +157,14 @@ def _drawn(kind: str, rng: np.random.Generator, noise: float | None) -> Strike |
     pushes = [push_for(body, energy, min(height, 0.98 * body.height))]
     if kind == "struck twice":
         first = pushes[0]
-        pushes.append(Push(first.impulse * rng.uniform(0.15, 0.5), first.height, first.seconds, at=rng.uniform(0.065, 0.12)))
+        pushes.append(
+            Push(
+                first.impulse * rng.uniform(0.15, 0.5),
+                first.height,
+                first.seconds,
+                at=rng.uniform(0.065, 0.12),
+            )
+        )
     course = simulate(body, pushes, phase=rng.uniform(0, 1))
     if not _is(kind, course, body):
         return None
@@ -139,7 +175,9 @@ def _drawn(kind: str, rng: np.random.Generator, noise: float | None) -> Strike |
         before = course.theta < body.phi + math.radians(4)
         if turn[before & (course.time > 0)].max(initial=0.0) < math.radians(7):
             return None
-        motion = replace(motion, angle=replace(motion.angle, off_axis=np.abs(turn + rng.normal(0, 2 * noise, n))))
+        motion = replace(
+            motion, angle=replace(motion.angle, off_axis=np.abs(turn + rng.normal(0, 2 * noise, n)))
+        )
     if kind == "marker lost":
         first = int(np.searchsorted(course.time, rng.uniform(0.02, 0.15)))
         if course.theta[first] > body.phi + math.radians(15):
@@ -158,7 +196,9 @@ def draw_free(rng: np.random.Generator, slides: bool) -> Strike:
         body = draw_body(rng)
         noise, energy = math.radians(0.05 * 10 ** rng.uniform(0, 1)), rng.uniform(0.8, 3.0)
         height = holding_height(body) * (rng.uniform(0.6, 0.9) if slides else rng.uniform(0.92, 1.02))
-        course = simulate(body, [push_for(body, energy, min(height, 0.98 * body.height))], phase=rng.uniform(0, 1))
+        course = simulate(
+            body, [push_for(body, energy, min(height, 0.98 * body.height))], phase=rng.uniform(0, 1)
+        )
         held = course.slid < 1e-4 if not slides else 2e-4 < course.slid < 6e-3
         if held and course.flown < 1e-4 and float(course.theta.max()) > 0.3 * body.phi:
             return Strike("free", body, course, *seen(course, body, rng, noise), noise, energy)
@@ -182,7 +222,14 @@ def _is(kind: str, course: Course, body: Body) -> bool:
 
 def _without(motion: PlanarMotion, kept: np.ndarray) -> PlanarMotion:
     angle = motion.angle
-    cut = TipAngle(angle.time_ns[kept], angle.theta[kept], angle.sd[kept], angle.off_axis[kept], angle.slip[kept], angle.zero_sd)
+    cut = TipAngle(
+        angle.time_ns[kept],
+        angle.theta[kept],
+        angle.sd[kept],
+        angle.off_axis[kept],
+        angle.slip[kept],
+        angle.zero_sd,
+    )
     return replace(
         motion,
         angle=cut,

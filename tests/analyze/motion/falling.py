@@ -45,7 +45,9 @@ class Drop:
     seed: int = 0
 
 
-CAMERA = CameraModel(1080, 1920, np.array([[1500.0, 0, 539.5], [0, 1500, 959.5], [0, 0, 1]]), np.zeros(5), np.eye(4))
+CAMERA = CameraModel(
+    1080, 1920, np.array([[1500.0, 0, 539.5], [0, 1500, 959.5], [0, 0, 1]]), np.zeros(5), np.eye(4)
+)
 
 
 def pose(drop: Drop, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -54,9 +56,16 @@ def pose(drop: Drop, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     start = np.array([0.02, -drop.fall / 2, drop.distance])
     till = float(max(time.max(), 0.0)) + 0.01
     flight = solve_ivp(
-        lambda _, s: [s[1], GRAVITY - drop.drag * s[1] * abs(s[1])], (0, till), [0, 0], rtol=1e-10, atol=1e-12, dense_output=True
+        lambda _, s: [s[1], GRAVITY - drop.drag * s[1] * abs(s[1])],
+        (0, till),
+        [0, 0],
+        rtol=1e-10,
+        atol=1e-12,
+        dense_output=True,
     )
-    landed = brentq(lambda t: flight.sol(t)[0] - drop.fall, 0, till) if flight.sol(till)[0] > drop.fall else np.inf
+    landed = (
+        brentq(lambda t: flight.sol(t)[0] - drop.fall, 0, till) if flight.sol(till)[0] > drop.fall else np.inf
+    )
     s = np.zeros_like(time)
     turned = np.clip(time, 0, None)
     falling = (time > 0) & (time <= landed)
@@ -67,9 +76,14 @@ def pose(drop: Drop, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         u = time[after] - landed
         up = 0.35 * flight.sol(landed)[1]
         air = 2 * up / GRAVITY
-        s[after] = drop.fall - np.where(u < air, up * u - GRAVITY * u**2 / 2, 0.0) if drop.bounces else drop.fall
+        s[after] = (
+            drop.fall - np.where(u < air, up * u - GRAVITY * u**2 / 2, 0.0) if drop.bounces else drop.fall
+        )
         turned[after] = landed
-    R = (Rotation.from_rotvec(turned[:, None] * np.array(drop.spin)) * Rotation.from_euler("xyz", [np.pi + 0.25, 0.2, 0.1])).as_matrix()
+    R = (
+        Rotation.from_rotvec(turned[:, None] * np.array(drop.spin))
+        * Rotation.from_euler("xyz", [np.pi + 0.25, 0.2, 0.1])
+    ).as_matrix()
     com = start + s[:, None] * down
     return R, com + R @ np.array(drop.arm)
 
@@ -79,7 +93,9 @@ def corners_px(drop: Drop, time: np.ndarray) -> np.ndarray:
     points, K = marker_corners(drop.size), CAMERA.K
     seen = np.zeros((len(time), 4, 2))
     for _ in range(4 if drop.line_time else 1):
-        late = time + drop.line_time * (seen.mean(axis=1)[:, 1] - CAMERA.height / 2) if drop.line_time else time
+        late = (
+            time + drop.line_time * (seen.mean(axis=1)[:, 1] - CAMERA.height / 2) if drop.line_time else time
+        )
         R, p = pose(drop, late)
         image = (points @ R.transpose(0, 2, 1) + p[:, None]) @ K.T
         seen = image[..., :2] / image[..., 2:]

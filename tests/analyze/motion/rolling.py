@@ -15,8 +15,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from analyze.motion.flank import Flank, from_outline
-from analyze.motion.strike import StrikeTask
+from analyze.motion.support_function import SupportFunction, from_outline
+from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.types import TipAngle
 from tests.analyze.motion.tipping import planned
@@ -75,7 +75,9 @@ class RollingBody:
         """(n, 2) m: what a mesh has of it."""
         t = np.linspace(0, math.pi / 2, facets + 1)
         arc = np.stack([self.a * np.sin(t), -self.b * np.cos(t)], axis=-1)
-        return np.vstack([[-self.back, -self.b], arc, [self.a, self.top - self.b], [-self.back, self.top - self.b]])
+        return np.vstack(
+            [[-self.back, -self.b], arc, [self.a, self.top - self.b], [-self.back, self.top - self.b]]
+        )
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,9 @@ def roll_on(body: RollingBody, time: np.ndarray, theta0: float, omega0: float) -
     def rate(_: float, y: np.ndarray) -> list[float]:
         return [y[1], forces(*y)[0]]
 
-    out = solve_ivp(rate, (time[0], time[-1]), [theta0, omega0], t_eval=time, rtol=1e-10, atol=1e-12, method="DOP853")
+    out = solve_ivp(
+        rate, (time[0], time[-1]), [theta0, omega0], t_eval=time, rtol=1e-10, atol=1e-12, method="DOP853"
+    )
     along = np.array([forces(*y) for y in out.y.T])
     return Rolled(out.y[0], float(np.max(np.abs(along[:, 1] / along[:, 2]))), float(np.min(along[:, 2])) / G)
 
@@ -131,23 +135,42 @@ class SeenRoll:
         scale = np.array([1e-2, 1e-2, 1e-3, 0.02, 0.2])
 
         def body_at(x: np.ndarray) -> RollingBody:
-            return replace(self.body, com=(self.body.com[0] + x[0], self.body.com[1] + x[1]), inertia=self.body.inertia + x[2])
+            return replace(
+                self.body,
+                com=(self.body.com[0] + x[0], self.body.com[1] + x[1]),
+                inertia=self.body.inertia + x[2],
+            )
 
         def theta_at(x: np.ndarray) -> np.ndarray:
             return roll_on(body_at(x), self.time, float(self.clean[0]) + x[3], self.omega0 + x[4]).theta
 
         def wanted(x: np.ndarray) -> np.ndarray:
             body = body_at(x)
-            return np.array([body.phi, body.k / self.body.k, *body.com, math.log(body.inertia + float(np.hypot(*body.com)) ** 2)])
+            return np.array(
+                [
+                    body.phi,
+                    body.k / self.body.k,
+                    *body.com,
+                    math.log(body.inertia + float(np.hypot(*body.com)) ** 2),
+                ]
+            )
 
-        both = [[(f(e * h) - f(-e * h)) / (2 * h) for e, h in zip(np.eye(5), steps, strict=True)] for f in (theta_at, wanted)]
+        both = [
+            [(f(e * h) - f(-e * h)) / (2 * h) for e, h in zip(np.eye(5), steps, strict=True)]
+            for f in (theta_at, wanted)
+        ]
         rows, by = (np.array(each).T * scale for each in both)
-        information = rows.T @ rows / self.noise**2 + by[2:].T @ np.diag([com_sd**-2, com_sd**-2, inertia_sd**-2]) @ by[2:]
+        information = (
+            rows.T @ rows / self.noise**2
+            + by[2:].T @ np.diag([com_sd**-2, com_sd**-2, inertia_sd**-2]) @ by[2:]
+        )
         covariance = by @ np.linalg.inv(information) @ by.T
         return math.sqrt(covariance[0, 0]), math.sqrt(covariance[1, 1])
 
 
-def seen_roll(body: RollingBody, energy: float, noise: float, rng: np.random.Generator, rate: float = 120.0) -> SeenRoll | None:
+def seen_roll(
+    body: RollingBody, energy: float, noise: float, rng: np.random.Generator, rate: float = 120.0
+) -> SeenRoll | None:
     """A strike at `energy`; None where it would slide (friction above 0.8) or lift."""
     time = rng.uniform(2.0, 3.0) / rate + np.arange(round(1.2 * rate)) / rate
     fine = roll_on(body, np.concatenate([[0.0], time]), 0.0, body.omega_for(energy))
@@ -183,7 +206,7 @@ def draw_rolling(rng: np.random.Generator, a: float, b: float) -> RollingBody:
             return RollingBody(a, b, com, rng.uniform(0.25, 0.5) * R * R + 0.2 * radius**2, top, back)
 
 
-def section_of_body(body: RollingBody, facets: int = 24) -> Flank:
+def section_of_body(body: RollingBody, facets: int = 24) -> SupportFunction:
     """As a mesh has it, about the ellipse's centre."""
     return from_outline(body.outline(facets), np.zeros(2))
 
@@ -196,15 +219,21 @@ def as_tracked(
     time = (np.arange(round(1.45 * rate)) - round(0.25 * rate) + 0.3) / rate
     after = time > 0
     moved = roll_on(body, np.concatenate([[0.0], time[after]]), 0.0, body.omega_for(energy)).theta[1:]
-    stopped = (moved > math.radians(80)) | (np.minimum.accumulate(np.where(np.arange(len(moved)) > 3, moved, 1.0)) < 0)
+    stopped = (moved > math.radians(80)) | (
+        np.minimum.accumulate(np.where(np.arange(len(moved)) > 3, moved, 1.0)) < 0
+    )
     first = int(np.argmax(stopped)) if stopped.any() else len(moved)
     theta = np.zeros_like(time)
-    theta[after] = np.where(np.arange(len(moved)) < first, moved, np.clip(moved[min(first, len(moved) - 1)], 0.0, None))
+    theta[after] = np.where(
+        np.arange(len(moved)) < first, moved, np.clip(moved[min(first, len(moved) - 1)], 0.0, None)
+    )
     centre = replace(body, com=(0.0, 0.0))
     fine = np.linspace(0.0, max(float(theta.max()), 0.01), 2000)
     touching = np.array([centre.touching(each) for each in fine])
     travel = np.concatenate([[0.0], np.cumsum(0.5 * (touching[1:, 2] + touching[:-1, 2]) * np.diff(fine))])
-    slip = np.interp(theta, fine, travel - touching[:, 0] + touching[0, 0]) + slide * np.clip(time / 0.2, 0.0, 1.0)
+    slip = np.interp(theta, fine, travel - touching[:, 0] + touching[0, 0]) + slide * np.clip(
+        time / 0.2, 0.0, 1.0
+    )
     lift = np.interp(theta, fine, touching[0, 1] - touching[:, 1])
     n = len(time)
     angle = TipAngle(
@@ -218,7 +247,14 @@ def as_tracked(
     angle = replace(angle, theta=angle.theta - angle.theta[~after].mean())
     covariance = np.broadcast_to(np.diag([noise**2, 4e-10, 4e-10]), (n, 3, 3)).copy()
     motion = PlanarMotion(
-        angle, lift + rng.normal(0, 2e-5, n), np.full(n, 2e-5), np.ones(n), np.full(n, noise), 0.0, int(np.sum(~after)), covariance
+        angle,
+        lift + rng.normal(0, 2e-5, n),
+        np.full(n, 2e-5),
+        np.ones(n),
+        np.full(n, noise),
+        0.0,
+        int(np.sum(~after)),
+        covariance,
     )
     plan = planned(0.0, body.phi + math.radians(float(rng.normal(0, 2))), rolls=True)
     return motion, StrikeTask("s1.1", plan, 10**18, None, section_of_body(body))

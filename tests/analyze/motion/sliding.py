@@ -75,7 +75,12 @@ def push_for(body: Body, energy: float, height: float | None = None) -> Push:
 
 
 def simulate(
-    body: Body, pushes: list[Push], rate: float = 120.0, seconds: float = 1.2, phase: float = 0.3, land: float = math.pi / 2
+    body: Body,
+    pushes: list[Push],
+    rate: float = 120.0,
+    seconds: float = 1.2,
+    phase: float = 0.3,
+    land: float = math.pi / 2,
 ) -> Course:
     """Integrate until it lies at `land`, or `seconds` have passed; frames start 0.25 s before the push."""
     x, z, th, vx, vz, om = 0.0, body.rho, 0.0, 0.0, 0.0, 0.0
@@ -93,11 +98,15 @@ def simulate(
         if t <= pushed:
             force = sum(_force(push, t) for push in pushes)
             height = next((push.height for push in pushes if push.at <= t <= push.at + push.seconds), 0.0)
-        acceleration = _acceleration(body, (x, z, th, vx, vz, om), force, height, contact=contact, stick=stick)
+        acceleration = _acceleration(
+            body, (x, z, th, vx, vz, om), force, height, contact=contact, stick=stick
+        )
         ax, az, alpha, normal, stick = acceleration
         if contact and normal < 0:
             contact, stick = False, False
-            ax, az, alpha, normal, stick = _acceleration(body, (x, z, th, vx, vz, om), force, height, contact=False, stick=False)
+            ax, az, alpha, normal, stick = _acceleration(
+                body, (x, z, th, vx, vz, om), force, height, contact=False, stick=False
+            )
         relative = vx - body.rho * om
         vx, vz, om = vx + STEP * ax, vz + STEP * az, om + STEP * alpha
         if contact:
@@ -128,12 +137,18 @@ def simulate(
     first = int(np.argmax(~near)) if np.any(~near) else len(near)
     slid = float(np.max(np.abs(table[:first, 2]), initial=0.0))
     flown = float(np.max(table[:first, 3], initial=0.0))
-    return Course(frames, seen[:, 0], seen[:, 1], seen[:, 2], slid, flown, bool(np.max(table[:, 1]) > body.phi + 0.3))
+    return Course(
+        frames, seen[:, 0], seen[:, 1], seen[:, 2], slid, flown, bool(np.max(table[:, 1]) > body.phi + 0.3)
+    )
 
 
 def _force(push: Push, t: float) -> float:
     inside = 0.0 <= t - push.at <= push.seconds
-    return push.impulse * math.pi / (2 * push.seconds) * math.sin(math.pi * (t - push.at) / push.seconds) if inside else 0.0
+    return (
+        push.impulse * math.pi / (2 * push.seconds) * math.sin(math.pi * (t - push.at) / push.seconds)
+        if inside
+        else 0.0
+    )
 
 
 def _acceleration(
@@ -161,7 +176,12 @@ def _acceleration(
             alpha = right / lead
             if at_rest_on_face and alpha < 0:
                 alpha = 0.0
-            return body.rho * alpha, alpha, G + s * alpha - c * om * om, (c + body.rho) * alpha + s * om * om - force
+            return (
+                body.rho * alpha,
+                alpha,
+                G + s * alpha - c * om * om,
+                (c + body.rho) * alpha + s * om * om - force,
+            )
         # F = -mu sign N
         mu = -friction * sign
         lead = body.inertia + (c + body.rho) * mu * s + s * s
@@ -196,7 +216,12 @@ def _impact(body: Body, th: float, vx: float, vz: float, om: float) -> tuple[flo
         return vx + p - c * d_om, vz + n - s * d_om, om + d_om
 
     # vz_after = vz + N - s d_om = 0 and vx_after - rho om_after = 0
-    matrix = np.array([[arm * s / body.inertia, 1 + s * s / body.inertia], [1 + arm * arm / body.inertia, arm * s / body.inertia]])
+    matrix = np.array(
+        [
+            [arm * s / body.inertia, 1 + s * s / body.inertia],
+            [1 + arm * arm / body.inertia, arm * s / body.inertia],
+        ]
+    )
     p, n = np.linalg.solve(matrix, [-vz, -(vx - body.rho * om)])
     if abs(p) > body.friction * n:
         sign = -math.copysign(1.0, vx - body.rho * om)

@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 from analyze.motion.balance_fit import moment_balance
 from analyze.motion.edge_motion import edge_motion
 from analyze.motion.pivot_fit import pivot_fit
-from analyze.motion.strike import MotionSettings, analyse_motion
+from analyze.motion.settings import MotionSettings
+from analyze.motion.strike import analyse_motion
 from schemas.result import Verdict
 from tests.analyze.motion.drawn_strikes import EXPECTED, KINDS, draw, seen
 from tests.analyze.motion.sliding import Body, Course, push_for, simulate
@@ -24,7 +25,9 @@ NOISE = math.radians(0.02)
 def test_a_strike_is_called_what_it_was(kind):
     rng = np.random.default_rng([3, KINDS.index(kind)])
     called = [draw(kind, rng).analysed() for _ in range(3)]
-    assert all(found.verdict in EXPECTED[kind] for found in called), [(found.verdict, found.reason) for found in called]
+    assert all(found.verdict in EXPECTED[kind] for found in called), [
+        (found.verdict, found.reason) for found in called
+    ]
     assert all(found.reason for found in called)
 
 
@@ -51,7 +54,9 @@ def errors(friction, energy, height, repeats=6):
         window = (33, int(np.argmax(course.theta > body.phi + math.radians(25))))
         hinge = pivot_fit(motion.angle, window)
         balance = moment_balance(edge_motion(motion, window).motion, window, body.rho)
-        found.append((hinge.phi - body.phi, balance.phi - body.phi, hinge.k / body.k - 1, balance.k / body.k - 1))
+        found.append(
+            (hinge.phi - body.phi, balance.phi - body.phi, hinge.k / body.k - 1, balance.k / body.k - 1)
+        )
     return np.median(np.abs(found), axis=0)
 
 
@@ -59,7 +64,9 @@ def test_where_the_edge_slides_the_balance_is_right_and_the_hinge_is_not():
     phi_hinge, phi_balance, k_hinge, k_balance = errors(0.5, 2.0, 0.5)
     assert phi_hinge > 3 * phi_balance
     assert phi_balance < math.radians(0.03)
-    assert k_hinge > 2 * k_balance  # its own k is 0.2 to 0.35 % small after a slide of 10 mm, with a sharp edge too
+    assert (
+        k_hinge > 2 * k_balance
+    )  # its own k is 0.2 to 0.35 % small after a slide of 10 mm, with a sharp edge too
     assert k_balance < 0.01
 
 
@@ -98,7 +105,9 @@ def over_a_bevel(course: Course, body: Body, at: float, bevel: float) -> Course:
         return [state[1], 9.81 * far * math.sin(lean) / (body.inertia + far * far)]
 
     later = np.flatnonzero((course.time > start) & (np.arange(len(theta)) >= met))
-    found = solve_ivp(pendulum, (start, course.time[-1]), [at, speed], t_eval=course.time[later], rtol=1e-8).y[0]
+    found = solve_ivp(
+        pendulum, (start, course.time[-1]), [at, speed], t_eval=course.time[later], rtol=1e-8
+    ).y[0]
     theta[later] = np.minimum(found, 0.5 * math.pi)
     slip[later] += bevel * (1.0 - np.cos(theta[later] - at))
     lift[later] += bevel * np.sin(theta[later] - at)
@@ -106,7 +115,8 @@ def over_a_bevel(course: Course, body: Body, at: float, bevel: float) -> Course:
 
 
 @pytest.mark.parametrize(
-    ("body", "past"), [(Body(phi=0.6, friction=0.7), 12.0), (Body(0.053, 0.61, 0.0009, friction=0.7, height=0.12), 8.0)]
+    ("body", "past"),
+    [(Body(phi=0.6, friction=0.7), 12.0), (Body(0.053, 0.61, 0.0009, friction=0.7, height=0.12), 8.0)],
 )
 def test_a_body_that_goes_over_to_its_next_edge_is_fitted_until_there(body, past):
     """It speeds up there, which was taken for a second blow: phi was 6 degrees off, and the strike was left out."""

@@ -13,11 +13,22 @@ from analyze.tracking.pose import position_covariance
 from tests.analyze.motion.falling import CAMERA, GRAVITY, Drop, moved, track
 
 DROP = Drop(fall=0.5, bounces=False, held_s=0.25)
-FILM = Film(size=0.04, size_sd=1e-4, gravity=GRAVITY, gravity_sd=0.02, mass=0.1, line_time=0.0, rows=CAMERA.height, time_sd=0.0)
+FILM = Film(
+    size=0.04,
+    size_sd=1e-4,
+    gravity=GRAVITY,
+    gravity_sd=0.02,
+    mass=0.1,
+    line_time=0.0,
+    rows=CAMERA.height,
+    time_sd=0.0,
+)
 
 
 def falls_in(seen, film=FILM):
-    covariance = position_covariance(seen.R_camera_marker, seen.p_camera_marker, seen.corner_sd_px, film.size, CAMERA.K)
+    covariance = position_covariance(
+        seen.R_camera_marker, seen.p_camera_marker, seen.corner_sd_px, film.size, CAMERA.K
+    )
     sd = np.sqrt(np.median(np.einsum("nii->ni", covariance), axis=0))
     windows = fall_windows(seen.time_ns, seen.p_camera_marker, sd)
     return [fall for window in windows if (fall := settled_fall(seen, covariance, window, film)) is not None]
@@ -45,7 +56,15 @@ def off(drop, film=FILM, missing=()):
         replace(DROP, down=(0.0, 1.0, 0.5)),
         replace(DROP, drag=0.03),
     ],
-    ids=["240", "240 stated as 30", "60", "30 stated as 60", "turning off centre", "partly towards the camera", "air"],
+    ids=[
+        "240",
+        "240 stated as 30",
+        "60",
+        "30 stated as 60",
+        "turning off centre",
+        "partly towards the camera",
+        "air",
+    ],
 )
 def test_the_rate_is_found_to_half_a_percent_and_within_its_error(drop):
     relative, standardised = off(drop)
@@ -95,7 +114,10 @@ def test_a_bounce_is_a_second_fall_and_lost_frames_do_no_harm():
 
 
 def test_the_tags_size_enters_by_its_root():
-    small, large = (falls_of(replace(DROP, seed=1), FILM), falls_of(replace(DROP, seed=1), replace(FILM, gravity=GRAVITY / 1.02)))
+    small, large = (
+        falls_of(replace(DROP, seed=1), FILM),
+        falls_of(replace(DROP, seed=1), replace(FILM, gravity=GRAVITY / 1.02)),
+    )
     assert large[0].slower / small[0].slower == pytest.approx(1.02**0.5, rel=1e-3)
     told = true_time(small, FILM)
     assert told.by_size == pytest.approx(told.slower * 1e-4 / 0.04 / 2)

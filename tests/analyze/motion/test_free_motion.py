@@ -21,12 +21,21 @@ def tip(jumps: dict[float, float], seed: int = 1, energy: float = 1.15, seconds:
     theta, begin = [], 0.0
     for end, change in [*sorted(jumps.items()), (seconds, 0.0)]:
         mine = times[(times >= begin) & (times < end)]
-        run = solve_ivp(lambda _, y: [y[1], -K * np.sin(PHI - y[0])], (begin, end), state, t_eval=[*mine, end], rtol=1e-10, atol=1e-12)
+        run = solve_ivp(
+            lambda _, y: [y[1], -K * np.sin(PHI - y[0])],
+            (begin, end),
+            state,
+            t_eval=[*mine, end],
+            rtol=1e-10,
+            atol=1e-12,
+        )
         theta += list(run.y[0, :-1])
         state, begin = run.y[:, -1] + [0.0, change], end
     noisy = np.array(theta) + np.random.default_rng(seed).normal(0.0, SD, len(theta))
     count = len(noisy)
-    return TipAngle((times * 1e9).astype(np.int64), noisy, np.full(count, SD), np.zeros(count), np.zeros(count))
+    return TipAngle(
+        (times * 1e9).astype(np.int64), noisy, np.full(count, SD), np.zeros(count), np.zeros(count)
+    )
 
 
 def whole(angle: TipAngle) -> tuple[int, int]:
@@ -40,7 +49,9 @@ def test_a_clean_tip_is_used_whole():
     assert fit.window == whole(angle)
 
 
-@pytest.mark.parametrize("jumps", [{0.27: -1.0}, {0.035: -0.4}, {0.035: -0.4, 0.27: -1.0}], ids=["landing", "slid", "both"])
+@pytest.mark.parametrize(
+    "jumps", [{0.27: -1.0}, {0.035: -0.4}, {0.035: -0.4, 0.27: -1.0}], ids=["landing", "slid", "both"]
+)
 def test_a_spoilt_end_is_left_out(jumps):
     angle = tip(jumps, energy=1.4)
     spoilt = pivot_fit(angle, whole(angle))

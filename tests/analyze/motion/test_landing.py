@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from analyze.motion.flank import from_outline
+from analyze.motion.support_function import from_outline
 from analyze.motion.landing import landing_angle
-from analyze.motion.phases import WindowLimits, find_course, phases_of
+from analyze.motion.phases import find_course, phases_of
+from analyze.motion.settings import WindowLimits
 from analyze.types import TipAngle
 from tests.analyze.motion.tipping import planned
 
@@ -18,7 +19,12 @@ BACK, TOP = 0.06, 0.2
 
 def strike(rounding=0.001, sd=5e-5, phi=0.6):
     made = planned(rounding, phi)
-    return made.model_copy(update={"pivot": made.pivot.model_copy(update={"radius_m": rounding, "sd_m": sd}), "phi_predicted_rad": phi})
+    return made.model_copy(
+        update={
+            "pivot": made.pivot.model_copy(update={"radius_m": rounding, "sd_m": sd}),
+            "phi_predicted_rad": phi,
+        }
+    )
 
 
 def chamfered(length, degrees=45.0):
@@ -33,14 +39,18 @@ def centre(rounding, degrees):
 
 
 def lands(points, degrees, rounding=0.001, **known):
-    found = landing_angle(from_outline(points, centre(rounding, degrees), rounding), strike(rounding, **known))
+    found = landing_angle(
+        from_outline(points, centre(rounding, degrees), rounding), strike(rounding, **known)
+    )
     return None if found is None else math.degrees(found)
 
 
 def along(corners, each, noise, rng):
     """Points on the outline as a scan has them."""
     sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
-    points = np.concatenate([a + np.linspace(0, 1, each, endpoint=False)[:, None] * (b - a) for a, b in sides])
+    points = np.concatenate(
+        [a + np.linspace(0, 1, each, endpoint=False)[:, None] * (b - a) for a, b in sides]
+    )
     return points + rng.normal(0.0, noise, points.shape)
 
 
@@ -89,20 +99,30 @@ def test_what_is_hardly_slowed_has_landed_all_the_same():
 
 
 def test_one_wrong_reading_is_no_landing_and_rocking_back_none_either():
-    theta = np.radians(np.concatenate([np.zeros(20), 30.0 * np.sin(np.linspace(0.0, math.pi, 60)), np.zeros(10)]))
+    theta = np.radians(
+        np.concatenate([np.zeros(20), 30.0 * np.sin(np.linspace(0.0, math.pi, 60)), np.zeros(10)])
+    )
     theta[50] = math.radians(60.0)
-    with_shape, without = (find_course(steady(theta), 0, WindowLimits(), at) for at in (math.radians(44.0), None))
+    with_shape, without = (
+        find_course(steady(theta), 0, WindowLimits(), at) for at in (math.radians(44.0), None)
+    )
     assert with_shape == without
     assert with_shape.came_back
 
 
-@pytest.mark.parametrize(("seed", "rate"), [(seed, rate) for seed in range(4) for rate in (120, 240, 960, 2000)])
+@pytest.mark.parametrize(
+    ("seed", "rate"), [(seed, rate) for seed in range(4) for rate in (120, 240, 960, 2000)]
+)
 def test_the_course_is_the_same_at_any_frame_rate(seed, rate):
     """At 960 a second the first frames after the guard are still near rest, and a frame's error is a good part of a frame's turn."""
-    theta = np.radians(np.interp(np.arange(0.0, 0.9, 1 / rate), [0.2, 0.3, 0.5, 0.62], [0.0, 15.0, 50.0, 90.0]))
+    theta = np.radians(
+        np.interp(np.arange(0.0, 0.9, 1 / rate), [0.2, 0.3, 0.5, 0.62], [0.0, 15.0, 50.0, 90.0])
+    )
     time_ns = np.arange(1, len(theta) + 1) * round(1e9 / rate)
     seen = theta + np.random.default_rng(seed).normal(0.0, np.radians(0.06), len(theta))
-    angle = TipAngle(time_ns, seen, np.full(len(theta), np.radians(0.06)), np.zeros(len(theta)), np.zeros(len(theta)))
+    angle = TipAngle(
+        time_ns, seen, np.full(len(theta), np.radians(0.06)), np.zeros(len(theta)), np.zeros(len(theta))
+    )
     course = find_course(angle, 0, WindowLimits())
     assert not course.came_back
     assert 0.2 < course.released / rate < 0.24

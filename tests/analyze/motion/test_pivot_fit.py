@@ -122,7 +122,11 @@ def test_95_percent_intervals_hold_the_truth_in_90_to_98_percent(plain):
 
 @pytest.mark.parametrize(
     ("energy", "noise_deg"),
-    [(0.6, 0.02), *(pytest.param(*hard, marks=pytest.mark.slow) for hard in ((0.8, 0.1), (0.95, 0.2), (3.0, 0.1))), (3.0, 0.2)],
+    [
+        (0.6, 0.02),
+        *(pytest.param(*hard, marks=pytest.mark.slow) for hard in ((0.8, 0.1), (0.95, 0.2), (3.0, 0.1))),
+        (3.0, 0.2),
+    ],
 )
 def test_where_phi_is_hardly_determined_the_sd_says_so_and_no_more(energy, noise_deg):
     # Bounds of 0.5 to 1.6 deg. Measured over 300 draws: coverage 95-98 %, median sd 1.03-1.32 of the bound.
@@ -160,7 +164,9 @@ def test_missing_frames_are_no_obstacle():
     tip, angle = free_part(1.05, 0.02, np.random.default_rng(5))
     kept = np.ones(len(angle.theta), dtype=bool)
     kept[20:27] = False
-    part = TipAngle(angle.time_ns[kept], angle.theta[kept], angle.sd[kept], angle.off_axis[kept], angle.slip[kept])
+    part = TipAngle(
+        angle.time_ns[kept], angle.theta[kept], angle.sd[kept], angle.off_axis[kept], angle.slip[kept]
+    )
     assert abs(np.degrees(pivot_fit(part, (0, len(part.theta))).phi - tip.phi)) < 0.03
 
 
@@ -177,7 +183,13 @@ def test_drag_is_found_where_there_is_some():
     theta, _, _ = trajectory_with_drag(seconds, 0.28, 69.0, 0.02, 1.62, 0.05)
     n = len(theta)
     sd = 1e-5
-    angle = TipAngle(np.rint(seconds * 1e9).astype(np.int64), theta + rng.normal(0, sd, n), np.full(n, sd), np.zeros(n), np.zeros(n))
+    angle = TipAngle(
+        np.rint(seconds * 1e9).astype(np.int64),
+        theta + rng.normal(0, sd, n),
+        np.full(n, sd),
+        np.zeros(n),
+        np.zeros(n),
+    )
     fit = pivot_fit_with_drag(angle, (0, n))
     assert fit.damping == pytest.approx(0.05, abs=0.003)
     assert fit.phi == pytest.approx(0.28, abs=2e-4)
@@ -207,7 +219,10 @@ def test_the_motion_is_solved_far_below_a_cameras_noise(omega0):
 
     exact = solve_ivp(rate, (0.0, 0.5), [-0.3, omega0, 1.0, 0.0], t_eval=seconds, rtol=1e-11, atol=1e-13).y
     below = exact[0] < 1.4
-    for theta, omega, by in (trajectory(seconds, 0.3, 100.0, 0.0, omega0), trajectory_with_drag(seconds, 0.3, 100.0, 0.0, omega0, 0.0)):
+    for theta, omega, by in (
+        trajectory(seconds, 0.3, 100.0, 0.0, omega0),
+        trajectory_with_drag(seconds, 0.3, 100.0, 0.0, omega0, 0.0),
+    ):
         assert np.abs(theta - 0.3 - exact[0])[below].max() < 6e-6
         assert np.abs(omega - exact[1])[below].max() < 6e-5
         assert np.abs(by[:, 2] - exact[2])[below].max() < 2e-6 * np.abs(exact[2]).max()
@@ -230,9 +245,15 @@ def test_on_its_rounding_the_edge_rolls(omega0):
     assert np.abs(omega - exact[1])[below].max() < 6e-5
     for i, step in enumerate((1e-6, 1e-3, 1e-6, 1e-5)):
         moved = step * np.eye(4)[i]
-        numeric = (trajectory(seconds, *(numbers + moved), radius)[0] - trajectory(seconds, *(numbers - moved), radius)[0]) / (2 * step)
+        numeric = (
+            trajectory(seconds, *(numbers + moved), radius)[0]
+            - trajectory(seconds, *(numbers - moved), radius)[0]
+        ) / (2 * step)
         # That the rounding's part grows with k is left out.
-        assert np.abs(by[:, i] - numeric)[below].max() < (1e-2 if i == 1 else 1e-6) * np.abs(numeric[below]).max()
+        assert (
+            np.abs(by[:, i] - numeric)[below].max()
+            < (1e-2 if i == 1 else 1e-6) * np.abs(numeric[below]).max()
+        )
 
 
 def test_energy_ratio_is_one_at_the_separatrix():
@@ -258,7 +279,9 @@ def test_sign_change_where_frames_are_missing():
     rng = np.random.default_rng(5)
     tip, angle = free_part(1.05, 0.01, rng)
     kept = rng.random(len(angle.theta)) > 0.25
-    part = TipAngle(angle.time_ns[kept], angle.theta[kept], angle.sd[kept], angle.off_axis[kept], angle.slip[kept])
+    part = TipAngle(
+        angle.time_ns[kept], angle.theta[kept], angle.sd[kept], angle.off_axis[kept], angle.slip[kept]
+    )
     fit = sign_change(part, (0, len(part.theta)), fit=pivot_fit(part, (0, len(part.theta))))
     assert abs(fit.phi - tip.phi) < 3 * np.sqrt(fit.covariance[0, 0]) < np.radians(0.5)
 

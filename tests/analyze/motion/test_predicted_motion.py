@@ -3,7 +3,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from analyze.motion.pivot_fit import pivot_fit
-from analyze.motion.predicted_motion import Foretold, foretold_motion
+from analyze.motion.predicted_motion import PredictedValues, predicted_motion
 from analyze.types import TipAngle
 
 PHI, K = np.radians(25.0), 75.0
@@ -29,7 +29,10 @@ def seen(rng, energy=1.1, phi=PHI, k=K, kick=0.0):
     theta = theta[: over[0] if len(over) else 60]
     n = len(theta)
     angle = TipAngle(
-        (1e9 * (5 + FRAME_S * np.arange(n))).astype(np.int64), theta + NOISE * rng.standard_normal(n), np.full(n, NOISE), *np.zeros((2, n))
+        (1e9 * (5 + FRAME_S * np.arange(n))).astype(np.int64),
+        theta + NOISE * rng.standard_normal(n),
+        np.full(n, NOISE),
+        *np.zeros((2, n)),
     )
     return angle, pivot_fit(angle, (0, n))
 
@@ -44,7 +47,7 @@ def own_of(fit):
 
 
 def told(fit, phi=PHI, k=K, covariance=OTHERS):
-    return Foretold(phi, k, covariance, own_of(fit))
+    return PredictedValues(phi, k, covariance, own_of(fit))
 
 
 def test_the_true_phi_and_k_foretell_theta_to_its_noise_and_what_the_start_makes_of_it():
@@ -54,7 +57,7 @@ def test_the_true_phi_and_k_foretell_theta_to_its_noise_and_what_the_start_makes
     for _ in range(40):
         angle, fit = seen(rng, energy=rng.uniform(1.05, 1.3))
         sure = np.linalg.cholesky(OTHERS) @ rng.standard_normal(2)
-        motion = foretold_motion("s", angle, fit, told(fit, PHI + sure[0], K * np.exp(sure[1])))
+        motion = predicted_motion("s", angle, fit, told(fit, PHI + sure[0], K * np.exp(sure[1])))
         outside.append(motion.outside)
         squared.append(motion.squared)
         last.append(motion.offset[-1] / motion.sd[-1])
@@ -66,21 +69,25 @@ def test_the_true_phi_and_k_foretell_theta_to_its_noise_and_what_the_start_makes
 
 def test_the_start_comes_from_the_first_tenth_of_a_second_alone():
     angle, fit = seen(np.random.default_rng(2))
-    motion = foretold_motion("s", angle, fit, told(fit))
+    motion = predicted_motion("s", angle, fit, told(fit))
     assert motion.start == 12
     assert np.sqrt(np.mean(np.square(motion.offset[:12]))) < 1.5 * NOISE
     # Later frames do not bend it.
     bent = TipAngle(
-        angle.time_ns, angle.theta + np.where(np.arange(len(angle.theta)) < 12, 0.0, 0.05), angle.sd, angle.off_axis, angle.slip
+        angle.time_ns,
+        angle.theta + np.where(np.arange(len(angle.theta)) < 12, 0.0, 0.05),
+        angle.sd,
+        angle.off_axis,
+        angle.slip,
     )
-    again = foretold_motion("s", bent, pivot_fit(bent, fit.window), told(fit))
+    again = predicted_motion("s", bent, pivot_fit(bent, fit.window), told(fit))
     assert again.offset[12:20] == pytest.approx(motion.offset[12:20] + 0.05, abs=2e-3)
 
 
 @pytest.mark.parametrize(("phi", "k"), [(np.radians(1.0), 0.0), (0.0, 0.15)])
 def test_what_is_off_by_more_than_it_should_be_is_told(phi, k):
     angle, fit = seen(np.random.default_rng(3), phi=PHI + phi, k=K * (1 + k))
-    motion = foretold_motion("s", angle, fit, told(fit))
+    motion = predicted_motion("s", angle, fit, told(fit))
     worst = motion.worst
     assert motion.squared > 40
     assert abs(motion.offset[worst]) > 3 * motion.sd[worst]
@@ -90,7 +97,7 @@ def test_what_is_off_by_more_than_it_should_be_is_told(phi, k):
 
 def test_a_second_blow_is_told_even_where_phi_and_k_are_as_foretold():
     angle, fit = seen(np.random.default_rng(6), kick=0.4)
-    motion = foretold_motion("s", angle, fit, told(fit))
+    motion = predicted_motion("s", angle, fit, told(fit))
     # Its own fit takes up most of the blow, and leaves the frames noisier for it: no frame alone is far off its band, all together are.
     assert motion.squared > FAR
     assert np.degrees(motion.offset[-1]) > 2, "it falls before its time"
@@ -98,6 +105,6 @@ def test_a_second_blow_is_told_even_where_phi_and_k_are_as_foretold():
 
 def test_it_ends_where_the_band_says_nothing_more():
     angle, fit = seen(np.random.default_rng(4), energy=1.002)
-    motion = foretold_motion("s", angle, fit, told(fit, covariance=100 * OTHERS))
+    motion = predicted_motion("s", angle, fit, told(fit, covariance=100 * OTHERS))
     assert motion.time[-1] < motion.seconds
     assert np.degrees(motion.sd[-1]) < 4

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.motion.flank import circle, from_outline
+from analyze.motion.support_function import circle, from_outline
 from analyze.motion.pivot_fit import pivot_fit
 from analyze.motion.rolling_fit import rolling_fit
-from analyze.motion.strike import MotionSettings, analyse_motion
+from analyze.motion.settings import MotionSettings
+from analyze.motion.strike import analyse_motion
 from analyze.types import TipAngle
 from schemas.result import Verdict
 from tests.analyze.motion.rolling import G, RollingBody, as_tracked, draw_rolling, section_of_body, seen_roll
@@ -53,7 +54,9 @@ def test_a_box_has_corners_and_a_bevel_is_told_from_a_curve():
     assert np.allclose(ahead, 0.0, atol=1e-12)
     assert np.allclose(radius, 0.002)
     bevelled = np.array([[-0.05, 0.0], [-0.004, 0.0], [0.0, 0.004], [0.0, 0.2], [-0.05, 0.2]])
-    assert from_outline(bevelled, np.zeros(2)).longest_flat(0.1, 1.2) == pytest.approx(math.hypot(0.004, 0.004), rel=0.01)
+    assert from_outline(bevelled, np.zeros(2)).longest_flat(0.1, 1.2) == pytest.approx(
+        math.hypot(0.004, 0.004), rel=0.01
+    )
 
 
 @FLANKS

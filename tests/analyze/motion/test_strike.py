@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from analyze.motion.phases import WindowLimits, find_course
-from analyze.motion.strike import StrikeTask, analyse_strike, placement_of, rest_end
+from analyze.motion.phases import find_course
+from analyze.motion.settings import WindowLimits
+from analyze.motion.strike import analyse_strike, placement_of, rest_end
+from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import tip_angle
 from analyze.types import TipAngle
 from schemas.result import Verdict
@@ -19,7 +21,13 @@ ANCHOR = 10**18
 def analyse(tip, tracks=None, markers=None, rolls=False, contact_known=True, unmarked=None, **how):
     tracks = tracks or [track_of(tip, np.random.default_rng(4), **how)]
     contact = int(tip.contact * 1e9) + ANCHOR if contact_known else 0
-    task = StrikeTask("s1.1", planned(how.get("rho", 0.002), rolls=rolls), contact, int(tip.time[-1] * 1e9) + ANCHOR, unmarked_ns=unmarked)
+    task = StrikeTask(
+        "s1.1",
+        planned(how.get("rho", 0.002), rolls=rolls),
+        contact,
+        int(tip.time[-1] * 1e9) + ANCHOR,
+        unmarked_ns=unmarked,
+    )
     return analyse_strike(tracks, markers or [marker()], camera(), task)
 
 
@@ -32,7 +40,13 @@ def squat_body(energy, k=141.0, phi=0.68, rate=120.0):
     falls.terminal = True
     omega = np.sqrt(2 * k * (1 - np.cos(phi)) * energy)
     out = solve_ivp(
-        lambda _, y: [y[1], -k * np.sin(phi - y[0])], (0, 0.6), [0.0, omega], rtol=1e-9, dense_output=True, events=[falls], max_step=0.01
+        lambda _, y: [y[1], -k * np.sin(phi - y[0])],
+        (0, 0.6),
+        [0.0, omega],
+        rtol=1e-9,
+        dense_output=True,
+        events=[falls],
+        max_step=0.01,
     )
     time = np.arange(80) / rate
     since = time - 30.4 / rate
@@ -44,7 +58,9 @@ def ramp(tip, start=30, length=40):
     return np.clip((np.arange(len(tip.time)) - start) / length, 0, 1)
 
 
-@pytest.mark.parametrize("how", [{}, {"yaw": np.radians(1.0)}, {"yaw": np.radians(-1.5), "offset": (0.002, 0.001)}])
+@pytest.mark.parametrize(
+    "how", [{}, {"yaw": np.radians(1.0)}, {"yaw": np.radians(-1.5), "offset": (0.002, 0.001)}]
+)
 def test_a_good_strike(how):
     tip = simulate(1.05)
     motion = analyse(tip, **how)
@@ -125,7 +141,10 @@ def test_slid():
 
 def test_airborne():
     tip = simulate(1.3)
-    assert analyse(tip, lift=0.005 * np.exp(-(((np.arange(len(tip.time)) - 38) / 4) ** 2))).verdict is Verdict.AIRBORNE
+    assert (
+        analyse(tip, lift=0.005 * np.exp(-(((np.arange(len(tip.time)) - 38) / 4) ** 2))).verdict
+        is Verdict.AIRBORNE
+    )
 
 
 @pytest.mark.parametrize(("rolls", "verdict"), [(False, Verdict.TWISTED), (True, Verdict.ROLLED)])
@@ -172,7 +191,10 @@ def test_not_moved():
 
 
 def seen_in(track, kept):
-    fields = {name: getattr(track, name)[kept] for name in ("time_ns", "corners_px", "corner_sd_px", "R_camera_marker", "p_camera_marker")}
+    fields = {
+        name: getattr(track, name)[kept]
+        for name in ("time_ns", "corners_px", "corner_sd_px", "R_camera_marker", "p_camera_marker")
+    }
     return type(track)(track.marker_id, frames_total=track.frames_total, **fields)
 
 
@@ -191,7 +213,9 @@ def test_frames_that_a_camera_left_out_are_no_lost_marker():
     tip = simulate(1.05)
     track = track_of(tip, np.random.default_rng(1))
     kept = np.arange(len(track.time_ns)) % 3 > 0
-    assert analyse(tip, [seen_in(track, kept)]).verdict is Verdict.MARKER_LOST, "where no image is known it must be thought so"
+    assert analyse(tip, [seen_in(track, kept)]).verdict is Verdict.MARKER_LOST, (
+        "where no image is known it must be thought so"
+    )
     assert analyse(tip, [seen_in(track, kept)], unmarked=track.time_ns[~kept]).verdict is Verdict.MARKER_LOST
     motion = analyse(tip, [seen_in(track, kept)], unmarked=np.zeros(0, dtype=np.int64))
     assert motion.verdict is Verdict.GOOD
@@ -211,7 +235,9 @@ def test_a_stretch_without_images(left_out, verdict):
     if verdict is Verdict.GOOD:
         assert abs(np.degrees(motion.fit.phi - tip.phi)) < 0.02
     else:
-        assert motion.reason == "no images for 300 ms during the tip: the camera left frames out; strike again"
+        assert (
+            motion.reason == "no images for 300 ms during the tip: the camera left frames out; strike again"
+        )
 
 
 def test_no_marker_at_all():

@@ -5,7 +5,8 @@ import pytest
 
 from analyze.geometry.station import turned_camera
 from analyze.motion.rest_pose import placement_error
-from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.motion.strike import analyse_strike
+from analyze.motion.strike_task import StrikeTask
 from analyze.types import Marker
 from schemas.result import Verdict
 from tests.analyze.motion.tipping import SIZE, D, camera, planned, simulate, track_of
@@ -29,13 +30,19 @@ def test_it_is_followed_and_fitted_like_any_other():
     assert motion.verdict is Verdict.GOOD, motion.reason
     assert motion.fit.phi == pytest.approx(tip.phi, abs=4 * np.sqrt(motion.fit.covariance[0, 0]) + 2e-4)
     assert motion.fit.k == pytest.approx(tip.k, rel=0.02)
-    wrong, _ = placement_error([track.R_camera_marker[0]], [on_the_back()], camera(), np.array(strike.R_world_object))
-    right, _ = placement_error([track.R_camera_marker[0]], [on_the_back()], seen_from, np.array(strike.R_world_object))
+    wrong, _ = placement_error(
+        [track.R_camera_marker[0]], [on_the_back()], camera(), np.array(strike.R_world_object)
+    )
+    right, _ = placement_error(
+        [track.R_camera_marker[0]], [on_the_back()], seen_from, np.array(strike.R_world_object)
+    )
     assert right < np.radians(1) < np.radians(179) < wrong, "an object that was not turned is found out"
 
 
 def test_without_a_heading_the_camera_stays_as_it_is():
     assert turned_camera(camera(), 0.0).T_world_camera.tolist() == camera().T_world_camera.tolist()
     quarter = turned_camera(camera(), np.pi / 2).T_world_camera
-    assert quarter[:3, 3] == pytest.approx([-0.55, -0.03, 0.08]), "at the station's -y, which is the turned frame's -x"
+    assert quarter[:3, 3] == pytest.approx([-0.55, -0.03, 0.08]), (
+        "at the station's -y, which is the turned frame's -x"
+    )
     assert np.linalg.det(quarter[:3, :3]) == pytest.approx(1)

@@ -31,7 +31,9 @@ class Tip:
 
 
 @cache
-def simulate(energy=1.05, rho=0.002, com=(0.03, 0.1), rate=120.0, rest=0.25, length=1.2, kick=None, phase=0.3):
+def simulate(
+    energy=1.05, rho=0.002, com=(0.03, 0.1), rate=120.0, rest=0.25, length=1.2, kick=None, phase=0.3
+):
     """com: (x behind the virtual corner, z over the table). kick: (seconds after contact, factor on omega)."""
     a, b = com[0] - rho, com[1] - rho
     R, phi = np.hypot(a, b), np.arctan2(a, b)
@@ -67,7 +69,9 @@ def simulate(energy=1.05, rho=0.002, com=(0.03, 0.1), rate=120.0, rest=0.25, len
     for begin, end in pieces:
         if begin:
             y0[1] *= kick[1]
-        out = solve_ivp(rate_of, (begin, end), y0, rtol=1e-10, atol=1e-12, dense_output=True, events=[landed, back])
+        out = solve_ivp(
+            rate_of, (begin, end), y0, rtol=1e-10, atol=1e-12, dense_output=True, events=[landed, back]
+        )
         inside = (time - contact >= begin) & (time - contact <= out.t[-1])
         theta[inside] = out.sol(time[inside] - contact)[0]
         y0 = list(out.y[:, -1])
@@ -82,7 +86,11 @@ def camera():
     T[:3, :3] = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])  # x right, y down = -z, z forward = +y
     T[:3, 3] = [0.03, -0.55, 0.08]
     return CameraModel(
-        656, 492, np.array([[1430.0, 0, 327.5], [0, 1430.0, 245.5], [0, 0, 1]]), np.array([-0.12, 0.05, 3e-4, -2e-4, 0.0]), T
+        656,
+        492,
+        np.array([[1430.0, 0, 327.5], [0, 1430.0, 245.5], [0, 0, 1]]),
+        np.array([-0.12, 0.05, 3e-4, -2e-4, 0.0]),
+        T,
     )
 
 
@@ -103,7 +111,9 @@ def planned(rho=0.002, phi=0.28, rolls=False):
         axis_id="bottom/right",
         R_world_object=np.eye(3).tolist(),
         p_world_object=[-(W / 2 - rho), 0.0, H / 2],
-        pivot=Pivot(point=[W / 2 - rho, 0.0, -(H / 2 - rho)], direction=[0.0, 1.0, 0.0], radius_m=rho, sd_m=0.0),
+        pivot=Pivot(
+            point=[W / 2 - rho, 0.0, -(H / 2 - rho)], direction=[0.0, 1.0, 0.0], radius_m=rho, sd_m=0.0
+        ),
         impact=Impact(point=[-W / 2, 0.0, 0.04], direction=[1.0, 0.0, 0.0]),
         impact_height_m=0.14,
         impulse_n_s=Range(min=0.01, target=0.02, max=0.03),
@@ -160,4 +170,6 @@ def track_of(tip, rng, sd=0.011, mark=None, **how):
     ideal = project_ideal(cam, np.einsum("nij,kj->nki", R, corners) + p[:, None])
     seen = distort(cam, ideal + rng.normal(0, sd, ideal.shape))
     n = len(tip.time)
-    return MarkerTrack(mark.id, np.rint(tip.time * 1e9).astype(np.int64) + 10**18, seen, np.full(n, sd), R, p, n)
+    return MarkerTrack(
+        mark.id, np.rint(tip.time * 1e9).astype(np.int64) + 10**18, seen, np.full(n, sd), R, p, n
+    )

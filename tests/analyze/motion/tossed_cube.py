@@ -32,7 +32,9 @@ class Cube:
     """m, of edges and corners"""
 
 
-def tossed(cube: Cube, tosses: int, seed: int, start: str = "air", noise_m: float = 0.0, noise_rad: float = 0.0) -> list[BodyMotion]:
+def tossed(
+    cube: Cube, tosses: int, seed: int, start: str = "air", noise_m: float = 0.0, noise_rad: float = 0.0
+) -> list[BodyMotion]:
     """Motions of `tosses` throws with white noise on every pose; they start in the air, or sliding on an edge or a corner."""
     rng = np.random.default_rng(seed)
     model = mujoco.MjModel.from_xml_string(_xml(cube))
@@ -62,7 +64,11 @@ def tossed(cube: Cube, tosses: int, seed: int, start: str = "air", noise_m: floa
             rng.normal(0, noise_rad, (len(position), 3))
         )
         time = np.arange(len(position)) / RATE
-        found.append(BodyMotion(time, np.array(position) + rng.normal(0, noise_m, (len(position), 3)), turned.as_matrix()))
+        found.append(
+            BodyMotion(
+                time, np.array(position) + rng.normal(0, noise_m, (len(position), 3)), turned.as_matrix()
+            )
+        )
     return found
 
 
@@ -74,7 +80,9 @@ def _xml(cube: Cube) -> str:
         # Its twelve edges as capsules: all of a rounded cube that can touch a plane while it does not lie flat.
         inner = half - cube.rounding
         corners = inner * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-        pairs = [(a, b) for a in corners for b in corners if np.count_nonzero(a != b) == 1 and tuple(a) < tuple(b)]
+        pairs = [
+            (a, b) for a in corners for b in corners if np.count_nonzero(a != b) == 1 and tuple(a) < tuple(b)
+        ]
         ends = (" ".join(str(value) for value in (*a, *b)) for a, b in pairs)
         shape = "".join(f'<geom type="capsule" size="{cube.rounding}" fromto="{end}"/>' for end in ends)
     return f"""

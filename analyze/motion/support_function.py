@@ -57,7 +57,7 @@ _LOW, _HIGH, _STEP = math.radians(-10.0), math.radians(150.0), math.radians(0.25
 
 
 @dataclass(frozen=True)
-class Flank:
+class SupportFunction:
     """h, h' and rho on an even grid of angles."""
 
     start: float
@@ -140,17 +140,19 @@ class Flank:
         return np.stack([self.height, self.ahead, self.radius], axis=-1)
 
 
-def circle(radius: float) -> Flank:
+def circle(radius: float) -> SupportFunction:
     """A rounding about p itself: the motion then says nothing of where c is beyond phi and k.
 
     Args:
         radius: m, 0 of a sharp edge.
     """
     n = round((_HIGH - _LOW) / _STEP) + 1
-    return Flank(_LOW, _STEP, np.full(n, radius), np.zeros(n), np.full(n, radius), (0.0, 0.0), math.inf)
+    return SupportFunction(
+        _LOW, _STEP, np.full(n, radius), np.zeros(n), np.full(n, radius), (0.0, 0.0), math.inf
+    )
 
 
-def from_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Flank:
+def from_outline(points: Array, pivot: Array, rounding: float = 0.0) -> SupportFunction:
     """The flank of a body of which `points` of the outline are known.
 
     Args:
@@ -180,7 +182,7 @@ def from_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Flank:
     beyond = np.asarray((height - chords)[bent & (theta > 0.0)], dtype=np.float64)
     lengths = [float(np.mean(outline.length[curve.facets])) for curve in curves]
     middle, area = _middle(whole.corners)
-    return Flank(
+    return SupportFunction(
         _LOW,
         _STEP,
         height,
@@ -188,7 +190,10 @@ def from_outline(points: Array, pivot: Array, rounding: float = 0.0) -> Flank:
         radius,
         (float(middle[0]), float(middle[1])),
         _MIDDLE * math.sqrt(area),
-        math.hypot(math.sqrt(float(np.mean(beyond**2))) if len(beyond) else 0.0, _ASIDE * rough * max(lengths, default=0.0)),
+        math.hypot(
+            math.sqrt(float(np.mean(beyond**2))) if len(beyond) else 0.0,
+            _ASIDE * rough * max(lengths, default=0.0),
+        ),
         bent,
         rough,
     )
@@ -239,7 +244,9 @@ def _polygon(corners: Array) -> _Outline:
     sides = np.roll(corners, -1, axis=0) - corners
     angle = np.arctan2(sides[:, 1], sides[:, 0])
     first = int(np.argmin(angle))
-    return _Outline(*(np.roll(values, -first, axis=0) for values in (corners, np.hypot(sides[:, 0], sides[:, 1]), angle)))
+    return _Outline(
+        *(np.roll(values, -first, axis=0) for values in (corners, np.hypot(sides[:, 0], sides[:, 1]), angle))
+    )
 
 
 def _smooth(whole: _Outline) -> tuple[_Outline, list[_Curve], float]:
@@ -272,7 +279,9 @@ def _roughness(outline: _Outline, curves: list[_Curve]) -> float | None:
 def _thinned(whole: _Outline, spacing: float) -> _Outline:
     """Of the corners those that touch when it is turned by whole multiples of `spacing` [rad], and the ends of faces."""
     turned = np.arange(-math.pi + 0.5 * spacing, math.pi, spacing)
-    touches = np.argmin(np.outer(np.cos(turned), whole.corners[:, 1]) - np.outer(np.sin(turned), whole.corners[:, 0]), axis=1)
+    touches = np.argmin(
+        np.outer(np.cos(turned), whole.corners[:, 1]) - np.outer(np.sin(turned), whole.corners[:, 0]), axis=1
+    )
     apart = np.abs(np.remainder(whole.angle[:, None] - whole.angle + math.pi, 2 * math.pi) - math.pi)
     around = (apart < spacing) @ whole.length - whole.length
     faces = np.flatnonzero((whole.length > _FACE * float(np.sum(whole.length))) | (whole.length > around))
@@ -291,7 +300,12 @@ class _Curve:
         length, nodes = outline.length[self.facets], self._tangents(outline)
         whole = nodes[0] + np.remainder(theta - nodes[0], 2 * math.pi)
         inside = np.flatnonzero(whole <= nodes[-1])
-        cell = np.minimum(np.asarray(np.searchsorted(nodes, whole[inside], side="right"), dtype=np.intp), len(length)) - 1
+        cell = (
+            np.minimum(
+                np.asarray(np.searchsorted(nodes, whole[inside], side="right"), dtype=np.intp), len(length)
+            )
+            - 1
+        )
         facet = np.array(self.facets)[cell]
         middle, half = 0.5 * (nodes[1:] + nodes[:-1])[cell], 0.5 * np.diff(nodes)[cell]
         at = whole[inside] - middle
@@ -302,7 +316,13 @@ class _Curve:
         slope = length[cell] * np.sin(lean) / (2.0 * (sin - half * cos))
         along = mean * (np.sin(at) + sin) + slope * (np.cos(at) + at * np.sin(at) - cos - half * sin)
         across = mean * (cos - np.cos(at)) + slope * (np.sin(at) - at * np.cos(at) + sin - half * cos)
-        turned = np.stack([along * np.cos(middle) - across * np.sin(middle), along * np.sin(middle) + across * np.cos(middle)], axis=-1)
+        turned = np.stack(
+            [
+                along * np.cos(middle) - across * np.sin(middle),
+                along * np.sin(middle) + across * np.cos(middle),
+            ],
+            axis=-1,
+        )
         return inside, outline.corners[facet] + turned, np.maximum(mean + slope * at, 0.0)
 
     def _tangents(self, outline: _Outline) -> Array:
@@ -347,10 +367,15 @@ def _is_bent(outline: _Outline, joined: list[bool], i: int) -> bool:
     """Whether a facet is part of a curve: on one side at least it bends at its end as it does beyond."""
     n = len(outline)
     ends = ((i, i - 1), ((i + 1) % n, (i + 2) % n))
-    return any(joined[end] and joined[beyond] and FLAT * outline.bend[end] > outline.bend[beyond] for end, beyond in ends)
+    return any(
+        joined[end] and joined[beyond] and FLAT * outline.bend[end] > outline.bend[beyond]
+        for end, beyond in ends
+    )
 
 
-def _at_corners(outline: _Outline, curves: list[_Curve], theta: Array, rounding: float) -> tuple[Array, Array]:
+def _at_corners(
+    outline: _Outline, curves: list[_Curve], theta: Array, rounding: float
+) -> tuple[Array, Array]:
     """As if there were only corners: which of them touches, of a rounded one its centre (n, 2), and the rounding there (n,)."""
     n = len(outline)
     curved = {i for curve in curves for i in curve.facets}
@@ -358,7 +383,9 @@ def _at_corners(outline: _Outline, curves: list[_Curve], theta: Array, rounding:
     for i in range(n):
         if i in curved or (i - 1) % n in curved:
             continue
-        before, after = (np.array([math.cos(a), math.sin(a)]) for a in (outline.angle[i - 1], outline.angle[i]))
+        before, after = (
+            np.array([math.cos(a), math.sin(a)]) for a in (outline.angle[i - 1], outline.angle[i])
+        )
         inwards = (after - before) / float(np.hypot(*(after - before)))
         centres[i] = outline.corners[i] + inwards * rounding / math.cos(0.5 * outline.turn(i))
         radii[i] = rounding
@@ -372,4 +399,6 @@ def _middle(corners: Array) -> tuple[Array, float]:
     following = np.roll(corners, -1, axis=0)
     cross = corners[:, 0] * following[:, 1] - corners[:, 1] * following[:, 0]
     area = 0.5 * float(cross.sum())
-    return np.asarray(((corners + following) * cross[:, None]).sum(axis=0) / (6.0 * area), dtype=np.float64), area
+    return np.asarray(
+        ((corners + following) * cross[:, None]).sum(axis=0) / (6.0 * area), dtype=np.float64
+    ), area

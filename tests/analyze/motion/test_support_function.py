@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from analyze.motion.flank import circle, from_outline
+from analyze.motion.support_function import circle, from_outline
 from analyze.motion.rolling_choice import is_curved, rolls_on
 from analyze.motion.rolling_fit import rolling_fit
 from tests.analyze.motion.rolling import RollingBody, draw_rolling, seen_roll
@@ -21,7 +21,9 @@ def uneven_outline(body, facets, rng, noise=0.0):
     """Corners anywhere on the flank, and off it by `noise` [m]."""
     t = np.concatenate([[0, math.pi / 2], rng.uniform(0, math.pi / 2, facets - 1)])
     arc = np.stack([body.a * np.sin(t), -body.b * np.cos(t)], axis=-1)
-    points = np.vstack([[-body.back, -body.b], arc, [body.a, body.top - body.b], [-body.back, body.top - body.b]])
+    points = np.vstack(
+        [[-body.back, -body.b], arc, [body.a, body.top - body.b], [-body.back, body.top - body.b]]
+    )
     return points + rng.normal(0, 1, points.shape) * noise
 
 
@@ -37,8 +39,13 @@ def off(flank, a, b):
 @pytest.mark.parametrize("facets", [30, 100, 1000])
 def test_facets_of_any_length_are_a_curve_without_faces(a, b, facets):
     for seed in range(5):
-        flank = from_outline(uneven_outline(RollingBody(a, b, (0.0, 0.0), 0.0), facets, np.random.default_rng(seed)), np.zeros(2))
-        assert is_curved(flank, planned(0.0, 0.5)), "a facet that is long beside its neighbours is no flat face"
+        flank = from_outline(
+            uneven_outline(RollingBody(a, b, (0.0, 0.0), 0.0), facets, np.random.default_rng(seed)),
+            np.zeros(2),
+        )
+        assert is_curved(flank, planned(0.0, 0.5)), (
+            "a facet that is long beside its neighbours is no flat face"
+        )
         aside, relative = off(flank, a, b)
         assert aside < 6e-4
         assert relative < 0.2

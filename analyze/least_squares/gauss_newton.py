@@ -1,0 +1,49 @@
+"""Gauss-Newton on any state that can be moved by a small step, such as a pose."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from analyze.types import Array
+
+    State = TypeVar("State")
+
+
+class Linearised(NamedTuple):
+    """Weighted least-squares problem around one state."""
+
+    residual: Array
+    """(n,) observed minus expected, over their standard deviations"""
+    jacobian: Array
+    """(n, p) derivatives of the expected values by the step, over the same standard deviations"""
+
+
+def gauss_newton(
+    start: State,
+    linearise: Callable[[State], Linearised],
+    moved: Callable[[State, Array], State],
+    max_steps: int,
+    tolerance: float,
+) -> State:
+    """State at the minimum of the sum of squares, by undamped steps from a start close to it.
+
+    Args:
+        start: first state.
+        linearise: residuals and derivatives at a state.
+        moved: the state after a step (p,); it may limit the step.
+        max_steps: number of steps after which the iteration ends.
+        tolerance: largest component of a step that ends the iteration.
+    """
+    state = start
+    for _ in range(max_steps):
+        residual, jacobian = linearise(state)
+        step = np.asarray(np.linalg.lstsq(jacobian, residual, rcond=None)[0], dtype=np.float64)
+        state = moved(state, step)
+        if float(np.max(np.abs(step))) < tolerance:
+            break
+    return state

@@ -1,0 +1,142 @@
+"""Levenberg-Marquardt with Huber's loss by re-weighting (Huber 1964), and the covariance of its result.
+
+The loss is scaled by the residuals' own median absolute deviation where that exceeds the stated noise, and
+the scale follows the fit from step to step. `scipy.optimize.least_squares` takes a fixed scale:
+docs/decisions/0028 compares the two.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.least_squares.robust import correlation_factor, huber_weights, median_scale
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from analyze.types import Array
+
+    Model = Callable[[Array], tuple[Array, Array]]
+    """Expected observations (n,) at parameters (p,), and their derivatives (n, p)."""
+
+HUBER_THRESHOLD = 2.5
+"""Standard deviations above which a residual counts less than its square."""
+_MAX_STEPS = 40
+_START_DAMPING = 1e-3
+_MAX_DAMPING = 1e9
+_MIN_POSITIVE = 0.1
+"""Lower bound of the parameter that must stay positive."""
+_STEP_TOLERANCE = 1e-5
+"""Of a parameter's scale: a smaller step ends the iteration."""
+_WEIGHT_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Measured values with their standard deviations."""
+
+    value: Array
+    """(n,) observations, in any unit"""
+    sd: Array
+    """(n,) standard deviations, in the same unit"""
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Parameters at the minimum of a robust sum of squares, with what a covariance needs."""
+
+    parameters: Array
+    """(p,) best parameters"""
+    residual: Array
+    """(n,) observed minus expected, in the observations' unit"""
+    jacobian: Array
+    """(n, p) derivatives of the expected values by the parameters"""
+    weight: Array
+    """(n,) weights of Huber's loss, 0..1"""
+
+
+def minimise(seen: Observations, model: Model, start: Array, scale: Array, positive: int = 1) -> Minimum:
+    """Minimise the Huber loss of (observed - expected) / sd.
+
+    Args:
+        seen: n observations.
+        model: expected values and derivatives at given parameters.
+        start: (p,) first parameters.
+        scale: (p,) typical changes of the parameters, for conditioning and convergence.
+        positive: index of the parameter that must stay above 0.1.
+    """
+    observed, sd = seen.value, seen.sd
+
+    def evaluate(x: Array) -> tuple[Array, Array]:
+        expected, jacobian = model(x)
+        return observed - expected, jacobian
+
+    x, damping = start.copy(), _START_DAMPING
+    residual, jacobian = evaluate(x)
+    weight = _weights(residual / sd)
+    cost = float(np.sum(weight * (residual / sd) ** 2))
+    for _ in range(_MAX_STEPS):
+        J = jacobian * (np.sqrt(weight) / sd)[:, None] * scale
+        r = residual * np.sqrt(weight) / sd
+        normal, gradient = J.T @ J, J.T @ r
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-12), gradient) * scale
+        trial = x + step
+        if trial[positive] <= _MIN_POSITIVE:
+            damping *= 10
+            continue
+        new_residual, new_jacobian = evaluate(trial)
+        new_cost = float(np.sum(weight * (new_residual / sd) ** 2))
+        if not math.isfinite(new_cost) or new_cost > cost * (1 + 1e-9) + 1e-12:
+            damping *= 8
+            if damping > _MAX_DAMPING:
+                break
+            continue
+        x, residual, jacobian = trial, new_residual, new_jacobian
+        damping = max(damping / 8, 1e-12)
+        converged = bool(np.all(np.abs(step) < _STEP_TOLERANCE * scale))
+        new_weight = _weights(residual / sd)
+        settled = bool(np.max(np.abs(new_weight - weight)) < _WEIGHT_TOLERANCE)
+        weight = new_weight
+        cost = float(np.sum(weight * (residual / sd) ** 2))
+        if converged and settled:
+            break
+    return Minimum(x, residual, jacobian, weight)
+
+
+def _weights(standardised: Array) -> Array:
+    """Huber weights (n,), scaled by the residuals' own spread where that exceeds the stated noise."""
+    return huber_weights(standardised, HUBER_THRESHOLD, max(1.0, median_scale(standardised)))
+
+
+def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
+    """Covariance (p, p) of the parameters for weighted residuals of variance 1.
+
+    Args:
+        minimum: the fit.
+        sd: (n,) standard deviations of the observations.
+        scale: (p,) as in `minimise`.
+    """
+    J = minimum.jacobian * (np.sqrt(minimum.weight) / sd)[:, None] * scale
+    inverse = np.linalg.pinv(J.T @ J, rcond=1e-14, hermitian=True)
+    return np.asarray(inverse * np.outer(scale, scale), dtype=np.float64)
+
+
+def residual_variance(minimum: Minimum, sd: Array) -> float:
+    """Variance of the weighted residuals: Huber's asymptotic variance times the inflation by their
+    correlation.
+
+    Huber: sum psi^2 / (n - p) over (mean psi')^2. The divisor is n - p - 2, the variance that Student's t
+    has, because intervals are drawn as if it were normal.
+
+    Args:
+        minimum: the fit.
+        sd: (n,) standard deviations of the observations.
+    """
+    n, p = minimum.jacobian.shape
+    psi = minimum.weight * (minimum.residual / sd)
+    inside = max(0.5, float(np.mean(minimum.weight > 0.999)))
+    return float(np.sum(psi**2)) / max(n - p - 2, 1) / inside**2 * correlation_factor(psi)

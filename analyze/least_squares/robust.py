@@ -1,0 +1,52 @@
+"""Robust weights, robust scale, and the correlation of residuals from sample to sample."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from analyze.types import Array
+
+NORMAL_MAD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+MAX_CORRELATION = 0.9
+"""Largest lag-one correlation that is believed; above it the variance inflation would diverge."""
+
+
+def median_scale(residual: Array) -> float:
+    """Robust standard deviation of `residual` (n,), 1.4826 times the median absolute value, in its unit."""
+    return NORMAL_MAD * float(np.median(np.abs(residual)))
+
+
+def huber_weights(distance: Array, threshold: float, scale: float = 1.0) -> Array:
+    """Weights w (n,) in 0..1 of Huber's loss: w = min(1, threshold * scale / |distance|).
+
+    Source: Huber 1964, "Robust estimation of a location parameter".
+
+    Args:
+        distance: (n,) residuals, or norms of residual vectors.
+        threshold: multiple of `scale` above which a residual counts less than its square.
+        scale: standard deviation of `distance`.
+    """
+    return np.minimum(1.0, threshold * scale / np.maximum(np.abs(distance), 1e-9))
+
+
+def lag_one_correlation(standardised: Array) -> float:
+    """Correlation a of neighbouring residuals (n,): 0 within its own noise of 2 / sqrt(n), at most 0.9.
+
+    A fit absorbs part of any slow variation, which leaves a near -p / n for white noise; that is no reason to
+    deflate a variance.
+    """
+    power = max(float(np.sum(standardised * standardised)), 1e-30)
+    correlation = float(np.sum(standardised[1:] * standardised[:-1])) / power
+    return 0.0 if correlation < 2.0 / math.sqrt(len(standardised)) else min(correlation, MAX_CORRELATION)
+
+
+def correlation_factor(standardised: Array) -> float:
+    """Variance inflation (1 + a) / (1 - a) of a mean of residuals (n,) with lag-one correlation a; 1 if a is
+    within its noise."""
+    correlation = lag_one_correlation(standardised)
+    return (1.0 + correlation) / (1.0 - correlation)

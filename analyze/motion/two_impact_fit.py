@@ -1,0 +1,91 @@
+"""Fit of a tip that was struck again on its way: the pendulum with a jump in speed at one frame, which is
+fitted too."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from analyze.errors import EstimationError
+from analyze.motion.balance_fit import driven
+from analyze.motion.pendulum import first_guess_with_jump
+from analyze.motion.pivot_fit import Sample, cut_sample, fit_model, motion_fit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from analyze.types import Array, MotionFit, TipAngle
+
+_END_FRAMES = 3
+"""number of frames at either end at which no jump is tried"""
+_REFINED_JUMPS = 5
+"""number of jump frames that are fitted, the best by a linear guess"""
+_MAX_CHI2 = 6.0
+"""largest mean of the squared residuals over their variance of an accepted fit: an impact lasts part of a
+frame"""
+_STEPS = np.array([1e-6, 1e-3, 1e-6, 1e-5, 1e-5])
+"""differentiation steps of phi, k, theta0, omega0 and the jump [rad, rad/s^2, rad, rad/s, rad/s]"""
+
+
+@dataclass(frozen=True)
+class TwoImpactFit:
+    """Pendulum motion with a jump in speed."""
+
+    fit: MotionFit
+    """phi, k and the motion before the jump"""
+    index: int
+    """frame of the angle at which the speed jumped"""
+    size: float
+    """jump in speed [rad/s]"""
+    gain: float
+    """squared ratio of the jump to its standard deviation"""
+
+
+def fit_two_impacts(angle: TipAngle, window: tuple[int, int], radius: float = 0.0) -> TwoImpactFit | None:
+    """Best fit of the pendulum with one jump in speed; None if none fits theta.
+
+    Args:
+        angle: theta(t) of the strike.
+        window: frames [start, stop).
+        radius: radius of the edge's rounding [m].
+    """
+    try:
+        sample = cut_sample(angle, window, 5)
+    except EstimationError:
+        return None
+    frames = range(_END_FRAMES, len(sample.time) - _END_FRAMES)
+    guesses = first_guess_with_jump(sample.time, sample.theta, frames)
+    plausible = [(frame, start) for _, frame, start in guesses if 0 < start[0] < 2 and start[1] > 1]
+    best: TwoImpactFit | None = None
+    least = math.inf
+    for frame, start in plausible[:_REFINED_JUMPS]:
+        model = _model(sample, frame, radius)
+        try:
+            fitted = fit_model(sample, model, start, profiled=False)
+        except (EstimationError, np.linalg.LinAlgError):
+            continue
+        cost = float(np.sum((fitted.residual / sample.sd) ** 2))
+        if cost < least:
+            rows = model(fitted.parameters)[1] / sample.sd[:, None]
+            variance = float(np.linalg.pinv(rows.T @ rows)[4, 4]) * max(
+                1.0, cost / max(len(sample.time) - 5, 1)
+            )
+            size = float(fitted.parameters[4])
+            fit = replace(motion_fit("pivot_fit", angle, window, sample, fitted), note="with a jump in speed")
+            best, least = TwoImpactFit(fit, window[0] + frame, size, size * size / max(variance, 1e-12)), cost
+    return best if least < _MAX_CHI2 * len(sample.time) else None
+
+
+def _model(sample: Sample, frame: int, radius: float) -> Callable[[Array], tuple[Array, Array]]:
+    """Theta (n,) and derivatives (n, 5) of the pendulum with a jump in speed at `frame`."""
+    still = np.zeros_like(sample.time)
+
+    def model(x: Array) -> tuple[Array, Array]:
+        steps = np.concatenate([np.zeros((1, 5)), np.diag(_STEPS), -np.diag(_STEPS)])
+        theta = driven(sample.time, x + steps, still, still, radius, jump=(frame, (x + steps)[:, 4]))
+        return theta[:, 0], (theta[:, 1:6] - theta[:, 6:]) / (2 * _STEPS)
+
+    return model
