@@ -1,7 +1,8 @@
-"""Whether what should mean the same does: estimators of one strike, the paper's centre of mass and ours, recordings of one object."""
+"""Consistency of a strike's estimators, of the paper's centre of mass with ours, of recordings."""
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -14,144 +15,173 @@ from scipy.special import chdtri
 from analyze.estimation.equiplane import standing_angle
 from analyze.estimation.joint_model import COM, SECOND, JointModel
 from analyze.estimation.paper import PaperCentre
-from analyze.estimation.stated import ComPrior, SystematicErrors
+from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.types import CentreOfMass, EquiPlane, MotionFit, TipMotion
 from schemas.result import Verdict
 
-CHANCE = 1e-3
-"""of saying that recordings disagree although they do not"""
-LEAST_WEIGHT = 1e-3
-APART = 3.0
-"""sd from which two answers are said to disagree: by chance one pair in 370 does"""
-OF_THREE = 2.5 / 3.30
-"""what three standardised errors together are as one (as joint.OF_TWO)"""
+FALSE_ALARM_PROBABILITY = 1e-3
+"""False-alarm probability of the test that recordings share one centre of mass."""
+MIN_ROBUST_WEIGHT = 1e-3
+"""Lower bound of a strike's robust weight, which divides its variance."""
+MAX_SIGMAS = 3.0
+"""Standardised difference above which two answers disagree; one pair in 370 exceeds it by chance."""
+THREE_ERRORS_AS_ONE = 2.5 / 3.30
+"""Factor from the norm of three standardised errors to the equally likely one of a single error."""
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How much better the strikes fit if every recording may have a centre of mass of its own."""
+    """Likelihood-ratio test of one centre of mass for all recordings against one for each."""
 
-    apart: float
-    """m, the largest distance of a recording's from the first one's"""
+    largest_shift: float
+    """Largest distance [m] of a recording's own centre of mass from the first recording's."""
     chi_squared: float
-    """gained by it"""
+    """Decrease of chi^2 if every recording has its own centre of mass."""
     limit: float
-    """of chi squared, passed by chance once in a thousand times"""
+    """Critical value of `chi_squared` at the false-alarm probability; infinite for one recording."""
 
     @property
     def holds(self) -> bool:
-        """One centre of mass will do."""
+        """True if one centre of mass explains all recordings."""
         return self.chi_squared <= self.limit
 
 
 def agreement(
-    planes: Sequence[EquiPlane], recorded_in: Sequence[int], com: CentreOfMass, systematic: SystematicErrors, prior: ComPrior
+    planes: Sequence[EquiPlane],
+    recorded_in: Sequence[int],
+    com: CentreOfMass,
+    systematic: SystematicErrors,
+    prior: ComPrior,
 ) -> Agreement:
-    """Compare one c for all recordings with one for each, what the strikes share being shared in both.
+    """Likelihood-ratio test of one centre of mass c for all recordings against one for each.
 
-    Linear about `com`: the residuals' covariance is that of the strikes, the shared errors and the common c; each further
-    recording's shift of c has the body's size as prior. The gain is that of a likelihood ratio.
+    Errors that strikes share are shared in both hypotheses. The test is linear about `com`: the residuals'
+    covariance contains the strikes' noise, the shared errors and the common c; the shift of c of each further
+    recording has the prior's sd.
 
     Args:
-        planes: of the strikes used.
-        recorded_in: (strikes,) number of each one's recording.
-        com: of all of them.
-        systematic: as it was estimated with.
-        prior: as it was estimated with.
+        planes: Equi-planes of the strikes used.
+        recorded_in: (strikes,) number of each strike's recording.
+        com: Centre of mass estimated from all strikes, in O.
+        systematic: Shared errors that `com` was estimated with.
+        prior: Prior of c that `com` was estimated with.
     """
     model = JointModel(planes, systematic)
     at = np.concatenate([com.position, np.zeros(model.count - COM.stop)])
     residual, design = model.residual(at), model.design(at)
     by_com, shared = design[:, COM] * prior.sd, design[:, SECOND.stop :]
-    variance = np.hypot([plane.sd_phi for plane in planes], systematic.strike_angle_sd) ** 2 / np.maximum(com.robust, LEAST_WEIGHT)
+    variance = np.hypot([plane.sd_phi for plane in planes], systematic.strike_angle_sd) ** 2 / np.maximum(
+        com.robust, MIN_ROBUST_WEIGHT
+    )
     covariance = np.diag(variance) + shared @ shared.T + by_com @ by_com.T
     others = sorted(set(recorded_in))[1:]
     mine = np.array([[number == other for other in others] for number in recorded_in], dtype=np.float64)
     shifts = np.einsum("so,sc->soc", mine, by_com).reshape(len(planes), -1)
     weighted = np.linalg.solve(covariance, np.column_stack([shifts, residual]))
     information = np.eye(shifts.shape[1]) + shifts.T @ weighted[:, :-1]
-    told = shifts.T @ weighted[:, -1]
-    shift = np.linalg.solve(information, told)
-    apart = np.linalg.norm(shift.reshape(-1, 3) * prior.sd, axis=1).max(initial=0.0)
-    limit = float(chdtri(shifts.shape[1], CHANCE)) if others else np.inf
-    return Agreement(float(apart), float(told @ shift), limit)
+    score = shifts.T @ weighted[:, -1]
+    shift = np.linalg.solve(information, score)
+    largest_shift = np.linalg.norm(shift.reshape(-1, 3) * prior.sd, axis=1).max(initial=0.0)
+    limit = float(chdtri(shifts.shape[1], FALSE_ALARM_PROBABILITY)) if others else np.inf
+    return Agreement(float(largest_shift), float(score @ shift), limit)
 
 
 @dataclass(frozen=True)
-class EstimatorsApart:
-    """Two estimators of one strike that disagree by more than their sd allow."""
+class EstimatorDisagreement:
+    """Two estimators of one strike that differ by more than their standard deviations allow."""
 
     strike_id: str
     used: str
+    """Name of the estimator used."""
     other: str
+    """Name of the estimator that disagrees with it."""
     phi_off: float
-    """rad, the other's less the one's used"""
+    """phi of the other estimator minus phi of the one used [rad]."""
     sigmas: float
+    """Standardised difference of phi, or of k if `k_off` is given."""
     k_off: float | None = None
-    """relative, where it is k that disagrees"""
+    """Relative difference of k; None if it is phi that disagrees."""
 
 
-def estimators_apart(motions: Sequence[TipMotion]) -> tuple[EstimatorsApart, ...]:
-    """Where another estimator of a strike means another phi or k than the one used.
+def estimator_disagreements(motions: Sequence[TipMotion]) -> tuple[EstimatorDisagreement, ...]:
+    """Pairs of estimators of one strike whose phi or k differ by more than `MAX_SIGMAS` sd.
 
-    Not where the other's assumptions are known to be violated (that stands beside it), nor a sign change where the strike rocked back:
-    there was no passage to be found. They see the same frames, so that less than their two sd together is between them.
+    An alternative with violated assumptions is not compared (the fit lists them), nor a sign change of a
+    strike that rocked back: there is no passage of balance to find. Both estimators use the same frames;
+    adding their variances therefore overstates the expected difference.
     """
-    found: list[EstimatorsApart] = []
+    found: list[EstimatorDisagreement] = []
     for motion in motions:
         if motion.fit is None:
             continue
         for other in motion.alternatives:
             if other.violated or (other.k is None and motion.verdict is not Verdict.GOOD):
                 continue
-            apart = _apart(motion.strike_id, motion.fit, other)
+            apart = _disagreement(motion.strike_id, motion.fit, other)
             if apart is not None:
                 found.append(apart)
     return tuple(found)
 
 
-def _apart(strike_id: str, fit: MotionFit, other: MotionFit) -> EstimatorsApart | None:
+def _disagreement(strike_id: str, fit: MotionFit, other: MotionFit) -> EstimatorDisagreement | None:
     off = other.phi - fit.phi
     sigmas = abs(off) / float(np.sqrt(fit.covariance[0, 0] + other.covariance[0, 0]))
     if fit.k is not None and other.k is not None:
         sd = float(np.sqrt(fit.covariance[1, 1] + other.covariance[1, 1]))
-        if abs(other.k - fit.k) > max(APART, sigmas) * sd:
-            return EstimatorsApart(strike_id, fit.estimator, other.estimator, off, abs(other.k - fit.k) / sd, other.k / fit.k - 1)
-    return EstimatorsApart(strike_id, fit.estimator, other.estimator, off, sigmas) if sigmas > APART else None
+        if abs(other.k - fit.k) > max(MAX_SIGMAS, sigmas) * sd:
+            return EstimatorDisagreement(
+                strike_id, fit.estimator, other.estimator, off, abs(other.k - fit.k) / sd, other.k / fit.k - 1
+            )
+    return (
+        EstimatorDisagreement(strike_id, fit.estimator, other.estimator, off, sigmas)
+        if sigmas > MAX_SIGMAS
+        else None
+    )
 
 
 @dataclass(frozen=True)
-class CentresApart:
-    """The paper's centre of mass against ours."""
+class CentreDifference:
+    """Difference between the paper's centre of mass and ours."""
 
     distance: float
-    """m"""
+    """Distance between the two [m]."""
     sigmas: float
-    """of that, as one standardised error"""
+    """Difference as one standardised error."""
 
     @property
     def agree(self) -> bool:
-        """Within what both are known to."""
-        return self.sigmas <= APART
+        """True if the difference is within `MAX_SIGMAS` standard deviations."""
+        return self.sigmas <= MAX_SIGMAS
 
 
-def centres_apart(paper: PaperCentre, planes: Sequence[EquiPlane], com: CentreOfMass, prior: ComPrior) -> CentresApart:
-    """Compare the paper's centre of mass with ours.
+def centre_difference(
+    paper: PaperCentre, planes: Sequence[EquiPlane], com: CentreOfMass, prior: ComPrior
+) -> CentreDifference:
+    """Difference between the paper's centre of mass and ours, with its significance.
 
-    The paper's has no sd of its own: each of its planes is taken as off by the sd of its angle and, anywhere alike, by up to `paper.err`.
+    The paper states no standard deviation: each of its planes is given the variance of its angle plus that of
+    a uniform error of up to `paper.err`.
 
     Args:
-        paper: found from `planes`.
-        planes: with the paper's angles.
-        com: ours, of the same body.
-        prior: of both.
+        paper: Centre found from `planes`, in O.
+        planes: Equi-planes with the paper's angles phi.
+        com: Our centre of mass of the same body, in O.
+        prior: Prior of c, used for both.
     """
     off = paper.position - com.position
     information = np.diag(prior.sd**-2)
     for plane in planes:
         turned = 1e-6 * np.eye(3)
-        at = standing_angle(np.concatenate([com.position + turned, com.position - turned]), plane.direction, plane.up, plane.point)
+        at = standing_angle(
+            np.concatenate([com.position + turned, com.position - turned]),
+            plane.direction,
+            plane.up,
+            plane.point,
+        )
         by = (at[:3] - at[3:]) / 2e-6
         information += np.outer(by, by) / (plane.sd_phi**2 + paper.err**2 / 3.0)
     covariance = np.linalg.inv(information) + com.covariance
-    return CentresApart(float(np.linalg.norm(off)), OF_THREE * float(np.sqrt(off @ np.linalg.solve(covariance, off))))
+    return CentreDifference(
+        float(np.linalg.norm(off)),
+        THREE_ERRORS_AS_ONE * float(np.sqrt(off @ np.linalg.solve(covariance, off))),
+    )

@@ -1,4 +1,4 @@
-"""The body as pieces that lie either in the wall or in the interior."""
+"""The body as small cells, each in the shell or in the interior."""
 
 from __future__ import annotations
 
@@ -11,78 +11,92 @@ from analyze.geometry.voxels import Voxels
 from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 
-LEAST_PART = 1e-3
-THINNEST, THICKEST = 0.004, 0.12
-"""of a wall that is not given, over the cube root of the volume"""
-THICKNESSES = 5
-ASSUMED_WALL = 0.025
-"""wall thickness where none is given, over the cube root of the volume"""
+MIN_CELL_FRACTION = 1e-3
+"""Fraction of a voxel below which its part in the shell, or in the interior, makes no cell."""
+MIN_SHELL_FRACTION, MAX_SHELL_FRACTION = 0.004, 0.12
+"""Range of a shell thickness that is not given, over the cube root of the volume."""
+SHELL_THICKNESS_COUNT = 5
+"""Number of thicknesses tried in that range."""
+ASSUMED_SHELL_FRACTION = 0.025
+"""Shell thickness where none is given, over the cube root of the volume."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Pieces of the body, each in the wall or in the interior."""
+    """Cells that fill the body, each in the shell or in the interior."""
 
     points: Array
-    """(n, 3) m, centroids in O"""
-    wall: Array
-    """(n,) m^3, 0 for pieces of the interior"""
+    """(n, 3) centroids [m] in O."""
+    shell: Array
+    """(n,) volumes [m^3]; 0 for cells of the interior."""
     interior: Array
-    """(n,) m^3, 0 for pieces of the wall"""
-    own: Array
-    """(n,) m^2: a piece's moment about its own centroid, per kilogram, the same about every axis (paper eq. 7: d^2/6 for a cube)"""
+    """(n,) volumes [m^3]; 0 for cells of the shell."""
+    own_inertia: Array
+    """(n,) moment of inertia about the own centroid per kilogram [m^2], about any axis: d^2/6 for a cube
+    (VISAPP 2013, eq. 7)."""
     pitch: float
-    """m, edge of the cubes they were cut from"""
+    """Edge d of the cubes that the cells were cut from [m]."""
 
     @property
     def volumes(self) -> Array:
-        """(n,) m^3, of every piece."""
-        return self.wall + self.interior
+        """Volumes (n,) of all cells [m^3]."""
+        return self.shell + self.interior
 
     @property
     def centroid(self) -> Array:
-        """(3,) m, of the uniform solid."""
+        """Centroid (3,) of the uniform solid [m], in O."""
         return self.volumes @ self.points / self.volumes.sum()
 
     def principal_directions(self) -> Array:
-        """(3, 3), rows: unit, along which the body is longest first; largest component positive."""
+        """Principal directions (3, 3) as unit rows in O, longest first, largest component positive."""
         values, vectors = np.linalg.eigh(np.cov((self.points - self.centroid).T, aweights=self.volumes))
         rows = vectors.T[np.argsort(-values, kind="stable")]
         largest = np.take_along_axis(rows, np.argmax(np.abs(rows), axis=1)[:, None], axis=1)
         return rows * np.sign(largest)
 
 
+@dataclass(frozen=True)
+class ShellCells:
+    """Cells of the body for one shell thickness."""
+
+    thickness: float
+    """Shell thickness [m]."""
+    cells: Cells
+
+
 def cells_from_voxels(voxels: Voxels) -> Cells:
-    """Cubes cut by the wall's inner side become two pieces."""
+    """Cells of a voxelised body; a voxel that the shell's inner side cuts becomes two cells."""
     shell, volumes = voxels.shell, voxels.volumes
-    in_wall, inside = shell > LEAST_PART, shell < 1 - LEAST_PART
+    in_wall, inside = shell > MIN_CELL_FRACTION, shell < 1 - MIN_CELL_FRACTION
     wall = np.concatenate([(volumes * shell)[in_wall], np.zeros(int(inside.sum()))])
     interior = np.concatenate([np.zeros(int(in_wall.sum())), (volumes * (1 - shell))[inside]])
     filled = np.clip((wall + interior) / voxels.pitch**3, 0, 1)
     return Cells(
         points=np.concatenate([voxels.shell_centres[in_wall], voxels.core_centres[inside]]),
-        wall=wall,
+        shell=wall,
         interior=interior,
         # A slab of thickness f*d, mean over its orientations; d^2/6 for the whole cube.
-        own=voxels.pitch**2 * (2 + filled**2) / 18,
+        own_inertia=voxels.pitch**2 * (2 + filled**2) / 18,
         pitch=voxels.pitch,
     )
 
 
 def moments_about(cells: Cells, masses: Array, about: Array) -> Array:
-    """Inertia tensor (3, 3) [kg m^2] about the point `about` (3,) of pieces with `masses` (n,) [kg]."""
+    """Inertia tensor (3, 3) [kg m^2] about `about` (3,) [m, in O] of cells with `masses` (n,) [kg]."""
     arm = cells.points - about
     second = (arm * masses[:, None]).T @ arm
-    return (np.trace(second) + masses @ cells.own) * np.eye(3) - second
+    return (np.trace(second) + masses @ cells.own_inertia) * np.eye(3) - second
 
 
-def possible_thicknesses(model: ObjectModel) -> Array:
-    """Thicknesses of a wall [m] (w,) that is not given, rising by equal factors."""
+def candidate_shell_thicknesses(model: ObjectModel) -> Array:
+    """Candidate thicknesses (w,) [m] of a shell whose thickness is not given, in a geometric series."""
     size = model.volume ** (1 / 3)
-    grown = (THICKEST / THINNEST) ** (np.arange(THICKNESSES) / (THICKNESSES - 1))
-    return np.asarray(size * THINNEST * grown, dtype=np.float64)
+    grown = (MAX_SHELL_FRACTION / MIN_SHELL_FRACTION) ** (
+        np.arange(SHELL_THICKNESS_COUNT) / (SHELL_THICKNESS_COUNT - 1)
+    )
+    return np.asarray(size * MIN_SHELL_FRACTION * grown, dtype=np.float64)
 
 
-def wall_thickness(spec: ObjectSpec, model: ObjectModel) -> float:
-    """Thickness of the surface region [m]: given, or assumed from the size."""
-    return spec.shell_thickness_m or ASSUMED_WALL * model.volume ** (1 / 3)
+def shell_thickness(spec: ObjectSpec, model: ObjectModel) -> float:
+    """Thickness of the shell [m]: as given, or assumed from the object's size."""
+    return spec.shell_thickness_m or ASSUMED_SHELL_FRACTION * model.volume ** (1 / 3)

@@ -1,4 +1,4 @@
-"""Centre of mass from equi-planes: what the joint estimate says of it, with phi alone or with k (METHOD: "ours")."""
+"""Centre of mass from equi-planes, with covariance (docs/explanation/method.md, section 4)."""
 
 from __future__ import annotations
 
@@ -7,50 +7,58 @@ from collections.abc import Sequence
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.estimation.equiplane import plumb
+from analyze.estimation.equiplane import upright_in_gravity
 from analyze.estimation.joint import JointSolution, solve_joint
 from analyze.estimation.joint_model import COM
-from analyze.estimation.stated import ComPrior, SystematicErrors
+from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.types import Array, CentreOfMass, EquiPlane, TableTilt
 
 UNOBSERVED_FRACTION = 0.15
-"""a direction whose sd is above this part of the prior's was not measured"""
+"""Fraction of the prior's sd above which a direction of c counts as not observed."""
 
 
-def centre_of_mass(planes: Sequence[EquiPlane], systematic: SystematicErrors, prior: ComPrior) -> CentreOfMass:
-    """The point nearest all equi-planes, n_j.(c - p_j) = 0, and how well it is known; by phi alone.
+def centre_of_mass(
+    planes: Sequence[EquiPlane], systematic: SystematicErrors, prior: ComPrior
+) -> CentreOfMass:
+    """Centre of mass c (3,) [m, in O] nearest all equi-planes, n_j.(c - p_j) = 0, from phi alone.
 
-    Beside c the shared errors are unknowns with priors (joint_model.py): the lean of the vertical towards W's x and y, the shape's scale,
-    the edges' radius, and per axis the edge's place (two directions across itself), its own radius and, per heading, an angle; every
-    levelling of the table has its own lean. So repeats of one axis average their own scatter only. A tip at heading h feels
-    lean . (cos h, sin h): strikes of one edge at two headings, best 180 deg apart, tell the lean from everything else (half the difference
-    of their phi). Residuals are angles, n_j.(c - p_j) / R_j at the measured phi_j, so that weights follow R_j and no c is favoured for
-    being near an edge.
+    Unknowns beside c are the shared errors, with priors (joint_model.py): the lean of the vertical towards
+    W's x and y, the shape's scale, the edges' radius, and per axis the edge's place (two directions across
+    itself), its own radius and, per heading, an angle; every levelling of the table has its own lean. Repeats
+    of one axis therefore average their own scatter only. The lean changes phi of a tip at heading h by lean .
+    (cos h, sin h): strikes over one edge at two headings, best 180 deg apart, separate the lean from all else
+    (half the difference of their phi). Residuals are angles, n_j.(c - p_j) / R_j at the measured phi_j;
+    weights then follow R_j and no c is favoured for being near an edge.
 
     Args:
-        planes: one per strike, in O.
-        systematic: shared errors.
-        prior: used where strikes do not tell.
+        planes: Equi-planes in O, one per strike.
+        systematic: Standard deviations of the shared errors.
+        prior: Prior of c; determines the directions that strikes do not observe.
 
     Raises:
-        EstimationError: no plane.
+        EstimationError: there is no plane.
     """
-    refuse_none(planes)
-    return com_of(solve_joint(planes, systematic, prior), prior)
+    require_planes(planes)
+    return centre_of_mass_from_joint(solve_joint(planes, systematic, prior), prior)
 
 
-def refuse_none(planes: Sequence[EquiPlane]) -> None:
-    """Say what is missing.
+def require_planes(planes: Sequence[EquiPlane]) -> None:
+    """Raise an error if there is no equi-plane.
 
     Raises:
-        EstimationError: no plane.
+        EstimationError: there is no plane.
     """
     if not planes:
         raise EstimationError("no good strike: strike again, or lower the number of excluded strikes")
 
 
-def com_of(solution: JointSolution, prior: ComPrior) -> CentreOfMass:
-    """C, and what comes with it."""
+def centre_of_mass_from_joint(solution: JointSolution, prior: ComPrior) -> CentreOfMass:
+    """Centre of mass with covariance, residuals and shares of information, from a joint solution.
+
+    Args:
+        solution: Solution of the joint problem, by phi alone or with k.
+        prior: Prior of c that the problem was solved with.
+    """
     model, x, covariance = solution.model, solution.x, solution.covariance
     position = x[COM]
     relative = covariance[COM, COM] / np.outer(prior.sd, prior.sd)
@@ -61,7 +69,10 @@ def com_of(solution: JointSolution, prior: ComPrior) -> CentreOfMass:
     worst = worst * np.sign(worst[np.argmax(np.abs(worst))])
     distances = model.distances(x)
     arms = model.distance_design(x)
-    upright = tuple(plumb(plane, lean) for plane, lean in zip(model.planes, model.lean(x).tolist(), strict=True))
+    upright = tuple(
+        upright_in_gravity(plane, lean)
+        for plane, lean in zip(model.planes, model.lean(x).tolist(), strict=True)
+    )
     weights = solution.weight * _precision_of_phi(solution) / distances**2
     return CentreOfMass(
         position=position,
@@ -80,11 +91,11 @@ def com_of(solution: JointSolution, prior: ComPrior) -> CentreOfMass:
 
 
 def _precision_of_phi(solution: JointSolution) -> Array:
-    """(strikes,) 1/rad^2, whatever k says beside it."""
+    """Marginal precision (strikes,) of phi [1/rad^2], k integrated out."""
     W = solution.data.whiten
     inverse = np.swapaxes(W, 1, 2) @ W
     used = solution.data.uses_k > 0
-    # The marginal precision: the Schur complement, where there is a k.
+    # Schur complement, where a k is used.
     lost = np.where(used, inverse[:, 0, 1] ** 2 / np.where(used, inverse[:, 1, 1], 1.0), 0.0)
     return inverse[:, 0, 0] - lost
 
@@ -92,4 +103,8 @@ def _precision_of_phi(solution: JointSolution) -> Array:
 def _tilt(solution: JointSolution, level: int) -> TableTilt:
     where, prior = solution.model.tilt_terms(level), solution.model.tilts[level]
     sd = np.array(prior.sd)
-    return TableTilt(np.array(prior.lean) + sd * solution.x[where], solution.covariance[where, where] * np.outer(sd, sd), sd)
+    return TableTilt(
+        np.array(prior.lean) + sd * solution.x[where],
+        solution.covariance[where, where] * np.outer(sd, sd),
+        sd,
+    )

@@ -1,4 +1,4 @@
-"""Checks of the answer: each strike predicted from all others, gravity from several R, moments and c within what the shape allows."""
+"""Checks of a joint solution: leave-one-out predictions, gravity, bounds of moments and c."""
 
 from __future__ import annotations
 
@@ -8,70 +8,73 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analyze.estimation.joint import OF_TWO, JointSolution, Moments, solve_joint
+from analyze.estimation.joint import TWO_ERRORS_AS_ONE, JointSolution, MomentModel, solve_joint
 from analyze.estimation.joint_model import COM, GRAVITY
-from analyze.estimation.stated import ComPrior, SystematicErrors
+from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.types import Array, EquiPlane
 
-UNKNOWN_GRAVITY = 0.2
-"""relative 1 sigma, where g is asked for"""
+OPEN_GRAVITY_RELATIVE_SD = 0.2
+"""Relative 1 sigma of g where g is estimated."""
 SIGMAS = 3.0
-"""from which on something is said to disagree"""
+"""Standardised error above which a check fails."""
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """A strike beside what all others predict of it."""
+class LeaveOneOut:
+    """Leave-one-out prediction of a strike's phi and k, compared with the measured ones."""
 
     strike_id: str
     phi: float
-    """rad, predicted"""
+    """Predicted phi [rad]."""
     phi_off: float
-    """rad, measured less predicted"""
+    """Measured minus predicted phi [rad]."""
     phi_sd: float
-    """rad, expected of that: of the prediction and of the strike"""
+    """1 sigma of `phi_off` [rad]: prediction and measurement together."""
     k_off: float | None
-    """relative, the same; None where k is not used"""
+    """Measured minus predicted ln k; None if k is not used."""
     k_sd: float | None
+    """1 sigma of `k_off`; None if k is not used."""
     sigmas: float
-    """both together, as one standardised error"""
+    """Differences of phi and k together, as one standardised error."""
     k: float
-    """rad/s^2, predicted, where the first recording was made"""
+    """Predicted k [rad/s^2], under the first recording's gravity."""
     by_others: Array
-    """(2, 2) of the predicted (phi, ln k)"""
+    """(2, 2) covariance of the predicted (phi, ln k)."""
     own: Array
-    """(2, 2), by which the strike's own (phi, ln k) scatter; 0 for a k that is not used"""
+    """(2, 2) covariance of the strike's own (phi, ln k); 0 for a k that is not used."""
 
     @property
-    def foretold(self) -> bool:
-        """It is what the others say."""
+    def agrees(self) -> bool:
+        """True if measurement and prediction agree within `SIGMAS` standard deviations."""
         return self.sigmas <= SIGMAS
 
 
 @dataclass(frozen=True)
-class Gravity:
-    """What the strikes say of g where nothing is stated of it: axes with different R tell it from the moments."""
+class GravityEstimate:
+    """Estimate of g from the strikes alone; axes with different R separate g from the moments of inertia."""
 
     relative: float
-    """over the stated one, less 1"""
+    """Estimated over stated g, minus 1."""
     sd: float
+    """1 sigma of `relative`."""
 
     @property
     def agrees(self) -> bool:
-        """Within what it is known to."""
+        """True if estimated and stated g agree within `SIGMAS` standard deviations."""
         return abs(self.relative) <= SIGMAS * self.sd
 
 
-def leave_one_out(solution: JointSolution) -> tuple[LeftOut, ...]:
-    """Each strike taken out of the problem, linear about the solution, and predicted: posterior predictive of phi and ln k.
+def leave_one_out(solution: JointSolution) -> tuple[LeaveOneOut, ...]:
+    """Leave-one-out predictions of phi and ln k of every strike, linear about the solution.
 
-    All that theta(t) says of the body is in these two; what they make of theta(t) itself is in motion/foretold_motion.py.
+    The two carry all the information that theta(t) has about the body; their prediction of theta(t) itself is
+    in motion/predicted_motion.py.
     """
     model, x, weight = solution.model, solution.x, solution.weight
     information = np.linalg.inv(solution.covariance)
     phi, by_phi = model.residual(x), model.design(x)
     log_k, by_k = model.log_k(x)
-    found: list[LeftOut] = []
+    found: list[LeaveOneOut] = []
     for i, plane in enumerate(model.planes):
         uses_k = bool(solution.data.uses_k[i])
         parts = 2 if uses_k else 1
@@ -80,17 +83,21 @@ def leave_one_out(solution: JointSolution) -> tuple[LeftOut, ...]:
         both = np.stack([by_phi[i], by_k[i]])
         rows = both[:parts]
         off: Array = np.array([phi[i], log_k[i] - solution.data.log_k[i]])[:parts]
-        others = np.asarray(np.linalg.inv(information - weight[i] * rows.T @ precision @ rows), dtype=np.float64)
+        others = np.asarray(
+            np.linalg.inv(information - weight[i] * rows.T @ precision @ rows), dtype=np.float64
+        )
         moved = both @ others @ rows.T @ precision @ off * weight[i]
         off = off + moved[:parts]
         own = np.zeros((2, 2))
         own[:parts, :parts] = np.linalg.inv(precision)
         by_others = np.asarray(both @ others @ both.T, dtype=np.float64)
         expected = (by_others + own)[:parts, :parts]
-        sigmas = math.sqrt(float(off @ np.linalg.solve(expected, off))) * (OF_TWO if uses_k else 1.0)
+        sigmas = math.sqrt(float(off @ np.linalg.solve(expected, off))) * (
+            TWO_ERRORS_AS_ONE if uses_k else 1.0
+        )
         sd = np.sqrt(np.diag(expected))
         found.append(
-            LeftOut(
+            LeaveOneOut(
                 strike_id=plane.strike_id,
                 phi=plane.phi + float(off[0]),
                 phi_off=-float(off[0]),
@@ -106,28 +113,53 @@ def leave_one_out(solution: JointSolution) -> tuple[LeftOut, ...]:
     return tuple(found)
 
 
-def gravity_told(
-    planes: Sequence[EquiPlane], systematic: SystematicErrors, prior: ComPrior, moments: Moments, near: JointSolution
-) -> Gravity:
-    """G as the strikes have it, against the stated one."""
-    open_scale = replace(moments.scale, gravity_sd=UNKNOWN_GRAVITY * moments.scale.gravity)
-    found = solve_joint(planes, systematic, prior, replace(moments, scale=open_scale), near)
+def estimated_gravity(
+    planes: Sequence[EquiPlane],
+    systematic: SystematicErrors,
+    prior: ComPrior,
+    moments: MomentModel,
+    initial: JointSolution,
+) -> GravityEstimate:
+    """Gravity's magnitude estimated from phi and k of all strikes, relative to the stated one.
+
+    Args:
+        planes: Equi-planes of the strikes, in O.
+        systematic: Standard deviations of the shared errors.
+        prior: Prior of c.
+        moments: Mass, gravity, and the shape's prior of the moments.
+        initial: Solution with the stated gravity, to start from.
+    """
+    open_scale = replace(moments.scale, gravity_sd=OPEN_GRAVITY_RELATIVE_SD * moments.scale.gravity)
+    found = solve_joint(planes, systematic, prior, replace(moments, scale=open_scale), initial)
     sd = float(np.sqrt(found.covariance[GRAVITY, GRAVITY]))
-    return Gravity(float(np.expm1(UNKNOWN_GRAVITY * found.x[GRAVITY])), UNKNOWN_GRAVITY * sd)
+    return GravityEstimate(
+        float(np.expm1(OPEN_GRAVITY_RELATIVE_SD * found.x[GRAVITY])), OPEN_GRAVITY_RELATIVE_SD * sd
+    )
 
 
-def outside_hull(com: Array, covariance: Array, hull_planes: Array) -> float:
-    """By how many sd c (3,) lies outside the hull (planes (p, 4), outward n.x + d); 0: inside it or no more than that."""
+def sigmas_outside_hull(com: Array, covariance: Array, hull_planes: Array) -> float:
+    """Distance of c outside the shape's hull in standard deviations; 0 if it lies inside.
+
+    Args:
+        com: (3,) c [m], in O.
+        covariance: (3, 3) of c [m^2].
+        hull_planes: (p, 4) outward n and d of the hull's planes, n.x + d = 0 [m].
+    """
     height = hull_planes[:, :3] @ com + hull_planes[:, 3]
     sd = np.sqrt(np.einsum("pi,ij,pj->p", hull_planes[:, :3], covariance, hull_planes[:, :3]))
     return max(0.0, float(np.max(height / np.maximum(sd, 1e-12))))
 
 
 def impossible_moments(solution: JointSolution, hull_vertices: Array) -> list[str]:
-    """Ids of axes whose moment no mass within the hull with that c could have.
+    """Ids of axes whose moment no mass distribution within the hull with centre of mass c can have.
 
-    Below 0 by k itself, g R / k - (R + rho)^2; or above what mass at the hull's ends would have: along any direction the second moment
-    about c is at most (b - c)(c - a) where the body reaches from a to b (Bhatia and Davis 2000).
+    I_c,l / m = g R / k - (R + rho)^2 must not be negative, and not above the second moments about c across
+    the axis: along any direction these are at most (b - c)(c - a) where the body extends from a to b (Bhatia
+    and Davis 2000).
+
+    Args:
+        solution: Joint solution with k.
+        hull_vertices: (h, 3) [m], in O.
     """
     model, x, P = solution.model, solution.x, solution.covariance
     about_com, by = model.about_com(x)
@@ -139,9 +171,11 @@ def impossible_moments(solution: JointSolution, hull_vertices: Array) -> list[st
             continue
         ends = (hull_vertices - x[COM]) @ np.stack([plane.up, np.cross(plane.direction, plane.up)], axis=1)
         most = float(np.sum(np.maximum(ends.max(axis=0), 0) * np.maximum(-ends.min(axis=0), 0)))
-        # What this strike's k alone would make of the moment, all else as found.
+        # The moment that this strike's k alone implies, with all else as estimated.
         own = float(about_com[i] - edge[i] * (solution.data.log_k[i] - ln_k[i]))
-        sd = float(edge[i] * np.sqrt(by_ln_k[i] @ P @ by_ln_k[i] + (plane.sd_k or 0.0) ** 2 / (plane.k or 1.0) ** 2))
+        sd = float(
+            edge[i] * np.sqrt(by_ln_k[i] @ P @ by_ln_k[i] + (plane.sd_k or 0.0) ** 2 / (plane.k or 1.0) ** 2)
+        )
         sd = float(np.hypot(sd, np.sqrt(by[i] @ P @ by[i])))
         if own + SIGMAS * sd < 0 or own - SIGMAS * sd > most:
             found.add(plane.axis_id)
@@ -150,28 +184,38 @@ def impossible_moments(solution: JointSolution, hull_vertices: Array) -> list[st
 
 @dataclass(frozen=True)
 class Checks:
-    """All checks of one answer."""
+    """All checks of one joint solution."""
 
-    left_out: tuple[LeftOut, ...]
-    gravity: Gravity
-    impossible: tuple[str, ...]
-    """ids of axes"""
-    outside: float
-    """sd by which c lies outside the hull"""
+    left_out: tuple[LeaveOneOut, ...]
+    """Leave-one-out predictions, one per strike."""
+    gravity: GravityEstimate
+    impossible_axes: tuple[str, ...]
+    """Ids of axes with an impossible moment of inertia."""
+    sigmas_outside_hull: float
+    """Distance of c outside the hull in standard deviations; 0 if it lies inside."""
 
 
 def check(
     planes: Sequence[EquiPlane],
     systematic: SystematicErrors,
     prior: ComPrior,
-    moments: Moments,
+    moments: MomentModel,
     solution: JointSolution,
     hull: tuple[Array, Array],
 ) -> Checks:
-    """Carry out all; `hull`: vertices (h, 3) and planes (p, 4) of the shape's."""
+    """Carry out all checks of a joint solution.
+
+    Args:
+        planes: Equi-planes of the strikes, in O.
+        systematic: Standard deviations of the shared errors.
+        prior: Prior of c.
+        moments: Mass, gravity, and the shape's prior of the moments.
+        solution: Solution of the joint problem of these.
+        hull: Vertices (h, 3) [m] and planes (p, 4) (outward n.x + d = 0) of the shape's hull, in O.
+    """
     return Checks(
         leave_one_out(solution),
-        gravity_told(planes, systematic, prior, moments, solution),
+        estimated_gravity(planes, systematic, prior, moments, solution),
         tuple(impossible_moments(solution, hull[0])),
-        outside_hull(solution.x[COM], solution.covariance[COM, COM], hull[1]),
+        sigmas_outside_hull(solution.x[COM], solution.covariance[COM, COM], hull[1]),
     )

@@ -1,4 +1,4 @@
-"""Equi-planes: the plane in O that holds the pivot's centre line and the centre of mass (paper 3.2.1, eq. 4)."""
+"""Equi-planes: planes through a pivot's centre line and the centre of mass (VISAPP 2013, eq. 4)."""
 
 from __future__ import annotations
 
@@ -11,39 +11,58 @@ from analyze.types import Array, EquiPlane, MotionFit, TipMotion
 from schemas.strike_plan import PlannedStrike
 
 AXIS_TOLERANCE = 1e-3
-"""rad: how far a plan's pivot.direction may be from W's +y at rest"""
+"""Largest angle [rad] between a plan's pivot.direction and W's +y at rest."""
 
 
 def equiplane(strike_id: str, planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
-    """Equi-plane of one strike, from the fit its motion used.
+    """Equi-plane of one strike in O, from the fit that its motion uses.
 
     Args:
-        strike_id: the strike, unique in the recording.
-        planned: how the object lay, and its pivot in O.
-        motion: the strike's motion with a fit.
+        strike_id: Id of the strike, unique in the recording.
+        planned: Rest pose of the object, and its pivot in O.
+        motion: Motion of the strike, with a fit.
 
     Raises:
-        EstimationError: the motion holds no fit, or the plan's pivot does not lie along W's y.
+        EstimationError: the motion has no fit, or the plan's pivot does not lie along W's y.
     """
     if motion.fit is None:
-        raise EstimationError(f"strike {strike_id}: no motion was fitted ({motion.verdict.value}): exclude it")
+        raise EstimationError(
+            f"strike {strike_id}: no motion was fitted ({motion.verdict.value}): exclude it"
+        )
     return equiplane_from_fit(strike_id, planned, motion.fit)
 
 
 def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -> EquiPlane:
-    """As `equiplane`, from any estimator's fit: phi [rad], k [rad/s^2] and their (2, 2) covariance."""
+    """Equi-plane of one strike in O, from the fit of any estimator.
+
+    Args:
+        strike_id: Id of the strike, unique in the recording.
+        planned: Rest pose of the object, and its pivot in O.
+        fit: phi [rad], k [rad/s^2] and their covariance (2, 2).
+
+    Raises:
+        EstimationError: the plan's pivot does not lie along W's y.
+    """
     R_world_object = np.array(planned.R_world_object)
     direction = np.array(planned.pivot.direction)
     direction = direction / np.linalg.norm(direction)
     if np.linalg.norm(R_world_object @ direction - np.array([0.0, 1.0, 0.0])) > AXIS_TOLERANCE:
-        raise EstimationError(f"plan strike {planned.id}: pivot.direction is not W's +y at rest: make the plan anew")
+        raise EstimationError(
+            f"plan strike {planned.id}: pivot.direction is not W's +y at rest: make the plan anew"
+        )
     up = R_world_object[2]
-    point, radius, sd, rounded, radius_sd = np.array(planned.pivot.point), planned.pivot.radius_m, planned.pivot.sd_m, True, 0.0
+    point, radius, sd, rounded, radius_sd = (
+        np.array(planned.pivot.point),
+        planned.pivot.radius_m,
+        planned.pivot.sd_m,
+        True,
+        0.0,
+    )
     if fit.rolling is not None:
-        # A flank's centre of curvature where it touches at phi is what the centre line is to a rounded edge.
+        # The centre of curvature at the contact point at phi takes the part of a rounded edge's centre line.
         point = point + R_world_object[0] * fit.rolling.along + up * fit.rolling.over
         radius, rounded, radius_sd = fit.rolling.radius, not fit.rolling.of_shape, fit.rolling.radius_sd
-        # Where the plan's pivot point lies does not matter to a curve of the shape's own.
+        # The place of the plan's pivot point has no effect on a curve of the shape itself.
         sd = float(np.hypot(sd, fit.rolling.sd)) if rounded else fit.rolling.sd
     return EquiPlane(
         strike_id=strike_id,
@@ -67,30 +86,45 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
 
 
 def equiplane_normal(direction: Array, up: Array, phi: float) -> Array:
-    """Unit normal by eq. (4): n = (R up) x l, where R turns by phi against the tip; d(n.(c - p))/dphi = -R_c.
+    """Unit normal (3,) of an equi-plane in O, n = (Rot(-phi) up) x l (VISAPP 2013, eq. 4).
+
+    Its derivative is d(n.(c - p))/dphi = -R, with R the distance of c from the centre line.
 
     Args:
         direction: (3,) unit pivot axis l in O; +theta about it tips.
         up: (3,) unit, W's z in O at rest.
-        phi: rad.
+        phi: Angle [rad] at which c stands above the contact.
     """
-    return np.cross(raised(direction, up, phi), direction)
+    return np.cross(balance_direction(direction, up, phi), direction)
 
 
-def plumb(plane: EquiPlane, lean: float) -> EquiPlane:
-    """The plane that stands upright in gravity where the vertical leans by `lean` [rad] from the table's normal, the way it tipped.
+def upright_in_gravity(plane: EquiPlane, lean: float) -> EquiPlane:
+    """Equi-plane corrected for the vertical's lean [rad] from the table's normal, along the tip.
 
-    Without it the plane is upright against the table, and misses c by R times the lean.
+    Uncorrected, the plane is vertical with respect to the table and misses c by R times the lean.
     """
     return replace(plane, normal=equiplane_normal(plane.direction, plane.up, plane.phi - lean))
 
 
-def raised(direction: Array, up: Array, phi: float) -> Array:
-    """Unit vector from the centre line to a c that stands above it at `phi`: up turned by -phi about l. Shapes as `equiplane_normal`."""
+def balance_direction(direction: Array, up: Array, phi: float) -> Array:
+    """Unit vector (3,) in O from the centre line to c at balance: `up` turned by -phi about l.
+
+    Args:
+        direction: (3,) unit pivot axis l in O; +theta about it tips.
+        up: (3,) unit, W's z in O at rest.
+        phi: Angle [rad] at which c stands above the contact.
+    """
     return np.cos(phi) * up - np.sin(phi) * np.cross(direction, up)
 
 
 def standing_angle(points: Array, direction: Array, up: Array, pivot: Array) -> Array:
-    """Angle (...) [rad] by which the body must tip until `points` (..., 3), in O, stand above the line through `pivot` (3,)."""
+    """Tipping angle (...) [rad] at which points stand above the pivot line.
+
+    Args:
+        points: (..., 3) [m], in O.
+        direction: (3,) unit direction of the line in O; +theta about it tips.
+        up: (3,) unit, W's z in O at rest.
+        pivot: (3,) point on the line [m], in O.
+    """
     arm = points - pivot
     return np.arctan2(-(arm @ np.cross(direction, up)), arm @ up)

@@ -1,4 +1,4 @@
-"""Moments of inertia and the tensor about the centre of mass, as the joint estimate has them (METHOD sections 5 and 7)."""
+"""Moments of inertia and inertia tensor about c (docs/explanation/method.md, sections 5 and 7)."""
 
 from __future__ import annotations
 
@@ -8,28 +8,35 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.estimation.cells import Cells, moments_about
-from analyze.estimation.centre_of_mass import com_of, refuse_none
-from analyze.estimation.joint import JointSolution, Moments, UnitPrior, solve_joint
+from analyze.estimation.centre_of_mass import centre_of_mass_from_joint, require_planes
+from analyze.estimation.joint import JointSolution, MomentModel, UnitPrior, solve_joint
 from analyze.estimation.joint_model import COM, SECOND
-from analyze.estimation.second_moments import six, symmetric, unit_inertia
-from analyze.estimation.stated import ComPrior, Scale, SystematicErrors
+from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
+from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix, unit_inertia
 from analyze.types import Array, AxisInertia, EquiPlane, InertialParameters
 
 MEASURED_FRACTION = 0.5
-"""an entry whose sd is above this part of the prior's counts as the prior's"""
+"""Fraction of the prior's sd below which the sd of a tensor entry marks it as measured."""
 
 
 @dataclass(frozen=True)
 class ShapePrior:
-    """Midway between all mass on the surface and uniform; 1 sigma is their difference and at least a quarter of the diagonal."""
+    """Prior of the inertia per kilogram: midway between a uniform solid and all mass in the shell.
+
+    1 sigma of an entry is the difference of the two, and at least a quarter of the geometric mean of the
+    diagonal entries of its row and column.
+    """
 
     centroids: Array
-    """(2, 3) m, of the uniform solid and of the wall"""
+    """(2, 3) centroids of the uniform solid and of the shell [m], in O."""
     about_centroids: Array
-    """(2, 3, 3) m^2, inertia about them per kilogram"""
+    """(2, 3, 3) inertia per kilogram of the two about their centroids [m^2]."""
 
     def __call__(self, com: Array) -> UnitPrior:
-        """About c (3,), not the distributions' own centres: offset^2 is small and errs to the safe side."""
+        """Prior of the inertia per kilogram about c (3,) [m, in O].
+
+        The two distributions are not moved to c; the added squared offset is small and widens the prior.
+        """
         off = self.centroids - com
         moved = np.sum(off**2, axis=1)[:, None, None] * np.eye(3) - off[:, :, None] * off[:, None, :]
         uniform, surface = self.about_centroids + moved
@@ -39,50 +46,74 @@ class ShapePrior:
 
 
 def shape_prior(cells: Cells) -> ShapePrior:
-    """What the shape says of the moments."""
-    shares = [cells.volumes / cells.volumes.sum(), cells.wall / cells.wall.sum()]
+    """Prior of the inertia per kilogram from the shape alone."""
+    shares = [cells.volumes / cells.volumes.sum(), cells.shell / cells.shell.sum()]
     centroids = [share @ cells.points for share in shares]
     return ShapePrior(
-        np.array(centroids), np.array([moments_about(cells, share, about) for share, about in zip(shares, centroids, strict=True)])
+        np.array(centroids),
+        np.array(
+            [moments_about(cells, share, about) for share, about in zip(shares, centroids, strict=True)]
+        ),
     )
 
 
 def edge_inertia(plane: EquiPlane, distance: float, scale: Scale) -> float:
-    """I_edge = m*g*R / k: moment about the contact line at balance [kg m^2]; R = distance of c from the rounding's centre line."""
+    """Moment of inertia about the contact line at balance, I_edge = m g R / k [kg m^2] (method 5).
+
+    Args:
+        plane: Equi-plane of the strike, with k [rad/s^2].
+        distance: Distance R of c from the centre line of the edge's rounding [m].
+        scale: Mass and gravity.
+
+    Raises:
+        ValueError: the plane has no k.
+    """
     if plane.k is None:
         raise ValueError(f"strike {plane.strike_id} has no k")
     return scale.mass * scale.gravity * distance / plane.k
 
 
 def inertial_parameters(
-    planes: Sequence[EquiPlane], systematic: SystematicErrors, com_prior: ComPrior, scale: Scale, shape: ShapePrior
+    planes: Sequence[EquiPlane],
+    systematic: SystematicErrors,
+    com_prior: ComPrior,
+    scale: Scale,
+    shape: ShapePrior,
 ) -> InertialParameters:
-    """Mass, c and tensor from phi and k of all strikes together.
+    """Mass, centre of mass c and inertia tensor about c, in O, from phi and k of all strikes together.
 
-    k = m*g*R / (I_c + m*(R + rho)^2): motions tell the inertia per kilogram, the mass is what was stated; so both are independent.
-    Directions that no axis tells of come from the shape.
+    k = m g R / (I_c,l + m (R + rho)^2): the motion determines the inertia per kilogram and the mass is
+    stated, so the two are independent. Directions that no axis observes are determined by the shape's prior.
 
     Args:
-        planes: one per strike; those without k count for c only.
-        systematic: shared errors.
-        com_prior: of c.
-        scale: mass and gravity.
-        shape: prior of the moments.
+        planes: Equi-planes in O, one per strike; a plane without k contributes to c only.
+        systematic: Standard deviations of the shared errors.
+        com_prior: Prior of c.
+        scale: Mass and gravity.
+        shape: Prior of the moments.
 
     Raises:
-        EstimationError: no plane.
+        EstimationError: there is no plane.
     """
-    refuse_none(planes)
-    return parameters_of(solve_joint(planes, systematic, com_prior, Moments(scale, shape)), com_prior, scale)
+    require_planes(planes)
+    return parameters_of(
+        solve_joint(planes, systematic, com_prior, MomentModel(scale, shape)), com_prior, scale
+    )
 
 
 def parameters_of(solution: JointSolution, com_prior: ComPrior, scale: Scale) -> InertialParameters:
-    """The solution's c, moments and tensor with the covariance of all ten parameters."""
+    """Mass, centre of mass and inertia tensor of a joint solution, with their covariance (10, 10).
+
+    Args:
+        solution: Solution of the joint problem with k.
+        com_prior: Prior of c that the problem was solved with.
+        scale: Mass and gravity that the problem was solved with.
+    """
     model, x, P = solution.model, solution.x, solution.covariance
     J, by = unit_inertia(x[SECOND])
     m = scale.mass
     to_tensor = np.zeros((6, len(x)))
-    to_tensor[:, SECOND] = m * six(by).T
+    to_tensor[:, SECOND] = m * symmetric_entries(by).T
     about_com, by_com = model.about_com(x)
     about_edge, by_edge = model.about_edge(x)
     strikes = {plane.axis_id: i for i, plane in reversed(list(enumerate(model.planes)))}
@@ -108,23 +139,37 @@ def parameters_of(solution: JointSolution, com_prior: ComPrior, scale: Scale) ->
     to_com = np.zeros((3, len(x)))
     to_com[:, COM] = np.eye(3)
     prior_sd = np.ones((3, 3)) if solution.moment_prior is None else m * solution.moment_prior.sd
-    ten = _with_mass(np.vstack([to_com, to_tensor]), P, np.concatenate([np.zeros(3), m * six(J)]), scale)
-    tensor_sd = symmetric(np.sqrt(np.diag(ten)[4:]))
+    ten = _with_mass(
+        np.vstack([to_com, to_tensor]), P, np.concatenate([np.zeros(3), m * symmetric_entries(J)]), scale
+    )
+    tensor_sd = symmetric_matrix(np.sqrt(np.diag(ten)[4:]))
     return InertialParameters(
         mass=m,
         mass_sd=scale.mass_sd,
-        com=com_of(solution, com_prior),
+        com=centre_of_mass_from_joint(solution, com_prior),
         inertia=m * J,
         inertia_sd=tensor_sd,
         measured=tensor_sd < MEASURED_FRACTION * prior_sd,
         axes=axes,
-        joint_covariance=_with_mass(np.vstack([to_com, m * by_com[first]]), P, np.concatenate([np.zeros(3), m * about_com[first]]), scale),
+        joint_covariance=_with_mass(
+            np.vstack([to_com, m * by_com[first]]),
+            P,
+            np.concatenate([np.zeros(3), m * about_com[first]]),
+            scale,
+        ),
         covariance=ten,
     )
 
 
 def _with_mass(rows: Array, P: Array, values: Array, scale: Scale) -> Array:
-    """Covariance (1 + n, 1 + n) of the mass and of n quantities, those with `values` (n,) not 0 being proportional to it."""
+    """Covariance (1 + n, 1 + n) of the mass and n quantities, those with a value proportional to it.
+
+    Args:
+        rows: (n, count) derivatives of the quantities by the unknowns.
+        P: (count, count) covariance of the unknowns.
+        values: (n,) values of the quantities; 0 for those that do not depend on the mass.
+        scale: Mass with its standard deviation.
+    """
     by_mass = np.concatenate([[1.0], values / scale.mass])
     covariance = np.outer(by_mass, by_mass) * scale.mass_sd**2
     covariance[1:, 1:] += rows @ P @ rows.T

@@ -1,11 +1,12 @@
-"""What phi and k of every strike should be, given c, the second moments and the errors that strikes share; with all derivatives.
+"""Model of phi and ln k of every strike, given c, second moments and shared errors.
 
     phi = atan2(-forward, height) + lean of the vertical + angle errors
     ln k = ln g + ln R - ln(l.J.l + (R + rho)^2) + error of the axis
 
-with (forward, height) the arm from the edge's centre line to c, R its length, J the inertia about c per kilogram, rho the edge's radius.
-A larger radius moves the centre line inwards, up and away from the tip: phi feels that as (cos phi - sin phi), nothing at 45 degrees, so
-that upright and 45-degree tips together tell the radius. The mass is in none of this: motions tell J, not I.
+with (forward, height) the arm from the edge's centre line to c, R its length, J the inertia about c per
+kilogram and rho the edge's radius. A larger radius moves the centre line inwards, up and away from the tip:
+phi changes in proportion to cos phi - sin phi, which vanishes at 45 degrees, so that upright and 45-degree
+tips together determine the radius. The equations do not contain the mass: motions determine J, not I.
 """
 
 from __future__ import annotations
@@ -14,45 +15,54 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from analyze.estimation.equiplane import raised
-from analyze.estimation.second_moments import numbers_of, unit_inertia
-from analyze.estimation.stated import Scale, SystematicErrors
+from analyze.estimation.equiplane import balance_direction
+from analyze.estimation.priors import Scale, SystematicErrors
+from analyze.estimation.second_moments import log_cholesky, unit_inertia
 from analyze.types import Array, EquiPlane
 
 COM = slice(0, 3)
+"""Indices of c among the unknowns."""
 SECOND = slice(3, 9)
+"""Indices of the second moments' six numbers (second_moments.py)."""
 LENGTHS = slice(3, 6)
-"""of SECOND, the logarithms"""
+"""Indices of the logarithms among these."""
 TILT, SCALE_TERM, RADIUS, GRAVITY = slice(9, 11), 11, 12, 13
-FIXED = 14
-"""unknowns before those of each axis"""
+"""Indices of the shared errors: lean of the vertical, scale, common edge radius, gravity."""
+FIRST_AXIS_TERM = 14
+"""Number of unknowns before those of each axis."""
 FORWARD, ANGLE, OWN_RADIUS, OWN_K = range(4)
+"""Indices among the unknowns of one axis: place forward, angle, own edge radius, own part of k."""
 AXIS_TERMS = 4
 LEVEL_TERMS = 2
-EDGE_TO_EDGE = 0.3
-"""of the stated sd of the edges' radius: how much one edge's differs from the others'"""
-SMALLEST_DISTANCE = 1e-3
+OWN_RADIUS_FRACTION = 0.3
+"""1 sigma of one edge's radius about the common one, as a fraction of the common one's stated sd."""
+MIN_DISTANCE = 1e-3
+"""Lower bound of R [m], against division by zero."""
 
 
 class JointModel:
-    """The unknowns: c (3) [m], the second moments' six numbers, then the shared errors, each in units of its sd.
+    """Model of phi and ln k of all strikes as functions of one vector x (count,) of unknowns.
 
-    The errors are the vertical's lean towards W's x and y, the shape's scale, the edges' radius, gravity, four per axis (the edge's place
-    forward, an angle, its own radius, a part of k), the place of each face rested on (all its edges lie in it), two of lean for each
-    further levelling, and an angle for each further heading of an axis (the camera sees another side).
+    x holds c (3) [m, in O], the second moments' six numbers, then the shared errors, each in units of its sd:
+    the vertical's lean towards W's x and y, the shape's scale, the edges' radius, gravity, four per axis (the
+    edge's place forward, an angle, its own radius, a part of k), the place of each face rested on (all its
+    edges lie in it), two of lean for each further levelling, and an angle for each further heading of an axis
+    (the camera sees another side).
     """
 
-    def __init__(self, planes: Sequence[EquiPlane], systematic: SystematicErrors, scale: Scale | None = None) -> None:
+    def __init__(
+        self, planes: Sequence[EquiPlane], systematic: SystematicErrors, scale: Scale | None = None
+    ) -> None:
         axes = sorted({plane.axis_id for plane in planes})
         self.planes = planes
         self.axes = len(axes)
         faces = sorted({_face(plane) for plane in planes})
-        first_face = FIXED + AXIS_TERMS * len(axes)
+        first_face = FIRST_AXIS_TERM + AXIS_TERMS * len(axes)
         self.faces = len(faces)
         self._further_levels = first_face + len(faces)
         self.tilts = systematic.tilts()
         further = self._further_levels + LEVEL_TERMS * (len(self.tilts) - 1)
-        self._first = {name: FIXED + AXIS_TERMS * number for number, name in enumerate(axes)}
+        self._first = {name: FIRST_AXIS_TERM + AXIS_TERMS * number for number, name in enumerate(axes)}
         angles: dict[tuple[str, float], int] = {}
         for plane in planes:
             key = (plane.axis_id, plane.heading)
@@ -79,12 +89,14 @@ class JointModel:
             self._shift[i, :, SCALE_TERM] = plane.point * systematic.scale_sd
             if plane.rounded:
                 self._radius_error[i, RADIUS] = systematic.edge_radius_sd
-                self._radius_error[i, first + OWN_RADIUS] = EDGE_TO_EDGE * systematic.edge_radius_sd
+                self._radius_error[i, first + OWN_RADIUS] = OWN_RADIUS_FRACTION * systematic.edge_radius_sd
                 self._shift[i] += np.outer(plane.up - forward, self._radius_error[i])
             else:
                 # A flank's centre of curvature lies nearer to c by as much as its radius is larger.
                 self._radius_error[i, first + OWN_RADIUS] = plane.radius_sd
-                self._shift[i, :, first + OWN_RADIUS] = raised(plane.direction, plane.up, plane.phi) * plane.radius_sd
+                self._shift[i, :, first + OWN_RADIUS] = (
+                    balance_direction(plane.direction, plane.up, plane.phi) * plane.radius_sd
+                )
             self._shift[i, :, first + FORWARD] = forward * plane.edge_sd
             self._shift[i, :, first_face + faces.index(_face(plane))] = plane.up * plane.edge_sd
             tilt, towards = self.tilts[plane.level], np.array([np.cos(plane.heading), np.sin(plane.heading)])
@@ -96,22 +108,22 @@ class JointModel:
                 self._k_error[i, first + OWN_K] = scale.k_relative_sd
 
     def tilt_terms(self, level: int) -> slice:
-        """Where a levelling's two terms of lean stand."""
+        """Indices of the two lean errors of a levelling among the unknowns."""
         start = TILT.start if level == 0 else self._further_levels + LEVEL_TERMS * (level - 1)
         return slice(start, start + LEVEL_TERMS)
 
     def start(self, com: Array, inertia: Array) -> Array:
-        """Unknowns (count,) with c (3,) and J (3, 3), no errors."""
-        return np.concatenate([com, numbers_of(inertia), np.zeros(self.count - SECOND.stop)])
+        """Unknowns (count,) with c `com` (3,) [m, in O], J `inertia` (3, 3) [m^2] and all errors zero."""
+        return np.concatenate([com, log_cholesky(inertia), np.zeros(self.count - SECOND.stop)])
 
     def residual(self, x: Array) -> Array:
-        """(strikes,) rad: the angle at which c would stand above the line, plus the vertical's lean, minus the measured phi."""
+        """Modelled minus measured phi (strikes,) [rad] at the unknowns `x` (count,)."""
         forward, height = self._across(x)
         angles = np.arctan2(-forward, height) + self._lean - self._phi + self._turn @ x
         return np.remainder(angles + np.pi, 2 * np.pi) - np.pi
 
     def design(self, x: Array) -> Array:
-        """Derivative (strikes, count) of `residual`: n/R across c and the shifts."""
+        """Derivative (strikes, count) of `residual` by the unknowns; n / R by c."""
         forward, height = self._across(x)
         R = self.distances(x)
         # Eq. (4) at the phi of the present c.
@@ -119,35 +131,43 @@ class JointModel:
         return self._rows(normals) + self._turn
 
     def lean(self, x: Array) -> Array:
-        """(strikes,) rad: the vertical's lean the way each of them tipped."""
-        found = [self._turn[i, where] @ x[where] for i, where in enumerate(self.tilt_terms(plane.level) for plane in self.planes)]
+        """Lean (strikes,) [rad] of the vertical from the table's normal in the direction of each tip."""
+        found = [
+            self._turn[i, where] @ x[where]
+            for i, where in enumerate(self.tilt_terms(plane.level) for plane in self.planes)
+        ]
         return self._lean + np.array(found)
 
     def distances(self, x: Array) -> Array:
-        """(strikes,) R [m]."""
-        return np.maximum(np.hypot(*self._across(x)), SMALLEST_DISTANCE)
+        """Distances R (strikes,) [m] of c from each strike's centre line."""
+        return np.maximum(np.hypot(*self._across(x)), MIN_DISTANCE)
 
     def distance_design(self, x: Array) -> Array:
-        """Derivative (strikes, count) of R."""
+        """Derivative (strikes, count) of `distances` by the unknowns."""
         forward, height = self._across(x)
         R = self.distances(x)
         return self._rows((self._forward * forward[:, None] + self._up * height[:, None]) / R[:, None])
 
     def about_com(self, x: Array) -> tuple[Array, Array]:
-        """l.J.l of each strike's axis (strikes,) [m^2], and its derivative (strikes, count)."""
+        """Inertia about c per kilogram, l.J.l (strikes,) [m^2], and its derivative (strikes, count)."""
         J, by = unit_inertia(x[SECOND])
         rows = np.zeros((len(self.planes), self.count))
         rows[:, SECOND] = np.einsum("si,nij,sj->sn", self._along, by, self._along)
         return np.einsum("si,ij,sj->s", self._along, J, self._along), rows
 
     def about_edge(self, x: Array) -> tuple[Array, Array]:
-        """l.J.l + (R + rho)^2 (strikes,) [m^2], and its derivative (strikes, count)."""
+        """Inertia about the contact per kilogram, l.J.l + (R + rho)^2 (strikes,) [m^2].
+
+        Returns it with its derivative (strikes, count).
+        """
         about_com, by_second = self.about_com(x)
         lever = self.distances(x) + self._radius + self._radius_error @ x
-        return about_com + lever**2, by_second + 2 * lever[:, None] * (self.distance_design(x) + self._radius_error)
+        return about_com + lever**2, by_second + 2 * lever[:, None] * (
+            self.distance_design(x) + self._radius_error
+        )
 
     def log_k(self, x: Array) -> tuple[Array, Array]:
-        """Ln k (strikes,) as it should be, and its derivative (strikes, count)."""
+        """Modelled ln k (strikes,), k in [rad/s^2], and its derivative (strikes, count)."""
         R = self.distances(x)
         about_edge, by = self.about_edge(x)
         rows = self.distance_design(x) / R[:, None] - by / about_edge[:, None] + self._k_error
@@ -165,5 +185,5 @@ class JointModel:
 
 
 def _face(plane: EquiPlane) -> tuple[str, str]:
-    """What shares its place: in joined recordings names are unique too."""
+    """Key of the face whose place a strike shares; unique in merged recordings too."""
     return (plane.face, "") if plane.face else ("", plane.axis_id)

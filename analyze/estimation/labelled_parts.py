@@ -1,4 +1,4 @@
-"""The labelled parts of an object as uniform solids: bodies of its mesh, or its wall and layers inside it."""
+"""Labelled parts of an object as uniform solids: bodies of its mesh, or shell and layers."""
 
 from __future__ import annotations
 
@@ -18,45 +18,54 @@ if TYPE_CHECKING:
     from schemas.object_spec import PartLabel
 
 REST = "rest"
-"""what no label names"""
-LEAST_REST = 1e-3
-"""of the volume; less is no part"""
+"""Name of the part that holds everything without a label."""
+MIN_VOLUME_FRACTION = 1e-3
+"""Fraction of the object's volume below which a part, or the rest, is neglected."""
 
 
-def parts_of_bodies(labels: Sequence[PartLabel], bodies: Sequence[Body], name: str) -> list[tuple[str, MassProperties]]:
-    """Each label's bodies as one solid, and what no label names as `rest`.
+def parts_of_bodies(
+    labels: Sequence[PartLabel], bodies: Sequence[Body], name: str
+) -> list[tuple[str, MassProperties]]:
+    """Name and solid of each label's bodies, and of the unlabelled bodies as `rest`; in O.
 
     Args:
-        labels: of bodies.
-        bodies: of the mesh, largest first.
-        name: of the shape file, for messages.
+        labels: Labels of bodies.
+        bodies: Closed bodies of the mesh, largest first.
+        name: Name of the shape file, for messages.
 
     Raises:
         ShapeError: a label names a body that the mesh does not have.
     """
     used = {number for label in labels for number in label.bodies}
     if beyond := sorted(number for number in used if number > len(bodies)):
-        raise ShapeError(f"{name}: has {len(bodies)} closed bodies, the object file's labels name number {beyond[0]}: see `analyze parts`")
-    parts = [(label.name, joined([bodies[number - 1].properties for number in label.bodies])) for label in labels]
+        raise ShapeError(
+            f"{name}: has {len(bodies)} closed bodies, the object file's labels name number {beyond[0]}: see `analyze parts`"
+        )
+    parts = [
+        (label.name, merged_solid([bodies[number - 1].properties for number in label.bodies]))
+        for label in labels
+    ]
     others = [body.properties for number, body in enumerate(bodies, 1) if number not in used]
     total = sum(body.properties.volume for body in bodies)
-    if sum(one.volume for one in others) > LEAST_REST * total:
-        parts.append((REST, joined(others)))
+    if sum(one.volume for one in others) > MIN_VOLUME_FRACTION * total:
+        parts.append((REST, merged_solid(others)))
     return parts
 
 
 def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list[tuple[str, MassProperties]]:
-    """Wall and layers as solids, a cell that a layer's border cuts in part; what no label names is `rest`.
+    """Name and solid of the shell and of each layer, and of the unlabelled remainder as `rest`; in O.
+
+    A cell that a layer's end cuts belongs to it in part.
 
     Args:
-        labels: of wall and layers.
-        cells: the body.
-        name: of the object, for messages.
+        labels: Labels of the shell and of layers.
+        cells: Cells of the body.
+        name: Name of the object, for messages.
 
     Raises:
-        ShapeError: a layer holds nothing of the object, or two hold the same.
+        ShapeError: a layer contains nothing of the object, or two layers overlap.
     """
-    left_wall, left_inside = cells.wall.copy(), cells.interior.copy()
+    left_wall, left_inside = cells.shell.copy(), cells.interior.copy()
     parts: list[tuple[str, MassProperties]] = []
     for label in labels:
         if label.wall:
@@ -64,30 +73,34 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
         else:
             share = cells.interior * _between(cells, label)
             left_inside = left_inside - share
-        if share.sum() <= LEAST_REST * cells.volumes.sum():
-            raise ShapeError(f"{name}: part {label.name!r} holds nothing of the object: look at its ends, in metres from O along `along`")
+        if share.sum() <= MIN_VOLUME_FRACTION * cells.volumes.sum():
+            raise ShapeError(
+                f"{name}: part {label.name!r} contains nothing of the object: check its ends, in metres from O along `along`"
+            )
         parts.append((label.name, _solid(cells, share)))
     if left_inside.min() < -1e-6 * cells.volumes.max():
-        raise ShapeError(f"{name}: two layers hold the same place: let one begin where the other ends")
+        raise ShapeError(f"{name}: two layers overlap: let one begin where the other ends")
     left = left_wall + np.maximum(left_inside, 0.0)
-    if left.sum() > LEAST_REST * cells.volumes.sum():
+    if left.sum() > MIN_VOLUME_FRACTION * cells.volumes.sum():
         parts.append((REST, _solid(cells, left)))
     return parts
 
 
-def joined(solids: Sequence[MassProperties]) -> MassProperties:
-    """Several solids of one density as one."""
+def merged_solid(solids: Sequence[MassProperties]) -> MassProperties:
+    """Volume, centroid and inertia per kilogram of several solids of one density together."""
     volume = sum(one.volume for one in solids)
     centroid = np.sum([one.volume * one.centroid for one in solids], axis=0) / volume
     inertia = np.zeros((3, 3))
     for one in solids:
         arm = one.centroid - centroid
-        inertia = inertia + one.volume / volume * (one.unit_inertia + (arm @ arm) * np.eye(3) - np.outer(arm, arm))
+        inertia = inertia + one.volume / volume * (
+            one.unit_inertia + (arm @ arm) * np.eye(3) - np.outer(arm, arm)
+        )
     return MassProperties(volume, centroid, inertia)
 
 
 def _between(cells: Cells, label: PartLabel) -> Array:
-    """Part (cells,) of each cell between a layer's ends."""
+    """Fraction (cells,) of each cell between a layer's ends."""
     low, high = label.between_m or (0.0, 0.0)
     height = cells.points @ (np.array(label.along) / np.linalg.norm(label.along))
     above, below = (np.clip((height - end) / cells.pitch + 0.5, 0.0, 1.0) for end in (low, high))
@@ -99,4 +112,6 @@ def _solid(cells: Cells, volumes: Array) -> MassProperties:
     centroid = volumes @ cells.points / volume
     arm = cells.points - centroid
     second = (arm * volumes[:, None]).T @ arm / volume
-    return MassProperties(volume, centroid, (np.trace(second) + volumes @ cells.own / volume) * np.eye(3) - second)
+    return MassProperties(
+        volume, centroid, (np.trace(second) + volumes @ cells.own_inertia / volume) * np.eye(3) - second
+    )

@@ -1,4 +1,4 @@
-"""The object without the markers that are glued to it: half a gram on 34 g moves c by 0.7 mm (METHOD section 7)."""
+"""Inertial parameters without the glued markers: half a gram on 34 g moves c by 0.7 mm (method 7)."""
 
 from __future__ import annotations
 
@@ -7,44 +7,54 @@ from dataclasses import replace
 
 import numpy as np
 
-from analyze.estimation.second_moments import six, symmetric
+from analyze.estimation.second_moments import symmetric_entries, symmetric_matrix
 from analyze.types import Array, AxisInertia, InertialParameters
 from schemas.object_spec import MarkerSpec
 
-CARD = 10 / 8
-"""edge of a marker's card over that of its black square"""
-STEP = 1e-6
-"""of each parameter's size, for derivatives"""
+CARD_OVER_TAG_SIZE = 10 / 8
+"""Edge of a marker's card over that of its black square."""
+RELATIVE_STEP = 1e-6
+"""Step of the numerical derivatives, relative to each parameter's size."""
 
 
 def can_subtract(markers: Sequence[MarkerSpec]) -> bool:
-    """Whether every marker that weighs something has its place."""
+    """True if the pose of every marker with a mass is known."""
     return all(marker.T_object_marker is not None for marker in markers if marker.mass_kg > 0)
 
 
 def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) -> InertialParameters:
-    """Mass, c and moments of the object alone; what belongs to single strikes stays that of the body that tipped.
+    """Mass, c and moments of the object without its markers, in O.
+
+    Quantities of single strikes stay those of the body that tipped.
 
     Args:
-        whole: of the object with its markers.
-        markers: those with a mass have their place; it is taken as exact.
+        whole: Parameters of the object with its markers.
+        markers: Markers; the pose of each one with a mass is given and taken as exact.
     """
-    mass, first, about_origin = _of_markers(markers)
+    mass, first, about_origin = _marker_moments(markers)
     if mass == 0.0:
         return whole
-    ten = np.concatenate([[whole.mass], whole.com.position, six(whole.inertia)])
+    ten = np.concatenate([[whole.mass], whole.com.position, symmetric_entries(whole.inertia)])
 
     def bare(ten: Array) -> Array:
         m, c = ten[0] - mass, (ten[0] * ten[1:4] - first) / (ten[0] - mass)
-        origin = symmetric(ten[4:]) + ten[0] * _point(ten[1:4]) - about_origin
-        return np.concatenate([[m], c, six(origin - m * _point(c))])
+        origin = symmetric_matrix(ten[4:]) + ten[0] * _point_inertia(ten[1:4]) - about_origin
+        return np.concatenate([[m], c, symmetric_entries(origin - m * _point_inertia(c))])
 
     found = bare(ten)
-    sizes = np.concatenate([[whole.mass], np.full(3, 0.1), np.full(6, float(np.trace(whole.inertia)))]) * STEP
+    sizes = (
+        np.concatenate([[whole.mass], np.full(3, 0.1), np.full(6, float(np.trace(whole.inertia)))])
+        * RELATIVE_STEP
+    )
     by = np.array([(bare(ten + step) - bare(ten - step)) / (2 * step.sum()) for step in np.diag(sizes)]).T
     covariance = by @ whole.covariance @ by.T
-    inertia = symmetric(found[4:])
-    lines = np.array([six(np.outer(axis.direction, axis.direction)) * [1, 1, 1, 2, 2, 2] for axis in whole.axes]).reshape(-1, 6)
+    inertia = symmetric_matrix(found[4:])
+    lines = np.array(
+        [
+            symmetric_entries(np.outer(axis.direction, axis.direction)) * [1, 1, 1, 2, 2, 2]
+            for axis in whole.axes
+        ]
+    ).reshape(-1, 6)
     to_joint = np.zeros((4 + len(lines), 10))
     to_joint[:4, :4] = np.eye(4)
     to_joint[4:, 4:] = lines
@@ -52,9 +62,14 @@ def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) ->
     joint = to_joint @ covariance @ to_joint.T
     planes = {plane.axis_id: plane for plane in whole.com.planes}
     axes: list[AxisInertia] = []
-    for axis, i_com, sd in zip(whole.axes, (lines @ found[4:]).tolist(), np.sqrt(np.diag(joint)[4:]).tolist(), strict=True):
+    for axis, i_com, sd in zip(
+        whole.axes, (lines @ found[4:]).tolist(), np.sqrt(np.diag(joint)[4:]).tolist(), strict=True
+    ):
         plane = planes[axis.axis_id]
-        before = axis.i_com + whole.mass * _lever(whole.com.position, plane.point, axis.direction, plane.edge_radius) ** 2
+        before = (
+            axis.i_com
+            + whole.mass * _lever(whole.com.position, plane.point, axis.direction, plane.edge_radius) ** 2
+        )
         after = i_com + found[0] * _lever(found[1:4], plane.point, axis.direction, plane.edge_radius) ** 2
         axes.append(replace(axis, i_edge=axis.i_edge + after - before, i_com=i_com, i_com_sd=sd))
     return replace(
@@ -62,29 +77,34 @@ def without_markers(whole: InertialParameters, markers: Sequence[MarkerSpec]) ->
         mass=float(found[0]),
         com=com,
         inertia=inertia,
-        inertia_sd=symmetric(np.sqrt(np.diag(covariance)[4:])),
+        inertia_sd=symmetric_matrix(np.sqrt(np.diag(covariance)[4:])),
         axes=tuple(axes),
         joint_covariance=joint,
         covariance=covariance,
     )
 
 
-def _of_markers(markers: Sequence[MarkerSpec]) -> tuple[float, Array, Array]:
-    """Mass [kg], first moment (3,) [kg m] and inertia (3, 3) [kg m^2] about O's origin of all that have a mass: thin square cards."""
+def _marker_moments(markers: Sequence[MarkerSpec]) -> tuple[float, Array, Array]:
+    """Mass [kg], first moment (3,) [kg m] and inertia (3, 3) [kg m^2] of all markers about O's origin.
+
+    A marker is a thin square card of uniform density; one without mass or pose counts nothing.
+    """
     mass, first, about_origin = 0.0, np.zeros(3), np.zeros((3, 3))
     for marker in markers:
         if marker.mass_kg > 0 and marker.T_object_marker is not None:
             T = np.array(marker.T_object_marker)
             middle = T[:3, 3] - T[:3, 2] * marker.thickness_m / 2
-            own = marker.mass_kg * (CARD * marker.size_m) ** 2 / 12 * np.diag([1.0, 1.0, 2.0])
+            own = marker.mass_kg * (CARD_OVER_TAG_SIZE * marker.size_m) ** 2 / 12 * np.diag([1.0, 1.0, 2.0])
             mass += marker.mass_kg
             first = first + marker.mass_kg * middle
-            about_origin = about_origin + T[:3, :3] @ own @ T[:3, :3].T + marker.mass_kg * _point(middle)
+            about_origin = (
+                about_origin + T[:3, :3] @ own @ T[:3, :3].T + marker.mass_kg * _point_inertia(middle)
+            )
     return mass, first, about_origin
 
 
-def _point(place: Array) -> Array:
-    """Inertia (3, 3) about the origin of 1 kg at `place` (3,)."""
+def _point_inertia(place: Array) -> Array:
+    """Inertia (3, 3) [m^2] about the origin of a point mass of 1 kg at `place` (3,) [m]."""
     return float(place @ place) * np.eye(3) - np.outer(place, place)
 
 

@@ -1,12 +1,14 @@
-"""Masses of the labelled parts of an object, each uniform, from its moments (METHOD section 6, n parts).
+"""Masses of an object's labelled parts from its moments (docs/explanation/method.md, section 6).
 
-What was measured is linear in the parts' masses x: sum x = m, sum x (c_p - c) = 0, sum x l.I_p(c).l = I_c,l. Nothing is lighter than
-nothing nor denser than lead: the posterior is a normal distribution cut off there. Where the moments leave a mixture open, it fills what
-these bounds allow, and the part is said to be not observed.
+The measured quantities are linear in the parts' masses x: sum x = m, sum x (c_p - c) = 0, sum x l.I_p(c).l =
+I_c,l. No mass is negative and no part denser than lead: the posterior is a normal distribution truncated at
+these bounds. A mixture that the moments leave open extends over the range between the bounds, and its parts
+are reported as not observed.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -18,118 +20,138 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from analyze.errors import EstimationError
-from analyze.estimation.cut_normal import draw_cut, shortest
+from analyze.estimation.truncated_normal import draw_truncated, shortest_intervals
 from analyze.geometry.object_model import DENSITIES, LEVER_ERROR, MODEL_ERROR
 from analyze.geometry.polyhedron import MassProperties
 from analyze.types import Array, InertialParameters
 
-_DENSEST = DENSITIES[1]
-_CHAINS, _STEPS, _SETTLED = 100, 160, 60
-_ALONG_OTHERS = 0.6
-"""share of steps along the difference of two other chains, which the bounds have shaped already"""
-_ANYWHERE = 2.0
-"""sd of a part's mass before anything is measured, over the object's: what the data leave open is bounded by zero and the mass"""
-_ABOUT = 2
-"""times that the parts' own c is found anew"""
-_SIGMAS = 5.0
-"""of the object's mass, that no part is heavier than"""
-_OPEN = 0.5
-"""width of a part's interval over what its bounds leave it, from which on it was not observed"""
+_MAX_DENSITY = DENSITIES[1]
+_CHAINS, _STEPS, _BURN_IN_STEPS = 100, 160, 60
+_DIFFERENCE_MOVES = 0.6
+"""Share of moves along the difference of two other chains, which follows the bounds."""
+_PRIOR_SD_OVER_MASS = 2.0
+"""Prior sd of a part's mass over the object's mass; wide, since zero and the mass bound what the data leave
+open."""
+_CENTRE_ITERATIONS = 2
+"""Number of iterations for the parts' own c."""
+_MASS_BOUND_SIGMAS = 5.0
+"""Standard deviations by which a part's upper bound exceeds the object's mass."""
+_UNOBSERVED_WIDTH = 0.5
+"""Width of a part's interval over its possible range from which on it counts as not observed."""
+
+
+def whitening_matrix(covariance: Array) -> Array:
+    """Matrix (n, n) that transforms errors with `covariance` (n, n) to independent ones of unit sd.
+
+    Eigenvalues of the correlation matrix are bounded below by 1e-9 of the largest.
+    """
+    size = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    return np.asarray((vectors / np.sqrt(np.maximum(values, 1e-9 * values.max()))).T / size, dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class MeasuredMoments:
-    """What is known of the whole object: rows of a linear system in masses, with the covariance of their errors."""
+    """Measured mass, centre of mass c and moments about `a` axes through c, with their covariance."""
 
     mass: float
-    """kg"""
+    """Mass [kg]."""
     com: Array
-    """(3,) m"""
+    """(3,) centre of mass c [m], in O."""
     directions: Array
-    """(a, 3) unit, of the axes through c"""
+    """(a, 3) unit directions of the axes through c, in O."""
     moments: Array
-    """(a,) kg m^2 about them"""
+    """(a,) moments of inertia about these axes [kg m^2]."""
     covariance: Array
-    """(4 + a, 4 + a) of mass, c and the moments"""
+    """(4 + a, 4 + a) covariance of mass, c and the moments."""
 
     def whitening(self) -> tuple[Array, Array]:
-        """Matrix (4 + a, 4 + a) that brings (mass, first moment about c, moments) to units of their sd, and these so brought (4 + a,)."""
+        """Whitening matrix (4 + a, 4 + a) of (mass, first moment, moments), and their whitened values."""
         target = np.concatenate([[self.mass], np.zeros(3), self.moments])
         covariance = self.covariance.copy()
-        # First moments, not c: both their rows and columns are per kilogram of the whole.
+        # First moments are c times the mass: their rows and columns are scaled by it.
         covariance[1:4] *= self.mass
         covariance[:, 1:4] *= self.mass
-        size = np.sqrt(np.diag(covariance))
-        values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-        whiten = np.asarray((vectors / np.sqrt(np.maximum(values, 1e-9 * values.max()))).T / size, dtype=np.float64)
+        whiten = whitening_matrix(covariance)
         return whiten, whiten @ target
 
 
 @dataclass(frozen=True)
 class PartMasses:
-    """Posterior of the parts' masses."""
+    """Posterior of the masses of n parts."""
 
     names: tuple[str, ...]
     masses: Array
-    """(n,) kg, means"""
+    """(n,) posterior means [kg]."""
     covariance: Array
-    """(n, n) kg^2"""
+    """(n, n) posterior covariance [kg^2]."""
     intervals: Array
-    """(n, 2) kg, the shortest that hold 95 %"""
+    """(n, 2) shortest intervals that contain 95 % [kg]."""
     observed: tuple[bool, ...]
+    """False for a part whose interval is at least half as wide as its possible range."""
     volumes: Array
-    """(n,) m^3"""
+    """(n,) volumes of the parts [m^3]."""
     uniform: Array
-    """(n,) kg, the naive answer: one density for all"""
+    """(n,) naive answer [kg]: one density for all parts."""
     misfit: float
-    """root of the mean squared residual over its sd, at the best masses: far above 1 where the parts cannot explain the moments"""
+    """Rms of the standardised residuals at the best masses; far above 1 if the parts cannot explain the
+    moments."""
 
 
 def measured_moments(parameters: InertialParameters) -> MeasuredMoments:
-    """What the strikes measured, with what a uniform part of a drawn shape is off (as for the regions)."""
+    """Measured mass, centre of mass and moments, with the error of uniform parts in the covariance."""
     mass, moments = parameters.mass, np.array([axis.i_com for axis in parameters.axes])
     model = np.concatenate([[0.0], np.full(3, LEVER_ERROR), MODEL_ERROR * moments])
     directions = np.array([axis.direction for axis in parameters.axes]).reshape(-1, 3)
-    return MeasuredMoments(mass, parameters.com.position, directions, moments, parameters.joint_covariance + np.diag(model**2))
+    return MeasuredMoments(
+        mass, parameters.com.position, directions, moments, parameters.joint_covariance + np.diag(model**2)
+    )
 
 
-def part_masses(moments: MeasuredMoments, names: Sequence[str], parts: Sequence[MassProperties], rng: np.random.Generator) -> PartMasses:
-    """Masses of `parts` that explain `moments`.
+def part_masses(
+    moments: MeasuredMoments, names: Sequence[str], parts: Sequence[MassProperties], rng: np.random.Generator
+) -> PartMasses:
+    """Posterior of the masses of uniform parts given the moments of the whole object.
 
-    Hit-and-run chains (Smith 1984, Operations Research 32) in directions drawn from the unbounded posterior or from other chains (ter Braak
-    2006, Statistics and Computing 16), so that what is tightly bound (the sum, a small part) slows nothing down.
+    Sampled by hit-and-run chains (Smith 1984, Operations Research 32) along directions drawn from the
+    unbounded posterior or from other chains (ter Braak 2006, Statistics and Computing 16), so that narrow
+    directions (the sum, a small part) do not slow the mixing.
 
     Args:
-        moments: of the whole.
-        names: of the parts.
-        parts: each one's volume, centroid in O and inertia about it per kilogram.
-        rng: for the chains; the same seed gives the same answer.
+        moments: Measured mass, centre of mass and moments of the whole object.
+        names: Names of the n parts.
+        parts: Volume, centroid in O and inertia about it per kilogram of each part.
+        rng: Random generator of the chains.
 
     Raises:
-        EstimationError: fewer than two parts, or one without volume.
+        EstimationError: fewer than two parts, or a part without volume.
     """
     volumes = np.array([part.volume for part in parts])
     if len(parts) < 2 or volumes.min() <= 0:
         raise EstimationError("masses of parts need at least two parts, each with a volume")
     uniform = moments.mass * volumes / volumes.sum()
-    most = np.minimum(_DENSEST * volumes, moments.mass + _SIGMAS * math.sqrt(float(moments.covariance[0, 0])))
-    prior = np.eye(len(parts)) / (_ANYWHERE * moments.mass) ** 2
+    most = np.minimum(
+        _MAX_DENSITY * volumes, moments.mass + _MASS_BOUND_SIGMAS * math.sqrt(float(moments.covariance[0, 0]))
+    )
+    prior = np.eye(len(parts)) / (_PRIOR_SD_OVER_MASS * moments.mass) ** 2
     about = moments.com
-    for _ in range(_ABOUT):
-        likeliest = _likeliest(*_normal(*_whitened(moments, parts, about), prior, uniform), most)
+    for _ in range(_CENTRE_ITERATIONS):
+        likeliest = _bounded_mode(
+            *_unbounded_posterior(*_whitened(moments, parts, about), prior, uniform), most
+        )
         about = likeliest @ np.array([part.centroid for part in parts]) / likeliest.sum()
     rows, target = _whitened(moments, parts, about)
-    mean, precision = _normal(rows, target, prior, uniform)
-    likeliest = _likeliest(mean, precision, most)
-    draws = _drawn(mean, precision, likeliest, most, rng)
-    low, high = shortest(draws, 0.0)
+    mean, precision = _unbounded_posterior(rows, target, prior, uniform)
+    likeliest = _bounded_mode(mean, precision, most)
+    draws = _sample(mean, precision, likeliest, most, rng)
+    low, high = shortest_intervals(draws, 0.0)
     best = draws[np.argmin(np.sum((draws @ rows.T - target) ** 2, axis=1))]
     return PartMasses(
         names=tuple(names),
         masses=draws.mean(axis=0),
         covariance=np.cov(draws.T),
         intervals=np.stack([low, high], axis=1),
-        observed=tuple(bool(part) for part in high - low < _OPEN * most),
+        observed=tuple(bool(part) for part in high - low < _UNOBSERVED_WIDTH * most),
         volumes=volumes,
         uniform=uniform,
         misfit=float(np.sqrt(np.mean((rows @ best - target) ** 2))),
@@ -137,38 +159,46 @@ def part_masses(moments: MeasuredMoments, names: Sequence[str], parts: Sequence[
 
 
 def _whitened(moments: MeasuredMoments, parts: Sequence[MassProperties], about: Array) -> tuple[Array, Array]:
-    """Design (4 + a, n) per kilogram and target (4 + a,), both in units of the target's sd; moments of inertia about `about` (3,).
+    """Whitened design matrix (4 + a, n) per kilogram and target (4 + a,), moments about `about` (3,).
 
-    They were measured about the true c, of which the parts' own is a better guess than the measured one: of a slender body m |error of c|^2
-    about its length is more than the moment's own error.
+    The moments are measured about the true c, which the parts' own c estimates better than the measured one:
+    for a slender body, m |error of c|^2 about its length exceeds the error of the moment.
     """
     columns = []
     for part in parts:
         arm = part.centroid - about
         inertia = part.unit_inertia + (arm @ arm) * np.eye(3) - np.outer(arm, arm)
         columns.append(
-            np.concatenate([[1.0], part.centroid - moments.com, np.einsum("ai,ij,aj->a", moments.directions, inertia, moments.directions)])
+            np.concatenate(
+                [
+                    [1.0],
+                    part.centroid - moments.com,
+                    np.einsum("ai,ij,aj->a", moments.directions, inertia, moments.directions),
+                ]
+            )
         )
     whiten, target = moments.whitening()
     return whiten @ np.array(columns).T, target
 
 
-def _normal(rows: Array, target: Array, prior: Array, uniform: Array) -> tuple[Array, Array]:
-    """Mean (n,) and precision (n, n) without bounds."""
+def _unbounded_posterior(rows: Array, target: Array, prior: Array, uniform: Array) -> tuple[Array, Array]:
+    """Posterior mean (n,) and precision (n, n) of the parts' masses before truncation."""
     precision = rows.T @ rows + prior
-    return np.asarray(np.linalg.solve(precision, rows.T @ target + prior @ uniform), dtype=np.float64), precision
+    return np.asarray(
+        np.linalg.solve(precision, rows.T @ target + prior @ uniform), dtype=np.float64
+    ), precision
 
 
-def _likeliest(mean: Array, precision: Array, most: Array) -> Array:
-    """(n,) between 0 and `most` where the normal distribution (mean, precision) is greatest, a little off the bounds."""
+def _bounded_mode(mean: Array, precision: Array, most: Array) -> Array:
+    """Mode (n,) of the normal distribution truncated to [0, `most`], kept slightly inside the bounds."""
     values, vectors = np.linalg.eigh(precision)
     root = (vectors * np.sqrt(values)).T * most
     share = lsq_linear(root, root @ (mean / most), bounds=(0.0, 1.0)).x
     return most * np.clip(share, 1e-6, 1.0 - 1e-6)
 
 
-def _drawn(mean: Array, precision: Array, start: Array, most: Array, rng: np.random.Generator) -> Array:
-    """(draws, n) of the normal distribution (mean, precision) between 0 and `most` (n,)."""
+def _sample(mean: Array, precision: Array, start: Array, most: Array, rng: np.random.Generator) -> Array:
+    """Draws (draws, n) of the normal distribution (mean, precision), truncated to [0, `most`] (n,)."""
     values, vectors = np.linalg.eigh(precision)
     spread = vectors / np.sqrt(values)
     x = np.tile(start, (_CHAINS, 1))
@@ -178,19 +208,21 @@ def _drawn(mean: Array, precision: Array, start: Array, most: Array, rng: np.ran
         for _ in range(len(mean)):
             for moved, others in (halves, halves[::-1]):
                 direction = rng.standard_normal((len(moved), len(mean))) @ spread.T
-                if rng.uniform() < _ALONG_OTHERS:
+                if rng.uniform() < _DIFFERENCE_MOVES:
                     pair = rng.choice(others, (2, len(moved)))
-                    # Where both are the same, or do not differ yet, the other kind of direction stands.
+                    # Where the two chains coincide, the drawn direction is kept.
                     apart = x[pair[0]] - x[pair[1]]
                     direction = np.where(np.any(apart != 0.0, axis=1, keepdims=True), apart, direction)
-                x[moved] = _stepped(x[moved], direction, mean, precision, most, rng)
-        if step >= _SETTLED:
+                x[moved] = _draw_on_lines(x[moved], direction, mean, precision, most, rng)
+        if step >= _BURN_IN_STEPS:
             kept.append(x.copy())
     return np.concatenate(kept)
 
 
-def _stepped(x: Array, direction: Array, mean: Array, precision: Array, most: Array, rng: np.random.Generator) -> Array:
-    """One draw (m, n) on each line x + t direction between the bounds: there the logarithm is -(b t + a t^2 / 2)."""
+def _draw_on_lines(
+    x: Array, direction: Array, mean: Array, precision: Array, most: Array, rng: np.random.Generator
+) -> Array:
+    """One draw (m, n) on each line x + t direction, of log density -(b t + a t^2 / 2) within the bounds."""
     by_precision = direction @ precision
     a = np.sum(by_precision * direction, axis=1)
     b = np.sum(by_precision * (x - mean), axis=1)
@@ -198,4 +230,6 @@ def _stepped(x: Array, direction: Array, mean: Array, precision: Array, most: Ar
         to_zero, to_most = -x / direction, (most - x) / direction
     low = np.max(np.where(direction > 0, to_zero, np.where(direction < 0, to_most, -np.inf)), axis=1)
     high = np.min(np.where(direction > 0, to_most, np.where(direction < 0, to_zero, np.inf)), axis=1)
-    return np.clip(x + draw_cut(-b / a, 1.0 / np.sqrt(a), low, high, rng)[:, None] * direction, 0.0, most)
+    return np.clip(
+        x + draw_truncated(-b / a, 1.0 / np.sqrt(a), low, high, rng)[:, None] * direction, 0.0, most
+    )

@@ -1,7 +1,8 @@
-"""Repeatability and reproducibility of repeated results, and which group of them stands out (ISO 5725-2:2019)."""
+"""Repeatability and reproducibility of repeated results, and outlying groups (ISO 5725-2:2019)."""
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -14,35 +15,35 @@ from scipy.special import stdtrit
 
 from analyze.types import Array
 
-OUTLIER = 0.01
-"""chance at which a group's mean is an outlier by Mandel's h"""
-LEAST_GROUPS = 3
-"""below which no group can stand out from the others"""
+OUTLIER_SIGNIFICANCE = 0.01
+"""Significance level at which a group's mean is an outlier by Mandel's h."""
+MIN_GROUPS = 3
+"""Smallest number of groups for which Mandel's h is defined."""
 
 
 @dataclass(frozen=True)
 class Precision:
-    """Of one quantity, in its unit. Groups were made under one set of conditions each."""
+    """Repeatability and reproducibility of one quantity; each group has one set of conditions."""
 
     mean: float
-    """of the groups' means"""
+    """Mean of the groups' means."""
     s_r: float | None
-    """repeatability standard deviation, within groups; None where no group holds two results"""
+    """Repeatability standard deviation, within groups; None if no group has two results."""
     s_L: float | None
-    """standard deviation between groups; None where there is one group, or s_r is not known"""
+    """Standard deviation between groups; None if there is one group, or s_r is not known."""
     s_R: float | None
-    """reproducibility standard deviation, s_R^2 = s_L^2 + s_r^2; None where there is one group"""
+    """Reproducibility standard deviation, s_R^2 = s_L^2 + s_r^2; None if there is one group."""
     freedom_r: int
-    """degrees of freedom of s_r"""
+    """Degrees of freedom of s_r."""
     freedom_R: int
-    """of s_R: groups less one"""
+    """Degrees of freedom of s_R: number of groups minus one."""
 
 
 def precision(groups: Sequence[Sequence[float]]) -> Precision:
     """One-way analysis of variance for groups of unequal size (ISO 5725-2, 7.4.5).
 
     Args:
-        groups: results by group, none empty; at least one group.
+        groups: Results of each group; at least one group, none empty.
     """
     sizes = np.array([len(group) for group in groups], dtype=np.float64)
     means = np.array([np.mean(group) for group in groups])
@@ -62,13 +63,17 @@ def precision(groups: Sequence[Sequence[float]]) -> Precision:
 
 
 def mandel_h(means: Sequence[float]) -> Array | None:
-    """How far each group's mean (p,) is off that of all, over their standard deviation (ISO 5725-2, 7.3.1); None for fewer than three."""
+    """Mandel's h (p,): deviation of p groups' means from their mean, over their sd (ISO 5725-2, 7.3.1).
+
+    Returns:
+        None for fewer than three groups, or equal means.
+    """
     values = np.array(means, dtype=np.float64)
-    spread = float(np.std(values, ddof=1)) if len(values) >= LEAST_GROUPS else 0.0
+    spread = float(np.std(values, ddof=1)) if len(values) >= MIN_GROUPS else 0.0
     return (values - values.mean()) / spread if spread > 0 else None
 
 
-def mandel_h_limit(groups: int, chance: float = OUTLIER) -> float:
-    """Of |h| of one of so many groups, passed with this chance (ISO 5725-2, table A.1); 3 or more groups."""
+def mandel_h_limit(groups: int, chance: float = OUTLIER_SIGNIFICANCE) -> float:
+    """Critical value of |h| of three or more groups at significance `chance` (ISO 5725-2, table A.1)."""
     t = float(stdtrit(groups - 2, 1 - chance / 2))
     return (groups - 1) * t / math.sqrt(groups * (t**2 + groups - 2))

@@ -1,20 +1,22 @@
-"""Whether frame times may be true: k = m g R / I_edge goes with the square of the frame rate, and shape and c bound I_edge.
+"""Check of the stated frame rate: k = m g R / I_edge scales with its square; the shape bounds I_edge.
 
-With r the true rate over the stated one, k is truly k r^2, so that of every axis
+With r the true rate over the stated one, the true k is k r^2, so that for every axis
 
     I_edge / m = s g R / k,    s = 1 / r^2.
 
-Whatever fills the shape, with phi's centre of mass, has some I_edge / m = sum of shares times squared distances from the edge: the least
-and the greatest s for which any filling has all axes' moments at once is a linear programme in the shares and s (moment problems: Karlin
-and Studden 1966). Parallel axes with different R share one moment about c, and then
+Any filling of the shape with the centre of mass estimated from phi has I_edge / m = sum of mass shares times
+squared distances from the edge: the smallest and the largest s for which some filling has all axes' moments
+at once is a linear programme in the shares and s (moment problems: Karlin and Studden 1966). Parallel axes
+with different R share one moment about c, and then
 
     s = (R1^2 - R2^2) / (g (R1 / k1 - R2 / k2))
 
-needs no filling at all; the joint problem with an open rate has that of all axes together.
+needs no filling at all; the joint problem with a free rate combines this over all axes.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -24,131 +26,165 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import linprog
 
-from analyze.estimation.joint import JointSolution, Moments, UnitPrior, solve_joint
+from analyze.estimation.joint import JointSolution, MomentModel, UnitPrior, solve_joint
 from analyze.estimation.joint_model import COM, GRAVITY, SECOND
-from analyze.estimation.second_moments import six
-from analyze.estimation.stated import ComPrior, Scale, SystematicErrors
+from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
+from analyze.estimation.second_moments import symmetric_entries
 from analyze.types import Array, EquiPlane
 
 SIGMAS = 3.0
-LEAST_DOUBT = 0.02
-"""relative, of each axis's k R: what slip and air may do to it at least"""
-WIDEST = 0.5
-"""of the same, above which a strike bounds nothing"""
-NEAREST = 0.1
-"""of the shape's mean distance from an edge, at which c is at least"""
-BELIEVED_LESS = (1.0, 2.0, 4.0, 8.0)
-TRUSTED = 0.3
-"""weight of a strike among all, below which it bounds nothing"""
-OPEN = 3.0
-"""1 sigma of ln g where the rate is asked for: 64 times is 1.4 of it"""
-ANY_FILLING = 10.0
-"""times the shape's own sd of the moments, where nothing of the filling shall be assumed"""
-TOLD = 0.05
-"""relative sd of the rate up to which parallel axes are said to tell it"""
+"""Half-width of all bounds in standard deviations."""
+MIN_TOLERANCE = 0.02
+"""Smallest relative tolerance of each axis's k R: effect of slip and air."""
+MAX_TOLERANCE = 0.5
+"""Relative tolerance of k R above which a strike gives no bound."""
+MIN_COM_DISTANCE = 0.1
+"""Smallest distance of c from an edge, over the shape's rms distance from it."""
+TOLERANCE_FACTORS = (1.0, 2.0, 4.0, 8.0)
+"""Factors on the tolerances, tried in turn until the strikes are consistent."""
+MIN_ROBUST_WEIGHT = 0.3
+"""Robust weight below which a strike gives no bound."""
+OPEN_LOG_GRAVITY_SD = 3.0
+"""1 sigma of ln g where the rate is estimated; a factor of 64 is 1.4 sigma."""
+ANY_FILLING_FACTOR = 10.0
+"""Factor on the shape's prior sd of the moments, so that nothing is assumed of the filling."""
+MAX_RATE_SD = 0.05
+"""Largest relative sd at which the rate counts as determined by the axes."""
 
 
 @dataclass(frozen=True)
-class RateTold:
-    """The true frame rate over the stated one, as axes with different R have it."""
+class RateEstimate:
+    """Estimate of the true over the stated frame rate, from axes with different R."""
 
     ratio: float
+    """True over stated frame rate."""
     sd: float
+    """1 sigma of `ratio`."""
 
     @property
     def agrees(self) -> bool:
-        """The stated one is within what it is known to."""
+        """True if the stated rate is within `SIGMAS` standard deviations of the estimate."""
         return abs(self.ratio - 1) <= SIGMAS * self.sd
 
 
 @dataclass(frozen=True)
 class RateCheck:
-    """What the strikes of one recording say of its frame rate."""
+    """Bounds and estimate of the true over the stated frame rate of one recording."""
 
     low: float
+    """Smallest ratio that some filling of the shape allows."""
     high: float
-    """true rate over the stated one: what any filling of the shape allows"""
-    told: RateTold | None
-    """None: no axes tell it better"""
+    """Largest ratio that some filling of the shape allows."""
+    estimate: RateEstimate | None
+    """Estimate of the ratio; None if no axes determine it."""
 
     @property
     def possible(self) -> bool:
-        """The stated rate can be the true one."""
-        return self.low <= 1 <= self.high and (self.told is None or self.told.agrees)
+        """True if the stated rate is consistent with the bounds and the estimate."""
+        return self.low <= 1 <= self.high and (self.estimate is None or self.estimate.agrees)
 
 
 def rate_check(
-    planes: Sequence[EquiPlane], systematic: SystematicErrors, prior: ComPrior, moments: Moments, points: Array
+    planes: Sequence[EquiPlane],
+    systematic: SystematicErrors,
+    prior: ComPrior,
+    moments: MomentModel,
+    points: Array,
 ) -> RateCheck | None:
-    """Bounds of the frame rate, and the rate itself where axes with different R tell it.
+    """Bounds of the true over the stated frame rate, and its estimate from axes with different R.
 
     Args:
-        planes: of one recording's strikes.
-        systematic: shared errors.
-        prior: of c.
-        moments: mass, gravity, and what the shape says of the moments.
-        points: (n, 3) m, where mass can be: throughout the shape and at its ends.
+        planes: Equi-planes of one recording's strikes, in O.
+        systematic: Standard deviations of the shared errors.
+        prior: Prior of c.
+        moments: Mass, gravity, and the shape's prior of the moments.
+        points: (n, 3) places [m, in O] where mass can be: throughout the shape and at its ends.
 
     Returns:
-        None where no strike has a k that can be used, or no filling fits at any rate.
+        None if no strike has a usable k, or no filling fits at any rate.
     """
     by_phi = solve_joint(planes, systematic, prior)
     bounds = rate_bounds(by_phi, moments.scale, points)
     if bounds is None:
         return None
-    return RateCheck(*bounds, rate_told(planes, systematic, prior, moments, (bounds[0] * bounds[1]) ** 0.5))
+    return RateCheck(
+        *bounds, estimated_rate(planes, systematic, prior, moments, (bounds[0] * bounds[1]) ** 0.5)
+    )
 
 
 def rate_bounds(by_phi: JointSolution, scale: Scale, points: Array) -> tuple[float, float] | None:
-    """Least and greatest ratio of the true rate to the stated one, for any masses at `points` (n, 3) with the c that phi alone tells.
+    """Smallest and largest true over stated frame rate, for any masses with the c estimated from phi.
 
-    Strikes that contradict each other at any rate are each believed less, until they do not. Where phi leaves c open (edges of one
-    corner), so that no R is known, each strike bounds the rate by itself.
+    If the strikes contradict each other at every rate, all tolerances are widened until they do not. If phi
+    leaves c open (edges of one corner), so that no R is known, each strike bounds the rate by itself.
 
-    None where no strike has a k that can be used, or no filling fits at any rate.
+    Args:
+        by_phi: Joint solution by phi alone.
+        scale: Gravity, and the error of k that strikes share.
+        points: (n, 3) places [m, in O] where mass can be.
+
+    Returns:
+        None if no strike has a usable k, or no filling fits at any rate.
     """
     model, x, P = by_phi.model, by_phi.x, by_phi.covariance
     R, by_c = model.distances(x), model.distance_design(x)
-    doubt = np.sqrt(np.einsum("si,ij,sj->s", by_c, P, by_c)) / R
-    about, lever, stated, loose, alone = [], [], [], [], []
+    com_tolerance = np.sqrt(np.einsum("si,ij,sj->s", by_c, P, by_c)) / R
+    about, lever, stated, tolerance, alone = [], [], [], [], []
     for i, plane in enumerate(model.planes):
-        if plane.k is None or not plane.sd_k or by_phi.weight[i] < TRUSTED:
+        if plane.k is None or not plane.sd_k or by_phi.weight[i] < MIN_ROBUST_WEIGHT:
             continue
         by_k = SIGMAS * float(np.hypot(plane.sd_k / plane.k, scale.k_relative_sd))
-        own = max(LEAST_DOUBT, float(np.hypot(by_k, SIGMAS * doubt[i])))
-        if own > WIDEST:
-            alone += [] if by_k > WIDEST else [_extremes(plane, plane.k / scale.gravity, max(LEAST_DOUBT, by_k), points)]
+        own = max(MIN_TOLERANCE, float(np.hypot(by_k, SIGMAS * com_tolerance[i])))
+        if own > MAX_TOLERANCE:
+            alone += (
+                []
+                if by_k > MAX_TOLERANCE
+                else [_extremes(plane, plane.k / scale.gravity, max(MIN_TOLERANCE, by_k), points)]
+            )
             continue
         arm = points - plane.point
         about.append(np.sum(arm**2, axis=1) - (arm @ plane.direction) ** 2)
         lever.append((R[i] + plane.edge_radius) ** 2 - R[i] ** 2)
         stated.append(scale.gravity * R[i] / plane.k)
-        loose.append(own)
+        tolerance.append(own)
     if not about:
-        return _common([each for each in alone if each is not None])
+        return _intersection([each for each in alone if each is not None])
     variance, along = np.linalg.eigh(P[COM, COM])
     middle, reach = along.T @ x[COM], SIGMAS * np.sqrt(variance)
     programme = _Programme(
-        np.array(about), np.array(lever), np.array(stated), (points @ along).T, np.stack([middle - reach, middle + reach], axis=1)
+        np.array(about),
+        np.array(lever),
+        np.array(stated),
+        (points @ along).T,
+        np.stack([middle - reach, middle + reach], axis=1),
     )
-    for times in BELIEVED_LESS:
-        ends = [programme.extreme(np.minimum(times * np.array(loose), WIDEST), sign) for sign in (1.0, -1.0)]
+    for times in TOLERANCE_FACTORS:
+        ends = [
+            programme.extreme(np.minimum(times * np.array(tolerance), MAX_TOLERANCE), sign)
+            for sign in (1.0, -1.0)
+        ]
         least, most = ends
         if least is not None and most is not None and least > 0:
             return most**-0.5, least**-0.5
     return None
 
 
-def _extremes(plane: EquiPlane, k_over_g: float, loose: float, points: Array) -> tuple[float, float] | None:
-    """Least and greatest s of one strike, for any masses at `points` (n, 3) whose c lies on its plane; None where no c does.
+def _extremes(
+    plane: EquiPlane, k_over_g: float, tolerance: float, points: Array
+) -> tuple[float, float] | None:
+    """Smallest and largest s of one strike, for any masses at `points` with c on its plane.
 
-    s = (k / g) I_edge / (m R) is a ratio of two sums over the shares, a linear programme in the shares over R (Charnes and Cooper 1962).
+    s = (k / g) I_edge / (m R) is a ratio of two sums over the mass shares: a linear programme in the shares
+    over R (Charnes and Cooper 1962).
 
     Args:
-        plane: of the strike.
-        k_over_g: its k over gravity [1/m].
-        loose: relative, of k.
-        points: (n, 3) m.
+        plane: Equi-plane of the strike.
+        k_over_g: k over gravity [1/m].
+        tolerance: Relative tolerance of k.
+        points: (n, 3) places [m, in O] where mass can be.
+
+    Returns:
+        None if no masses have their centre on the plane.
     """
     arm = points - plane.point
     towards = np.cross(plane.normal, plane.direction)
@@ -156,19 +192,21 @@ def _extremes(plane: EquiPlane, k_over_g: float, loose: float, points: Array) ->
     about = np.sum(arm**2, axis=1) - (arm @ plane.direction) ** 2
     size = float(about.mean()) ** 0.5
     along, across, about = arm @ towards / size, arm @ plane.normal / size, about / size**2
-    off = float(np.tan(SIGMAS * plane.sd_phi + LEAST_DOUBT))
+    off = float(np.tan(SIGMAS * plane.sd_phi + MIN_TOLERANCE))
     ends: list[float] = []
     for sign in (1.0, -1.0):
-        rows, most = np.stack([across, -across, np.ones(len(points))]), [off, off, 1 / NEAREST]
+        rows, most = np.stack([across, -across, np.ones(len(points))]), [off, off, 1 / MIN_COM_DISTANCE]
         found = linprog(sign * about, A_ub=rows, b_ub=most, A_eq=along[None], b_eq=[1.0], method="highs")
         if found.status != 0:
             return None
-        ends.append((sign * float(found.fun) * size + 2 * plane.edge_radius) * k_over_g * (1 - sign * loose))
+        ends.append(
+            (sign * float(found.fun) * size + 2 * plane.edge_radius) * k_over_g * (1 - sign * tolerance)
+        )
     return ends[0], ends[1]
 
 
-def _common(each: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
-    """Least and greatest ratio of the rates that all of some bounds of s allow; None where there are none, or they exclude each other."""
+def _intersection(each: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+    """Bounds of the true over the stated rate from bounds on s; None if these exclude each other."""
     if not each:
         return None
     least, most = max(low for low, _ in each), min(high for _, high in each)
@@ -177,85 +215,107 @@ def _common(each: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class _Programme:
-    """Shares of the mass (n,), none negative, and s; lengths over the shape's own, so that all numbers are of one size."""
+    """Linear programme in n non-negative mass shares and s, scaled by the shape's size."""
 
     about: Array
-    """(strikes, n) m^2, squared distances of the places from each edge"""
+    """(strikes, n) squared distances of the places from each edge [m^2]."""
     lever: Array
-    """(strikes,) m^2, what the edge's rounding adds"""
+    """(strikes,) contribution of the edge's rounding, (R + rho)^2 - R^2 [m^2]."""
     stated: Array
-    """(strikes,) m^2, I_edge / m as the stated times have it"""
+    """(strikes,) I_edge / m at the stated rate, g R / k [m^2]."""
     across: Array
-    """(3, n) m, the places along c's principal directions"""
+    """(3, n) coordinates of the places along the principal directions of c's covariance [m]."""
     com: Array
-    """(3, 2) m, least and greatest of c along them"""
+    """(3, 2) lower and upper bounds of c along these [m]."""
 
-    def extreme(self, loose: Array, sign: float) -> float | None:
-        """The least (sign 1) or greatest (-1) s, each strike's moment within `loose` (strikes,) of itself; None where there is no such."""
+    def extreme(self, tolerance: Array, sign: float) -> float | None:
+        """Smallest (`sign` 1) or largest (-1) s with all moments within the relative `tolerance` (strikes,).
+
+        Returns:
+            None if the programme is infeasible.
+        """
         size = float(self.about.mean())
-        below = np.column_stack([(1 - loose)[:, None] * self.about, -self.stated]) / size
-        above = np.column_stack([-(1 + loose)[:, None] * self.about, self.stated]) / size
+        below = np.column_stack([(1 - tolerance)[:, None] * self.about, -self.stated]) / size
+        above = np.column_stack([-(1 + tolerance)[:, None] * self.about, self.stated]) / size
         across = np.column_stack([self.across, np.zeros(3)]) / size**0.5
         A = np.vstack([below, above, across, -across])
         com = self.com / size**0.5
-        b = np.concatenate([-(1 - loose) * self.lever / size, (1 + loose) * self.lever / size, com[:, 1], -com[:, 0]])
+        b = np.concatenate(
+            [-(1 - tolerance) * self.lever / size, (1 + tolerance) * self.lever / size, com[:, 1], -com[:, 0]]
+        )
         many = self.about.shape[1]
         whole = np.append(np.ones(many), 0.0)[None]
-        # s lies near the ratio of the moments: in units of that the programme is as well scaled for 240 taken for 30 as for 240.
+        # s is near the ratio of the moments: in this unit the scaling stays good even if 240 fps are stated
+        # as 30.
         unit = size / float(self.stated.mean())
         A[:, -1] *= unit
-        found = linprog(np.append(np.zeros(many), sign), A_ub=A, b_ub=b, A_eq=whole, b_eq=[1.0], method="highs")
+        found = linprog(
+            np.append(np.zeros(many), sign), A_ub=A, b_ub=b, A_eq=whole, b_eq=[1.0], method="highs"
+        )
         return sign * float(found.fun) * unit if found.status == 0 else None
 
 
-def at_rate(plane: EquiPlane, faster: float) -> EquiPlane:
-    """With k `faster` times as large."""
+def with_scaled_k(plane: EquiPlane, faster: float) -> EquiPlane:
+    """Equi-plane with k [rad/s^2] and its errors multiplied by `faster`."""
     if plane.k is None or plane.sd_k is None:
         return plane
     return replace(plane, k=plane.k * faster, sd_k=plane.sd_k * faster, cov_phi_k=plane.cov_phi_k * faster)
 
 
-def rate_told(
+def estimated_rate(
     planes: Sequence[EquiPlane],
     systematic: SystematicErrors,
     prior: ComPrior,
-    moments: Moments,
+    moments: MomentModel,
     about: float,
-) -> RateTold | None:
-    """The ratio of the true rate to the stated one as axes with different R have it, whatever the filling; None where none do.
+) -> RateEstimate | None:
+    """Estimate of the true over the stated frame rate from axes with different R, for any filling.
 
     Args:
-        planes: of one recording's strikes.
-        systematic: shared errors.
-        prior: of c.
-        moments: mass, gravity, and what the shape says of the moments.
-        about: the ratio, roughly.
+        planes: Equi-planes of one recording's strikes, in O.
+        systematic: Standard deviations of the shared errors.
+        prior: Prior of c.
+        moments: Mass, gravity, and the shape's prior of the moments.
+        about: Approximate ratio, to start from.
+
+    Returns:
+        None if the axes do not determine the ratio to `MAX_RATE_SD`.
     """
     faster = about**2
 
     def wide(com: Array) -> UnitPrior:
         shape = moments.prior(com)
-        return UnitPrior(shape.mean, ANY_FILLING * shape.sd)
+        return UnitPrior(shape.mean, ANY_FILLING_FACTOR * shape.sd)
 
-    open_scale = replace(moments.scale, gravity_sd=OPEN * moments.scale.gravity)
-    # Roughly right beforehand, so that the problem begins near its answer.
-    found = solve_joint([at_rate(plane, faster) for plane in planes], systematic, prior, Moments(open_scale, wide))
-    off, sd = OPEN * float(found.x[GRAVITY]), OPEN * _unit_sd_of_g(found, prior, wide(found.x[COM]))
-    # ln k = ln g + ...: a g found too large is a rate stated too large, by the root.
+    open_scale = replace(moments.scale, gravity_sd=OPEN_LOG_GRAVITY_SD * moments.scale.gravity)
+    # Corrected by the approximate ratio, so that the problem starts near its solution.
+    found = solve_joint(
+        [with_scaled_k(plane, faster) for plane in planes], systematic, prior, MomentModel(open_scale, wide)
+    )
+    off, sd = (
+        OPEN_LOG_GRAVITY_SD * float(found.x[GRAVITY]),
+        OPEN_LOG_GRAVITY_SD * _unit_sd_of_g(found, prior, wide(found.x[COM])),
+    )
+    # ln k = ln g + ...: a factor on g is equivalent to the square of one on the rate.
     ratio = about * float(np.exp(-off / 2))
-    return RateTold(ratio, ratio * sd / 2) if sd / 2 <= TOLD else None
+    return RateEstimate(ratio, ratio * sd / 2) if sd / 2 <= MAX_RATE_SD else None
 
 
 def _unit_sd_of_g(found: JointSolution, prior: ComPrior, wide: UnitPrior) -> float:
-    """1 sigma of the unknown of ln g, the moments as they are; the solution's own are logarithms, which near 0 look known."""
+    """1 sigma of the unknown of ln g, with the moments themselves as unknowns.
+
+    The solution's unknowns are logarithms of lengths, which would look well known near zero.
+    """
     model, x, data = found.model, found.x, found.data
     along = np.array([plane.direction for plane in model.planes])
     twice = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     by_k = model.log_k(x)[1]
-    by_k[:, SECOND] = -twice * six(along[:, :, None] * along[:, None, :]) / model.about_edge(x)[0][:, None]
+    by_k[:, SECOND] = (
+        -twice * symmetric_entries(along[:, :, None] * along[:, None, :]) / model.about_edge(x)[0][:, None]
+    )
     both = np.stack([model.design(x), by_k * data.uses_k[:, None]], axis=1)
     rows = np.einsum("sij,sjc->sic", data.whiten, both) * np.sqrt(found.weight / found.spread)[:, None, None]
     sd = np.ones(model.count)
-    sd[COM], sd[SECOND] = prior.sd, six(wide.sd)
+    sd[COM], sd[SECOND] = prior.sd, symmetric_entries(wide.sd)
     flat = rows.reshape(-1, model.count) * sd
     return float(np.sqrt(np.linalg.inv(np.eye(model.count) + flat.T @ flat)[GRAVITY, GRAVITY]))

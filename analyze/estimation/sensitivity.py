@@ -1,4 +1,4 @@
-"""What moves the centre of mass, and what its uncertainty is made of: by strike and by kind of error, from the joint solution."""
+"""Sensitivity of the centre of mass to each strike, and its uncertainty by source of error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from analyze.estimation.joint_model import (
     ANGLE,
     AXIS_TERMS,
     COM,
-    FIXED,
+    FIRST_AXIS_TERM,
     FORWARD,
     GRAVITY,
     LEVEL_TERMS,
@@ -25,15 +25,15 @@ from analyze.estimation.joint_model import (
     TILT,
     JointModel,
 )
-from analyze.estimation.stated import ComPrior, SystematicErrors
+from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.types import Array, InertialParameters
 
-NOTHING = 1e-9
-"""of c's variance: not said"""
+NEGLIGIBLE_SHARE = 1e-9
+"""Share of c's variance below which an error source is omitted."""
 
 
 class ErrorSource(enum.Enum):
-    """Kinds of error of c."""
+    """Sources of error of the centre of mass."""
 
     NOISE = "noise of the frames"
     SCATTER = "scatter from strike to strike"
@@ -49,49 +49,56 @@ class ErrorSource(enum.Enum):
 
 @dataclass(frozen=True)
 class Influence:
-    """How c moves with what one strike says, all else as it is and for as long as it is taken for no outlier."""
+    """Derivative of c by one strike's phi and ln k, at the present robust weights."""
 
     strike_id: str
     axis_id: str
     by_phi: Array
-    """(3,) m/rad"""
+    """(3,) dc/dphi [m/rad], in O."""
     by_log_k: Array
-    """(3,) m per relative change of k"""
+    """(3,) dc/dln k [m], in O: change of c per relative change of k."""
 
 
 @dataclass(frozen=True)
 class SourceShare:
-    """The part of c's covariance that one kind of error causes."""
+    """Contribution of one error source to the covariance of c."""
 
     source: ErrorSource
     covariance: Array
-    """(3, 3) m^2; those of all kinds add up to c's"""
+    """(3, 3) covariance [m^2], in O; the contributions of all sources add up to that of c."""
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Of one answer."""
+    """Influence of every strike on c, and the error sources of c."""
 
     strikes: tuple[Influence, ...]
-    """as the planes of the joint estimate"""
+    """Influences in the order of the joint estimate's planes."""
     shares: tuple[SourceShare, ...]
-    """in the order of ErrorSource, without those that cause nothing"""
+    """Contributions in the order of `ErrorSource`, without negligible ones."""
 
 
 def sensitivity(
-    solution: JointSolution, systematic: SystematicErrors, prior: ComPrior, whole: InertialParameters, bare: InertialParameters
+    solution: JointSolution,
+    systematic: SystematicErrors,
+    prior: ComPrior,
+    whole: InertialParameters,
+    bare: InertialParameters,
 ) -> Sensitivity:
-    """Linear about the solution.
+    """Influence of each strike on c, and contribution of each error source to its covariance.
 
-    With the covariance P of all unknowns, what enters with derivative B and inverse covariance W moves them by P B^T W; a prior of unit
-    weight by a column of P. Each kind's part of c's covariance is what its own errors make of that.
+    Both are linear about the solution.
+
+    With P the covariance of all unknowns, a measurement with derivative B and inverse covariance W moves them
+    by P B^T W, and a shared error of unit sd by its column of P. The contribution of a source is the
+    covariance that its own errors cause through these gains.
 
     Args:
-        solution: of all strikes.
-        systematic: as it was estimated with.
-        prior: of c, as it was estimated with.
-        whole: what the solution says of the body that tipped.
-        bare: the answer: the same, or without its markers, whose c moves by more as it weighs less.
+        solution: Joint solution of all strikes.
+        systematic: Shared errors that it was solved with.
+        prior: Prior of c that it was solved with.
+        whole: Parameters of the body that tipped, from the solution.
+        bare: Parameters reported: the same, or without markers; then c moves by more as the body weighs less.
     """
     factor = whole.mass / bare.mass
     parts = {source: factor**2 * covariance for source, covariance in _shares(solution, systematic, prior)}
@@ -100,18 +107,22 @@ def sensitivity(
     parts[ErrorSource.MASS] = by_mass
     return Sensitivity(
         tuple(_influences(solution, factor)),
-        tuple(SourceShare(source, parts[source]) for source in ErrorSource if float(np.trace(parts[source])) > NOTHING * total),
+        tuple(
+            SourceShare(source, parts[source])
+            for source in ErrorSource
+            if float(np.trace(parts[source])) > NEGLIGIBLE_SHARE * total
+        ),
     )
 
 
 def _rows(solution: JointSolution) -> Array:
-    """Derivatives (strikes, 2, count) of phi and ln k less the measured ones; 0 for a k that is not used."""
+    """Derivatives (strikes, 2, count) of phi and ln k by the unknowns; 0 for a k that is not used."""
     model, x = solution.model, solution.x
     return np.stack([model.design(x), model.log_k(x)[1] * solution.data.uses_k[:, None]], axis=1)
 
 
 def _inverse_covariances(solution: JointSolution) -> Array:
-    """(strikes, 2, 2) of (phi, ln k) as stated; 0 for a k that is not used."""
+    """Inverse covariances (strikes, 2, 2) of (phi, ln k) as stated; 0 for a k that is not used."""
     W = solution.data.whiten
     return np.swapaxes(W, 1, 2) @ W
 
@@ -119,14 +130,18 @@ def _inverse_covariances(solution: JointSolution) -> Array:
 def _influences(solution: JointSolution, factor: float) -> Iterator[Influence]:
     rows, precisions, weight = _rows(solution), _inverse_covariances(solution), solution.weight
     informations = np.einsum("sic,sij,sjd,s->cd", rows, precisions, rows, weight)
-    # The covariance knows the scatter; where the estimate lies does not depend on it.
+    # The covariance includes the spread factor; the estimate itself does not depend on it.
     normal = np.linalg.inv(solution.covariance) + informations * (1 - 1 / solution.spread)
     for i, plane in enumerate(solution.model.planes):
-        moved: Array = np.asarray(factor * weight[i] * np.linalg.solve(normal, rows[i].T @ precisions[i])[COM], dtype=np.float64)
+        moved: Array = np.asarray(
+            factor * weight[i] * np.linalg.solve(normal, rows[i].T @ precisions[i])[COM], dtype=np.float64
+        )
         yield Influence(plane.strike_id, plane.axis_id, moved[:, 0], moved[:, 1])
 
 
-def _shares(solution: JointSolution, systematic: SystematicErrors, prior: ComPrior) -> Iterator[tuple[ErrorSource, Array]]:
+def _shares(
+    solution: JointSolution, systematic: SystematicErrors, prior: ComPrior
+) -> Iterator[tuple[ErrorSource, Array]]:
     P, rows, precisions = solution.covariance, _rows(solution), _inverse_covariances(solution)
     scatter, noise = np.zeros((3, 3)), np.zeros((3, 3))
     stated = np.diag([systematic.strike_angle_sd**2, 0.0])
@@ -151,9 +166,9 @@ def _shares(solution: JointSolution, systematic: SystematicErrors, prior: ComPri
 
 
 def _terms(model: JointModel) -> dict[ErrorSource, list[int]]:
-    """Which unknowns are errors of which kind."""
-    axes = [FIXED + AXIS_TERMS * number for number in range(model.axes)]
-    faces = FIXED + AXIS_TERMS * model.axes
+    """Indices of the unknowns that belong to each error source."""
+    axes = [FIRST_AXIS_TERM + AXIS_TERMS * number for number in range(model.axes)]
+    faces = FIRST_AXIS_TERM + AXIS_TERMS * model.axes
     levels = faces + model.faces
     headings = levels + LEVEL_TERMS * (len(model.tilts) - 1)
     return {

@@ -1,7 +1,7 @@
 """Random boxes with hidden masses, and the strikes they would give; written apart from the estimators.
 
-Does not model: slip, bounce, frames. phi and k are the closed form of a body on a rounded edge, with drawn errors.
-"""
+Does not model: slip, bounce, frames. phi and k are the closed form of a body on a rounded edge, with drawn
+errors."""
 
 from __future__ import annotations
 
@@ -34,7 +34,13 @@ class Body:
     def cells(self) -> Cells:
         """Its cubes, of equal volume."""
         volume = self.pitch**3
-        return Cells(self.points, volume * self.shell, volume * (1 - self.shell), np.full(len(self.points), self.pitch**2 / 6), self.pitch)
+        return Cells(
+            self.points,
+            volume * self.shell,
+            volume * (1 - self.shell),
+            np.full(len(self.points), self.pitch**2 / 6),
+            self.pitch,
+        )
 
     @property
     def mass(self) -> float:
@@ -50,7 +56,13 @@ class Body:
         own = self.pitch**2 / 6
         entry = lambda values: float(self.masses @ values)  # noqa: E731 - local shorthand
         xy, xz, yz = -entry(x * y), -entry(x * z), -entry(y * z)
-        return np.array([[entry(y**2 + z**2 + own), xy, xz], [xy, entry(x**2 + z**2 + own), yz], [xz, yz, entry(x**2 + y**2 + own)]])
+        return np.array(
+            [
+                [entry(y**2 + z**2 + own), xy, xz],
+                [xy, entry(x**2 + z**2 + own), yz],
+                [xz, yz, entry(x**2 + y**2 + own)],
+            ]
+        )
 
 
 def box_body(
@@ -61,14 +73,16 @@ def box_body(
     edge_radius: float = 1e-3,
     pitch: float = 5e-3,
 ) -> Body:
-    """Box with a wall one voxel thick of mass regions[0], interior above normal.x = border regions[1], below it regions[2]."""
+    """Box with masses `regions` of its shell (one voxel thick), above and below the dividing plane."""
     axes = [np.arange(-s / 2 + pitch / 2, s / 2, pitch) for s in size]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     shell = np.any(np.abs(points) > np.array(size) / 2 - pitch, axis=1)
     upper = ~shell & (points @ np.array(normal) / np.linalg.norm(normal) > border)
     lower = ~shell & ~upper
     masses = sum(m * part / part.sum() for m, part in zip(regions, (shell, upper, lower), strict=True))
-    return Body(np.array(size), pitch, points, shell.astype(float), masses, np.array(regions), border, edge_radius)
+    return Body(
+        np.array(size), pitch, points, shell.astype(float), masses, np.array(regions), border, edge_radius
+    )
 
 
 def planned_strike(body: Body, face: int, sign: int, along: int, side: int, repeat: int = 0) -> PlannedStrike:
@@ -108,11 +122,15 @@ def planned_strike(body: Body, face: int, sign: int, along: int, side: int, repe
     )
 
 
-def tip(body: Body, strike: PlannedStrike, moved: Array | None = None, radius: float | None = None) -> tuple[float, float]:
-    """True (phi, k) about the strike's edge; `moved` (3,) shifts the real centre line, `radius` is the real one."""
+def tip(
+    body: Body, strike: PlannedStrike, moved: Array | None = None, radius: float | None = None
+) -> tuple[float, float]:
+    """True (phi, k) about the strike's edge; `moved` (3,) shifts its centre line, `radius` is its radius."""
     R_world_object = np.array(strike.R_world_object)
     rho = body.edge_radius if radius is None else radius
-    arm = R_world_object @ (body.com - np.array(strike.pivot.point) - (np.zeros(3) if moved is None else moved))
+    arm = R_world_object @ (
+        body.com - np.array(strike.pivot.point) - (np.zeros(3) if moved is None else moved)
+    )
     arm[1] = 0.0
     R = float(np.linalg.norm(arm))
     line = np.array(strike.pivot.direction)
@@ -122,7 +140,9 @@ def tip(body: Body, strike: PlannedStrike, moved: Array | None = None, radius: f
 
 def fit_of(phi: float, k: float, sd_phi: float, sd_k: float) -> MotionFit:
     """A fit with these values."""
-    return MotionFit("pivot_fit", phi, k, np.diag([sd_phi**2, sd_k**2]), 0.0, 1.0, 0, 0.0, (0, 1), np.zeros(1), "")
+    return MotionFit(
+        "pivot_fit", phi, k, np.diag([sd_phi**2, sd_k**2]), 0.0, 1.0, 0, 0.0, (0, 1), np.zeros(1), ""
+    )
 
 
 def describe(planes: list[EquiPlane]) -> str:

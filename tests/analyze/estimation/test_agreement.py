@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyze.estimation.agreement import centres_apart, estimators_apart
+from analyze.estimation.agreement import centre_difference, estimator_disagreements
 from analyze.estimation.paper import PaperCentre
-from analyze.estimation.stated import ComPrior
-from analyze.pipeline.estimate import estimate_evidence
+from analyze.estimation.priors import ComPrior
+from analyze.result.answer import answer_evidence
 from schemas.result import Verdict, WarningCode
 from tests.analyze.simulated_session import carton, session
 
@@ -31,7 +31,7 @@ def shifted(motion, degrees):
 
 def test_an_estimator_that_means_another_phi_is_named_with_its_number(evidence):
     # Its sd is 0.02 rad, 1.15 degrees.
-    found = estimate_evidence(changed(evidence, 4, lambda motion: shifted(motion, 4.6)))
+    found = answer_evidence(changed(evidence, 4, lambda motion: shifted(motion, 4.6)))
     name = evidence.motions[4].strike_id
     (warning,) = [each for each in found.result.warnings if each.code is WarningCode.ESTIMATORS_DISAGREE]
     assert warning.text.startswith(f"strike {name}: sign_change puts φ +4.60° off pivot_fit's, 4.0 sd")
@@ -39,27 +39,31 @@ def test_an_estimator_that_means_another_phi_is_named_with_its_number(evidence):
 
 
 def test_what_its_sd_allow_is_no_disagreement(evidence):
-    assert not estimators_apart([shifted(motion, 3.0) for motion in evidence.motions])
+    assert not estimator_disagreements([shifted(motion, 3.0) for motion in evidence.motions])
 
 
 def test_k_counts_where_both_have_it_and_a_violated_assumption_is_no_news(evidence):
     motion = evidence.motions[0]
     other = replace(motion.fit, estimator="moment_balance", k=1.1 * motion.fit.k)
-    (apart,) = estimators_apart([replace(motion, alternatives=(other,))])
+    (apart,) = estimator_disagreements([replace(motion, alternatives=(other,))])
     assert apart.k_off == pytest.approx(0.1)
-    assert not estimators_apart([replace(motion, alternatives=(replace(other, violated=("it slid",)),))])
+    assert not estimator_disagreements(
+        [replace(motion, alternatives=(replace(other, violated=("it slid",)),))]
+    )
 
 
 def test_a_sign_change_says_nothing_of_a_strike_that_rocked_back(evidence):
     motion = shifted(evidence.motions[0], 20.0)
-    assert estimators_apart([motion])
-    assert not estimators_apart([replace(motion, verdict=Verdict.ROCKED_BACK)])
+    assert estimator_disagreements([motion])
+    assert not estimator_disagreements([replace(motion, verdict=Verdict.ROCKED_BACK)])
 
 
 def test_the_papers_centre_may_be_off_by_what_its_angles_are(evidence):
-    estimate = estimate_evidence(evidence)
+    estimate = answer_evidence(evidence)
     prior = ComPrior.from_bounds(*evidence.model.bounds)
     for off, agree in ((1e-3, True), (0.015, False)):
-        paper = PaperCentre(estimate.com.position + np.array([off, 0.0, 0.0]), np.radians(1.85), 1e-7)
-        planes = [replace(plane, sd_phi=0.01) for plane in estimate.planes]
-        assert centres_apart(paper, planes, estimate.com, prior).agree is agree
+        paper = PaperCentre(
+            estimate.estimate.com.position + np.array([off, 0.0, 0.0]), np.radians(1.85), 1e-7
+        )
+        planes = [replace(plane, sd_phi=0.01) for plane in estimate.estimate.planes]
+        assert centre_difference(paper, planes, estimate.estimate.com, prior).agree is agree

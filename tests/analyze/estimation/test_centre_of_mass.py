@@ -7,7 +7,7 @@ from analyze.errors import EstimationError
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.paper import paper_centre_of_mass
-from analyze.estimation.stated import ComPrior, SystematicErrors
+from analyze.estimation.priors import ComPrior, SystematicErrors
 from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
 
 SIZE = (0.08, 0.06, 0.15)
@@ -20,18 +20,31 @@ SD_PHI = 3e-4
 
 def planes(rng, axes=SIX_AXES, repeats=3, errors=ERRORS, body=BODY, bias=0.0):
     """Equi-planes with every error drawn as `errors` says."""
-    tilt, scale, radius = rng.normal(0, 1, 3) * (errors.gravity_tilt_sd, errors.scale_sd, errors.edge_radius_sd)
+    tilt, scale, radius = rng.normal(0, 1, 3) * (
+        errors.gravity_tilt_sd,
+        errors.scale_sd,
+        errors.edge_radius_sd,
+    )
     found = []
     for axis in axes:
         strike = planned_strike(body, *axis)
         forward, up = np.array(strike.R_world_object)[0], np.array(strike.R_world_object)[2]
         edge = strike.pivot.sd_m if errors is not EXACT else 0.0
-        moved = rng.normal(0, edge) * forward + rng.normal(0, edge) * up + radius * (up - forward) + scale * np.array(strike.pivot.point)
+        moved = (
+            rng.normal(0, edge) * forward
+            + rng.normal(0, edge) * up
+            + radius * (up - forward)
+            + scale * np.array(strike.pivot.point)
+        )
         phi, k = tip(body, strike, moved, body.edge_radius + radius)
         shared = tilt + rng.normal(0, errors.axis_angle_sd) + bias
         for repeat in range(repeats):
             measured = phi + shared + rng.normal(0, np.hypot(SD_PHI, errors.strike_angle_sd))
-            found.append(equiplane_from_fit(f"{strike.axis_id}.{repeat}", strike, fit_of(measured, k, SD_PHI, 2e-3 * k)))
+            found.append(
+                equiplane_from_fit(
+                    f"{strike.axis_id}.{repeat}", strike, fit_of(measured, k, SD_PHI, 2e-3 * k)
+                )
+            )
     return found
 
 
@@ -78,7 +91,9 @@ def test_parallel_axes_leave_their_direction_open():
     com = centre_of_mass(planes(np.random.default_rng(3), axes=axes), ERRORS, PRIOR)
     assert not com.observed
     assert abs(com.unobserved_direction[1]) > 0.99
-    assert np.sqrt(com.covariance[1, 1]) == pytest.approx(PRIOR.sd[1], rel=0.05), "the prior's sd stands where nothing was measured"
+    assert np.sqrt(com.covariance[1, 1]) == pytest.approx(PRIOR.sd[1], rel=0.05), (
+        "the prior's sd stands where nothing was measured"
+    )
 
 
 def test_one_bad_strike_is_found_and_hardly_counts():
@@ -118,19 +133,24 @@ def test_the_papers_estimator_is_the_overlaps_centroid_not_a_cell_of_its_first_g
     exact = SystematicErrors(gravity_tilt_sd=0.0, axis_angle_sd=0.0, strike_angle_sd=0.0)
     three = planes(np.random.default_rng(6), axes=SIX_AXES[:3], repeats=1, errors=exact)
     found = paper_centre_of_mass(three, BODY.cells)
-    assert np.linalg.norm(found.position - BODY.com) < 1.2e-3, "Fig. 9(b): what the width of the regions costs without any error"
+    assert np.linalg.norm(found.position - BODY.com) < 1.2e-3, (
+        "Fig. 9(b): what the width of the regions costs without any error"
+    )
     turned = [replace(plane, phi=plane.phi + 2e-3) for plane in three]
     moved = np.linalg.norm(paper_centre_of_mass(turned, BODY.cells).position - found.position)
     assert 0.5 * 2e-3 * 0.03 < moved < 2e-3 * 0.3, "it goes with the angles"
 
 
 def test_the_target_for_the_papers_own_noise_is_met():
-    """METHOD: centre of mass from angles with 1.85 deg noise, 9 strikes on 3 axes: 5 mm must (the paper 12.5 mm)."""
+    """Target: centre of mass from angles with 1.85 deg noise, 9 strikes on 3 axes: 5 mm (paper: 12.5 mm)."""
     rng = np.random.default_rng(8)
     noise = SystematicErrors(gravity_tilt_sd=0.0, axis_angle_sd=0.0, strike_angle_sd=np.radians(1.85))
     axes = ((2, -1, 1, 1), (2, 1, 0, 1), (0, -1, 2, 1), (2, -1, 0, -1), (1, -1, 0, 1))
     error = [
-        np.linalg.norm(centre_of_mass(planes(rng, axes=axes, repeats=2, errors=noise), noise, PRIOR).position - BODY.com) for _ in range(40)
+        np.linalg.norm(
+            centre_of_mass(planes(rng, axes=axes, repeats=2, errors=noise), noise, PRIOR).position - BODY.com
+        )
+        for _ in range(40)
     ]
     assert np.mean(error) < 5e-3
 

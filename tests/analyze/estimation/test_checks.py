@@ -3,18 +3,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyze.estimation.checks import gravity_told, impossible_moments, leave_one_out, outside_hull
+from analyze.estimation.checks import (
+    estimated_gravity,
+    impossible_moments,
+    leave_one_out,
+    sigmas_outside_hull,
+)
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.inertia import shape_prior
-from analyze.estimation.joint import Moments, solve_joint
-from analyze.estimation.stated import ComPrior, Scale, SystematicErrors
+from analyze.estimation.joint import MomentModel, solve_joint
+from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, box_body, fit_of, planned_strike, tip
 
 SIZE = np.array((0.08, 0.06, 0.15))
 BODY = box_body(tuple(SIZE.tolist()), (0.026, 0.014, 0.004), 0.005, (0.5, -0.35, 0.79), pitch=0.01)
 PRIOR = ComPrior.from_bounds(-SIZE / 2, SIZE / 2)
 ERRORS = SystematicErrors(gravity_tilt_sd=1e-3, edge_radius_sd=2e-4)
-MOMENTS = Moments(Scale(BODY.mass, 1e-4, GRAVITY, 1e-3), shape_prior(BODY.cells))
+MOMENTS = MomentModel(Scale(BODY.mass, 1e-4, GRAVITY, 1e-3), shape_prior(BODY.cells))
 CORNERS = np.stack(np.meshgrid(*[(-s / 2, s / 2) for s in SIZE]), axis=-1).reshape(-1, 3)
 
 
@@ -29,21 +34,23 @@ def planes(rng, faster=1.0):
     return found
 
 
-def test_a_strike_is_foretold_by_the_others_as_if_it_had_not_been_made():
+def test_leave_one_out_prediction_equals_a_fit_without_the_strike():
     some = planes(np.random.default_rng(0))
     solution = solve_joint(some, ERRORS, PRIOR, MOMENTS)
     found = leave_one_out(solution)
-    assert all(each.foretold for each in found)
+    assert all(each.agrees for each in found)
     # The last axis has another strike, so that the unknowns stay the same.
     without = solve_joint(some[:-1], ERRORS, PRIOR, MOMENTS)
-    assert found[-1].phi - some[-1].phi == pytest.approx(without.model.residual(without.x)[-1] + some[-2].phi - some[-1].phi, abs=3e-5)
+    assert found[-1].phi - some[-1].phi == pytest.approx(
+        without.model.residual(without.x)[-1] + some[-2].phi - some[-1].phi, abs=3e-5
+    )
 
 
 def test_one_strike_far_off_is_named():
     some = planes(np.random.default_rng(1))
     some[3] = replace(some[3], phi=some[3].phi + 0.02)
     found = leave_one_out(solve_joint(some, ERRORS, PRIOR, MOMENTS))
-    assert [each.strike_id for each in found if not each.foretold] == [some[3].strike_id]
+    assert [each.strike_id for each in found if not each.agrees] == [some[3].strike_id]
     assert found[3].phi_off == pytest.approx(0.02, abs=3e-3)
 
 
@@ -51,9 +58,9 @@ def test_a_wrong_time_base_shows_as_another_gravity():
     for faster in (1.0, 1.4):
         some = planes(np.random.default_rng(2), faster)
         solution = solve_joint(some, ERRORS, PRIOR, MOMENTS)
-        told = gravity_told(some, ERRORS, PRIOR, MOMENTS, solution)
-        assert told.sd < 0.1
-        assert told.agrees == (faster == 1.0)
+        found = estimated_gravity(some, ERRORS, PRIOR, MOMENTS, solution)
+        assert found.sd < 0.1
+        assert found.agrees == (faster == 1.0)
 
 
 def test_what_no_body_of_that_shape_could_be_is_said():
@@ -62,5 +69,5 @@ def test_what_no_body_of_that_shape_could_be_is_said():
     odd = [replace(plane, k=2.5 * plane.k) if plane.axis_id == some[0].axis_id else plane for plane in some]
     assert some[0].axis_id in impossible_moments(solve_joint(odd, ERRORS, PRIOR, MOMENTS), CORNERS)
     hull = np.vstack([np.column_stack([sign * np.eye(3), -SIZE / 2]) for sign in (1, -1)])
-    assert outside_hull(np.zeros(3), np.eye(3) * 1e-8, hull) == 0
-    assert outside_hull(np.array([0.041, 0, 0]), np.eye(3) * 1e-8, hull) == pytest.approx(10)
+    assert sigmas_outside_hull(np.zeros(3), np.eye(3) * 1e-8, hull) == 0
+    assert sigmas_outside_hull(np.array([0.041, 0, 0]), np.eye(3) * 1e-8, hull) == pytest.approx(10)

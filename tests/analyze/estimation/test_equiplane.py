@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from analyze.errors import EstimationError
-from analyze.estimation.equiplane import equiplane_from_fit, raised, standing_angle
+from analyze.estimation.equiplane import balance_direction, equiplane_from_fit, standing_angle
 from tests.analyze.estimation.bodies import SIX_AXES, box_body, fit_of, planned_strike, tip
 
 BODY = box_body((0.08, 0.06, 0.15), (0.026, 0.014, 0.004), 0.005, (0.5, -0.35, 0.79), pitch=0.01)
@@ -30,12 +30,14 @@ def test_the_normal_is_the_papers_equation_4():
 def test_one_degree_more_moves_c_by_one_degree_of_its_distance():
     strike = planned_strike(BODY, *SIX_AXES[1])
     plane = equiplane_from_fit("s", strike, fit_of(0.3, 80.0, 1e-3, 0.1))
-    point = plane.point + 0.1 * raised(plane.direction, plane.up, 0.3 + 0.01)
+    point = plane.point + 0.1 * balance_direction(plane.direction, plane.up, 0.3 + 0.01)
     assert plane.normal @ (point - plane.point) == pytest.approx(0.1 * np.sin(0.01), rel=1e-6)
 
 
 def test_a_pivot_across_the_worlds_y_is_refused():
     strike = planned_strike(BODY, *SIX_AXES[0])
-    turned = strike.model_copy(update={"pivot": strike.pivot.model_copy(update={"direction": [1.0, 0.0, 0.0]})})
+    turned = strike.model_copy(
+        update={"pivot": strike.pivot.model_copy(update={"direction": [1.0, 0.0, 0.0]})}
+    )
     with pytest.raises(EstimationError, match="make the plan anew"):
         equiplane_from_fit("s", turned, fit_of(0.3, 80.0, 1e-3, 0.1))

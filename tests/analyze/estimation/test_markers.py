@@ -4,7 +4,7 @@ import pytest
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.inertia import inertial_parameters, shape_prior
 from analyze.estimation.markers import can_subtract, without_markers
-from analyze.estimation.stated import ComPrior, Scale, SystematicErrors
+from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from schemas.object_spec import MarkerSpec
 from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, Body, box_body, fit_of, planned_strike, tip
 
@@ -39,7 +39,11 @@ def whole():
     exact = SystematicErrors(0.0, axis_angle_sd=0.0, strike_angle_sd=0.0)
     half = np.array(SIZE) / 2
     return inertial_parameters(
-        planes, exact, ComPrior.from_bounds(-half, half), Scale(body.mass, 1e-6, GRAVITY, 0.0, 0.0), shape_prior(BODY.cells)
+        planes,
+        exact,
+        ComPrior.from_bounds(-half, half),
+        Scale(body.mass, 1e-6, GRAVITY, 0.0, 0.0),
+        shape_prior(BODY.cells),
     )
 
 

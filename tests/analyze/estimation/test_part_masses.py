@@ -14,13 +14,14 @@ from rich.console import Console
 
 from analyze.errors import ShapeError
 from analyze.estimation.cells import cells_from_voxels
-from analyze.estimation.labelled_parts import joined, parts_of_bodies, parts_of_cells
+from analyze.estimation.labelled_parts import merged_solid, parts_of_bodies, parts_of_cells
 from analyze.estimation.part_masses import MeasuredMoments, part_masses
 from analyze.geometry.bodies import bodies_of
 from analyze.geometry.object_model import load_object_model
 from analyze.geometry.voxels import voxelise
-from analyze.pipeline.estimate import estimate_evidence, render_summary
-from analyze.verbs.parts_table import bodies_in, bodies_json, render_bodies
+from analyze.report.summary import render_summary
+from analyze.result.answer import answer_evidence
+from analyze.verbs.parts import bodies_json, read_bodies, render_bodies
 from schemas.document import DocumentError
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, PartLabel, Shape, parse_object_spec
 from tests.analyze.simulated_session import carton, session
@@ -54,7 +55,8 @@ def moments_of(parts, masses, rng=None, com_sd=5e-4, relative_sd=0.01):
     com = sum(m * part.centroid for m, part in zip(masses, parts, strict=True)) / mass
     arms = [part.centroid - com for part in parts]
     tensor = sum(
-        m * (part.unit_inertia + (arm @ arm) * np.eye(3) - np.outer(arm, arm)) for m, part, arm in zip(masses, parts, arms, strict=True)
+        m * (part.unit_inertia + (arm @ arm) * np.eye(3) - np.outer(arm, arm))
+        for m, part, arm in zip(masses, parts, arms, strict=True)
     )
     directions = np.vstack([np.eye(3), np.array([[1, 1, 0], [1, 0, 1], [0, 1, 1]]) / math.sqrt(2)])
     about = np.einsum("ai,ij,aj->a", directions, tensor, directions)
@@ -90,7 +92,7 @@ def test_only_a_mesh_has_bodies():
 
 def test_solids_joined_weigh_what_they_do_apart():
     parts = [body.properties for body in bodies_of(spec(), hammer(), "hammer.stl")]
-    whole = joined(parts)
+    whole = merged_solid(parts)
     mesh = trimesh.load_mesh(trimesh.util.wrap_as_stream(hammer()), file_type="stl")
     assert whole.volume == pytest.approx(mesh.volume, rel=1e-6)
     assert whole.centroid == pytest.approx(mesh.center_mass, abs=1e-8)
@@ -114,18 +116,24 @@ def test_their_intervals_hold_the_truth():
         found = part_masses(moments_of(parts, truth, rng), ["head", "handle"], parts, rng)
         inside.append((found.intervals[:, 0] <= truth) & (truth <= found.intervals[:, 1]))
         z.append((found.masses[0] - truth[0]) / np.sqrt(found.covariance[0, 0]))
-    # Of 24, where one part's mass gives the other's: 20 or more in 994 cases of 1000; the root mean square is known to 0.14.
+    # Of 24, where one part's mass gives the other's: 20 or more in 994 cases of 1000; the root mean square is
+    # known to 0.14.
     assert np.mean(inside) >= 20 / 24
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
 def test_what_the_moments_leave_open_is_said():
-    """Three parts in a row, the middle one's moments a mixture of its neighbours' but for one, which is known badly."""
+    """Three parts in a row; only one poorly known moment separates the middle one from its neighbours."""
     row = trimesh.util.concatenate(
-        [trimesh.creation.box((0.03, 0.03, 0.05), trimesh.transformations.translation_matrix([0, 0, z])) for z in (-0.06, 0, 0.06)]
+        [
+            trimesh.creation.box((0.03, 0.03, 0.05), trimesh.transformations.translation_matrix([0, 0, z]))
+            for z in (-0.06, 0, 0.06)
+        ]
     )
     parts = [body.properties for body in bodies_of(spec(), bytes(row.export(file_type="stl")), "row.stl")]
-    found = part_masses(moments_of(parts, [0.1, 0.1, 0.1], relative_sd=0.8), ["a", "b", "c"], parts, np.random.default_rng(3))
+    found = part_masses(
+        moments_of(parts, [0.1, 0.1, 0.1], relative_sd=0.8), ["a", "b", "c"], parts, np.random.default_rng(3)
+    )
     assert not all(found.observed)
     assert found.masses.sum() == pytest.approx(0.3, abs=1e-3)
     assert found.intervals.min() >= 0.0
@@ -135,7 +143,10 @@ def test_parts_that_cannot_explain_the_moments_misfit():
     parts = [body.properties for body in bodies_of(spec(), hammer(), "hammer.stl")]
     moments = moments_of(parts, [0.25, 0.05])
     found = part_masses(
-        replace(moments, com=moments.com + np.array([0.02, 0.01, 0.0])), ["head", "handle"], parts, np.random.default_rng(1)
+        replace(moments, com=moments.com + np.array([0.02, 0.01, 0.0])),
+        ["head", "handle"],
+        parts,
+        np.random.default_rng(1),
     )
     assert found.misfit > 5
 
@@ -172,10 +183,10 @@ def test_wall_and_layers_fill_the_body():
 
 def test_layers_that_overlap_or_hold_nothing_are_refused():
     overlap = [PartLabel(name="a", between_m=[-0.05, 0.01]), PartLabel(name="b", between_m=[-0.01, 0.05])]
-    with pytest.raises(ShapeError, match="two layers hold the same place"):
+    with pytest.raises(ShapeError, match="two layers overlap"):
         parts_of_cells(overlap, box_cells(overlap), "box")
     beyond = [PartLabel(name="a", between_m=[0.2, 0.3]), PartLabel(name="b", between_m=[-0.01, 0.05])]
-    with pytest.raises(ShapeError, match="part 'a' holds nothing"):
+    with pytest.raises(ShapeError, match="part 'a' contains nothing"):
         parts_of_cells(beyond, box_cells(beyond), "box")
 
 
@@ -183,19 +194,32 @@ def test_layers_that_overlap_or_hold_nothing_are_refused():
     ("labels", "words"),
     [
         ('[[labels]]\nname = "a"\nbodies = [1]', "at least 2"),
-        ('[[labels]]\nname = "a"\nbodies = [1]\n[[labels]]\nname = "a"\nbodies = [2]', "two parts are called 'a'"),
-        ('[[labels]]\nname = "a"\nbodies = [1]\n[[labels]]\nname = "b"\nbodies = [1]', "body 1 is in two parts"),
+        (
+            '[[labels]]\nname = "a"\nbodies = [1]\n[[labels]]\nname = "a"\nbodies = [2]',
+            "two parts are called 'a'",
+        ),
+        (
+            '[[labels]]\nname = "a"\nbodies = [1]\n[[labels]]\nname = "b"\nbodies = [1]',
+            "body 1 is in two parts",
+        ),
         ('[[labels]]\nname = "a"\nbodies = [1]\n[[labels]]\nname = "b"\nwall = true', "not both"),
-        ('[[labels]]\nname = "a"\nwall = true\n[[labels]]\nname = "b"\nwall = true', "two parts are the wall"),
-        ('[[labels]]\nname = "a"\n[[labels]]\nname = "b"\nwall = true', "give exactly one of bodies, wall, between_m"),
+        (
+            '[[labels]]\nname = "a"\nwall = true\n[[labels]]\nname = "b"\nwall = true',
+            "two parts are the wall",
+        ),
+        (
+            '[[labels]]\nname = "a"\n[[labels]]\nname = "b"\nwall = true',
+            "give exactly one of bodies, wall, between_m",
+        ),
         ('[[labels]]\nname = "a"\nbodies = [0]\n[[labels]]\nname = "b"\nbodies = [2]', "numbers from 1"),
-        ('[[labels]]\nname = "a"\nbetween_m = [1, 0]\n[[labels]]\nname = "b"\nwall = true', "the lower end, then"),
+        (
+            '[[labels]]\nname = "a"\nbetween_m = [1, 0]\n[[labels]]\nname = "b"\nwall = true',
+            "the lower end, then",
+        ),
     ],
 )
 def test_labels_that_cannot_be_are_refused_in_one_line(labels, words):
-    text = (
-        f'name = "x"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\n[shape]\nfile = "a.stl"\nunit = "mm"\n[[marker]]\nid = 0\nsize_m = 0.02\n{labels}\n'
-    )
+    text = f'name = "x"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\n[shape]\nfile = "a.stl"\nunit = "mm"\n[[marker]]\nid = 0\nsize_m = 0.02\n{labels}\n'
     tomllib.loads(text)
     with pytest.raises(DocumentError, match=words) as problem:
         parse_object_spec(text, "x.toml")
@@ -204,17 +228,17 @@ def test_labels_that_cannot_be_are_refused_in_one_line(labels, words):
 
 def test_the_table_lists_bodies_and_how_to_label_them(tmp_path):
     (tmp_path / "hammer.stl").write_bytes(hammer())
-    text = (
-        'name = "hammer"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\n[shape]\nfile = "hammer.stl"\nunit = "m"\n[[marker]]\nid = 0\nsize_m = 0.02\n'
-    )
+    text = 'name = "hammer"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\n[shape]\nfile = "hammer.stl"\nunit = "m"\n[[marker]]\nid = 0\nsize_m = 0.02\n'
     (tmp_path / "hammer.toml").write_text(text)
     console = Console(record=True, width=120, file=io.StringIO())
-    render_bodies(*bodies_in(tmp_path / "hammer.toml"), console)
+    render_bodies(*read_bodies(tmp_path / "hammer.toml"), console)
     shown = console.export_text()
     assert "81.000" in shown
     assert "[[labels]]" in shown
-    (tmp_path / "hammer.toml").write_text(text + '[[labels]]\nname = "head"\nbodies = [1]\n[[labels]]\nname = "handle"\nbodies = [2]\n')
-    files, bodies = bodies_in(tmp_path / "hammer.toml")
+    (tmp_path / "hammer.toml").write_text(
+        text + '[[labels]]\nname = "head"\nbodies = [1]\n[[labels]]\nname = "handle"\nbodies = [2]\n'
+    )
+    files, bodies = read_bodies(tmp_path / "hammer.toml")
     assert [row["part"] for row in bodies_json(files, bodies)] == ["head", "handle"]
 
 
@@ -223,7 +247,7 @@ def test_a_session_gives_the_masses_of_wall_and_layers():
     evidence = session(body, np.random.default_rng(3))
     labels = [PartLabel(name="wall", wall=True), PartLabel(name="inside", between_m=[-0.1, 0.1])]
     labelled = replace(evidence, spec=evidence.spec.model_copy(update={"labels": labels}))
-    estimate = estimate_evidence(labelled)
+    estimate = answer_evidence(labelled)
     assert estimate.result.parts is not None
     wall = estimate.result.parts.parts[0]
     assert wall.name == "wall"
@@ -234,4 +258,4 @@ def test_a_session_gives_the_masses_of_wall_and_layers():
     console = Console(record=True, width=120, file=io.StringIO())
     render_summary(estimate, console)
     assert "Labelled parts" in console.export_text()
-    assert "parts" not in estimate_evidence(evidence).json().partition('"regions"')[0]
+    assert "parts" not in answer_evidence(evidence).json().partition('"regions"')[0]

@@ -8,7 +8,9 @@ import pytest
 from analyze.estimation.precision import mandel_h, mandel_h_limit, precision
 
 
-@pytest.mark.parametrize(("groups", "five_percent", "one_percent"), [(3, 1.15, 1.15), (5, 1.57, 1.72), (10, 1.80, 2.18)])
+@pytest.mark.parametrize(
+    ("groups", "five_percent", "one_percent"), [(3, 1.15, 1.15), (5, 1.57, 1.72), (10, 1.80, 2.18)]
+)
 def test_the_limits_of_mandels_h_are_the_standards(groups, five_percent, one_percent):
     """ISO 5725-2:1994, tables 6 and 7."""
     assert mandel_h_limit(groups, 0.05) == pytest.approx(five_percent, abs=0.006)

@@ -9,9 +9,9 @@ import pytest
 
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.inertia import shape_prior
-from analyze.estimation.joint import Moments, solve_joint
+from analyze.estimation.joint import MomentModel, solve_joint
+from analyze.estimation.priors import ComPrior, Scale, SystematicErrors
 from analyze.estimation.rate import rate_bounds, rate_check
-from analyze.estimation.stated import ComPrior, Scale, SystematicErrors
 from tests.analyze.estimation.bodies import GRAVITY, SIX_AXES, box_body, fit_of, planned_strike, tip
 
 SIZE = np.array((0.08, 0.06, 0.15))
@@ -36,9 +36,11 @@ def check_of(body, rate, axes=SIX_AXES, seed=0):
         for repeat in range(2):
             strike = planned_strike(body, *axis, repeat)
             phi, k = tip(body, strike)
-            fit = fit_of(phi + rng.normal(0, 7e-4), k / rate**2 * (1 + rng.normal(0, 3e-3)), 5e-4, 3e-3 * k / rate**2)
+            fit = fit_of(
+                phi + rng.normal(0, 7e-4), k / rate**2 * (1 + rng.normal(0, 3e-3)), 5e-4, 3e-3 * k / rate**2
+            )
             planes.append(equiplane_from_fit(strike.id, strike, fit))
-    moments = Moments(Scale(body.mass, 1e-4, GRAVITY, 1e-3), shape_prior(body.cells))
+    moments = MomentModel(Scale(body.mass, 1e-4, GRAVITY, 1e-3), shape_prior(body.cells))
     return rate_check(planes, ERRORS, PRIOR, moments, np.vstack([body.points, CORNERS])), planes
 
 
@@ -63,16 +65,16 @@ def test_parallel_axes_with_different_arms_tell_it_whatever_the_filling():
     off = []
     for seed in range(6):
         found, _ = check_of(body_of(seed), 1.2, seed=seed)
-        if found.told is not None:
-            off.append((found.told.ratio - 1.2) / found.told.sd)
-            assert abs(found.told.ratio / 1.2 - 1) < 0.05
+        if found.estimate is not None:
+            off.append((found.estimate.ratio - 1.2) / found.estimate.sd)
+            assert abs(found.estimate.ratio / 1.2 - 1) < 0.05
     assert len(off) >= 4
     assert 0.2 < np.sqrt(np.mean(np.square(off))) < 2.0
 
 
 def test_a_centred_mass_struck_upright_leaves_only_the_bounds():
     found, _ = check_of(body_of(0, even=True), 1.0, UPRIGHT)
-    assert found.told is None
+    assert found.estimate is None
     assert found.low < 0.95
     assert found.high > 1.05
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from analyze.estimation.inertia import shape_prior
-from analyze.estimation.joint import Moments, solve_joint
+from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.joint_model import COM
+from analyze.estimation.priors import ComPrior
 from analyze.estimation.sensitivity import ErrorSource
-from analyze.estimation.stated import ComPrior
 from analyze.pipeline.estimate import equiplanes, estimate_evidence, systematic_errors
 from schemas.object_spec import MarkerSpec
 from tests.analyze.simulated_session import carton, session
@@ -31,8 +31,13 @@ def estimate(evidence):
 
 def solved(estimate, planes, systematic=None):
     evidence = estimate.evidence
-    moments = Moments(estimate.scale, shape_prior(estimate.cells))
-    return solve_joint(planes, systematic or systematic_errors(evidence), ComPrior.from_bounds(*evidence.model.bounds), moments)
+    moments = MomentModel(estimate.scale, shape_prior(estimate.cells))
+    return solve_joint(
+        planes,
+        systematic or systematic_errors(evidence),
+        ComPrior.from_bounds(*evidence.model.bounds),
+        moments,
+    )
 
 
 def test_c_moves_with_each_strike_as_estimated_anew(estimate):
@@ -41,10 +46,19 @@ def test_c_moves_with_each_strike_as_estimated_anew(estimate):
     for i in (0, 5, 11):
         influence = estimate.sensitivity.strikes[i]
         assert influence.strike_id == planes[i].strike_id
-        turned = [replace(plane, phi=plane.phi + STEP_RAD) if j == i else plane for j, plane in enumerate(planes)]
-        assert np.allclose((solved(estimate, turned).x[COM] - before) / STEP_RAD, influence.by_phi, rtol=0.02, atol=2e-5)
-        faster = [replace(p, k=p.k * (1 + 1e-5), sd_k=p.sd_k * (1 + 1e-5)) if j == i else p for j, p in enumerate(planes)]
-        assert np.allclose((solved(estimate, faster).x[COM] - before) / 1e-5, influence.by_log_k, rtol=0.02, atol=2e-5)
+        turned = [
+            replace(plane, phi=plane.phi + STEP_RAD) if j == i else plane for j, plane in enumerate(planes)
+        ]
+        assert np.allclose(
+            (solved(estimate, turned).x[COM] - before) / STEP_RAD, influence.by_phi, rtol=0.02, atol=2e-5
+        )
+        faster = [
+            replace(p, k=p.k * (1 + 1e-5), sd_k=p.sd_k * (1 + 1e-5)) if j == i else p
+            for j, p in enumerate(planes)
+        ]
+        assert np.allclose(
+            (solved(estimate, faster).x[COM] - before) / 1e-5, influence.by_log_k, rtol=0.02, atol=2e-5
+        )
 
 
 def test_the_parts_add_up_to_the_whole(estimate):
@@ -59,7 +73,8 @@ def test_a_tilt_of_its_sd_moves_c_as_it_moves_all_strikes(estimate):
     sd = systematic_errors(estimate.evidence).gravity_tilt_sd
     moved = sd * sum(each.by_phi for each in estimate.sensitivity.strikes)
     part = next(share.covariance for share in estimate.sensitivity.shares if share.source is ErrorSource.TILT)
-    # The strikes scatter by more than is stated, which widens the covariance and leaves the estimate where it is.
+    # The strikes scatter by more than is stated, which widens the covariance and leaves the estimate where it
+    # is.
     assert np.allclose(np.outer(moved, moved), part, rtol=0.25, atol=1e-13)
 
 
@@ -72,7 +87,7 @@ def test_a_tilt_of_its_sd_moves_c_as_it_moves_all_strikes(estimate):
     ],
 )
 def test_an_error_that_is_not_stated_causes_nothing(estimate, source, without):
-    """What it is said to cause is what the answer gains without it, or less: the strikes can then be weighed better, too."""
+    """A source's contribution is at most the gain without it: the strikes are then also weighted better."""
     evidence = estimate.evidence
     systematic = replace(systematic_errors(evidence), **without)
     less = solved(estimate, equiplanes(evidence, evidence.motions), systematic)

@@ -7,7 +7,7 @@ import pytest
 
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.estimation.stated import ComPrior, SystematicErrors, TiltPrior
+from analyze.estimation.priors import ComPrior, SystematicErrors, TiltPrior
 from analyze.motion.pivot_fit import pivot_fit
 from tests.analyze.estimation.bodies import box_body, fit_of, planned_strike
 from tests.analyze.estimation.tilted_table import Drawn, Laid, laid_session, reversed_strike, seen_tips
@@ -25,11 +25,16 @@ NOTHING = np.zeros(3)
 
 def planes_of(laid, noise=NOISE, seed=0):
     seen = seen_tips(laid, noise, np.random.default_rng(seed))
-    return [equiplane_from_fit(each.strike.id, each.strike, pivot_fit(*tip)) for each, tip in zip(laid, seen, strict=True)]
+    return [
+        equiplane_from_fit(each.strike.id, each.strike, pivot_fit(*tip))
+        for each, tip in zip(laid, seen, strict=True)
+    ]
 
 
 def exact(strikes, slope):
-    return planes_of([Laid(BODY, strike, np.array(slope), NOTHING, BODY.edge_radius, 0.0) for strike in strikes], 1e-6)
+    return planes_of(
+        [Laid(BODY, strike, np.array(slope), NOTHING, BODY.edge_radius, 0.0) for strike in strikes], 1e-6
+    )
 
 
 def test_half_the_difference_of_phi_is_the_tables_rise():
@@ -43,7 +48,9 @@ def test_a_turned_strike_tells_the_tilt_and_corrects_c():
     strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
     slope = (0.006, -0.003)
     planes = exact([*strikes, reversed_strike(strikes[0])], slope)
-    com, without = (centre_of_mass(some, replace(STATED, axis_angle_sd=1e-5), PRIOR) for some in (planes, planes[:3]))
+    com, without = (
+        centre_of_mass(some, replace(STATED, axis_angle_sd=1e-5), PRIOR) for some in (planes, planes[:3])
+    )
     (tilt,) = com.tilts
     assert tilt.lean[0] == pytest.approx(slope[0], abs=1e-4)
     assert tilt.sd[0] < 0.15 * TILT
@@ -55,7 +62,7 @@ def test_a_turned_strike_tells_the_tilt_and_corrects_c():
 
 
 def test_residuals_are_of_planes_that_stand_upright_in_gravity():
-    """Of strikes that fit, c lies on every one of them, however the table slopes; against the table they miss it by R times the slope."""
+    """Planes upright in gravity contain c for any tilt; those upright on the table miss it by R tilt."""
     strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
     planes = exact([*strikes, reversed_strike(strikes[0])], (0.006, 0.0))
     com = centre_of_mass(planes, STATED, PRIOR)
@@ -76,7 +83,9 @@ def test_any_two_headings_tell_what_they_differ_in():
 def test_intervals_of_tilt_and_c_hold_the_truth():
     rng = np.random.default_rng(31)
     strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
-    sessions = [laid_session(BODY, [*strikes, reversed_strike(strikes[0])], Drawn(TILT), rng) for _ in range(50)]
+    sessions = [
+        laid_session(BODY, [*strikes, reversed_strike(strikes[0])], Drawn(TILT), rng) for _ in range(50)
+    ]
     planes = planes_of([each for session in sessions for each in session], seed=1)
     tilts, places, without = [], [], []
     for number, session in enumerate(sessions):
@@ -95,17 +104,21 @@ def test_a_levels_reading_takes_the_priors_place():
     strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
     planes = exact(strikes, (0.006, 0.0))
     read = replace(STATED, readings=(TiltPrior((0.006, 0.0), (2e-4, TILT)),))
-    told, untold = (centre_of_mass(planes, systematic, PRIOR) for systematic in (read, STATED))
-    assert np.linalg.norm(told.position - BODY.com) < 0.1e-3 < np.linalg.norm(untold.position - BODY.com)
-    assert np.trace(told.covariance) < 0.5 * np.trace(untold.covariance)
-    assert told.tilts[0].lean[0] == pytest.approx(0.006, abs=1e-4)
+    level_read, unread = (centre_of_mass(planes, systematic, PRIOR) for systematic in (read, STATED))
+    assert (
+        np.linalg.norm(level_read.position - BODY.com) < 0.1e-3 < np.linalg.norm(unread.position - BODY.com)
+    )
+    assert np.trace(level_read.covariance) < 0.5 * np.trace(unread.covariance)
+    assert level_read.tilts[0].lean[0] == pytest.approx(0.006, abs=1e-4)
 
 
 def test_two_tables_have_their_own_tilts():
     strikes = [planned_strike(BODY, *axis) for axis in ONE_FACE]
     both = [*strikes, reversed_strike(strikes[0])]
     one = exact(both, (0.004, 0.0))
-    other = [replace(plane, level=1, strike_id=f"2:{plane.strike_id}") for plane in exact(both, (-0.003, 0.0))]
+    other = [
+        replace(plane, level=1, strike_id=f"2:{plane.strike_id}") for plane in exact(both, (-0.003, 0.0))
+    ]
     com = centre_of_mass([*one, *other], replace(STATED, other_tilt_sds=(TILT,)), PRIOR)
     assert [tilt.lean[0] for tilt in com.tilts] == pytest.approx([0.004, -0.003], abs=2e-4)
 

@@ -1,4 +1,4 @@
-"""The voxel map: it has the moments it was given, stays between its bounds, and says how little it knows."""
+"""The voxel map has the given moments, stays within its bounds, and reports what is not determined."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ def test_the_heavier_side_is_the_heavier_side(estimate):
     below = body.points[:, 2] < 0
     lower = estimate.voxels.points[:, 2] < 0
     masses = estimate.voxels.density * estimate.voxels.volumes
-    assert (masses[lower].sum() < masses[~lower].sum()) == (body.masses[below].sum() < body.masses[~below].sum())
+    assert (masses[lower].sum() < masses[~lower].sum()) == (
+        body.masses[below].sum() < body.masses[~below].sum()
+    )
 
 
 def test_it_says_how_little_was_measured(estimate):
@@ -47,7 +49,13 @@ def test_it_says_how_little_was_measured(estimate):
 
 def test_moments_that_no_body_of_that_shape_has_are_missed_and_said(estimate):
     moments = measured_moments(estimate.inertial)
-    outside = MeasuredMoments(moments.mass, moments.com + np.array([0.2, 0, 0]), moments.directions, moments.moments, moments.covariance)
+    outside = MeasuredMoments(
+        moments.mass,
+        moments.com + np.array([0.2, 0, 0]),
+        moments.directions,
+        moments.moments,
+        moments.covariance,
+    )
     voxels = voxel_map(outside, estimate.cells)
     assert voxels.misfit > 3
     assert "misses the moments" in told_in_words(voxels)
@@ -59,7 +67,9 @@ def test_a_body_of_one_density_gives_an_even_map(estimate):
     centre = masses @ cells.points / masses.sum()
     arm = cells.points - centre
     directions = np.eye(3)
-    about = np.array([masses @ (np.sum(arm**2, axis=1) + cells.own - (arm @ line) ** 2) for line in directions])
+    about = np.array(
+        [masses @ (np.sum(arm**2, axis=1) + cells.own_inertia - (arm @ line) ** 2) for line in directions]
+    )
     sd = np.concatenate([[1e-5], np.full(3, 1e-4), 0.01 * about])
     voxels = voxel_map(MeasuredMoments(0.05, centre, directions, about, np.diag(sd**2)), cells)
     assert voxels.density == pytest.approx(np.full(len(cells.points), voxels.prior), rel=1e-3)

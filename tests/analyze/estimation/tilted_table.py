@@ -1,9 +1,7 @@
-"""Tips of a box on a table that slopes, by Lagrange's equation in space; written apart from the estimators.
+"""Tips of a box on a sloping table, by Lagrange's equation in space; independent of the estimators.
 
-Models: gravity as a vector, the object as it lies on the table at its heading, an edge's rounding that rolls without slip, frames with
-noise.
-Does not model: slip, air, the striker (a tip starts with a speed).
-"""
+Models: gravity as a vector, the object as it lies on the table at its heading, an edge's rounding that rolls
+without slip, frames with noise. Does not model: slip, air, the striker (a tip starts with a speed)."""
 
 from __future__ import annotations
 
@@ -45,7 +43,9 @@ def reversed_strike(strike: PlannedStrike, repeat: int = 0) -> PlannedStrike:
     return strike.model_copy(update={"id": f"{strike.axis_id}#r{repeat}", "heading_rad": REVERSED})
 
 
-def seen_tips(laid: list[Laid], noise: float, rng: np.random.Generator) -> list[tuple[TipAngle, tuple[int, int]]]:
+def seen_tips(
+    laid: list[Laid], noise: float, rng: np.random.Generator
+) -> list[tuple[TipAngle, tuple[int, int]]]:
     """What the camera sees of each, with `noise` [rad] a frame, and the frames in which only gravity acts."""
     line, tip, start = _placed(laid)
     n = len(laid)
@@ -63,7 +63,12 @@ def seen_tips(laid: list[Laid], noise: float, rng: np.random.Generator) -> list[
 
     def course(theta: Array) -> Array:
         """c less its start (n, 3)."""
-        return rolled * theta[:, None] + np.cos(theta)[:, None] * across + np.sin(theta)[:, None] * later - across
+        return (
+            rolled * theta[:, None]
+            + np.cos(theta)[:, None] * across
+            + np.sin(theta)[:, None] * later
+            - across
+        )
 
     def acceleration(theta: Array, rate: Array) -> Array:
         cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
@@ -85,7 +90,10 @@ def seen_tips(laid: list[Laid], noise: float, rng: np.random.Generator) -> list[
             a2 = acceleration(theta + h / 2 * rate, rate + h / 2 * a1)
             a3 = acceleration(theta + h / 2 * rate + h * h / 4 * a1, rate + h / 2 * a2)
             a4 = acceleration(theta + h * rate + h * h / 2 * a2, rate + h * a3)
-            theta, rate = theta + h * rate + h * h / 6 * (a1 + a2 + a3), rate + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+            theta, rate = (
+                theta + h * rate + h * h / 6 * (a1 + a2 + a3),
+                rate + h / 6 * (a1 + 2 * a2 + 2 * a3 + a4),
+            )
         path.append(theta)
     courses = np.array(path)
     seen: list[tuple[TipAngle, tuple[int, int]]] = []
@@ -96,7 +104,9 @@ def seen_tips(laid: list[Laid], noise: float, rng: np.random.Generator) -> list[
         time_ns = (1_000_000_000 + np.arange(many) * FRAME_S * 1e9).astype(np.int64)
         measured = true + rng.normal(0, noise, many)
         measured -= measured[:REST].mean()
-        angle = TipAngle(time_ns, measured, np.full(many, noise), np.zeros(many), np.zeros(many), noise / np.sqrt(REST))
+        angle = TipAngle(
+            time_ns, measured, np.full(many, noise), np.zeros(many), np.zeros(many), noise / np.sqrt(REST)
+        )
         seen.append((angle, (REST + 1, REST + free)))
     return seen
 
@@ -106,7 +116,9 @@ def _placed(laid: list[Laid]) -> tuple[Array, Array, Array]:
     lines, tips, arms = [], [], []
     for each in laid:
         heading = each.strike.heading_rad
-        on_table = np.array([[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1.0]])
+        on_table = np.array(
+            [[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1.0]]
+        )
         R = on_table @ np.array(each.strike.R_world_object)
         line = R @ np.array(each.strike.pivot.direction)
         arm = R @ (each.body.com - np.array(each.strike.pivot.point) - each.moved)
@@ -134,7 +146,9 @@ class Drawn:
     strike_angle: float = 5e-4
 
 
-def laid_session(body: Body, strikes: list[PlannedStrike], drawn: Drawn, rng: np.random.Generator) -> list[Laid]:
+def laid_session(
+    body: Body, strikes: list[PlannedStrike], drawn: Drawn, rng: np.random.Generator
+) -> list[Laid]:
     """A session's strikes with its errors drawn."""
     slope, more_radius = rng.normal(0, drawn.tilt, 2), rng.normal(0, drawn.radius)
     moved: dict[str, Array] = {}
@@ -143,9 +157,13 @@ def laid_session(body: Body, strikes: list[PlannedStrike], drawn: Drawn, rng: np
     for strike in strikes:
         tip, _, up = np.array(strike.R_world_object)
         if strike.axis_id not in moved:
-            moved[strike.axis_id] = rng.normal(0, drawn.edge) * tip + rng.normal(0, drawn.edge) * up + more_radius * (up - tip)
+            moved[strike.axis_id] = (
+                rng.normal(0, drawn.edge) * tip + rng.normal(0, drawn.edge) * up + more_radius * (up - tip)
+            )
         key = (strike.axis_id, strike.heading_rad)
         angle.setdefault(key, rng.normal(0, drawn.axis_angle))
         turned = angle[key] + rng.normal(0, drawn.strike_angle)
-        found.append(Laid(body, strike, slope, moved[strike.axis_id], body.edge_radius + more_radius, -turned))
+        found.append(
+            Laid(body, strike, slope, moved[strike.axis_id], body.edge_radius + more_radius, -turned)
+        )
     return found

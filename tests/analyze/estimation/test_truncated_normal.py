@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scipy.special import log_ndtr
 
-from analyze.estimation.cut_normal import EMPTY, draw_cut, log_between, shares, shortest
+from analyze.estimation.truncated_normal import (
+    EMPTY_PART_PRIOR,
+    draw_truncated,
+    log_normal_mass,
+    share_distribution,
+    shortest_intervals,
+)
 
 CASES = {
     "inside": ((0.3, 0.3), ((100.0, 20.0), (20.0, 60.0))),
@@ -17,13 +23,16 @@ CASES = {
 
 
 def on_a_grid(mean, precision, n=1500):
-    """Logarithm of the prior's integral over the triangle and two of its sides, means and sd of both shares, the sides' parts."""
+    """Log integral of the prior over triangle and two sides, means and sd of both shares, sides' parts."""
     places = (np.arange(n) + 0.5) / n
     u, v = (grid.ravel() for grid in np.meshgrid(places, places, indexing="ij"))
     inside = u + v < 1
     u, v = np.concatenate([u[inside], places, places]), np.concatenate([v[inside], 0 * places, 1 - places])
     kind = np.concatenate([0 * u[: inside.sum()], 0 * places + 1, 0 * places + 2])
-    prior = np.choose(kind.astype(int), [2 * (1 - sum(EMPTY)) / n**2, EMPTY[0] / n, EMPTY[1] / n])
+    prior = np.choose(
+        kind.astype(int),
+        [2 * (1 - sum(EMPTY_PART_PRIOR)) / n**2, EMPTY_PART_PRIOR[0] / n, EMPTY_PART_PRIOR[1] / n],
+    )
     off = np.stack([u - mean[0], v - mean[1]], axis=-1)
     exponent = -0.5 * np.einsum("...i,ij,...j", off, np.array(precision), off)
     weight = prior * np.exp(exponent - exponent.max())
@@ -38,7 +47,7 @@ def on_a_grid(mean, precision, n=1500):
 def test_mass_and_draws_are_those_of_the_cut_distribution(case):
     mean, precision = CASES[case]
     mass, middle, sd, empty = on_a_grid(mean, precision)
-    found = shares(np.tile(mean, (20_000, 1)), np.tile(precision, (20_000, 1, 1)))
+    found = share_distribution(np.tile(mean, (20_000, 1)), np.tile(precision, (20_000, 1, 1)))
     assert found.log_mass[0] == pytest.approx(mass, abs=0.05)
     draws = found.draw(np.random.default_rng(1))
     assert draws.sum(axis=1) == pytest.approx(np.ones(len(draws)))
@@ -50,8 +59,12 @@ def test_mass_and_draws_are_those_of_the_cut_distribution(case):
 
 def test_forty_sigmas_beyond_the_bounds_there_is_still_a_spread():
     """All of it hugs the corner where all is wall: a point, with no width, would be too sure."""
-    found = shares(np.array([[1.5, -0.6]]), np.array([[[6e3, 2e3], [2e3, 6e3]]])).draw(np.random.default_rng(2))
-    many = shares(np.tile([1.5, -0.6], (3000, 1)), np.tile([[6e3, 2e3], [2e3, 6e3]], (3000, 1, 1))).draw(np.random.default_rng(2))
+    found = share_distribution(np.array([[1.5, -0.6]]), np.array([[[6e3, 2e3], [2e3, 6e3]]])).draw(
+        np.random.default_rng(2)
+    )
+    many = share_distribution(
+        np.tile([1.5, -0.6], (3000, 1)), np.tile([[6e3, 2e3], [2e3, 6e3]], (3000, 1, 1))
+    ).draw(np.random.default_rng(2))
     assert np.isfinite(found).all()
     assert many.min() >= 0
     assert (many.std(axis=0) > 1e-5).all()
@@ -60,7 +73,7 @@ def test_forty_sigmas_beyond_the_bounds_there_is_still_a_spread():
 def test_a_tail_is_drawn_as_the_exponential_that_it_nearly_is():
     rng = np.random.default_rng(3)
     zeros = np.zeros(20_000)
-    far = draw_cut(zeros, zeros + 1.0, zeros + 50.0, zeros + 60.0, rng) - 50.0
+    far = draw_truncated(zeros, zeros + 1.0, zeros + 50.0, zeros + 60.0, rng) - 50.0
     assert far.mean() == pytest.approx(1 / 50, rel=0.03)
     assert far.std() == pytest.approx(1 / 50, rel=0.05)
 
@@ -68,13 +81,13 @@ def test_a_tail_is_drawn_as_the_exponential_that_it_nearly_is():
 def test_what_lies_between_far_out():
     low, high = np.array([-1.0, 38.0, -60.0]), np.array([1.0, 39.0, -50.0])
     expected = [np.log(0.6826894921), log_ndtr(-38.0), log_ndtr(-50.0)]
-    assert log_between(low, high) == pytest.approx(np.array(expected), rel=1e-9)
+    assert log_normal_mass(low, high) == pytest.approx(np.array(expected), rel=1e-9)
 
 
 def test_the_shortest_interval_begins_at_the_bound_where_the_draws_crowd_there():
     rng = np.random.default_rng(4)
     draws = np.column_stack([rng.exponential(1.0, 4000), rng.normal(10.0, 1.0, 4000)])
-    low, high = shortest(draws, 0.0)
+    low, high = shortest_intervals(draws, 0.0)
     assert low[0] == 0.0
     assert high[0] == pytest.approx(3.0, rel=0.06)
     assert (low[1], high[1]) == pytest.approx((8.04, 11.96), abs=0.25)

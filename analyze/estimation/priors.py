@@ -1,0 +1,82 @@
+"""Priors stated before any strike: shared errors, centre of mass, table tilt, mass and gravity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analyze.types import Array
+
+
+@dataclass(frozen=True)
+class TiltPrior:
+    """Prior of the vertical's lean from the table's normal towards W's x and y."""
+
+    lean: tuple[float, float]
+    """Mean [rad]."""
+    sd: tuple[float, float]
+    """1 sigma [rad]."""
+
+
+@dataclass(frozen=True)
+class SystematicErrors:
+    """Standard deviations of errors that several strikes share, which repeats do not average out."""
+
+    gravity_tilt_sd: float
+    """1 sigma [rad] of the vertical's lean from the table's normal towards W's x and y; all strikes of one
+    levelling."""
+    scale_sd: float = 0.0
+    """Relative 1 sigma of the shape's scale; all strikes."""
+    edge_radius_sd: float = 0.0
+    """1 sigma [m] of the edges' radius: common to all edges, and a part of it (`OWN_RADIUS_FRACTION`) of each
+    edge alone."""
+    axis_angle_sd: float = 2e-4
+    """1 sigma [rad] of the angle error common to the strikes on one axis (resting face, lens, slip of the
+    edge)."""
+    strike_angle_sd: float = 5e-4
+    """1 sigma [rad] of phi from strike to strike beyond the error of the fit (slip of the edge)."""
+    other_tilt_sds: tuple[float, ...] = ()
+    """`gravity_tilt_sd` [rad] of levellings 1, 2, ... (`EquiPlane.level`): each table has its own tilt."""
+    readings: tuple[TiltPrior | None, ...] = ()
+    """Readings of a level for levellings 0, 1, ...; None or missing: 0 within the sd above."""
+
+    def tilts(self) -> list[TiltPrior]:
+        """Prior of the lean of every levelling."""
+        plain = [TiltPrior((0.0, 0.0), (sd, sd)) for sd in (self.gravity_tilt_sd, *self.other_tilt_sds)]
+        read = [*self.readings, *[None] * (len(plain) - len(self.readings))]
+        return [prior if reading is None else reading for prior, reading in zip(plain, read, strict=True)]
+
+
+@dataclass(frozen=True)
+class ComPrior:
+    """Prior of the centre of mass before any strike, from the shape's bounding box."""
+
+    mean: Array
+    """(3,) mean [m], in O."""
+    sd: Array
+    """(3,) 1 sigma [m] along O's axes."""
+
+    @staticmethod
+    def from_bounds(lower: Array, upper: Array) -> ComPrior:
+        """Prior from the bounding box `lower` (3,), `upper` (3,) [m, in O]: its centre, half its edges as sd.
+
+        It is weak enough to have no effect on directions that strikes observe.
+        """
+        return ComPrior((np.asarray(lower) + upper) / 2, (np.asarray(upper) - lower) / 2)
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Mass, gravity and the shared error of k, each with its standard deviation."""
+
+    mass: float
+    """Mass of the body that tips [kg]."""
+    mass_sd: float
+    """1 sigma of the mass [kg]."""
+    gravity: float
+    """Gravity [m/s^2]."""
+    gravity_sd: float
+    """1 sigma of gravity [m/s^2]."""
+    k_relative_sd: float = 2e-3
+    """Relative 1 sigma of the error of k that the strikes on one axis share: air, play of the edge."""
