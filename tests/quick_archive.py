@@ -56,10 +56,18 @@ def body_of(number: int) -> Body:
     """The object of one kind: always the same."""
     rng = np.random.default_rng((77, number))
     normal = rng.normal(size=3)
-    return box_body(SHAPES[number % len(SHAPES)], (0.03, *rng.uniform(0.004, 0.02, 2)), 0.005, tuple(normal / np.linalg.norm(normal)), 1e-4)
+    return box_body(
+        SHAPES[number % len(SHAPES)],
+        (0.03, *rng.uniform(0.004, 0.02, 2)),
+        0.005,
+        tuple(normal / np.linalg.norm(normal)),
+        1e-4,
+    )
 
 
-def quick_session(path: Path, body: Body, number: int, strikes: int = 4, *, packed: bool = False) -> QuickSession:
+def quick_session(
+    path: Path, body: SceneInputs, number: int, strikes: int = 4, *, packed: bool = False
+) -> QuickSession:
     """Write a recording.
 
     Args:
@@ -80,7 +88,9 @@ def quick_session(path: Path, body: Body, number: int, strikes: int = 4, *, pack
     known = manifest(spec)
     camera = known.cameras[0].model_copy(
         update={
-            "calibration": CameraCalibrationSpec(width=WIDTH, height=HEIGHT, K=lens.K.tolist(), T_world_camera=lens.T_world_camera.tolist())
+            "calibration": CameraCalibrationSpec(
+                width=WIDTH, height=HEIGHT, K=lens.K.tolist(), T_world_camera=lens.T_world_camera.tolist()
+            )
         }
     )
     day = f"2026-{1 + number // 28 % 12:02d}-{1 + number % 28:02d}T{8 + number // 336 % 12:02d}:00:00+00:00"
@@ -106,18 +116,26 @@ def _write_strikes(
     writer: McapWriter,
     planned: list[PlannedStrike],
     spec: ObjectSpec,
-    body: Body,
+    body: SceneInputs,
     lens: Station,
     rng: np.random.Generator,
     encode: Callable[[str, int, np.ndarray], bytes],
 ) -> None:
-    images, metas = writer.add_topic(topics.compressed_image("main")), writer.add_topic(topics.frame_meta("main"))
+    images, metas = (
+        writer.add_topic(topics.compressed_image("main")),
+        writer.add_topic(topics.frame_meta("main")),
+    )
     clock, records = writer.add_topic(topics.CLOCK_SAMPLE), writer.add_topic(topics.SESSION_STRIKE)
     sequence = 0
     for number, strike in enumerate(planned):
         start_ns = ANCHOR_NS + 1_000_000_000 + 4_000_000_000 * number
         host = start_ns - ANCHOR_NS
-        sample = pb.ClockSample(clock="camera/main", device_time_ns=host, host_before_ns=host - 50_000, host_after_ns=host + 50_000)
+        sample = pb.ClockSample(
+            clock="camera/main",
+            device_time_ns=host,
+            host_before_ns=host - 50_000,
+            host_after_ns=host + 50_000,
+        )
         writer.write(clock, start_ns, sample.SerializeToString(), sequence=number)
         truth, _ = tipping(*tip(body, strike), energy=float(rng.uniform(1.05, 1.3)))
         theta = np.array(truth[FIRST:] + [truth[-1]] * AFTER)
@@ -127,7 +145,12 @@ def _write_strikes(
         for at, (R, p) in zip(time_ns, zip(*object_poses(strike, angle), strict=True), strict=True):
             picture = _picture(spec.marker[int(strike.visible_markers[0])], R, p, lens)
             writer.write(images, int(at), encode("main", int(at), picture), sequence=sequence)
-            meta = pb.FrameMeta(sequence=sequence, mid_exposure_host_ns=int(at) - ANCHOR_NS, image_recorded=True, mapping_sd_ns=20_000)
+            meta = pb.FrameMeta(
+                sequence=sequence,
+                mid_exposure_host_ns=int(at) - ANCHOR_NS,
+                image_recorded=True,
+                mapping_sd_ns=20_000,
+            )
             writer.write(metas, int(at), meta.SerializeToString(), sequence=sequence)
             sequence += 1
         record = pb.StrikeRecord(
@@ -141,7 +164,7 @@ def _write_strikes(
         writer.write(records, int(time_ns[-1]), record.SerializeToString())
 
 
-def _with_tags(spec: ObjectSpec, body: Body) -> ObjectSpec:
+def _with_tags(spec: ObjectSpec, body: SceneInputs) -> ObjectSpec:
     """A tag in the middle of each side, number 0 to 5."""
     markers: list[MarkerSpec] = []
     for face in range(3):
@@ -152,22 +175,32 @@ def _with_tags(spec: ObjectSpec, body: Body) -> ObjectSpec:
             T[:3, 0] = np.cross(T[:3, 1], T[:3, 2])
             T[face, 3] = sign * body.size[face] / 2
             markers.append(MarkerSpec(id=len(markers), size_m=TAG_M, T_object_marker=T.tolist()))
-    return spec.model_copy(update={"name": f"quick box {'x'.join(f'{1000 * each:.0f}' for each in body.size)}", "marker": markers})
+    return spec.model_copy(
+        update={
+            "name": f"quick box {'x'.join(f'{1000 * each:.0f}' for each in body.size)}",
+            "marker": markers,
+        }
+    )
 
 
 def _seen(strike: PlannedStrike, spec: ObjectSpec, lens: Station) -> PlannedStrike:
     """With the tag that faces the camera."""
     R = np.array(strike.R_world_object)
-    towards = [float((R @ np.array(marker.T_object_marker)[:3, 2]) @ -lens.T_world_camera[:3, 2]) for marker in spec.marker]
+    towards = [
+        float((R @ np.array(marker.T_object_marker)[:3, 2]) @ -lens.T_world_camera[:3, 2])
+        for marker in spec.marker
+    ]
     return strike.model_copy(update={"visible_markers": [int(np.argmax(towards))]})
 
 
-def _in_view(strike: PlannedStrike, spec: ObjectSpec, body: Body, lens: Station) -> bool:
+def _in_view(strike: PlannedStrike, spec: ObjectSpec, body: SceneInputs, lens: Station) -> bool:
     """Whether the tag is in the image at rest and past the balance."""
     theta = np.array([0.0, tip(body, strike)[0] + 0.2])
     angle = TipAngle(np.zeros(2, np.int64), theta, np.zeros(2), np.zeros(2), np.zeros(2))
     marker = spec.marker[int(strike.visible_markers[0])]
-    pixels = np.array([_corners(marker, R, p, lens, TAG_M / 2) for R, p in zip(*object_poses(strike, angle), strict=True)])
+    pixels = np.array(
+        [_corners(marker, R, p, lens, TAG_M / 2) for R, p in zip(*object_poses(strike, angle), strict=True)]
+    )
     return bool(np.all(pixels > 6) and np.all(pixels < np.array([WIDTH - 7, HEIGHT - 7])))
 
 
@@ -193,7 +226,10 @@ def _picture(marker: MarkerSpec, R: np.ndarray, p: np.ndarray, lens: Station) ->
     corners = np.array([[0, 0], [cells, 0], [cells, cells], [0, cells]], dtype=np.float64) * 16 - 0.5
     homography = cv2.getPerspectiveTransform(corners.astype(np.float32), fine.astype(np.float32))
     large = cv2.warpPerspective(
-        code.repeat(16, 0).repeat(16, 1), homography, (int(DETAIL * size[0]), int(DETAIL * size[1])), borderValue=90
+        code.repeat(16, 0).repeat(16, 1),
+        homography,
+        (int(DETAIL * size[0]), int(DETAIL * size[1])),
+        borderValue=90,
     )
     small = cv2.resize(large, (int(size[0]), int(size[1])), interpolation=cv2.INTER_AREA)
     image = np.full((HEIGHT, WIDTH), 90, np.uint8)
@@ -205,7 +241,9 @@ def _picture(marker: MarkerSpec, R: np.ndarray, p: np.ndarray, lens: Station) ->
 def _packed(camera: str, log_time_ns: int, image: np.ndarray) -> bytes:
     _, data = cv2.imencode(".png", image, (cv2.IMWRITE_PNG_COMPRESSION, 1))
     stamp = Timestamp(seconds=log_time_ns // 10**9, nanos=log_time_ns % 10**9)
-    return CompressedImage(timestamp=stamp, frame_id=camera, data=data.tobytes(), format="png").SerializeToString()
+    return CompressedImage(
+        timestamp=stamp, frame_id=camera, data=data.tobytes(), format="png"
+    ).SerializeToString()
 
 
 @cache

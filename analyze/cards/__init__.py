@@ -1,1 +1,1 @@
-"""Placement cards: what the person at the table sees of a plan."""
+"""Placement cards: instructions and pictures of a plan for the person at the table."""

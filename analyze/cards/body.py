@@ -1,4 +1,4 @@
-"""The object in a picture: lit faces from back to front, its edges, and its tags with their true cells."""
+"""Drawing of the object: lit faces from back to front, its edges, and its tags with their true cells."""
 
 from __future__ import annotations
 
@@ -17,65 +17,76 @@ from analyze.types import Array
 from schemas.object_spec import MarkerSpec, ObjectSpec
 
 DARK, LIGHT = np.array([150.0, 160.0, 172.0]), np.array([243.0, 245.0, 248.0])
-"""of faces turned from and to the light"""
+"""Colours (red, green, blue) of faces turned away from and towards the light."""
 LAMP = np.array([0.25, -0.55, 0.8]) / np.linalg.norm([0.25, -0.55, 0.8])
-"""direction to the light in W"""
+"""Unit vector towards the light in W."""
 SHADES = 28
 CARD_CELLS = 10
-"""cells across a tag with its white rim"""
+"""Cells across a tag including its white rim."""
 
 
 @dataclass(frozen=True)
 class Placed:
-    """The object lying in W."""
+    """Object with its shape and tags, placed in W."""
 
     shape: DrawnShape
     spec: ObjectSpec
     R: Array
-    """(3, 3) R_world_object"""
+    """(3, 3) R_world_object."""
     p: Array
-    """(3,) m p_world_object"""
+    """(3,) p_world_object [m]."""
 
     def world(self, points: Array) -> Array:
-        """Points (..., 3) of O in W."""
+        """Positions (..., 3) in W of points (..., 3) in O."""
         return points @ self.R.T + self.p
 
     @property
     def corners(self) -> Array:
-        """(n, 3) corners of the hull in W."""
+        """Corners (n, 3) [m] of the convex hull in W."""
         return self.world(self.shape.hull)
 
     def turned(self, theta: float) -> Placed:
-        """Tipped by `theta` [rad] about W's y axis."""
+        """The object tipped by `theta` [rad] about W's y axis."""
         turn = np.array([[np.cos(theta), 0, np.sin(theta)], [0, 1, 0], [-np.sin(theta), 0, np.cos(theta)]])
         return Placed(self.shape, self.spec, turn @ self.R, turn @ self.p)
 
     def tag_corners(self, marker: MarkerSpec, half: float) -> Array:
-        """(4, 3) in W: upper left, upper right, lower right, lower left of a square of half an edge of `half` [m] round the tag."""
+        """Corners (4, 3) [m] in W of a square about the tag's centre with half edge length `half` [m].
+
+        The order is upper left, upper right, lower right, lower left.
+        """
         square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
         return self.world(apply(np.array(marker.T_object_marker), square))
 
     def tag_centre(self, name: int | str) -> Array | None:
-        """(3,) in W; None where its place is not given."""
+        """Centre (3,) [m] of a tag in W; None if its place on the object is not given."""
         for marker in self.spec.marker:
             if marker.name == name and marker.T_object_marker is not None:
                 return self.world(np.array(marker.T_object_marker)[:3, 3])
         return None
 
 
-def draw_body(view: View, body: Placed, highlighted: tuple[int | str, ...] = (), ring: str = INK) -> list[str]:
-    """SVG elements, farthest first. Tags in `highlighted` get a frame of the colour `ring`."""
-    items: list[tuple[float, str, str]] = [*_faces(view, body), *_edges(view, body), *_tags(view, body, highlighted, ring)]
+def draw_body(
+    view: View, body: Placed, highlighted: tuple[int | str, ...] = (), ring: str = INK
+) -> list[str]:
+    """SVG elements of the object, farthest first; tags in `highlighted` get a frame of the colour `ring`."""
+    items: list[tuple[float, str, str]] = [
+        *_faces(view, body),
+        *_edges(view, body),
+        *_tags(view, body, highlighted, ring),
+    ]
     elements: list[str] = []
-    # Neighbours of one tone are one element: a picture of a fine mesh is then half as large.
+    # Successive faces of one tone become one element, which halves the size of a picture of a fine mesh.
     for tone, same in groupby(sorted(items, key=lambda item: item[0]), key=lambda item: item[1]):
         drawn = "".join(content for _, _, content in same)
-        elements.append(f'<path d="{drawn}" fill="{tone}" stroke="{tone}" stroke-width="1.2"/>' if tone else drawn)
+        elements.append(
+            f'<path d="{drawn}" fill="{tone}" stroke="{tone}" stroke-width="1.2"/>' if tone else drawn
+        )
     return elements
 
 
 def _faces(view: View, body: Placed) -> list[tuple[float, str, str]]:
-    """(nearness, tone, path)."""
+    """Faces towards the eye, each as (nearness, tone, path)."""
     triangles, normals = body.world(body.shape.triangles), body.shape.normals @ body.R.T
     middles = triangles.mean(axis=1)
     seen = np.einsum("ti,ti->t", normals, view.towards_eye(middles)) > 0
@@ -100,16 +111,18 @@ def _edges(view: View, body: Placed) -> list[tuple[float, str, str]]:
     shown = outline | (facing.any(axis=1) & np.array(shape.creases, dtype=bool))
     pieces = 1 if shape.convex else 6
     found: list[tuple[float, str, str]] = []
-    for (start, end), border in zip(ends[shown], outline[shown], strict=True):
+    for (start, end), is_outline in zip(ends[shown], outline[shown], strict=True):
         stops = start + np.linspace(0, 1, pieces + 1)[:, None] * (end - start)
         flat, near = view.project(stops), view.nearness(stops)
         for i in range(pieces):
-            depth = (near[i] + near[i + 1]) / 2 + _ahead(shape)
-            found.append((float(depth), "", polyline(flat[i : i + 2], INK, 2.2 if border else 1.4)))
+            depth = (near[i] + near[i + 1]) / 2 + _decoration_lead(shape)
+            found.append((float(depth), "", polyline(flat[i : i + 2], INK, 2.2 if is_outline else 1.4)))
     return found
 
 
-def _tags(view: View, body: Placed, highlighted: tuple[int | str, ...], ring: str) -> list[tuple[float, str, str]]:
+def _tags(
+    view: View, body: Placed, highlighted: tuple[int | str, ...], ring: str
+) -> list[tuple[float, str, str]]:
     found: list[tuple[float, str, str]] = []
     for marker in body.spec.marker:
         if marker.T_object_marker is None:
@@ -121,7 +134,7 @@ def _tags(view: View, body: Placed, highlighted: tuple[int | str, ...], ring: st
         if normal @ view.towards_eye(card.mean(axis=0))[0] <= 0:
             continue
         lit = marker.name in highlighted
-        near = float(view.nearness(card).mean()) + 1.01 * _ahead(body.shape)
+        near = float(view.nearness(card).mean()) + 1.01 * _decoration_lead(body.shape)
         parts = [polygon(view.project(card), "#fff", ring if lit else "#8a939c", 5 if lit else 0.8)]
         parts.append(f'<path d="{_black(view, body, marker, code)}" fill="#111"/>')
         found.append((near, "", "".join(parts)))
@@ -129,7 +142,7 @@ def _tags(view: View, body: Placed, highlighted: tuple[int | str, ...], ring: st
 
 
 def _black(view: View, body: Placed, marker: MarkerSpec, code: BoolArray) -> str:
-    """Path of the black cells, run by run."""
+    """SVG path of the tag's black cells, as one rectangle per run of cells."""
     many = len(code)
     upper_left, upper_right, _, lower_left = body.tag_corners(marker, marker.size_m / 2)
     across, down = (upper_right - upper_left) / many, (lower_left - upper_left) / many
@@ -143,7 +156,10 @@ def _black(view: View, body: Placed, marker: MarkerSpec, code: BoolArray) -> str
             if column > start:
                 runs.append(
                     np.array(
-                        [upper_left + i * across + j * down for i, j in ((start, row), (column, row), (column, row + 1), (start, row + 1))]
+                        [
+                            upper_left + i * across + j * down
+                            for i, j in ((start, row), (column, row), (column, row + 1), (start, row + 1))
+                        ]
                     )
                 )
             column += 1
@@ -151,6 +167,9 @@ def _black(view: View, body: Placed, marker: MarkerSpec, code: BoolArray) -> str
     return "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in run) + "Z" for run in flat)
 
 
-def _ahead(shape: DrawnShape) -> float:
-    """m: what lies on a face is drawn after the face's own triangles, whose middles may be nearer to the eye."""
+def _decoration_lead(shape: DrawnShape) -> float:
+    """Distance [m] by which edges and tags are moved ahead in the drawing order.
+
+    They are drawn after the triangles of their face, whose centres may be nearer to the eye.
+    """
     return 10.0 if shape.convex else shape.size / 7

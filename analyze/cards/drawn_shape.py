@@ -1,4 +1,4 @@
-"""An object's exterior as it is drawn: few enough faces for a picture, small enough ones to be sorted by depth, and its sharp edges."""
+"""Exterior of an object for drawing: a limited number of faces, sortable by depth, and sharp edges."""
 
 from __future__ import annotations
 
@@ -11,63 +11,72 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array, IntArray
 
-MOST_FACES = 4000
-GRID = 30
-"""cells along the longest edge into which a fine mesh's vertices are gathered"""
-SHARP = np.cos(np.radians(25.0))
-"""faces that meet at more than this angle meet in an edge that is drawn"""
-PIECES = 8
-"""along the longest extent: no triangle of a hollow body is drawn longer than that part"""
-MOST_CUTS = 12
-CONVEX = 1e-3
-"""relative difference of the hull's volume up to which a body has no hollows"""
+MAX_FACES = 4000
+GRID_CELLS = 30
+"""Cells along the longest extent of the grid in which a fine mesh's vertices are merged."""
+SHARP_EDGE_COSINE = np.cos(np.radians(25.0))
+"""Cosine of the angle between face normals above which the common edge is drawn."""
+HOLLOW_PIECES = 8
+"""Fraction of the longest extent, as its inverse, which no triangle of a hollow body exceeds in length."""
+MAX_CUTS = 12
+CONVEX_VOLUME_TOLERANCE = 1e-3
+"""Relative excess of the hull's volume up to which a body counts as convex."""
 
 
 @dataclass(frozen=True)
 class DrawnShape:
-    """What pictures are made of, in O [m]."""
+    """Faces and edges of an object for drawing, in O [m]."""
 
     triangles: Array
-    """(t, 3, 3) corners, counter-clockwise from outside"""
+    """(t, 3, 3) corners, counter-clockwise seen from outside."""
     normals: Array
-    """(t, 3) unit"""
+    """(t, 3) unit normals."""
     edges: Array
-    """(e, 2, 3) ends"""
+    """(e, 2, 3) end points."""
     edge_normals: Array
-    """(e, 2, 3) of the two faces that meet there"""
+    """(e, 2, 3) unit normals of the two faces that meet there."""
     creases: tuple[bool, ...]
-    """(e) True: sharp, drawn wherever it is seen; False: drawn only where it is the outline"""
+    """(e) True for a sharp edge, drawn wherever visible; False for one drawn only as part of the outline."""
     hull: Array
-    """(h, 3) corners of the convex hull, of the model as it is"""
+    """(h, 3) corners of the convex hull of the original model."""
     convex: bool
     size: float
-    """m, longest extent"""
+    """Longest extent [m]."""
 
 
 def drawn_shape(model: ObjectModel) -> DrawnShape:
-    """The model, simplified where it is fine."""
+    """Drawn shape of a model; a fine mesh is simplified."""
     vertices, faces = model.vertices, model.faces
     hull = ConvexHull(model.hull_vertices)
-    # Of a fine mesh without hollows the hull is drawn: the same body, its flat faces in few triangles.
-    if len(hull.simplices) < len(faces) and hull.volume < model.volume * (1 + CONVEX):
+    # A fine convex mesh is drawn as its hull: the same body, with few triangles per flat face.
+    if len(hull.simplices) < len(faces) and hull.volume < model.volume * (1 + CONVEX_VOLUME_TOLERANCE):
         vertices, faces = model.hull_vertices, _outward(hull)
-    if len(faces) > MOST_FACES:
-        vertices, faces = simplified(vertices, faces, float(model.extent.max()) / GRID)
+    if len(faces) > MAX_FACES:
+        vertices, faces = simplified(vertices, faces, float(model.extent.max()) / GRID_CELLS)
     normals, keep = _normals(vertices, faces)
     faces = faces[keep]
     edges, pairs = _edges(faces)
     sides = normals[pairs]
-    sharp = np.einsum("ei,ei->e", sides[:, 0], sides[:, 1]) < SHARP
+    sharp = np.einsum("ei,ei->e", sides[:, 0], sides[:, 1]) < SHARP_EDGE_COSINE
     size = float(model.extent.max())
     convex = _convex(vertices, faces, normals, size)
     triangles = vertices[faces]
     if not convex:
-        triangles, normals = _cut(triangles, normals, size / PIECES)
-    return DrawnShape(triangles, normals, vertices[edges], sides, tuple(bool(each) for each in sharp), model.hull_vertices, convex, size)
+        triangles, normals = _cut(triangles, normals, size / HOLLOW_PIECES)
+    return DrawnShape(
+        triangles,
+        normals,
+        vertices[edges],
+        sides,
+        tuple(bool(each) for each in sharp),
+        model.hull_vertices,
+        convex,
+        size,
+    )
 
 
 def _outward(hull: ConvexHull) -> IntArray:
-    """The hull's triangles (f, 3), counter-clockwise from outside."""
+    """Triangles (f, 3) of the hull, counter-clockwise seen from outside."""
     faces = hull.simplices.astype(np.int64)
     a, b, c = np.moveaxis(hull.points[faces], 1, 0)
     inward = np.einsum("fi,fi->f", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
@@ -76,16 +85,22 @@ def _outward(hull: ConvexHull) -> IntArray:
 
 
 def simplified(vertices: Array, faces: IntArray, cell: float) -> tuple[Array, IntArray]:
-    """Vertices gathered in cells of a grid; each cell keeps the point nearest to its faces' planes, so that edges stay sharp.
+    """Mesh with vertices (n, 3) and faces (f, 3) merged in the cells of a grid of size `cell` [m].
 
-    Source: Lindstrom 2000, out-of-core simplification of large polygonal models (quadric error, regularised towards the cell's mean).
+    Each cell keeps the point nearest to the planes of its faces, so that edges stay sharp.
+
+    Source: Lindstrom 2000, out-of-core simplification of large polygonal models (quadric error, regularised
+    towards the cell's mean).
     """
     index = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
     _, group = np.unique(index, axis=0, return_inverse=True)
     group = group.ravel()
     many = int(group.max()) + 1
     count = np.bincount(group, minlength=many)
-    mean = np.stack([np.bincount(group, weights=vertices[:, i], minlength=many) for i in range(3)], axis=1) / count[:, None]
+    mean = (
+        np.stack([np.bincount(group, weights=vertices[:, i], minlength=many) for i in range(3)], axis=1)
+        / count[:, None]
+    )
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     area = np.cross(b - a, c - a)
     length = np.linalg.norm(area, axis=1)
@@ -96,16 +111,16 @@ def simplified(vertices: Array, faces: IntArray, cell: float) -> tuple[Array, In
         level = np.einsum("fi,fi->f", unit, a - mean[owner])
         np.add.at(matrix, owner, length[:, None, None] * unit[:, :, None] * unit[:, None, :])
         np.add.at(right, owner, (length * level)[:, None] * unit)
-    weight = np.maximum(np.trace(matrix, axis1=1, axis2=2), 1e-30)
-    shift = np.linalg.solve(matrix + 0.01 * weight[:, None, None] * np.eye(3), right[:, :, None])[:, :, 0]
+    total = np.maximum(np.trace(matrix, axis1=1, axis2=2), 1e-30)
+    shift = np.linalg.solve(matrix + 0.01 * total[:, None, None] * np.eye(3), right[:, :, None])[:, :, 0]
     placed = mean + np.clip(shift, -cell / 2, cell / 2)
-    joined = group[faces]
-    whole = (joined[:, 0] != joined[:, 1]) & (joined[:, 1] != joined[:, 2]) & (joined[:, 2] != joined[:, 0])
-    return placed, joined[whole]
+    merged = group[faces]
+    whole = (merged[:, 0] != merged[:, 1]) & (merged[:, 1] != merged[:, 2]) & (merged[:, 2] != merged[:, 0])
+    return placed, merged[whole]
 
 
 def _normals(vertices: Array, faces: IntArray) -> tuple[Array, BoolArray]:
-    """Unit normals of the faces that have an area, and which those are."""
+    """Unit normals of the faces with a nonzero area, and a mask (f,) of these faces."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     area = np.cross(b - a, c - a)
     length = np.linalg.norm(area, axis=1)
@@ -114,7 +129,7 @@ def _normals(vertices: Array, faces: IntArray) -> tuple[Array, BoolArray]:
 
 
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Vertex pairs (e, 2) where two faces meet, and the faces (e, 2); where only one is, it stands twice."""
+    """Vertex pairs (e, 2) of all edges and their two faces (e, 2); a boundary edge has its one face twice."""
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     owner = np.repeat(np.arange(len(faces)), 3)
     ends = np.sort(directed, axis=1)
@@ -126,7 +141,7 @@ def _edges(faces: IntArray) -> tuple[IntArray, IntArray]:
 
 
 def _convex(vertices: Array, faces: IntArray, normals: Array, size: float) -> bool:
-    """Whether no vertex lies above any face: then what faces the eye is all that is seen, in any order."""
+    """True if no vertex lies above any face: faces towards the eye are then visible in any drawing order."""
     used = vertices[np.unique(faces)]
     tolerance = 1e-4 * size
     step = max(1, 2_000_000 // max(len(used), 1))
@@ -139,8 +154,11 @@ def _convex(vertices: Array, faces: IntArray, normals: Array, size: float) -> bo
 
 
 def _cut(triangles: Array, normals: Array, longest: float) -> tuple[Array, Array]:
-    """Triangles halved across their longest edge until none is longer than `longest`: only small ones can be sorted by depth."""
-    for _ in range(MOST_CUTS):
+    """Triangles halved across their longest edge until none is longer than `longest` [m].
+
+    Only small triangles can be sorted by depth.
+    """
+    for _ in range(MAX_CUTS):
         lengths = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
         long = lengths.max(axis=1) > longest
         if not long.any():
@@ -149,6 +167,8 @@ def _cut(triangles: Array, normals: Array, longest: float) -> tuple[Array, Array
         rows = np.arange(len(worst))
         a, b, c = (triangles[long][rows, (worst + i) % 3] for i in range(3))
         middle = (a + b) / 2
-        triangles = np.concatenate([triangles[~long], np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+        triangles = np.concatenate(
+            [triangles[~long], np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)]
+        )
         normals = np.concatenate([normals[~long], normals[long], normals[long]])
     return triangles, normals

@@ -1,4 +1,4 @@
-"""Strokes of a picture as SVG elements. Coordinates in px; colours are the report's (Okabe & Ito 2008)."""
+"""SVG elements of a picture, with coordinates in px; colours are the report's (Okabe & Ito 2008)."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from analyze.types import Array
 INK, MUTED, GRID = "#22262b", "#66707a", "#dfe3e7"
 BLUE, RED, GREEN = "#0072b2", "#d55e00", "#00785a"
 STRIKER, PIVOT, CAMERA = BLUE, RED, GREEN
-HEAD = (4.2, 1.9)
-"""length and half width of an arrow's head, in widths of its shaft"""
+ARROW_HEAD = (4.2, 1.9)
+"""Length and half width of an arrow's head, in widths of its shaft."""
 
 
 def polygon(points: Array, fill: str, stroke: str = "none", width: float = 0.0, extra: str = "") -> str:
-    """Closed and filled."""
+    """Filled polygon through points (n, 2)."""
     line = f' stroke="{stroke}" stroke-width="{width:g}" stroke-linejoin="round"' if width else ""
     return f'<path d="M{_path(points)}Z" fill="{fill}"{line}{extra}/>'
 
 
 def polyline(points: Array, colour: str, width: float, dash: str = "", opacity: float = 1.0) -> str:
-    """Open line."""
+    """Open line through points (n, 2)."""
     dashes = f' stroke-dasharray="{dash}"' if dash else ""
     faint = f' opacity="{opacity:g}"' if opacity < 1 else ""
     return (
@@ -32,13 +32,13 @@ def polyline(points: Array, colour: str, width: float, dash: str = "", opacity: 
 
 
 def disc(centre: Array, radius: float, fill: str, stroke: str = "none", width: float = 0.0) -> str:
-    """Filled circle."""
+    """Filled circle about `centre` (2,)."""
     line = f' stroke="{stroke}" stroke-width="{width:g}"' if width else ""
     return f'<circle cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="{radius:g}" fill="{fill}"{line}/>'
 
 
 def ring(centre: Array, radius: float, colour: str, width: float, dash: str) -> str:
-    """Broken circle."""
+    """Dashed circle about `centre` (2,)."""
     return (
         f'<circle cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="{radius:g}" fill="none" stroke="{colour}" '
         f'stroke-width="{width:g}" stroke-dasharray="{dash}"/>'
@@ -46,55 +46,76 @@ def ring(centre: Array, radius: float, colour: str, width: float, dash: str) -> 
 
 
 def arrow(points: Array, colour: str, width: float) -> list[str]:
-    """Line along `points` (n, 2) with a head at its end."""
+    """Arrow along `points` (n, 2), with a head at the last one."""
     tip, before = points[-1], points[-2]
     along = (tip - before) / max(float(np.linalg.norm(tip - before)), 1e-9)
     across = np.array([-along[1], along[0]])
-    neck = tip - HEAD[0] * width * along
-    head = np.array([tip, neck + HEAD[1] * width * across, neck - HEAD[1] * width * across])
+    neck = tip - ARROW_HEAD[0] * width * along
+    head = np.array([tip, neck + ARROW_HEAD[1] * width * across, neck - ARROW_HEAD[1] * width * across])
     shaft = np.vstack([points[:-1], neck + 0.5 * width * along])
-    # Points of a curve that lie within the head would make a hook.
-    far = np.linalg.norm(shaft[:-1] - tip, axis=1) > HEAD[0] * width
+    # Points of a curve within the head would form a hook.
+    far = np.linalg.norm(shaft[:-1] - tip, axis=1) > ARROW_HEAD[0] * width
     shaft = np.vstack([shaft[:-1][far] if far.any() else shaft[:1], shaft[-1:]])
     line = (
-        f'<path d="M{_path(shaft)}" fill="none" stroke="{colour}" stroke-width="{width:g}" stroke-linecap="butt" stroke-linejoin="round"/>'
+        f'<path d="M{_path(shaft)}" fill="none" stroke="{colour}" stroke-width="{width:g}" '
+        'stroke-linecap="butt" stroke-linejoin="round"/>'
     )
     return [line, polygon(head, colour)]
 
 
-def text(where: Array | tuple[float, float], words: str, size: float, colour: str = INK, anchor: str = "middle", bold: bool = False) -> str:
-    """One line, with a white rim so that it can be read on anything."""
+def text(
+    where: Array | tuple[float, float],
+    words: str,
+    size: float,
+    colour: str = INK,
+    anchor: str = "middle",
+    bold: bool = False,
+) -> str:
+    """One line of text, with a white outline that keeps it legible on any background."""
     weight = ' font-weight="700"' if bold else ""
     return (
-        f'<text x="{where[0]:.1f}" y="{where[1]:.1f}" font-size="{size:g}" fill="{colour}" text-anchor="{anchor}"{weight} '
-        f'stroke="#fff" stroke-width="{0.26 * size:.1f}" stroke-linejoin="round" paint-order="stroke">{escape(words)}</text>'
+        f'<text x="{where[0]:.1f}" y="{where[1]:.1f}" font-size="{size:g}" fill="{colour}" '
+        f'text-anchor="{anchor}"{weight} stroke="#fff" stroke-width="{0.26 * size:.1f}" '
+        f'stroke-linejoin="round" paint-order="stroke">{escape(words)}</text>'
     )
 
 
 def pill(where: Array | tuple[float, float], words: str, size: float, colour: str) -> str:
-    """White words on a rounded field of a colour, centred on a point."""
+    """White text on a rounded field of a colour, centred on a point."""
     wide, high = 0.62 * size * len(words) + 0.9 * size, 1.5 * size
     return (
-        f'<rect x="{where[0] - wide / 2:.1f}" y="{where[1] - high / 2:.1f}" width="{wide:.1f}" height="{high:.1f}" rx="{high / 2:.1f}" '
-        f'fill="{colour}" stroke="#fff" stroke-width="1.5"/>'
-        f'<text x="{where[0]:.1f}" y="{where[1] + 0.35 * size:.1f}" font-size="{size:g}" fill="#fff" font-weight="700" '
-        f'text-anchor="middle">{escape(words)}</text>'
+        f'<rect x="{where[0] - wide / 2:.1f}" y="{where[1] - high / 2:.1f}" width="{wide:.1f}" '
+        f'height="{high:.1f}" rx="{high / 2:.1f}" fill="{colour}" stroke="#fff" stroke-width="1.5"/>'
+        f'<text x="{where[0]:.1f}" y="{where[1] + 0.35 * size:.1f}" font-size="{size:g}" fill="#fff" '
+        f'font-weight="700" text-anchor="middle">{escape(words)}</text>'
     )
 
 
-def measure(start: Array, end: Array, words: str, size: float, colour: str, side: float, anchor: str = "middle") -> list[str]:
-    """A dimension: line with a tick at each end, its number beside the middle, `side` px to the right of start -> end (y down)."""
+def measure(
+    start: Array, end: Array, words: str, size: float, colour: str, side: float, anchor: str = "middle"
+) -> list[str]:
+    """Dimension line from `start` to `end` with ticks, and its number `side` px to the right of the line.
+
+    Right is relative to the direction from start to end, with y down.
+    """
     along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
     across = np.array([-along[1], along[0]])
-    ticks = [polyline(np.array([point - 7 * across, point + 7 * across]), colour, 2) for point in (start, end)]
+    ticks = [
+        polyline(np.array([point - 7 * across, point + 7 * across]), colour, 2) for point in (start, end)
+    ]
     middle = (start + end) / 2 + side * across + np.array([0.0, 0.36 * size])
-    return [polyline(np.array([start, end]), colour, 2), *ticks, text(middle, words, size, colour, anchor, bold=True)]
+    return [
+        polyline(np.array([start, end]), colour, 2),
+        *ticks,
+        text(middle, words, size, colour, anchor, bold=True),
+    ]
 
 
 def picture(width: float, height: float, parts: list[str], label: str) -> str:
-    """The whole picture as an <svg> element that is as wide as its place."""
+    """Complete picture as an <svg> element that fills the width of its container."""
     name = escape(label, {'"': ""})
-    opening = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{name}">'
+    box = f"0 0 {width:g} {height:g}"
+    opening = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" role="img" aria-label="{name}">'
     return opening + "\n".join(parts) + "</svg>"
 
 

@@ -1,4 +1,4 @@
-"""The two small pictures of a card, to scale and with numbers: as the camera sees it, and from above."""
+"""The two small dimensioned pictures of a card: as seen by the camera, and from above."""
 
 from __future__ import annotations
 
@@ -12,18 +12,20 @@ from analyze.cards.view import Frame, View, from_above, from_the_camera
 from analyze.types import Array
 
 WIDTH, HEIGHT = 400.0, 390.0
-BIG, SMALL = 27, 18
-"""px, of numbers and of names"""
+NUMBER_PX, NAME_PX = 27, 18
+"""Font sizes of numbers and of names."""
 
 
 def side_picture(place: Setting) -> str:
-    """As the camera sees it: height of the strike, the line, and how far the object tips until it stands on the edge."""
+    """Picture as seen by the camera: height of the strike, line, and angle at which the object balances."""
     size = place.size
     tail = np.array([place.low[0] - 0.5 * size, place.hit[1], place.strike_height])
     ground = tail * np.array([1.0, 1.0, 0.0])
     tipped = place.body.turned(place.tip_angle).corners
     below = np.array([[place.low[0], 0.0, -0.1 * size]])
-    view = from_the_camera().fitted(np.vstack([place.body.corners, tipped, [tail, ground], below]), Frame(76, 46, WIDTH - 30, HEIGHT - 30))
+    view = from_the_camera().fitted(
+        np.vstack([place.body.corners, tipped, [tail, ground], below]), Frame(76, 46, WIDTH - 30, HEIGHT - 30)
+    )
     flat = view.project(np.vstack([[tail, ground, place.hit], np.zeros((1, 3))]))
     start, floor, hit, pivot = flat
     outline = view.project(tipped)
@@ -33,20 +35,24 @@ def side_picture(place: Setting) -> str:
         ink.polyline(np.vstack([outline, outline[:1]]), ink.PIVOT, 2, "8 7", 0.75),
         *draw_body(view, place.body, () if place.tag is None else (place.tag,), ink.CAMERA),
         *ink.arrow(np.array([start, hit]), ink.STRIKER, 8),
-        *ink.measure(floor, start, f"{1000 * place.strike_height:.0f}", BIG, ink.STRIKER, -12, "end"),
+        *ink.measure(floor, start, f"{1000 * place.strike_height:.0f}", NUMBER_PX, ink.STRIKER, -12, "end"),
         *_angle(view, place, pivot),
         ink.text(
-            outline[np.argmin(outline[:, 1])] - np.array([0.0, 12.0]), f"{np.degrees(place.tip_angle):.0f}°", BIG, ink.PIVOT, bold=True
+            outline[np.argmin(outline[:, 1])] - np.array([0.0, 12.0]),
+            f"{np.degrees(place.tip_angle):.0f}°",
+            NUMBER_PX,
+            ink.PIVOT,
+            bold=True,
         ),
         ink.disc(pivot, 9, ink.PIVOT, "#fff", 2),
-        ink.text((pivot[0], floor[1] + 26), "line", SMALL, ink.PIVOT, "middle", bold=True),
-        ink.text((start[0] + 4, start[1] - 14), "striker", SMALL, ink.STRIKER, "start", bold=True),
+        ink.text((pivot[0], floor[1] + 26), "line", NAME_PX, ink.PIVOT, "middle", bold=True),
+        ink.text((start[0] + 4, start[1] - 14), "striker", NAME_PX, ink.STRIKER, "start", bold=True),
     ]
-    return ink.picture(WIDTH, HEIGHT, parts, "as the camera sees it")
+    return ink.picture(WIDTH, HEIGHT, parts, "as seen by the camera")
 
 
 def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
-    """Arc of the balance angle between the upright and where it lies turned by it, outside the object."""
+    """Arc of the balance angle, drawn outside the object from the vertical on."""
     radius = 0.62 * float(place.high[2])
     angles = np.linspace(0.0, place.tip_angle, 20)
     arc = view.project(np.stack([radius * np.sin(angles), np.zeros(20), radius * np.cos(angles)], axis=1))
@@ -59,7 +65,7 @@ def _angle(view: View, place: Setting, pivot: Array) -> list[str]:
 
 
 def plan_picture(place: Setting) -> str:
-    """From above: the line, where along it the edge lies and where the striker strikes."""
+    """Picture from above: the line, the position of the edge along it, and the striker's path."""
     size = place.size
     front, back = place.low[1] - 0.5 * place.reach, place.high[1] + 0.15 * size
     left, right = place.low[0] - 0.7 * place.reach, max(place.high[0], 0.0) + 0.55 * size
@@ -90,12 +96,12 @@ def plan_picture(place: Setting) -> str:
         ink.polyline(np.array([hit, far]), ink.STRIKER, 1.6, "3 7", 0.8),
         *_contact(view, place),
         ink.polyline(np.array([end, from_ + np.array([8.0, 0.0])]), ink.INK, 1.2),
-        *ink.measure(from_, to, f"{1000 * place.front_to_mark:.0f}", BIG, ink.INK, 14, "start"),
+        *ink.measure(from_, to, f"{1000 * place.front_to_mark:.0f}", NUMBER_PX, ink.INK, 14, "start"),
         *ink.arrow(np.array([tail, hit]), ink.STRIKER, 8),
         ink.disc(mark, 5, "#fff", ink.PIVOT, 3),
-        ink.text((tail[0], tail[1] - 16), "striker", SMALL, ink.STRIKER, "start", bold=True),
-        *([] if place.turned else _eye(view, place, front)),
-        ink.text((far[0] - 2, far[1] - 8), "mark", SMALL, ink.MUTED, "end", bold=True),
+        ink.text((tail[0], tail[1] - 16), "striker", NAME_PX, ink.STRIKER, "start", bold=True),
+        *([] if place.turned else _camera_from_above(view, place, front)),
+        ink.text((far[0] - 2, far[1] - 8), "mark", NAME_PX, ink.MUTED, "end", bold=True),
     ]
     return ink.picture(WIDTH, HEIGHT, parts, "from above")
 
@@ -107,8 +113,8 @@ def _contact(view: View, place: Setting) -> list[str]:
     return [ink.polyline(ends, ink.PIVOT, 7)]
 
 
-def _eye(view: View, place: Setting, front: float) -> list[str]:
-    """The camera below, pointing up the picture."""
+def _camera_from_above(view: View, place: Setting, front: float) -> list[str]:
+    """Camera symbol at the bottom, pointing up."""
     x = float(np.clip(place.camera[0], place.low[0], place.high[0] + 0.2 * place.size))
     at = view.project(np.array([[x, front, 0.0]]))[0] - np.array([0.0, 4.0])
     body = np.array([[-13, 0], [13, 0], [13, -22], [-13, -22]]) + at
@@ -117,5 +123,5 @@ def _eye(view: View, place: Setting, front: float) -> list[str]:
     return [
         ink.polygon(body, ink.CAMERA),
         ink.polygon(lens, "#7cc0ac", ink.CAMERA, 1.5),
-        ink.text((beside, float(at[1]) - 4.0), "camera", SMALL, ink.CAMERA, "end", bold=True),
+        ink.text((beside, float(at[1]) - 4.0), "camera", NAME_PX, ink.CAMERA, "end", bold=True),
     ]

@@ -1,6 +1,7 @@
-"""How the object lies for a strike, and how it gets there from where it lay before, as words that cannot be misread.
+"""Instructions for an object's placement, and for the change from the previous placement.
 
-Directions are named by what stands there (the striker at -x of W, the camera at -y): right and left depend on where the reader stands.
+Directions are named by the striker (at -x of W) and the camera (at -y), because right and left depend on the
+reader's place.
 """
 
 from __future__ import annotations
@@ -13,11 +14,11 @@ from analyze.geometry.rotations import matrix_from_vector
 from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 
-CHANGE_SIDES = "set striker and object on the other side of the line, both turned half round (180°)"
-SAME = np.radians(1.0)
-"""rotations smaller than this are no instruction"""
-ON_SIDE = np.radians(15.0)
-"""between a side's direction and the normal of the tag that names it"""
+CHANGE_SIDES = "move striker and object to the other side of the line, both turned by 180°"
+MIN_ROTATION = np.radians(1.0)
+"""Rotation [rad] below which no instruction is given."""
+MAX_TAG_ANGLE = np.radians(15.0)
+"""Largest angle [rad] between a side's direction and the normal of a tag that names the side."""
 
 TOWARDS = {
     "away from the striker": np.array([1.0, 0.0, 0.0]),
@@ -25,94 +26,97 @@ TOWARDS = {
     "away from the camera": np.array([0.0, 1.0, 0.0]),
     "towards the camera": np.array([0.0, -1.0, 0.0]),
 }
-"""directions on the table, in W"""
+"""Directions on the table, as unit vectors (3,) in W."""
 
 
 @dataclass(frozen=True)
 class Turn:
-    """About the vertical; + is anticlockwise seen from above [rad]."""
+    """Turn about the vertical by `angle` [rad], positive anticlockwise as seen from above."""
 
     angle: float
 
     def matrix(self) -> Array:
-        """(3, 3) in W."""
+        """Rotation matrix (3, 3) in W."""
         return matrix_from_vector(np.array([0.0, 0.0, self.angle]))
 
-    def words(self) -> str:
-        """As an instruction."""
+    def instruction(self) -> str:
+        """Text of the instruction."""
         degrees = round(abs(np.degrees(self.angle)))
         if degrees == 180:
-            return "turn it half round on the table (180°)"
-        return f"turn it {degrees}° {'anticlockwise' if self.angle > 0 else 'clockwise'}, seen from above"
+            return "turn it by 180° on the table"
+        return f"turn it by {degrees}° {'anticlockwise' if self.angle > 0 else 'clockwise'}, seen from above"
 
 
 @dataclass(frozen=True)
 class Tilt:
-    """Over a horizontal axis, its top going in a direction of `TOWARDS` by an angle [rad]."""
+    """Tilt about a horizontal axis by `angle` [rad], moving the top in a direction of `TOWARDS`."""
 
     towards: str
     angle: float
 
     def matrix(self) -> Array:
-        """(3, 3) in W."""
+        """Rotation matrix (3, 3) in W."""
         return matrix_from_vector(np.cross(np.array([0.0, 0.0, 1.0]), TOWARDS[self.towards]) * self.angle)
 
-    def words(self) -> str:
-        """As an instruction."""
+    def instruction(self) -> str:
+        """Text of the instruction."""
         degrees = round(np.degrees(self.angle))
         if degrees == 180:
-            return f"turn it upside down, its top going over {self.towards}"
+            return f"turn it upside down, moving its top {self.towards}"
         if degrees == 90:
-            return f"tip it over 90°, its top going {self.towards}: what was on top then faces {_faces(self.towards)}"
-        return f"tip it {degrees}°, its top going {self.towards}"
+            faces = self.towards.removeprefix("towards ")
+            return f"tip it by 90°, moving its top {self.towards}: the former top then faces {faces}"
+        return f"tip it by {degrees}°, moving its top {self.towards}"
 
 
 Move = Turn | Tilt
 
 
 def moves(R_before: Array, R_now: Array) -> list[Move]:
-    """Fewest turns and tilts, carried out one after the other in W, from one placement to the next.
+    """Shortest sequence of turns and tilts in W from one placement to the next.
 
     Args:
-        R_before: (3, 3) R_world_object of the card before.
-        R_now: (3, 3) the same of this card.
+        R_before: R_world_object (3, 3) of the previous card.
+        R_now: R_world_object (3, 3) of this card.
 
     Returns:
-        At most turn, tilt, turn; tilts are towards or away from striker or camera. Nothing where both are the same.
+        At most turn, tilt, turn; tilts are towards or away from the striker or the camera. Empty for equal
+        placements.
     """
     change = R_now @ R_before.T
     rises = change.T @ np.array([0.0, 0.0, 1.0])
     angle = float(np.arccos(np.clip(rises[2], -1, 1)))
-    if angle < SAME:
+    if angle < MIN_ROTATION:
         turn = float(np.arctan2(change[1, 0], change[0, 0]))
-        return [Turn(turn)] if abs(turn) > SAME else []
+        return [Turn(turn)] if abs(turn) > MIN_ROTATION else []
     choices: list[tuple[int, float, int, list[Move]]] = []
     for rank, (towards, direction) in enumerate(TOWARDS.items()):
         tilt = Tilt(towards, angle)
-        # What shall come on top must first lie opposite to where the top goes; upside down it is there anyway.
-        first = 0.0 if angle > np.pi - SAME else _between(-rises[:2], direction[:2])
+        # The future top must first face opposite to the tilt's direction; for 180 degrees any direction
+        # serves.
+        first = 0.0 if angle > np.pi - MIN_ROTATION else _between(-rises[:2], direction[:2])
         rest = change @ Turn(first).matrix().T @ tilt.matrix().T
         last = float(np.arctan2(rest[1, 0], rest[0, 0]))
-        turns = [each for each in (first, last) if abs(each) > SAME]
+        turns = [each for each in (first, last) if abs(each) > MIN_ROTATION]
         steps: list[Move] = [tilt]
-        if abs(first) > SAME:
+        if abs(first) > MIN_ROTATION:
             steps.insert(0, Turn(first))
-        if abs(last) > SAME:
+        if abs(last) > MIN_ROTATION:
             steps.append(Turn(last))
         choices.append((len(turns), round(sum(map(abs, turns)), 6), rank, steps))
     return min(choices, key=lambda choice: choice[:3])[3]
 
 
-def change_in_words(R_before: Array, R_now: Array) -> str:
-    """The moves as one sentence; empty where the object lies as before."""
-    steps = [move.words() for move in moves(R_before, R_now)]
+def placement_change(R_before: Array, R_now: Array) -> str:
+    """Instruction for the change of placement, as one sentence; empty for equal placements."""
+    steps = [move.instruction() for move in moves(R_before, R_now)]
     text = "; then ".join(steps)
     return text[:1].upper() + text[1:]
 
 
 @dataclass(frozen=True)
 class Sides:
-    """What of the object faces where: a tag where one is on that side, O's axis otherwise."""
+    """Names of the object's six sides: the tag on that side if there is one, else the axis of O."""
 
     under: str
     top: str
@@ -123,17 +127,24 @@ class Sides:
 
 
 def sides(spec: ObjectSpec, R_world_object: Array) -> Sides:
-    """The five sides that matter at the table."""
+    """Names of the sides of an object that lies with `R_world_object` (3, 3)."""
 
     def side(direction: list[float]) -> str:
         return side_name(spec, R_world_object.T @ np.array(direction))
 
-    return Sides(side([0, 0, -1]), side([0, 0, 1]), side([0, -1, 0]), side([-1, 0, 0]), side([1, 0, 0]), side([0, 1, 0]))
+    return Sides(
+        side([0, 0, -1]),
+        side([0, 0, 1]),
+        side([0, -1, 0]),
+        side([-1, 0, 0]),
+        side([1, 0, 0]),
+        side([0, 1, 0]),
+    )
 
 
 def side_name(spec: ObjectSpec, direction: Array) -> str:
-    """Name of the side that looks along `direction` (3,) of O."""
-    best, least = None, ON_SIDE
+    """Name of the side whose outward normal is `direction` (3,) in O."""
+    best, least = None, MAX_TAG_ANGLE
     for marker in spec.marker:
         if marker.T_object_marker is None:
             continue
@@ -144,14 +155,10 @@ def side_name(spec: ObjectSpec, direction: Array) -> str:
 
 
 def axis_name(direction: Array) -> str:
-    """The axis of O nearest to `direction` (3,), as the side of the shape's frame; between two axes both are named."""
+    """Name of the side nearest to `direction` (3,) in O; between two axes both are named."""
     order = np.argsort(-np.abs(direction))
     names = [f"{'+' if direction[i] > 0 else '−'}{'xyz'[i]}" for i in order if abs(direction[i]) > 0.5]
     return f"the {'/'.join(sorted(names, key=lambda name: name[1]))} side"
-
-
-def _faces(towards: str) -> str:
-    return towards.removeprefix("towards ")
 
 
 def _between(start: Array, end: Array) -> float:

@@ -1,4 +1,4 @@
-"""The large picture of a card: the object on the table, the line, the striker, the camera, and where it tips."""
+"""Large picture of a card: object, line, striker and camera on the table, and the tipping direction."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from analyze.types import Array
 
 WIDTH, HEIGHT = 1000.0, 800.0
 AZIMUTH, ELEVATION = np.radians(30.0), np.radians(20.0)
-EYE = 5.0
-"""distance of the eye in sizes of the object"""
+EYE_DISTANCE = 5.0
+"""Distance of the eye, in sizes of the object."""
 TABLE, SQUARES, SHADOW = "#f5f3ef", "#e7e3dc", "#d6d2ca"
-SQUARE = 0.05
-"""m"""
+SQUARE_M = 0.05
 HOOD = (
     ((8, 9, 10, 11), "#bfe3d8"),
     ((4, 5, 9, 8), "#8ccbb8"),
@@ -26,18 +25,21 @@ HOOD = (
     ((5, 6, 10, 9), "#5faf98"),
 )
 BOX = (((3, 2, 6, 7), "#1d9375"), ((1, 2, 6, 5), "#006b51"), ((0, 1, 2, 3), ink.CAMERA))
-"""the camera's sides, by corners of `_camera_symbol`, in the order in which an eye behind it and to its right must see them"""
+"""Faces of the camera symbol by the corners of `_camera_symbol`, in drawing order for an eye behind it and to
+its right."""
 
 
 def scene_picture(place: Setting) -> str:
-    """SVG of the strike as the person at the table sees it, from the camera's side and a little from the right."""
+    """SVG of the strike as seen from the camera's side, and a little from the right."""
     size = place.size
     middle = (place.low + place.high) / 2
     tail = np.array([place.low[0] - 0.62 * place.reach, place.hit[1], place.strike_height])
     camera = _camera_symbol(place)
-    line_ends = np.array([[0.0, place.low[1] - 0.42 * place.reach, 0.0], [0.0, place.high[1] + 0.35 * place.reach, 0.0]])
+    line_ends = np.array(
+        [[0.0, place.low[1] - 0.42 * place.reach, 0.0], [0.0, place.high[1] + 0.35 * place.reach, 0.0]]
+    )
     arc = tip_arc(place)
-    view = from_the_front_right(middle, EYE * size, float(AZIMUTH), float(ELEVATION))
+    view = from_the_front_right(middle, EYE_DISTANCE * size, float(AZIMUTH), float(ELEVATION))
     ground = tail * np.array([1.0, 1.0, 0.0])
     seen = np.vstack([place.body.corners, [tail, ground], camera.reshape(-1, 3), line_ends, arc])
     view = view.fitted(seen, Frame(165, 60, WIDTH - 100, HEIGHT - 84))
@@ -48,16 +50,18 @@ def scene_picture(place: Setting) -> str:
     parts += ink.arrow(view.project(arc), ink.PIVOT, 6)
     parts += _striker_near(view, place, tail)
     parts += [] if place.turned else _camera(view, place, camera)
-    parts += _words(view, place, tail, camera, line_ends, arc)
+    parts += _labels(view, place, tail, camera, line_ends, arc)
     return ink.picture(WIDTH, HEIGHT, parts, "the object on the table, seen from the camera's side")
 
 
 def _table(view: View, place: Setting) -> list[str]:
-    """The table fills the picture; squares of 50 mm lie parallel to the line."""
+    """Table that fills the picture, with 50 mm squares parallel to the line, and the object's shadow."""
     far = 6 * place.size
-    stops = np.arange(np.floor(-far / SQUARE), far / SQUARE + 1) * SQUARE
-    rules = [np.array([[x, -far, 0], [x, far, 0]]) for x in stops] + [np.array([[-far, y, 0], [far, y, 0]]) for y in stops]
-    in_front = [rule for rule in rules if view.nearness(rule).max() < 0.8 * EYE * place.size]
+    stops = np.arange(np.floor(-far / SQUARE_M), far / SQUARE_M + 1) * SQUARE_M
+    rules = [np.array([[x, -far, 0], [x, far, 0]]) for x in stops] + [
+        np.array([[-far, y, 0], [far, y, 0]]) for y in stops
+    ]
+    in_front = [rule for rule in rules if view.nearness(rule).max() < 0.8 * EYE_DISTANCE * place.size]
     corners = place.body.corners
     cast = corners[:, :2] - corners[:, 2:] * LAMP[:2] / LAMP[2] * 0.45
     outline = cast[ConvexHull(cast).vertices]
@@ -78,7 +82,7 @@ def _line(view: View, place: Setting, ends: Array) -> list[str]:
 
 
 def _pivot(view: View, place: Setting) -> list[str]:
-    """The edge on the line, over everything: it is what must be placed right."""
+    """Edge on the line, drawn on top because its placement matters most."""
     if place.edge is None:
         point = view.project(np.zeros((1, 3)))[0]
         return [ink.disc(point, 11, ink.PIVOT, "#fff", 2.5)]
@@ -91,7 +95,7 @@ def _striker_far(view: View, tail: Array, hit: Array) -> list[str]:
 
 
 def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
-    """What the object hides of the arrow shines through, and the height is measured where it can be seen."""
+    """Hidden part of the striker's arrow, drawn through the object, and the height of the strike."""
     hit = view.project(place.hit)[0]
     start = view.project(tail)[0]
     ground = view.project(tail * np.array([1.0, 1.0, 0.0]))[0]
@@ -106,17 +110,30 @@ def _striker_near(view: View, place: Setting, tail: Array) -> list[str]:
 
 
 def _camera_symbol(place: Setting) -> Array:
-    """(9, 3): corners of the camera's box, then of its opening; nearer than the camera really is."""
+    """Corners (12, 3) [m] of the camera's box and lens hood, drawn nearer than the camera is."""
     size = place.reach
     reach = place.low[1] - 0.95 * size
-    centre = np.array([np.clip(place.camera[0], place.low[0], place.high[0]), reach, min(place.camera[2], 0.9 * place.high[2])])
+    centre = np.array(
+        [
+            np.clip(place.camera[0], place.low[0], place.high[0]),
+            reach,
+            min(place.camera[2], 0.9 * place.high[2]),
+        ]
+    )
     if place.tag is not None:
         seen = place.body.tag_centre(place.tag)
         if seen is not None:
             centre = np.array([seen[0], reach, max(seen[2], 0.14 * size)])
     half, deep, wide = 0.06 * size, 0.17 * size, 0.085 * size
-    box = [centre + np.array([x, y, z]) for y in (-deep, 0.0) for x, z in ((-half, -half), (half, -half), (half, half), (-half, half))]
-    opening = [centre + np.array([x, 1.3 * wide, z]) for x, z in ((-wide, -wide), (wide, -wide), (wide, wide), (-wide, wide))]
+    box = [
+        centre + np.array([x, y, z])
+        for y in (-deep, 0.0)
+        for x, z in ((-half, -half), (half, -half), (half, half), (-half, half))
+    ]
+    opening = [
+        centre + np.array([x, 1.3 * wide, z])
+        for x, z in ((-wide, -wide), (wide, -wide), (wide, wide), (-wide, wide))
+    ]
     return np.array([*box, *opening])
 
 
@@ -133,7 +150,9 @@ def _camera(view: View, place: Setting, camera: Array) -> list[str]:
     return parts
 
 
-def _words(view: View, place: Setting, tail: Array, camera: Array, line_ends: Array, arc: Array) -> list[str]:
+def _labels(
+    view: View, place: Setting, tail: Array, camera: Array, line_ends: Array, arc: Array
+) -> list[str]:
     parts: list[str] = []
     start = view.project(tail)[0]
     parts.append(ink.text((start[0] + 8, start[1] - 26), "striker", 26, ink.STRIKER, "start", bold=True))
@@ -141,18 +160,40 @@ def _words(view: View, place: Setting, tail: Array, camera: Array, line_ends: Ar
     low = float(flat[:, 1].max())
     left = float(flat[:, 0].min())
     if place.turned:
-        parts.append(ink.text((left, low + 30), "seen from opposite the camera", 26, ink.CAMERA, "start", bold=True))
+        parts.append(
+            ink.text((left, low + 30), "seen from opposite the camera", 26, ink.CAMERA, "start", bold=True)
+        )
     else:
         parts.append(ink.text((left, low + 30), "camera", 26, ink.CAMERA, "start", bold=True))
-        parts.append(ink.text((left, low + 58), f"{-1000 * place.camera[1]:.0f} mm from the mark", 22, ink.CAMERA, "start", bold=True))
+        parts.append(
+            ink.text(
+                (left, low + 58),
+                f"{-1000 * place.camera[1]:.0f} mm from the mark",
+                22,
+                ink.CAMERA,
+                "start",
+                bold=True,
+            )
+        )
     end = view.project(line_ends)[0]
-    what = "rim on the line" if place.rolls else "this edge on the line"
-    parts.append(ink.text((end[0] + 26, end[1] + 6), what, 26, ink.PIVOT, "start", bold=True))
+    edge_text = "rim on the line" if place.rolls else "this edge on the line"
+    parts.append(ink.text((end[0] + 26, end[1] + 6), edge_text, 26, ink.PIVOT, "start", bold=True))
     tip = view.project(arc)[-1]
-    parts.append(ink.text((min(tip[0] + 14, WIDTH - 180), tip[1] + 26), "tips this way", 24, ink.PIVOT, "start", bold=True))
+    parts.append(
+        ink.text(
+            (min(tip[0] + 14, WIDTH - 180), tip[1] + 26), "tips this way", 24, ink.PIVOT, "start", bold=True
+        )
+    )
     if place.tag is not None:
         marker = next(each for each in place.body.spec.marker if each.name == place.tag)
         if marker.T_object_marker is not None:
             corners = view.project(place.body.tag_corners(marker, 0.66 * marker.size_m))
-            parts.append(ink.pill((float(corners[:, 0].mean()), float(corners[:, 1].max()) + 22), f"tag {place.tag}", 24, ink.CAMERA))
+            parts.append(
+                ink.pill(
+                    (float(corners[:, 0].mean()), float(corners[:, 1].max()) + 22),
+                    f"tag {place.tag}",
+                    24,
+                    ink.CAMERA,
+                )
+            )
     return parts

@@ -1,4 +1,4 @@
-"""What every picture of one strike shows: where things are in W, in metres."""
+"""Positions in W [m] of everything that the pictures of one strike show."""
 
 from __future__ import annotations
 
@@ -10,57 +10,63 @@ from analyze.cards.body import Placed
 from analyze.types import Array
 from schemas.strike_plan import PlannedStrike
 
-ON_LINE = 0.004
-"""part of the object's size within which a corner lies on the pivot edge"""
-PAST, LEAST_ARC = float(np.radians(12.0)), float(np.radians(16.0))
-"""how far past the balance the tipping arrow goes, and a balance from which it can be seen as an arc"""
+EDGE_TOLERANCE = 0.004
+"""Fraction of the object's size within which a corner counts as lying on the pivot edge."""
+ARC_PAST_BALANCE, MIN_ARC = float(np.radians(12.0)), float(np.radians(16.0))
+"""Angle [rad] of the tipping arrow past the balance, and the least balance angle at which it looks like an
+arc."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One strike in W: pivot line along y at x = 0, its mark at y = 0, striker from -x (at y = 0 in plans of ours), camera at -y."""
+    """One strike in W: pivot line along y at x = 0, mark at y = 0, striker from -x, camera at -y.
+
+    In our own plans the striker's path is at y = 0.
+    """
 
     body: Placed
     low: Array
-    """(3,) m, least coordinates of the object"""
+    """(3,) least coordinates of the object."""
     high: Array
-    """(3,)"""
+    """(3,) greatest coordinates of the object."""
     edge: tuple[float, float] | None
-    """m, where the pivot edge begins (nearest to the camera) and ends along W's y; None: it touches in one point (a rim)"""
+    """Begin (nearest to the camera) and end of the pivot edge along W's y; None for a rim, which touches in a
+    point."""
     hit: Array
-    """(3,) m"""
+    """(3,) impact point."""
     strike_height: float
     camera: Array
-    """(3,) m"""
+    """(3,) centre of the camera."""
     tag: int | str | None
-    """the one that faces the camera"""
+    """Name of the tag that faces the camera; None if there is none, or the strike is turned."""
     tip_angle: float
-    """rad, at which it stands on the edge"""
+    """Angle [rad] at which the object balances on the edge."""
     rolls: bool
     turned: bool = False
-    """with the striker on the line's other side: drawn as seen by somebody opposite the camera, which is not drawn"""
+    """True if the striker is on the other side of the line: drawn as seen from opposite the camera, without
+    the camera."""
 
     @property
     def size(self) -> float:
-        """Metres: longest edge of the box around the object as it lies."""
+        """Longest extent [m] of the object as it lies."""
         return float(np.max(self.high - self.low))
 
     @property
     def reach(self) -> float:
-        """Metres: how far from the object striker and camera are drawn: what looks right for standing and for lying objects."""
+        """Distance [m] from the object at which striker and camera are drawn."""
         across = float(np.hypot(self.high[0] - self.low[0], self.high[2] - self.low[2]))
         return float(np.sqrt(across * self.size))
 
     @property
     def front_to_mark(self) -> float:
-        """Along the line [m], from the end of the edge nearest to the camera (of a rim: of the object) to the mark."""
+        """Distance [m] along the line from the edge's (or, for a rim, the object's) near end to the mark."""
         return -(self.low[1] if self.edge is None else self.edge[0])
 
 
 def setting(body: Placed, strike: PlannedStrike) -> Setting:
-    """Everything about one strike; the body lies as the strike says."""
+    """Positions of one strike, for a body placed as planned."""
     corners = body.corners
-    near = ON_LINE * body.shape.size
+    near = EDGE_TOLERANCE * body.shape.size
     line = np.array(strike.pivot.point) @ body.R.T + body.p
     # The sharp edge lies one radius of rounding outside its centre line, and below.
     sharp = corners[(np.abs(corners[:, 2]) < near) & (corners[:, 0] > line[0] - near)]
@@ -83,8 +89,8 @@ def setting(body: Placed, strike: PlannedStrike) -> Setting:
 
 
 def tip_arc(place: Setting) -> Array:
-    """(n, 3) m: an arc about the pivot line before the object's front, outside of its far corner, from the upright on."""
+    """Arc (n, 3) [m] about the pivot line, in front of the object and outside its farthest corner."""
     corners = place.body.corners
     radius = 1.12 * float(np.hypot(corners[:, 0], corners[:, 2]).max())
-    angles = np.linspace(-0.06, max(place.tip_angle, LEAST_ARC) + PAST, 24)
+    angles = np.linspace(-0.06, max(place.tip_angle, MIN_ARC) + ARC_PAST_BALANCE, 24)
     return np.stack([radius * np.sin(angles), np.full(24, place.low[1]), radius * np.cos(angles)], axis=1)

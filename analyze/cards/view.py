@@ -1,4 +1,4 @@
-"""Where a point of W comes to lie in a picture: central or parallel projection, fitted into a frame."""
+"""Central and parallel projections from W to a picture, fitted into a frame."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from analyze.types import Array
 
 @dataclass(frozen=True)
 class Frame:
-    """Part of a picture that is free to draw in [px], y down."""
+    """Drawing area of a picture [px], y down."""
 
     left: float
     top: float
@@ -21,50 +21,72 @@ class Frame:
 
 @dataclass(frozen=True)
 class View:
-    """A way to look at W."""
+    """Projection of W to a picture."""
 
     axes: Array
-    """(3, 3) rows: right, up and towards the eye, unit vectors in W"""
+    """(3, 3) rows: right, up and towards the eye, as unit vectors in W."""
     target: Array
-    """(3,) m, what is looked at"""
+    """(3,) point [m] in W at which the eye looks."""
     distance: float | None
-    """m, from the eye to the target; None: parallel projection"""
+    """Distance [m] from the eye to the target; None for a parallel projection."""
     scale: float = 1.0
-    """px/m at the target"""
+    """Scale [px/m] at the target."""
     centre: tuple[float, float] = (0.0, 0.0)
-    """px, where the target lies"""
+    """Pixel of the target."""
 
     def project(self, points: Array) -> Array:
-        """Pixels (n, 2) of points (n, 3), y down."""
+        """Pixels (n, 2), y down, of points (n, 3) [m] in W."""
         seen = (np.atleast_2d(points) - self.target) @ self.axes.T
-        near = np.ones(len(seen)) if self.distance is None else self.distance / np.maximum(self.distance - seen[:, 2], 1e-3)
-        return np.stack([self.centre[0] + self.scale * near * seen[:, 0], self.centre[1] - self.scale * near * seen[:, 1]], axis=1)
+        near = (
+            np.ones(len(seen))
+            if self.distance is None
+            else self.distance / np.maximum(self.distance - seen[:, 2], 1e-3)
+        )
+        return np.stack(
+            [
+                self.centre[0] + self.scale * near * seen[:, 0],
+                self.centre[1] - self.scale * near * seen[:, 1],
+            ],
+            axis=1,
+        )
 
     def nearness(self, points: Array) -> Array:
-        """Greater (n,) is nearer to the eye [m]."""
+        """Depth (n,) [m] of points (n, 3); greater is nearer to the eye."""
         return (np.atleast_2d(points) - self.target) @ self.axes[2]
 
     def towards_eye(self, points: Array) -> Array:
-        """Vectors (n, 3) from the points to the eye."""
+        """Vectors (n, 3) from points (n, 3) to the eye."""
         points = np.atleast_2d(points)
         if self.distance is None:
             return np.broadcast_to(self.axes[2], points.shape)
         return self.target + self.distance * self.axes[2] - points
 
     def fitted(self, points: Array, frame: Frame) -> View:
-        """The same view, scaled and moved so that all points lie in the frame and fill it one way."""
+        """The view scaled and shifted so that points (n, 3) fill the frame in width or height."""
         bare = replace(self, scale=1.0, centre=(0.0, 0.0)).project(points)
         low, high = bare.min(axis=0), bare.max(axis=0)
-        scale = float(min((frame.right - frame.left) / (high[0] - low[0]), (frame.bottom - frame.top) / (high[1] - low[1])))
+        scale = float(
+            min(
+                (frame.right - frame.left) / (high[0] - low[0]),
+                (frame.bottom - frame.top) / (high[1] - low[1]),
+            )
+        )
         middle = scale * (low + high) / 2
         return replace(
-            self, scale=scale, centre=((frame.left + frame.right) / 2 - float(middle[0]), (frame.top + frame.bottom) / 2 - float(middle[1]))
+            self,
+            scale=scale,
+            centre=(
+                (frame.left + frame.right) / 2 - float(middle[0]),
+                (frame.top + frame.bottom) / 2 - float(middle[1]),
+            ),
         )
 
 
 def from_the_front_right(target: Array, distance: float, azimuth: float, elevation: float) -> View:
-    """Central projection from the camera's side (-y of W), turned by `azimuth` to +x and raised by `elevation` [rad]."""
-    eye = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+    """Central projection from -y of W, turned by `azimuth` to +x and raised by `elevation` [rad]."""
+    eye = np.array(
+        [np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)]
+    )
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     return View(np.stack([right, np.cross(eye, right), eye]), target, distance)
 

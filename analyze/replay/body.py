@@ -1,4 +1,4 @@
-"""The object as it is drawn in space: its shape, and what is known of its inside, in its own frame."""
+"""Drawing of the object in its own frame: shape, equi-planes, centre of mass, regions and voxels."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from analyze.geometry.object_model import ObjectModel
-    from analyze.replay.views import Answer
+    from analyze.replay.views import DrawnAnswer
     from analyze.types import Array, CameraModel, Marker
     from schemas.strike_plan import PlannedStrike, StrikePlan
 
 _REGION_COLOURS = (ORANGE, SKY)
-_LEAST_SEEN, _CROSS = 0.035, 0.12
-"""half axes of an ellipsoid that can be seen, and of the cross through it, in longest edges of the object"""
-_MOST_VOXELS = 4000
+_MIN_HALF_AXIS, _CROSS_HALF_LENGTH = 0.035, 0.12
+"""Least half axis of the drawn ellipsoid and half length of the cross through it, as fractions of the longest
+extent."""
+_MAX_VOXELS = 4000
 
 
 @dataclass(frozen=True)
-class Body:
-    """What strikes are drawn with."""
+class SceneInputs:
+    """Object model, plan, camera and markers from which the scene of a strike is drawn."""
 
     model: ObjectModel
     plan: StrikePlan
@@ -40,16 +41,16 @@ class Body:
     markers: tuple[Marker, ...]
 
     def planned(self, plan_strike_id: str) -> PlannedStrike | None:
-        """The plan's entry."""
+        """Entry of the plan with this id; None if the plan has none."""
         return next((strike for strike in self.plan.strikes if strike.id == plan_strike_id), None)
 
     def camera_of(self, planned: PlannedStrike) -> CameraModel:
-        """The camera as it stands in the frame that a strike is written down in."""
+        """Camera in the world frame of a planned strike, whose x axis is the strike's heading."""
         return turned_camera(self.camera, planned.heading_rad)
 
 
 def log_shape(stream: rr.RecordingStream, root: str, model: ObjectModel) -> None:
-    """Its surface, half transparent, and its edges."""
+    """Log the object's half transparent surface and its sharp edges."""
     corners = model.vertices[model.faces].reshape(-1, 3)
     normals = np.repeat(np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3]), 3, axis=0)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -60,44 +61,55 @@ def log_shape(stream: rr.RecordingStream, root: str, model: ObjectModel) -> None
         albedo_factor=(190, 200, 215, 45),
     )
     stream.log(f"{root}/shape", mesh, static=True)
-    edges = rr.LineStrips3D(sharp_edges(model.vertices, model.faces), colors=[(175, 185, 200)], radii=[0.0004])
+    edges = rr.LineStrips3D(
+        sharp_edges(model.vertices, model.faces), colors=[(175, 185, 200)], radii=[0.0004]
+    )
     stream.log(f"{root}/edges", edges, static=True)
 
 
 def log_inside(
-    stream: rr.RecordingStream, root: str, model: ObjectModel, answer: Answer, colours: Mapping[str, Colour], strike_id: str | None = None
+    stream: rr.RecordingStream,
+    root: str,
+    model: ObjectModel,
+    answer: DrawnAnswer,
+    colours: Mapping[str, Colour],
+    strike_id: str | None = None,
 ) -> None:
-    """Equi-planes (of one strike, or of all), centre of mass with the ellipsoid that holds 95 %, regions.
+    """Log equi-planes, centre of mass with its 95 % ellipsoid, and regions.
 
     Args:
-        stream: where to.
-        root: entity in the object's frame.
-        model: the exterior.
-        answer: what is known.
-        colours: of the strikes.
-        strike_id: whose equi-plane alone is drawn; None: all.
+        stream: destination.
+        root: parent entity, in the object's frame.
+        model: exterior of the object.
+        answer: estimate to be drawn.
+        colours: colour of each strike, by its id.
+        strike_id: draw the equi-plane of this strike only; None draws all.
     """
     for plane in answer.planes:
         if strike_id is not None and plane.strike_id != strike_id:
             continue
-        cut = views.section(model, plane.point, plane.normal)
+        cut = views.plane_section(model, plane.point, plane.normal)
         if len(cut) == 0:
             continue
         colour = colours.get(plane.strike_id, SKY)
-        quad = rr.Mesh3D(vertex_positions=cut, triangle_indices=views.fan(cut), albedo_factor=(*colour, 42))
-        border = rr.LineStrips3D([np.vstack([cut, cut[:1]])], colors=[colour], radii=[0.0004])
-        stream.log(f"{root}/planes{rr.new_entity_path([plane.strike_id])}", quad, border, static=True)
+        quad = rr.Mesh3D(
+            vertex_positions=cut, triangle_indices=views.fan_triangles(cut), albedo_factor=(*colour, 42)
+        )
+        outline = rr.LineStrips3D([np.vstack([cut, cut[:1]])], colors=[colour], radii=[0.0004])
+        stream.log(f"{root}/planes{rr.new_entity_path([plane.strike_id])}", quad, outline, static=True)
     _centre(stream, root, model, answer, named=strike_id is None)
-    # the first region is the wall: the shape itself shows it
+    # The first region is the shell: the shape itself shows it.
     for region, colour in zip(answer.regions[1:], _REGION_COLOURS, strict=False):
         points = rr.Points3D(region.points, colors=[colour], radii=[0.0007])
         stream.log(f"{root}/regions{rr.new_entity_path([region.name])}", points, static=True)
 
 
-def _centre(stream: rr.RecordingStream, root: str, model: ObjectModel, answer: Answer, *, named: bool) -> None:
-    """The centre of mass, as large as it is uncertain, or as it must be to be seen."""
+def _centre(
+    stream: rr.RecordingStream, root: str, model: ObjectModel, answer: DrawnAnswer, *, named: bool
+) -> None:
+    """Log the 95 % ellipsoid of the centre of mass, enlarged where it would be too small to be seen."""
     reach = float(model.extent.max())
-    half, axes = views.ellipsoid(answer.com.covariance, _LEAST_SEEN * reach)
+    half, axes = views.ellipsoid(answer.com.covariance, _MIN_HALF_AXIS * reach)
     ball = rr.Ellipsoids3D(
         centers=[answer.com.position],
         half_sizes=[half],
@@ -107,20 +119,20 @@ def _centre(stream: rr.RecordingStream, root: str, model: ObjectModel, answer: A
     )
     stream.log(f"{root}/centre_of_mass", ball, static=True)
     if named:
-        cross = answer.com.position + _CROSS * reach * np.stack([-np.eye(3), np.eye(3)], axis=1)
+        cross = answer.com.position + _CROSS_HALF_LENGTH * reach * np.stack([-np.eye(3), np.eye(3)], axis=1)
         lines = rr.LineStrips3D(list(cross), colors=[BRIGHT], radii=[0.003 * reach])
         stream.log(f"{root}/centre_of_mass/cross", lines, static=True)
-        above = answer.com.position + np.array([0.0, 0.0, 2.2 * _CROSS * reach])
+        above = answer.com.position + np.array([0.0, 0.0, 2.2 * _CROSS_HALF_LENGTH * reach])
         name = rr.Points3D([above], colors=[BRIGHT], radii=[0.0], labels=["centre of mass"], show_labels=True)
         stream.log(f"{root}/centre_of_mass/name", name, static=True)
 
 
-def log_voxels(stream: rr.RecordingStream, path: str, answer: Answer) -> None:
-    """Cells coloured by density: dark where there may be little, bright where there may be much."""
+def log_voxels(stream: rr.RecordingStream, path: str, answer: DrawnAnswer) -> None:
+    """Log the cells coloured by density, from dark (low) to bright (high)."""
     voxels = answer.voxels
     if voxels is None:
         return
-    shown = np.arange(len(voxels.points))[:: max(1, len(voxels.points) // _MOST_VOXELS)]
+    shown = np.arange(len(voxels.points))[:: max(1, len(voxels.points) // _MAX_VOXELS)]
     half = 0.42 * np.cbrt(voxels.volumes[shown])[:, None] * np.ones(3)
     low, high = np.quantile(voxels.density, [0.02, 0.98])
     colours = _shade((voxels.density[shown] - low) / max(high - low, 1e-9))
@@ -128,9 +140,12 @@ def log_voxels(stream: rr.RecordingStream, path: str, answer: Answer) -> None:
     stream.log(path, boxes, static=True)
 
 
-def _shade(share: Array) -> NDArray[np.uint8]:
-    """Colours (n, 3) from dark blue to bright yellow (cividis' ends: lightness rises evenly) of shares (n,) 0 to 1."""
+def _shade(level: Array) -> NDArray[np.uint8]:
+    """Colours (n, 3) of levels (n,) from 0 (dark blue) to 1 (bright yellow), with evenly rising lightness.
+
+    The end colours are those of cividis.
+    """
     dark, middle, bright = np.array([10, 40, 100]), np.array([125, 124, 120]), np.array([253, 231, 55])
-    at = np.clip(share, 0.0, 1.0)[:, None]
+    at = np.clip(level, 0.0, 1.0)[:, None]
     colours = np.where(at < 0.5, dark + 2 * at * (middle - dark), middle + (2 * at - 1) * (bright - middle))
     return np.asarray(colours, dtype=np.uint8)

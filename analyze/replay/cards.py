@@ -1,4 +1,4 @@
-"""The placement cards in rerun: one step of the timeline per strike, with the object, the line, the striker and the camera in W."""
+"""Placement cards in rerun: one timeline step per strike, with object, line, striker and camera in W."""
 
 from __future__ import annotations
 
@@ -11,38 +11,39 @@ import rerun.blueprint as rrb
 from analyze.cards.body import CARD_CELLS
 from analyze.cards.page import Card, cards
 from analyze.cards.setting import tip_arc
-from analyze.errors import OutputError
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply
-from analyze.output_file import refuse_unwritable
 from analyze.tags import families
 from analyze.tags.sheet import black_fields
 from analyze.types import Array, CameraModel
 from schemas.object_spec import MarkerSpec, ObjectSpec
+from schemas.output_file import OutputError, refuse_unwritable
 from schemas.strike_plan import StrikePlan
 
 STRIKE = "strike"
-"""the timeline: 1 is the first strike"""
+"""Name of the timeline; its step 1 is the first strike."""
 _APPLICATION = "percuss"
 _GROUND = (22, 25, 30)
 _STRIKER, _PIVOT, _CAMERA = (86, 160, 230), (240, 120, 50), (60, 190, 140)
-"""as on paper, lightened for a dark ground"""
+"""Colours of the printed cards, lightened for a dark background."""
 _BODY, _EDGE, _TABLE = (196, 203, 213), (60, 66, 74), (84, 73, 60)
 _LIFT = 2e-4
-"""m, of a tag over its surface and of its black cells over its card, so that neither flickers through the other"""
-_SHOWN_CAMERA = 0.05
-"""m, from the camera's centre to the image drawn"""
+"""Gap [m] between surface and tag, and between the tag's card and its black cells, which prevents flicker."""
+_IMAGE_PLANE_DISTANCE_M = 0.05
+"""Distance from the camera's centre to its drawn image plane."""
 
 
-def write_card_scenes(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, camera: CameraModel, output: Path) -> None:
-    """Write a rerun recording (.rrd); it appears complete or not at all.
+def write_card_scenes(
+    plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, camera: CameraModel, output: Path
+) -> None:
+    """Write the cards as a rerun recording (.rrd); the file appears complete or not at all.
 
     Args:
-        plan: its strikes, in their order.
-        model: the object's exterior.
-        spec: its tags.
-        camera: as it was planned with; where it stands comes from the plan.
-        output: the file.
+        plan: strikes to be drawn, in their order.
+        model: exterior of the object.
+        spec: object description with its tags.
+        camera: intrinsics used for planning; its pose comes from the plan.
+        output: path of the file.
 
     Raises:
         OutputError: the file cannot be written.
@@ -63,25 +64,37 @@ def write_card_scenes(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, ca
         part.unlink(missing_ok=True)
 
 
-def log_scenes(stream: rr.RecordingStream, plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, camera: CameraModel) -> None:
-    """Everything, to a stream."""
-    _standing(stream, model, spec)
+def log_scenes(
+    stream: rr.RecordingStream, plan: StrikePlan, model: ObjectModel, spec: ObjectSpec, camera: CameraModel
+) -> None:
+    """Log the scenes of all cards to a stream."""
+    _log_static(stream, model, spec)
     for card in cards(plan, model, spec):
         stream.set_time(STRIKE, sequence=card.number)
         _strike(stream, card, camera)
 
 
-def _standing(stream: rr.RecordingStream, model: ObjectModel, spec: ObjectSpec) -> None:
-    """What does not change: the table, and the object in its own frame."""
+def _log_static(stream: rr.RecordingStream, model: ObjectModel, spec: ObjectSpec) -> None:
+    """Log the static entities: the table, and the object in its own frame."""
     size = float(model.extent.max())
     stream.log("/world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    table = rr.Boxes3D(centers=[[0, 0, -0.0031]], half_sizes=[[1.4 * size, 1.2 * size, 0.003]], colors=[_TABLE], fill_mode="solid")
+    table = rr.Boxes3D(
+        centers=[[0, 0, -0.0031]],
+        half_sizes=[[1.4 * size, 1.2 * size, 0.003]],
+        colors=[_TABLE],
+        fill_mode="solid",
+    )
     stream.log("/world/table", table, static=True)
     corners = model.vertices[model.faces].reshape(-1, 3)
     normals = np.repeat(np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3]), 3, axis=0)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     triangles = np.arange(len(corners)).reshape(-1, 3)
-    body = rr.Mesh3D(vertex_positions=corners, triangle_indices=triangles, vertex_normals=normals, albedo_factor=(*_BODY, 255))
+    body = rr.Mesh3D(
+        vertex_positions=corners,
+        triangle_indices=triangles,
+        vertex_normals=normals,
+        albedo_factor=(*_BODY, 255),
+    )
     stream.log("/world/object/shape", body, static=True)
     for marker in spec.marker:
         if marker.T_object_marker is not None:
@@ -93,19 +106,26 @@ def _tag(stream: rr.RecordingStream, path: str, marker: MarkerSpec) -> None:
     half = marker.size_m / 2
     rim = half * CARD_CELLS / len(code)
     white = _quads(np.array([[-rim, -rim, 2 * rim, 2 * rim]]), _LIFT)
-    black = _quads(np.array([[f.x, f.y, f.width, f.height] for f in black_fields(code, -half, -half, marker.size_m)]), 2 * _LIFT)
+    black = _quads(
+        np.array([[f.x, f.y, f.width, f.height] for f in black_fields(code, -half, -half, marker.size_m)]),
+        2 * _LIFT,
+    )
     for name, quads, tone in (("card", white, 255), ("cells", black, 12)):
         points = apply(np.array(marker.T_object_marker), quads.reshape(-1, 3))
-        triangles = (4 * np.arange(len(quads))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+        triangles = (4 * np.arange(len(quads))[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(
+            -1, 3
+        )
         stream.log(
             f"{path}/{name}",
-            rr.Mesh3D(vertex_positions=points, triangle_indices=triangles, albedo_factor=(tone, tone, tone, 255)),
+            rr.Mesh3D(
+                vertex_positions=points, triangle_indices=triangles, albedo_factor=(tone, tone, tone, 255)
+            ),
             static=True,
         )
 
 
 def _quads(fields: Array, height: float) -> Array:
-    """Corners (n, 4, 3) in M of fields (n, 4) of x, y, width, height."""
+    """Corners (n, 4, 3) in M of rectangles (n, 4), given as x, y, width, height."""
     x, y, width, high = fields.T
     flat = np.stack([[x, y], [x + width, y], [x + width, y + high], [x, y + high]]).transpose(2, 0, 1)
     return np.concatenate([flat, np.full((*flat.shape[:2], 1), height)], axis=2)
@@ -115,30 +135,57 @@ def _strike(stream: rr.RecordingStream, card: Card, camera: CameraModel) -> None
     place, strike = card.place, card.strike
     size = place.size
     stream.log("/world/object", rr.Transform3D(translation=place.body.p, mat3x3=place.body.R))
-    edges = [place.body.world(edge) for edge, sharp in zip(place.body.shape.edges, place.body.shape.creases, strict=True) if sharp]
+    edges = [
+        place.body.world(edge)
+        for edge, sharp in zip(place.body.shape.edges, place.body.shape.creases, strict=True)
+        if sharp
+    ]
     stream.log("/world/edges", rr.LineStrips3D(edges, colors=[_EDGE], radii=[0.0004]))
     front, back = place.low[1] - 0.4 * size, place.high[1] + 0.4 * size
-    stream.log("/world/line", rr.LineStrips3D([[[0, front, 2e-4], [0, back, 2e-4]]], colors=[_PIVOT], radii=[0.0006]))
+    stream.log(
+        "/world/line", rr.LineStrips3D([[[0, front, 2e-4], [0, back, 2e-4]]], colors=[_PIVOT], radii=[0.0006])
+    )
     ends = (0.0, 0.0) if place.edge is None else place.edge
     pivot = rr.LineStrips3D([[[0, ends[0], 5e-4], [0, ends[1], 5e-4]]], colors=[_PIVOT], radii=[0.0024])
     stream.log("/world/pivot", pivot)
-    stream.log("/world/pivot/mark", rr.Points3D([[0, 0, 5e-4]], colors=[_PIVOT], radii=[0.003 if place.edge is None else 0.0024]))
+    stream.log(
+        "/world/pivot/mark",
+        rr.Points3D([[0, 0, 5e-4]], colors=[_PIVOT], radii=[0.003 if place.edge is None else 0.0024]),
+    )
     tail = place.hit - np.array([0.6 * place.reach, 0, 0])
     words = f"{1000 * place.strike_height:.0f} mm high, {strike.tip_speed_m_s.target:.2f} m/s"
-    stream.log("/world/striker", rr.Arrows3D(origins=[tail], vectors=[place.hit - tail], colors=[_STRIKER], radii=[0.0022]))
-    label = rr.Points3D([tail + np.array([0, 0, 0.16 * size])], colors=[_STRIKER], radii=[0.0], labels=[words], show_labels=True)
-    stream.log("/world/striker/says", label)
+    stream.log(
+        "/world/striker",
+        rr.Arrows3D(origins=[tail], vectors=[place.hit - tail], colors=[_STRIKER], radii=[0.0022]),
+    )
+    label = rr.Points3D(
+        [tail + np.array([0, 0, 0.16 * size])],
+        colors=[_STRIKER],
+        radii=[0.0],
+        labels=[words],
+        show_labels=True,
+    )
+    stream.log("/world/striker/label", label)
     floor = tail * np.array([1, 1, 0])
     stream.log("/world/striker/height", rr.LineStrips3D([[floor, tail]], colors=[_STRIKER], radii=[0.0004]))
     arc = tip_arc(place)
     stream.log("/world/tips", rr.LineStrips3D([arc], colors=[_PIVOT], radii=[0.0013]))
-    stream.log("/world/tips/head", rr.Arrows3D(origins=[arc[-2]], vectors=[arc[-1] - arc[-2]], colors=[_PIVOT], radii=[0.002]))
+    stream.log(
+        "/world/tips/head",
+        rr.Arrows3D(origins=[arc[-2]], vectors=[arc[-1] - arc[-2]], colors=[_PIVOT], radii=[0.002]),
+    )
     T_world_camera = np.array(strike.camera_pose)
-    stream.log("/world/camera", rr.Transform3D(translation=T_world_camera[:3, 3], mat3x3=T_world_camera[:3, :3]))
+    stream.log(
+        "/world/camera", rr.Transform3D(translation=T_world_camera[:3, 3], mat3x3=T_world_camera[:3, :3])
+    )
     pinhole = rr.Pinhole(
-        image_from_camera=camera.K, resolution=[camera.width, camera.height], camera_xyz=rr.ViewCoordinates.RDF,
-        image_plane_distance=_SHOWN_CAMERA, color=_CAMERA, line_width=0.001,
-    )  # fmt: skip
+        image_from_camera=camera.K,
+        resolution=[camera.width, camera.height],
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=_IMAGE_PLANE_DISTANCE_M,
+        color=_CAMERA,
+        line_width=0.001,
+    )
     stream.log("/world/camera", pinhole)
     seen = None if place.tag is None else place.body.tag_centre(place.tag)
     sight = [] if seen is None else [[T_world_camera[:3, 3], seen]]
@@ -147,30 +194,35 @@ def _strike(stream: rr.RecordingStream, card: Card, camera: CameraModel) -> None
 
 
 def card_text(card: Card) -> str:
-    """A card's words as Markdown."""
+    """Text of a card as Markdown."""
     strike = card.strike
     before = "Put it down as in the picture"
     if card.number > 1:
         before = "Put it back exactly as before" if card.repeated else card.change
-    told = "" if strike.phi_measured_sd_rad is None else f", told to ±{np.degrees(strike.phi_measured_sd_rad):.2f}°"
+    measured_sd = strike.phi_measured_sd_rad
+    precision = "" if measured_sd is None else f", measured to ±{np.degrees(measured_sd):.2f}°"
     return (
-        f"# {card.number}: {before}\n\n"
-        f"1. {card.put_down}\n2. {card.on_line}\n3. {card.set_striker}\n\n"
-        f"**{strike.tip_speed_m_s.target:.2f} m/s** ({strike.tip_speed_m_s.min:.2f} to {strike.tip_speed_m_s.max:.2f}); tips over at "
-        f"**{np.degrees(strike.phi_predicted_rad):.0f}° ± {np.degrees(strike.phi_predicted_sd_rad):.0f}°**{told}; "
-        f"needs friction µ of {strike.friction_needed:.2f} or more.\n\nstrike {strike.id}, axis {strike.axis_id}\n"
+        f"# {card.number}: {before}\n\n1. {card.put_down}\n2. {card.on_line}\n3. "
+        f"{card.set_striker}\n\n**{strike.tip_speed_m_s.target:.2f} m/s** ({strike.tip_speed_m_s.min:.2f} to "
+        f"{strike.tip_speed_m_s.max:.2f}); tips over at **{np.degrees(strike.phi_predicted_rad):.0f}° ± "
+        f"{np.degrees(strike.phi_predicted_sd_rad):.0f}°**{precision}; needs friction µ of "
+        f"{strike.friction_needed:.2f} or more.\n\nstrike {strike.id}, axis {strike.axis_id}\n"
     )
 
 
 def _layout(model: ObjectModel) -> rrb.Blueprint:
     size = float(model.extent.max())
-    # Behind the camera and to its right: it, what it looks at and the striker are in view.
+    # The eye is behind the camera and to its right, so that camera, object and striker are in view.
     eye = rrb.EyeControls3D(
-        position=(1.9 * size, -0.35 - 1.3 * size, 0.08 + 1.1 * size), look_target=(-0.1 * size, -0.14, 0.3 * size), eye_up=(0.0, 0.0, 1.0)
+        position=(1.9 * size, -0.35 - 1.3 * size, 0.08 + 1.1 * size),
+        look_target=(-0.1 * size, -0.14, 0.3 * size),
+        eye_up=(0.0, 0.0, 1.0),
     )
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Spatial3DView(origin="/world", name="Placement", background=_GROUND, eye_controls=eye, line_grid=False),
+            rrb.Spatial3DView(
+                origin="/world", name="Placement", background=_GROUND, eye_controls=eye, line_grid=False
+            ),
             rrb.TextDocumentView(origin="/card", name="Card"),
             column_shares=[2.2, 1],
         ),

@@ -1,4 +1,4 @@
-"""How a replay is laid out: a page for the answer, one per strike, one for the session."""
+"""Layout of a replay: one page for the answer, one per strike, one for the session."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ if TYPE_CHECKING:
 
 ANSWER, SESSION_PAGE = "answer", "session"
 VOXELS = "/result/voxels"
-_SIZE = 0.15
-"""m, of an object whose shape is not known yet"""
+_DEFAULT_SIZE_M = 0.15
+"""Size assumed for an object whose shape is not known yet."""
 
 
 @dataclass(frozen=True)
 class StrikePage:
-    """A strike as its page is called."""
+    """Name of a strike's page: the strike's id and its verdict."""
 
     strike_id: str
     verdict: str = ""
-    """"" while it is not known"""
+    """Empty if it is not known yet."""
 
 
 def timeline_of(page: str | None) -> str:
-    """The timeline that a page is seen on."""
+    """Timeline that a page uses."""
     return SESSION if page == SESSION_PAGE else SINCE_CONTACT
 
 
 def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None) -> rrb.Blueprint:
-    """The pages.
+    """Blueprint of all pages.
 
     Args:
-        pages: of the strikes, in their order.
-        front: the page that is seen first: ANSWER, SESSION_PAGE or a strike's id.
-        bounds: (2, 3) m, of the object in its frame, if they are known.
+        pages: pages of the strikes, in their order.
+        front: page shown first: ANSWER, SESSION_PAGE or a strike's id.
+        bounds: lower and upper bounds (2, 3) [m] of the object in its frame; None if not known yet.
     """
     names = [ANSWER, *(page.strike_id for page in pages), SESSION_PAGE]
-    reach = _SIZE if bounds is None else float(np.ptp(bounds, axis=0).max())
+    reach = _DEFAULT_SIZE_M if bounds is None else float(np.ptp(bounds, axis=0).max())
     return rrb.Blueprint(
         rrb.Tabs(
             _answer(np.zeros(3) if bounds is None else bounds.mean(axis=0), reach),
@@ -53,7 +53,13 @@ def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None)
             _session(loose=not pages),
             active_tab=names.index(front) if front in names else 0,
         ),
-        rrb.TimePanel(timeline=timeline_of(front), state="collapsed", playback_speed=0.1, loop_mode="all", play_state="paused"),
+        rrb.TimePanel(
+            timeline=timeline_of(front),
+            state="collapsed",
+            playback_speed=0.1,
+            loop_mode="all",
+            play_state="paused",
+        ),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
         auto_layout=False,
@@ -64,24 +70,45 @@ def layout(pages: Sequence[StrikePage], front: str, bounds: Array | None = None)
 def _strike(page: StrikePage, reach: float) -> rrb.Horizontal:
     root = strike_path(page.strike_id)
     eye = rrb.EyeControls3D(
-        position=(0.75 * reach, -1.9 * reach, 1.0 * reach), look_target=(0.1 * reach, 0.0, 0.36 * reach), eye_up=(0.0, 0.0, 1.0)
+        position=(0.75 * reach, -1.9 * reach, 1.0 * reach),
+        look_target=(0.1 * reach, 0.0, 0.36 * reach),
+        eye_up=(0.0, 0.0, 1.0),
     )
     legend, none = rrb.PlotLegend(corner=rrb.Corner2D.LeftTop), rrb.PlotLegend(visible=False)
     axis = rrb.TimeAxis(link="LinkToGlobal")
     return rrb.Horizontal(
         rrb.Vertical(
-            rrb.Spatial2DView(origin=f"{root}/camera", name="Camera: tag, fitted pose, pivot axis", background=GROUND),
-            rrb.Spatial3DView(origin=f"{root}/world", name="Scene", background=GROUND, eye_controls=eye, line_grid=False),
+            rrb.Spatial2DView(
+                origin=f"{root}/camera", name="Camera: tag, fitted pose, pivot axis", background=GROUND
+            ),
+            rrb.Spatial3DView(
+                origin=f"{root}/world", name="Scene", background=GROUND, eye_controls=eye, line_grid=False
+            ),
             row_shares=[1.2, 1],
         ),
         rrb.Vertical(
             rrb.TextDocumentView(origin=f"{root}/text", name="Verdict"),
-            rrb.TimeSeriesView(origin=f"{root}/theta", name="Tipping angle θ [°]", plot_legend=legend, axis_x=axis),
-            rrb.TimeSeriesView(origin=f"{root}/residual", name="Residual θ, measured − fitted [°]", plot_legend=none, axis_x=axis),
+            rrb.TimeSeriesView(
+                origin=f"{root}/theta", name="Tipping angle θ [°]", plot_legend=legend, axis_x=axis
+            ),
+            rrb.TimeSeriesView(
+                origin=f"{root}/residual",
+                name="Residual θ, measured − fitted [°]",
+                plot_legend=none,
+                axis_x=axis,
+            ),
             rrb.TimeSeriesView(origin=f"{root}/omega", name="Rate ω [°/s]", plot_legend=none, axis_x=axis),
-            rrb.TimeSeriesView(origin=f"{root}/alpha", name="Acceleration θ'' [°/s²], measured: smoothed", plot_legend=none, axis_x=axis),
+            rrb.TimeSeriesView(
+                origin=f"{root}/alpha",
+                name="Acceleration θ'' [°/s²]; measured: smoothed",
+                plot_legend=none,
+                axis_x=axis,
+            ),
             rrb.StateTimelineView(
-                origin=root, contents=[f"{root}/phases", f"{root}/striker"], name="Phases of the tip; striker", time_view=axis
+                origin=root,
+                contents=[f"{root}/phases", f"{root}/striker"],
+                name="Phases of the tip; striker",
+                time_view=axis,
             ),
             row_shares=[1.55, 2.9, 1.3, 1.6, 1.6, 1.35],
         ),
@@ -92,19 +119,25 @@ def _strike(page: StrikePage, reach: float) -> rrb.Horizontal:
 
 def _answer(centre: Array, reach: float) -> rrb.Horizontal:
     eye = rrb.EyeControls3D(
-        position=tuple(centre + reach * np.array([0.95, -1.25, 0.5])), look_target=tuple(centre), eye_up=(0.0, 0.0, 1.0)
+        position=tuple(centre + reach * np.array([0.95, -1.25, 0.5])),
+        look_target=tuple(centre),
+        eye_up=(0.0, 0.0, 1.0),
     )
     return rrb.Horizontal(
         rrb.Vertical(
             rrb.Spatial3DView(
                 origin="/result",
-                name="Where the equi-planes meet is the centre of mass; dots: regions",
+                name="Centre of mass: where the equi-planes meet; dots: regions",
                 background=GROUND,
                 eye_controls=eye,
                 line_grid=False,
                 overrides={VOXELS: rrb.EntityBehavior(visible=False)},
             ),
-            rrb.TimeSeriesView(origin="/all", name="All strikes: θ [°]", plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop)),
+            rrb.TimeSeriesView(
+                origin="/all",
+                name="All strikes: θ [°]",
+                plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
+            ),
             row_shares=[2.4, 1],
         ),
         rrb.TextDocumentView(origin="/summary", name="Answer"),
@@ -118,15 +151,23 @@ def _session(*, loose: bool) -> rrb.Horizontal:
         rrb.Vertical(
             rrb.TextDocumentView(origin="/session/text", name="Camera and clocks"),
             rrb.StateTimelineView(
-                origin="/session", contents=["/session/state", "/session/striker"], name="Session and striker (timeline: session)"
+                origin="/session",
+                contents=["/session/state", "/session/striker"],
+                name="Session and striker (timeline: session)",
             ),
-            rrb.TimeSeriesView(origin="/session/lost", name="Frames lost since the start (timeline: session)"),
+            rrb.TimeSeriesView(
+                origin="/session/lost", name="Frames lost since the start (timeline: session)"
+            ),
             rrb.TimeSeriesView(origin="/session/clock", name="Clocks [µs] (timeline: session)"),
             row_shares=[1.1, 1.1, 1, 1.4],
         ),
         rrb.Vertical(
             rrb.TextLogView(origin="/log", name="Events"),
-            *([rrb.Spatial2DView(origin="/session/camera", name="Camera", background=GROUND)] if loose else []),
+            *(
+                [rrb.Spatial2DView(origin="/session/camera", name="Camera", background=GROUND)]
+                if loose
+                else []
+            ),
         ),
         column_shares=[1.3, 1],
         name="Session",

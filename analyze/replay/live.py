@@ -1,4 +1,4 @@
-"""A recording that is still being written, as far as it has come: what was noted, strikes as they are recorded, their images."""
+"""Reader of a recording that is still being written: messages, strikes as they arrive, their images."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import SessionManifest
 from schemas.strike_plan import StrikePlan
 
-_KEEP_NS = 120_000_000_000
-"""images are kept so long for a strike that may yet be told"""
+_IMAGE_RETENTION_NS = 120_000_000_000
+"""Time for which images are kept for a strike whose record has not arrived yet."""
 
 
 class LiveRecording:
-    """A growing recording. `poll`, then ask for what is there; images older than the strikes that were told are let go."""
+    """Growing recording: `poll` reads what was added, `forget_until` releases images no longer needed."""
 
     def __init__(self, path: Path) -> None:
         self._series = FollowedSeries(path)
@@ -29,7 +29,7 @@ class LiveRecording:
         self._metas: deque[pb.FrameMeta] = deque()
         self._meta_ns: deque[int] = deque()
         self.strikes: list[pb.StrikeRecord] = []
-        """as far as they are told"""
+        """Strikes whose records have arrived."""
 
     def __enter__(self) -> LiveRecording:
         return self
@@ -39,25 +39,25 @@ class LiveRecording:
 
     @property
     def path(self) -> Path:
-        """Of the present file."""
+        """Path of the current file."""
         return self._series.path
 
     @property
     def ready(self) -> bool:
-        """Whether its head was written."""
+        """True if manifest and plan have been written."""
         return self._series.manifest is not None and self._series.plan is not None
 
     @property
     def finished(self) -> bool:
-        """Whether the present file was ended; of a continuous recording another may follow."""
+        """True if the current file is complete; in a continuous recording another file may follow."""
         return self._series.finished
 
     @property
     def manifest(self) -> SessionManifest:
-        """Of the present file.
+        """Manifest of the current file.
 
         Raises:
-            RecordingError: it is not there yet.
+            RecordingError: the manifest has not been written yet.
         """
         if self._series.manifest is None:
             raise RecordingError(f"{self.path}: ends before its manifest")
@@ -65,10 +65,10 @@ class LiveRecording:
 
     @property
     def plan(self) -> StrikePlan:
-        """The plan that is carried out.
+        """Plan of the session.
 
         Raises:
-            RecordingError: it is not there yet.
+            RecordingError: the plan has not been written yet.
         """
         plan = self._series.plan
         if plan is None:
@@ -77,19 +77,19 @@ class LiveRecording:
 
     @property
     def object_spec(self) -> ObjectSpec:
-        """The object as the user described it."""
+        """Object description, as given by the user."""
         return self.manifest.object
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """The object's shape file, None for a primitive."""
+        """Contents of the object's shape file; None for a primitive."""
         return self._series.shape_bytes
 
     def poll(self) -> tuple[list[RecordedMessage], list[pb.StrikeRecord]]:
-        """Messages on small topics and strikes since the last call. Does not wait.
+        """Read the messages on small topics and the strikes since the last call, without waiting.
 
         Raises:
-            RecordingError: what is there is damaged, or not a recording.
+            RecordingError: the file is damaged, or not a recording.
         """
         small: list[RecordedMessage] = []
         strikes: list[pb.StrikeRecord] = []
@@ -106,12 +106,14 @@ class LiveRecording:
             else:
                 small.append(message)
         self.strikes += strikes
-        while self._images and self._images[-1].log_time_ns - self._images[0].log_time_ns > _KEEP_NS:
+        while (
+            self._images and self._images[-1].log_time_ns - self._images[0].log_time_ns > _IMAGE_RETENTION_NS
+        ):
             self._images.popleft()
         return small, strikes
 
     def forget_until(self, time_ns: int) -> None:
-        """Let go of images up to then."""
+        """Release images and frame metadata up to and including `time_ns`."""
         while self._images and self._images[0].log_time_ns <= time_ns:
             self._images.popleft()
         while self._meta_ns and self._meta_ns[0] <= time_ns:
@@ -119,13 +121,15 @@ class LiveRecording:
             self._metas.popleft()
 
     def frame_meta(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
-        """One per frame that arrived, of the first camera."""
+        """Metadata of each frame of the first camera, within the given log times [ns]."""
         for time_ns, meta in zip(list(self._meta_ns), list(self._metas), strict=True):
             if (start_ns is None or time_ns >= start_ns) and (end_ns is None or time_ns <= end_ns):
                 yield meta
 
     def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
-        """Images by time, of the first camera."""
+        """Images of the first camera in order of time, within the given log times [ns]."""
         for message in sorted(self._images, key=lambda each: each.log_time_ns):
-            if (start_ns is None or message.log_time_ns >= start_ns) and (end_ns is None or message.log_time_ns <= end_ns):
+            if (start_ns is None or message.log_time_ns >= start_ns) and (
+                end_ns is None or message.log_time_ns <= end_ns
+            ):
                 yield self._series.image(message)

@@ -1,4 +1,4 @@
-"""What is drawn over the camera's image: the object as the fit has it, and the pivot axis. Plain arrays, in raw pixels."""
+"""Overlay on the camera's image, in raw pixels: the object at the fitted angle, and the pivot axis."""
 
 from __future__ import annotations
 
@@ -18,57 +18,76 @@ if TYPE_CHECKING:
     from analyze.types import Array, CameraModel, IntArray, Marker, MarkerTrack
     from schemas.strike_plan import PlannedStrike
 
-_MOST_EDGES = 60
-"""a body with more has no wireframe that could be read: its outline is drawn"""
-_FEW = 3
-"""frames at rest, with fewer nothing is known of the rest pose"""
-_NEAR = 0.02
-"""m before the camera: what lies nearer is not drawn"""
+_MAX_WIREFRAME_EDGES = 60
+"""Of a body with more sharp edges the outline is drawn: its wireframe would be unreadable."""
+_MIN_REST_FRAMES = 3
+"""Least number of frames at rest from which a rest pose is computed."""
+_MIN_DEPTH_M = 0.02
+"""Depth in front of the camera below which points are not drawn."""
 
 
 def pose_at_rest(
-    planned: PlannedStrike, tracks: Sequence[MarkerTrack], markers: Sequence[Marker], camera: CameraModel, contact_ns: int
+    planned: PlannedStrike,
+    tracks: Sequence[MarkerTrack],
+    markers: Sequence[Marker],
+    camera: CameraModel,
+    contact_ns: int,
 ) -> tuple[Array, Array]:
-    """R_world_object (3, 3) and p_world_object (3,) m at rest, as its markers show it; as planned where none of a known place does.
+    """R_world_object (3, 3) and p_world_object (3,) [m] at rest, measured from the markers.
 
-    The same rest pose from which theta is measured (motion/tip_angle.py).
+    It is the rest pose from which theta is measured (motion/tip_angle.py). Without a marker of known place on
+    the object, it is the planned pose.
     """
-    R_planned, p_planned = np.array(planned.R_world_object, dtype=float), np.array(planned.p_world_object, dtype=float)
+    R_planned, p_planned = (
+        np.array(planned.R_world_object, dtype=float),
+        np.array(planned.p_world_object, dtype=float),
+    )
     by_id = {marker.id: marker for marker in markers}
     ends = rest_end(tracks, contact_ns) if tracks else 0
     found: list[tuple[int, Array, Array]] = []
     for track in tracks:
         marker, still = by_id.get(track.marker_id), track.time_ns < ends
-        if marker is None or marker.T_object_marker is None or np.count_nonzero(still) < _FEW:
+        if marker is None or marker.T_object_marker is None or np.count_nonzero(still) < _MIN_REST_FRAMES:
             continue
         R, p = rest_pose(undistort(camera, track.corners_px)[still], track, still, marker, camera, R_planned)
         R_world_marker = camera.T_world_camera[:3, :3] @ R
         p_world_marker = camera.T_world_camera[:3, :3] @ p + camera.T_world_camera[:3, 3]
         R_world_object = R_world_marker @ marker.T_object_marker[:3, :3].T
-        found.append((int(np.count_nonzero(still)), R_world_object, p_world_marker - R_world_object @ marker.T_object_marker[:3, 3]))
+        found.append(
+            (
+                int(np.count_nonzero(still)),
+                R_world_object,
+                p_world_marker - R_world_object @ marker.T_object_marker[:3, 3],
+            )
+        )
     if not found:
         return R_planned, p_planned
     _, R_best, p_best = max(found, key=lambda each: each[0])
     return R_best, p_best
 
 
-def pixels(camera: CameraModel, points_world: Array) -> Array:
-    """Raw pixels (..., 2) of points in W (..., 3) [m]; NaN behind the camera."""
+def project_to_pixels(camera: CameraModel, points_world: Array) -> Array:
+    """Raw pixels (..., 2) of points (..., 3) [m] in W; NaN for points behind the camera."""
     R, t = world_to_camera(camera)
     in_camera = points_world @ R.T + t
-    near = in_camera[..., 2] < _NEAR
+    near = in_camera[..., 2] < _MIN_DEPTH_M
     drawn = project(camera, np.where(near[..., None], [0.0, 0.0, 1.0], in_camera))
     return np.where(near[..., None], np.nan, drawn)
 
 
 def wireframe(model: ObjectModel, camera: CameraModel, R: Array, p: Array) -> list[list[Array]]:
-    """Lines (m, 2) px of the object in each of the poses R (n, 3, 3), p (n, 3): sharp edges where they are few, else the outline."""
+    """Lines (m, 2) [px] of the object in each of the poses R (n, 3, 3), p (n, 3).
+
+    The lines are the sharp edges if there are few of them, else the outline.
+    """
     edges = sharp_edges(model.vertices, model.faces)
     turned = np.swapaxes(R, 1, 2)
-    if 0 < len(edges) <= _MOST_EDGES:
-        drawn = pixels(camera, np.array(edges) @ turned[:, None] + p[:, None, None])
+    if 0 < len(edges) <= _MAX_WIREFRAME_EDGES:
+        drawn = project_to_pixels(camera, np.array(edges) @ turned[:, None] + p[:, None, None])
         return [[line for line in lines if np.all(np.isfinite(line))] for lines in drawn]
-    return [_outline(points) for points in pixels(camera, model.hull_vertices @ turned + p[:, None])]
+    return [
+        _outline(points) for points in project_to_pixels(camera, model.hull_vertices @ turned + p[:, None])
+    ]
 
 
 def _outline(points: Array) -> list[Array]:
@@ -80,14 +99,17 @@ def _outline(points: Array) -> list[Array]:
 
 
 def axis_line(camera: CameraModel, pivot: Array, half_length: float) -> Array:
-    """Raw pixels (m, 2) of the pivot axis through `pivot` (3,) m in W, as far as it lies before the camera; the near end first."""
+    """Raw pixels (m, 2) of the pivot axis through `pivot` (3,) [m] in W, near end first.
+
+    Points behind the camera are left out.
+    """
     along = np.linspace(-half_length, half_length, 24)[:, None] * np.array([0.0, 1.0, 0.0])
-    line = pixels(camera, pivot + along)
+    line = project_to_pixels(camera, pivot + along)
     return line[np.all(np.isfinite(line), axis=1)]
 
 
 def sharp_edges(vertices: Array, faces: IntArray) -> list[Array]:
-    """Edges (2, 3) between faces that meet at more than 20 degrees."""
+    """Edges, each (2, 3) [m], between faces whose normals differ by more than 20 degrees."""
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)

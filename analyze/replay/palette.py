@@ -1,7 +1,7 @@
-"""Colours of a replay: safe for colour-blind eyes (Okabe & Ito 2008), lightened for a dark ground."""
+"""Colours of a replay: safe for colour-blind viewers (Okabe & Ito 2008), lightened for a dark ground."""
 
 Colour = tuple[int, int, int]
-"""red, green, blue"""
+"""Red, green and blue, 0 to 255."""
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY = (
     (86, 160, 230),
@@ -16,7 +16,13 @@ BRIGHT = (255, 64, 54)
 GREY = (170, 178, 190)
 GROUND = (22, 25, 30)
 TABLE = (96, 82, 66)
-PHASES = {"rest": 0x5A6470FF, "strike": 0xE6642CFF, "stage_one": 0x3D8FDDFF, "stage_two": 0x2FA97BFF, "landing": 0xC878A8FF}
+PHASES = {
+    "rest": 0x5A6470FF,
+    "strike": 0xE6642CFF,
+    "stage_one": 0x3D8FDDFF,
+    "stage_two": 0x2FA97BFF,
+    "landing": 0xC878A8FF,
+}
 STRIKER = {
     "homed": 0x4A525CFF,
     "armed": 0x5A6470FF,

@@ -1,4 +1,4 @@
-"""A picture of a replay, made without a screen."""
+"""Screenshots of a replay from a viewer without a screen."""
 
 from __future__ import annotations
 
@@ -10,46 +10,50 @@ from pathlib import Path
 from rerun.experimental import ViewerClient
 
 from analyze.replay.timelines import SINCE_CONTACT
-from analyze.replay.viewer import ReplayError, Viewer, native
+from analyze.replay.viewer import ReplayError, Viewer, native_viewer
 
-_LOADS_S, _SETTLES_S, _TRIES = 60.0, 1.5, 4
+_LOAD_TIMEOUT_S, _DRAWING_TIME_S, _SAVE_ATTEMPTS = 60.0, 1.5, 4
 
 
 def screenshot(rrd: Path, picture: Path, seconds: float = 0.2, timeline: str = SINCE_CONTACT) -> None:
-    """Write a PNG of the replay's front page at a moment on a timeline (needs a Vulkan driver; Mesa's software one will do).
+    """Write a PNG of the replay's front page at a time [s] on a timeline.
+
+    This needs a Vulkan driver; Mesa's software driver is sufficient.
 
     Raises:
         ReplayError: the viewer does not start, or shows nothing.
     """
-    with showing(rrd) as client:
+    with headless_viewer(rrd) as client:
         client.set_time(timeline, duration=seconds, play_state="paused")
-        # the viewer answers before its views have drawn what they loaded
-        time.sleep(_SETTLES_S)
+        # The viewer answers before its views have drawn the loaded data.
+        time.sleep(_DRAWING_TIME_S)
         _save(client, picture.resolve())
     if not picture.exists():
         raise ReplayError(f"{picture}: rerun's viewer wrote no picture: is the folder writable?")
 
 
 @contextmanager
-def showing(rrd: Path) -> Iterator[ViewerClient]:
-    """A viewer without a screen that has loaded a file.
+def headless_viewer(rrd: Path) -> Iterator[ViewerClient]:
+    """Run a viewer without a screen that has loaded a file.
 
     Raises:
-        ReplayError: it does not start, or what it is asked in this context fails.
+        ReplayError: the viewer does not start, or a request to it fails within this context.
     """
-    with native(rrd.stat().st_size, [rrd], headless=True) as viewer:
+    with native_viewer(rrd.stat().st_size, [rrd], headless=True) as viewer:
         viewer.wait_until_ready()
         try:
             yield _loaded(viewer)
         except (RuntimeError, OSError) as error:
             if viewer.ended():
                 raise ReplayError(viewer.why_ended()) from None
-            raise ReplayError(f"rerun's viewer: {error}: is a Vulkan driver installed (mesa-vulkan-drivers)?") from None
+            raise ReplayError(
+                f"rerun's viewer: {error}: is a Vulkan driver installed (mesa-vulkan-drivers)?"
+            ) from None
 
 
 def _save(client: ViewerClient, picture: Path) -> None:
-    """The viewer gives itself 15 s; a software renderer on a busy computer may need more."""
-    for left in reversed(range(_TRIES)):
+    """Save a screenshot, with retries: the viewer's limit of 15 s can be too short for software rendering."""
+    for left in reversed(range(_SAVE_ATTEMPTS)):
         try:
             client.save_screenshot(str(picture))
         except RuntimeError:
@@ -60,8 +64,8 @@ def _save(client: ViewerClient, picture: Path) -> None:
 
 
 def _loaded(viewer: Viewer) -> ViewerClient:
-    """A connection, once the viewer has loaded the recording."""
-    ends = time.monotonic() + _LOADS_S
+    """Connect to the viewer and wait until it has loaded the recording."""
+    deadline = time.monotonic() + _LOAD_TIMEOUT_S
     while True:
         try:
             client = ViewerClient.connect(viewer.url)
@@ -69,8 +73,8 @@ def _loaded(viewer: Viewer) -> ViewerClient:
             if state.active_recording is not None and not state.loading:
                 return client
         except (RuntimeError, OSError):
-            if viewer.ended() or time.monotonic() > ends:
+            if viewer.ended() or time.monotonic() > deadline:
                 raise
-        if time.monotonic() > ends:
+        if time.monotonic() > deadline:
             raise RuntimeError("does not show the recording")
         time.sleep(0.2)

@@ -1,7 +1,7 @@
-"""Images of a strike: thinned and as JPEG, unless more is asked.
+"""Images of a strike, by default reduced in rate and encoded as JPEG.
 
-rerun 0.41 draws no encoded image at a negative time, which frames before the contact have: a few of them go along as plain images, under
-the others.
+rerun 0.41 does not draw encoded images at negative times, which frames before the contact have. A few of
+those frames are therefore sent as plain images as well, drawn beneath the others.
 """
 
 from __future__ import annotations
@@ -19,29 +19,30 @@ if TYPE_CHECKING:
     from analyze.types import ImageFrame
 
 FRAME_RATE = 60.0
-"""Hz, of what is shown of faster cameras"""
-_QUALITY = 82
-_MOST_BEFORE = 10
-"""plain images before the contact, where the object rests: each is as large as the camera's"""
+"""Rate [Hz] to which faster cameras are reduced."""
+_JPEG_QUALITY = 82
+_MAX_PLAIN_IMAGES = 10
+"""Most plain images before the contact, where the object rests: each has the full size of the camera's
+image."""
 _BATCH = 24
-"""images sent at once: few enough that the first are there soon"""
-_UNDER = -11.0
-"""images are drawn at -10"""
+"""Images sent at once: few, so that the first ones arrive soon."""
+_DRAW_ORDER_BENEATH = -11.0
+"""rerun draws images at order -10."""
 _PNG_FAST = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY]
 
 
 @dataclass(frozen=True)
 class ImageChoice:
-    """Which images are shown, and how."""
+    """Selection and encoding of the images."""
 
     every_frame: bool = False
-    """False: at most `FRAME_RATE`"""
+    """True to send all frames, False to send at most `FRAME_RATE` per second."""
     lossless: bool = False
-    """PNG; False: JPEG"""
+    """True for PNG, False for JPEG."""
 
 
 def thinned(frames: Iterable[ImageFrame], rate_hz: float) -> Iterator[ImageFrame]:
-    """Frames at most so often."""
+    """Frames at a rate of at most `rate_hz`."""
     shown_ns: int | None = None
     for frame in frames:
         if shown_ns is None or frame.time_ns - shown_ns >= 0.9e9 / rate_hz:
@@ -50,20 +51,24 @@ def thinned(frames: Iterable[ImageFrame], rate_hz: float) -> Iterator[ImageFrame
 
 
 def send_pictures(
-    timelines: Timelines, path: str, frames: Iterable[ImageFrame], contact_ns: int | None, choice: ImageChoice | None = None
+    timelines: Timelines,
+    path: str,
+    frames: Iterable[ImageFrame],
+    contact_ns: int | None,
+    choice: ImageChoice | None = None,
 ) -> int:
-    """Send images as they come; how many there were.
+    """Send images as they are read, and return their number.
 
     Raises:
-        RecordingError: whatever reading `frames` raises; what came before it is sent.
+        RecordingError: reading `frames` failed; the images before the failure are sent.
     """
     choice = choice or ImageChoice()
     waiting: list[tuple[int, bytes]] = []
-    before: _Before | None = None
+    before: _ImagesBeforeContact | None = None
     count = 0
     try:
         for frame in frames if choice.every_frame else thinned(frames, FRAME_RATE):
-            before = before or _Before(timelines, f"{path}_before", frame, contact_ns, choice)
+            before = before or _ImagesBeforeContact(timelines, f"{path}_before", frame, contact_ns, choice)
             before.take(frame)
             waiting.append((frame.time_ns, _encoded(frame.image, choice)))
             count += 1
@@ -75,22 +80,28 @@ def send_pictures(
     return count
 
 
-class _Before:
-    """Plain images until the contact."""
+class _ImagesBeforeContact:
+    """Sender of a few plain images before the contact."""
 
-    def __init__(self, timelines: Timelines, path: str, first: ImageFrame, contact_ns: int | None, choice: ImageChoice) -> None:
+    def __init__(
+        self, timelines: Timelines, path: str, first: ImageFrame, contact_ns: int | None, choice: ImageChoice
+    ) -> None:
         self._timelines, self._path, self._contact_ns = timelines, path, contact_ns
         self._next_ns = first.time_ns
-        self._step_ns = 0 if contact_ns is None or choice.every_frame else max(0, contact_ns - first.time_ns) // _MOST_BEFORE
+        self._step_ns = (
+            0
+            if contact_ns is None or choice.every_frame
+            else max(0, contact_ns - first.time_ns) // _MAX_PLAIN_IMAGES
+        )
         if contact_ns is not None and first.time_ns < contact_ns:
-            timelines.stream.log(path, rr.Image.from_fields(draw_order=_UNDER), static=True)
+            timelines.stream.log(path, rr.Image.from_fields(draw_order=_DRAW_ORDER_BENEATH), static=True)
 
     def take(self, frame: ImageFrame) -> None:
-        """Send it, if it is time for one."""
+        """Send the frame if the next plain image is due."""
         if self._contact_ns is None or not self._next_ns <= frame.time_ns < self._contact_ns:
             return
         self._next_ns = frame.time_ns + self._step_ns
-        self._timelines.at(frame.time_ns, self._contact_ns)
+        self._timelines.set_time(frame.time_ns, self._contact_ns)
         self._timelines.stream.log(self._path, rr.Image(frame.image))
 
 
@@ -98,16 +109,22 @@ def _encoded(image: np.ndarray, choice: ImageChoice) -> bytes:
     if choice.lossless:
         _, data = cv2.imencode(".png", image, _PNG_FAST)
     else:
-        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
     return data.tobytes()
 
 
-def _send(timelines: Timelines, path: str, images: list[tuple[int, bytes]], contact_ns: int | None, choice: ImageChoice) -> None:
+def _send(
+    timelines: Timelines,
+    path: str,
+    images: list[tuple[int, bytes]],
+    contact_ns: int | None,
+    choice: ImageChoice,
+) -> None:
     if not images:
         return
     kind = "image/png" if choice.lossless else "image/jpeg"
     timelines.stream.send_columns(
         path,
-        indexes=timelines.columns(np.array([time_ns for time_ns, _ in images]), contact_ns),
+        indexes=timelines.time_columns(np.array([time_ns for time_ns, _ in images]), contact_ns),
         columns=rr.EncodedImage.columns(blob=[data for _, data in images], media_type=[kind] * len(images)),
     )

@@ -1,6 +1,6 @@
-"""Replays a recording: what is sent, in which order.
+"""Replay of a recording: the order in which its parts are sent.
 
-The first strike's images go out before anything that computes is loaded.
+The first strike's images are sent before any numerical module is imported.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from analyze.reading.recording import Recording
 from analyze.replay.layout import ANSWER, SESSION_PAGE
 from analyze.replay.live import LiveRecording
 from analyze.replay.pictures import send_pictures, thinned
-from analyze.replay.place import STILL_S, Place, is_fresh
+from analyze.replay.recording_file import STILL_S, RecordingFile, is_fresh
 from analyze.replay.sender import ReplayOptions, Sender
-from analyze.replay.session_scene import NOTED, send_health, send_note
-from analyze.replay.source import open_as_far_as_it_goes
+from analyze.replay.session_scene import LOGGED_TOPICS, send_health, send_note
+from analyze.replay.source import open_readable_part
 from analyze.replay.timelines import Timelines
 from analyze.replay.viewer import ReplayError
 
@@ -37,54 +37,58 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Replayed:
-    """How it went."""
+class ReplayResult:
+    """Outcome of a replay."""
 
     problems: list[str]
-    """what is wrong with the recording, a line each: what could not be read, else why there is no answer"""
+    """Problems, one line each: damage of the recording, else the reason why there is no answer."""
     moment_s: float
-    """since contact, that shows something"""
+    """Time since contact [s] at which the front page shows a tipping object."""
 
 
 APPLICATION = "percuss"
 Progress = Callable[[str, int, int], None]
 _POLL_S = 0.1
 _NEXT_FILE_S = 2.0
-"""within which a continuous recording's next file appears"""
-_LOOSE_RATE, _MOST_LOOSE = 5.0, 600
-"""Hz, and images, of a recording without strikes"""
+"""Time within which the next file of a continuous recording appears."""
+_LOOSE_RATE_HZ, _MAX_LOOSE_IMAGES = 5.0, 600
+"""Rate and greatest number of images sent of a recording without strikes."""
 
 
-def replay_recording(place: Place, target: Target, options: ReplayOptions, progress: Progress) -> Replayed:
-    """Send a recording; of one that is still being written each strike as it is recorded.
+def replay_recording(
+    place: RecordingFile, target: Target, options: ReplayOptions, progress: Progress
+) -> ReplayResult:
+    """Send a recording to a target; if it is still being written, follow it strike by strike.
 
     Args:
-        place: where it lies.
-        target: where it is sent.
-        options: the user's.
+        place: file of the recording.
+        target: destination.
+        options: options given by the user.
         progress: called with (text, done, total).
 
     Raises:
-        RecordingError: there is nothing to be replayed.
-        ReplayError: the target does not take it.
+        RecordingError: nothing of the recording can be read.
+        ReplayError: the target does not accept data.
     """
     if place.growing:
         return _follow(place.path, target, options, progress)
-    recording, damage = open_as_far_as_it_goes(place.path)
+    recording, damage = open_readable_part(place.path)
     with recording:
         return _whole(recording, damage, target, options, progress)
 
 
 @dataclass(frozen=True)
 class _Show:
-    """A replay that has begun."""
+    """Running replay: its stream, timelines and sender."""
 
     stream: rr.RecordingStream
     timelines: Timelines
     sender: Sender
 
 
-def _begin(manifest: SessionManifest, path: Path, origin_ns: int, target: Target, options: ReplayOptions) -> _Show:
+def _begin(
+    manifest: SessionManifest, path: Path, origin_ns: int, target: Target, options: ReplayOptions
+) -> _Show:
     stream = rr.RecordingStream(APPLICATION, recording_id=manifest.recording_id)
     target.connect(stream)
     name = path.name.removesuffix(PART_SUFFIX).removesuffix(".mcap")
@@ -93,22 +97,24 @@ def _begin(manifest: SessionManifest, path: Path, origin_ns: int, target: Target
     return _Show(stream, timelines, Sender(timelines, name, options))
 
 
-def _whole(recording: Recording, damage: str | None, target: Target, options: ReplayOptions, progress: Progress) -> Replayed:
+def _whole(
+    recording: Recording, damage: str | None, target: Target, options: ReplayOptions, progress: Progress
+) -> ReplayResult:
     records = recording.strikes
     _refuse_unknown(recording, options)
     origin_ns = min((record.window_start_ns for record in records), default=0) or _first_time(recording)
     show = _begin(recording.manifest, recording.path, origin_ns, target, options)
     if damage is not None:
         show.sender.damage.append(damage)
-    show.sender.announce(records, more=False)
+    show.sender.add_pages(records, more=False)
     for done, record in enumerate(records):
         progress(f"strike {record.strike_id}", done, len(records) + 1)
-        show.sender.pictures(recording, record)
+        show.sender.send_images(recording, record)
         if done == 0:
             _notes(recording, show)
             target.first_strike_sent(show.stream)
         target.check()
-        show.sender.read(recording, record, more=False)
+        show.sender.analyse_strike(recording, record, more=False)
         recording.release_memory()
     if not records:
         _loose_pictures(recording, show, options)
@@ -117,7 +123,7 @@ def _whole(recording: Recording, damage: str | None, target: Target, options: Re
     return _end(recording, show, target, progress)
 
 
-def _follow(path: Path, target: Target, options: ReplayOptions, progress: Progress) -> Replayed:
+def _follow(path: Path, target: Target, options: ReplayOptions, progress: Progress) -> ReplayResult:
     show: _Show | None = None
     damage: str | None = None
     grown = time.monotonic()
@@ -127,7 +133,7 @@ def _follow(path: Path, target: Target, options: ReplayOptions, progress: Progre
             if show is None and live.ready and (small or strikes):
                 origin_ns = min([message.log_time_ns for message in small] or [strikes[0].window_start_ns])
                 show = _begin(live.manifest, live.path, origin_ns, target, options)
-                show.sender.announce([], more=True)
+                show.sender.add_pages([], more=True)
             if show is not None:
                 _send_live(live, small, strikes, show, target, progress)
             if small or strikes:
@@ -139,16 +145,19 @@ def _follow(path: Path, target: Target, options: ReplayOptions, progress: Progre
             if live.finished and time.monotonic() - grown > _NEXT_FILE_S:
                 break
             if not live.finished and not is_fresh(live.path):
-                damage = f"{live.path}: ends early: it has not grown for {STILL_S:.0f} s: `acquire recover {live.path} -o NEW.mcap`"
+                damage = (
+                    f"{live.path}: ends early: it has not grown for {STILL_S:.0f} s: "
+                    f"run `acquire recover {live.path} -o NEW.mcap`"
+                )
             time.sleep(_POLL_S)
         last = live.path
     whole = last.with_suffix("") if last.suffix == PART_SUFFIX else last
-    recording, wrong = open_as_far_as_it_goes(whole if whole.exists() else last)
+    recording, wrong = open_readable_part(whole if whole.exists() else last)
     with recording:
         if show is None:
             return _whole(recording, damage or wrong, target, options, progress)
-        if (said := damage or wrong) is not None:
-            show.sender.damage.append(said)
+        if (problem := damage or wrong) is not None:
+            show.sender.damage.append(problem)
         return _end(recording, show, target, progress)
 
 
@@ -161,7 +170,7 @@ def _send_live(
     progress: Progress,
 ) -> None:
     for message in small:
-        if message.topic in NOTED:
+        if message.topic in LOGGED_TOPICS:
             try:
                 send_note(show.timelines, message, live.strikes)
             except RecordingError as error:
@@ -169,15 +178,15 @@ def _send_live(
     for record in strikes:
         count = len(live.strikes)
         progress(f"strike {record.strike_id}", count - 1, count)
-        show.sender.announce([record], more=True)
-        show.sender.pictures(live, record)
+        show.sender.add_pages([record], more=True)
+        show.sender.send_images(live, record)
         target.first_strike_sent(show.stream)
-        show.sender.read(live, record, more=True)
+        show.sender.analyse_strike(live, record, more=True)
         live.forget_until(record.window_end_ns)
         target.first_strike_sent(show.stream)
 
 
-def _end(recording: Recording, show: _Show, target: Target, progress: Progress) -> Replayed:
+def _end(recording: Recording, show: _Show, target: Target, progress: Progress) -> ReplayResult:
     from analyze.pipeline.evidence import head_of
 
     count = len(recording.strikes)
@@ -186,18 +195,21 @@ def _end(recording: Recording, show: _Show, target: Target, progress: Progress) 
         send_health(show.timelines, recording)
     except RecordingError as error:
         show.sender.damage.append(str(error))
-    show.sender.answer(head_of(recording))
+    show.sender.send_answer(head_of(recording))
     target.sent(show.stream)
     problems = show.sender.no_answer
     if show.sender.damage:
         problems = [f"{show.sender.damage[0]} (replayed as far as it can be read: {count} strikes)"]
-    return Replayed(problems, show.sender.moment())
+    return ReplayResult(problems, show.sender.shown_moment_s())
 
 
 def _refuse_unknown(recording: Recording, options: ReplayOptions) -> None:
     strikes = [record.strike_id for record in recording.strikes]
     for strike_id in sorted(options.exclude - set(strikes)):
-        raise ReplayError(f"{recording.path}: no strike {strike_id!r} to exclude: its strikes are {', '.join(strikes) or 'none'}")
+        raise ReplayError(
+            f"{recording.path}: no strike {strike_id!r} to exclude: its strikes are "
+            f"{', '.join(strikes) or 'none'}"
+        )
     pages = [ANSWER, *strikes, SESSION_PAGE]
     if options.page is not None and options.page not in pages:
         raise ReplayError(f"{recording.path}: has no page {options.page!r}: choose one of {', '.join(pages)}")
@@ -209,7 +221,7 @@ def _first_time(recording: Recording) -> int:
 
 def _notes(recording: Recording, show: _Show) -> None:
     try:
-        for topic in NOTED:
+        for topic in LOGGED_TOPICS:
             for message in recording.messages(topic):
                 send_note(show.timelines, message, recording.strikes)
     except RecordingError as error:
@@ -217,9 +229,9 @@ def _notes(recording: Recording, show: _Show) -> None:
 
 
 def _loose_pictures(recording: Recording, show: _Show, options: ReplayOptions) -> None:
-    """Images of a recording that was cut before its first strike was told."""
+    """Send images of a recording that was cut before the record of its first strike."""
     try:
-        frames = islice(thinned(recording.images(), _LOOSE_RATE), _MOST_LOOSE)
+        frames = islice(thinned(recording.images(), _LOOSE_RATE_HZ), _MAX_LOOSE_IMAGES)
         send_pictures(show.timelines, "/session/camera", frames, None, options.images)
     except RecordingError as error:
         show.sender.damage.append(str(error))

@@ -1,4 +1,4 @@
-"""Opens what is to be replayed, as far as it can be read."""
+"""Opening of a recording for replay, including damaged ones."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def open_as_far_as_it_goes(path: Path) -> tuple[Recording, str | None]:
-    """The recording, and in one line what is wrong with it; None where nothing is.
+def open_readable_part(path: Path) -> tuple[Recording, str | None]:
+    """Open a recording as far as it can be read; the text names its damage in one line, or is None.
 
     Raises:
-        RecordingError: there is nothing to be read, or it is of another major schema version.
+        RecordingError: nothing can be read, or the file has another major schema version.
     """
     try:
         recording = open_recording(path)
@@ -23,7 +23,7 @@ def open_as_far_as_it_goes(path: Path) -> tuple[Recording, str | None]:
         raise
     except RecordingError as error:
         return open_partial(path), str(error)
-    # A damaged index of the strikes hides what a walk through the file still finds.
+    # Where the index of the strikes is damaged, a walk through the file still finds them.
     try:
         _ = recording.strikes
     except RecordingError as error:

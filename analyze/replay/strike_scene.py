@@ -1,4 +1,4 @@
-"""One strike in a replay: its images with what was found in them, its curves and bands, the body in space."""
+"""Page of one strike: detected tags and fitted pose over its images, curves, phases, and the 3D scene."""
 
 from __future__ import annotations
 
@@ -18,30 +18,38 @@ from analyze.replay.words import strike_text
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from analyze.replay.body import Body
+    from analyze.replay.body import SceneInputs
     from analyze.replay.timelines import Timelines
-    from analyze.replay.views import Answer
+    from analyze.replay.views import DrawnAnswer
     from analyze.types import Array, MarkerTrack, MotionFit, TipAngle, TipMotion
     from schemas.proto import percuss_pb2 as pb
     from schemas.strike_plan import PlannedStrike
 
-_MOST_TABLE = 0.02
-"""m, thickness"""
+_MAX_TABLE_THICKNESS_M = 0.02
 
 
 def send_strike(
-    timelines: Timelines, record: pb.StrikeRecord, motion: TipMotion, tracks: Sequence[MarkerTrack], body: Body, colour: Colour
+    timelines: Timelines,
+    record: pb.StrikeRecord,
+    motion: TipMotion,
+    tracks: Sequence[MarkerTrack],
+    body: SceneInputs,
+    colour: Colour,
 ) -> None:
-    """Everything that is known of a strike before the answer, but its images."""
+    """Send the measured motion of a strike: tags, curves, phases, overlay and scene, but not its images."""
     root, contact = strike_path(record.strike_id), contact_of(record)
-    timelines.stream.log(f"{root}/text", rr.TextDocument(strike_text(motion), media_type="text/markdown"), static=True)
+    timelines.stream.log(
+        f"{root}/text", rr.TextDocument(strike_text(motion), media_type="text/markdown"), static=True
+    )
     _tags(timelines, f"{root}/camera", contact, tracks)
     if motion.angle is None or len(motion.angle.time_ns) < 2:
         return
     _curves(timelines, root, contact, motion, motion.angle)
     every = rr.new_entity_path(["all", motion.strike_id])
-    timelines.series(every, motion.angle.time_ns, contact, np.degrees(motion.angle.theta))
-    timelines.stream.log(every, rr.SeriesLines(colors=[colour], names=[motion.strike_id], widths=[1.8]), static=True)
+    timelines.send_curve(every, motion.angle.time_ns, contact, np.degrees(motion.angle.theta))
+    timelines.stream.log(
+        every, rr.SeriesLines(colors=[colour], names=[motion.strike_id], widths=[1.8]), static=True
+    )
     _phases(timelines, f"{root}/phases", contact, motion, motion.angle)
     planned = body.planned(record.plan_strike_id)
     if planned is not None:
@@ -49,8 +57,14 @@ def send_strike(
         _space(timelines, f"{root}/world", contact, motion.angle, body, planned)
 
 
-def send_strike_inside(timelines: Timelines, motion: TipMotion, body: Body, answer: Answer, colours: Mapping[str, Colour]) -> None:
-    """What the answer adds to a strike's scene: its equi-plane, the centre of mass and its path, regions."""
+def send_strike_inside(
+    timelines: Timelines,
+    motion: TipMotion,
+    body: SceneInputs,
+    answer: DrawnAnswer,
+    colours: Mapping[str, Colour],
+) -> None:
+    """Add the estimate to a strike's scene: equi-plane, centre of mass with its path, and regions."""
     planned, angle = body.planned(motion.plan_strike_id), motion.angle
     if planned is None or angle is None or len(angle.time_ns) < 2:
         return
@@ -58,28 +72,43 @@ def send_strike_inside(timelines: Timelines, motion: TipMotion, body: Body, answ
     log_inside(timelines.stream, f"{world}/object", body.model, answer, colours, motion.strike_id)
     R, p = views.object_poses(planned, angle, section_of(body.model, planned))
     path = R @ answer.com.position + p
-    timelines.stream.log(f"{world}/path_of_c", rr.LineStrips3D([path], colors=[ORANGE], radii=[0.0006]), static=True)
+    timelines.stream.log(
+        f"{world}/path_of_c", rr.LineStrips3D([path], colors=[ORANGE], radii=[0.0006]), static=True
+    )
     pivot = R[0] @ np.array(planned.pivot.point) + p[0]
     over = np.array([pivot, pivot + np.array([0.0, 0.0, 1.15 * float(path[:, 2].max())])])
-    timelines.stream.log(f"{world}/plumb", rr.LineStrips3D([over], colors=[GREY], radii=[0.0004]), static=True)
+    timelines.stream.log(
+        f"{world}/plumb", rr.LineStrips3D([over], colors=[GREY], radii=[0.0004]), static=True
+    )
 
 
-# --- over the image ---------------------------------------------------------------------------------------------------
+# --- over the image
+# ---------------------------------------------------------------------------------------------------
 
 
 def _tags(timelines: Timelines, root: str, contact_ns: int, tracks: Sequence[MarkerTrack]) -> None:
-    """Outlines of the tags as they were found, with the corner that the code calls its first."""
-    rows = sorted((int(time_ns), number, i) for number, track in enumerate(tracks) for i, time_ns in enumerate(track.frame_ns))
+    """Send the outlines of the detected tags, with the first corner of each marked."""
+    rows = sorted(
+        (int(time_ns), number, i)
+        for number, track in enumerate(tracks)
+        for i, time_ns in enumerate(track.frame_ns)
+    )
     if not rows:
         return
-    # rerun's pixels begin at their corner, ours are centred on integers
+    # In rerun the origin is the corner of the first pixel; here pixel centres are integers.
     corners = np.array([tracks[number].corners_px[i] for _, number, i in rows]) + 0.5
     time_ns, counts = np.unique([row[0] for row in rows], return_counts=True)
-    columns = timelines.columns(time_ns, contact_ns)
+    columns = timelines.time_columns(time_ns, contact_ns)
     closed = np.concatenate([corners, corners[:, :1]], axis=1)
-    timelines.stream.send_columns(f"{root}/tags", columns, rr.LineStrips2D.columns(strips=list(closed)).partition(counts))
-    timelines.stream.log(f"{root}/tags", rr.LineStrips2D.from_fields(colors=[GREEN], radii=[-1.5]), static=True)
-    timelines.stream.send_columns(f"{root}/corners", columns, rr.Points2D.columns(positions=corners[:, 0]).partition(counts))
+    timelines.stream.send_columns(
+        f"{root}/tags", columns, rr.LineStrips2D.columns(strips=list(closed)).partition(counts)
+    )
+    timelines.stream.log(
+        f"{root}/tags", rr.LineStrips2D.from_fields(colors=[GREEN], radii=[-1.5]), static=True
+    )
+    timelines.stream.send_columns(
+        f"{root}/corners", columns, rr.Points2D.columns(positions=corners[:, 0]).partition(counts)
+    )
     timelines.stream.log(f"{root}/corners", rr.Points2D.from_fields(colors=[RED], radii=[-3.0]), static=True)
 
 
@@ -90,42 +119,49 @@ def _over_image(
     motion: TipMotion,
     angle: TipAngle,
     tracks: Sequence[MarkerTrack],
-    body: Body,
+    body: SceneInputs,
     planned: PlannedStrike,
 ) -> None:
-    """The object at the fitted angle, and the axis about which it turns."""
+    """Send the object at the fitted angle and the pivot axis, as an overlay on the image."""
     camera = body.camera_of(planned)
     rest = overlay.pose_at_rest(planned, tracks, body.markers, camera, contact_ns)
     pivot = rest[0] @ np.array(planned.pivot.point) + rest[1]
     half = 0.75 * float(np.ptp(body.model.vertices @ np.array(planned.pivot.direction)))
     axis = overlay.axis_line(camera, pivot, half) + 0.5
     if len(axis):
-        timelines.stream.log(f"{root}/pivot", rr.LineStrips2D([axis], colors=[RED], radii=[-2.0]), static=True)
-        timelines.stream.log(f"{root}/pivot/near", rr.Points2D(axis[[0]], colors=[RED], radii=[-4.0]), static=True)
+        timelines.stream.log(
+            f"{root}/pivot", rr.LineStrips2D([axis], colors=[RED], radii=[-2.0]), static=True
+        )
+        timelines.stream.log(
+            f"{root}/pivot/near", rr.Points2D(axis[[0]], colors=[RED], radii=[-4.0]), static=True
+        )
     fitted = None if motion.fit is None else views.fitted_curves(angle, motion.fit)
     if motion.fit is None or fitted is None:
         return
-    at = views.at_fit(angle, motion.fit, fitted)
-    R, p = views.object_poses(planned, at, section_of(body.model, planned), rest)
+    fitted_tip = views.fitted_angle(angle, motion.fit, fitted)
+    R, p = views.object_poses(planned, fitted_tip, section_of(body.model, planned), rest)
     drawn = overlay.wireframe(body.model, camera, R, p)
-    # after the fit's last frame nothing stands for it
+    # The overlay ends after the last frame of the fit.
     after = min(motion.fit.window[1], len(angle.time_ns) - 1)
-    time_ns = np.append(at.time_ns, max(int(angle.time_ns[after]), int(at.time_ns[-1]) + 1))
+    time_ns = np.append(fitted_tip.time_ns, max(int(angle.time_ns[after]), int(fitted_tip.time_ns[-1]) + 1))
     counts = np.array([*(len(lines) for lines in drawn), 0])
     strips = [line + 0.5 for lines in drawn for line in lines]
     if strips:
         columns = rr.LineStrips2D.columns(strips=strips).partition(counts)
-        timelines.stream.send_columns(f"{root}/ghost", timelines.columns(time_ns, contact_ns), columns)
-        timelines.stream.log(f"{root}/ghost", rr.LineStrips2D.from_fields(colors=[SKY], radii=[-1.2]), static=True)
+        timelines.stream.send_columns(f"{root}/ghost", timelines.time_columns(time_ns, contact_ns), columns)
+        timelines.stream.log(
+            f"{root}/ghost", rr.LineStrips2D.from_fields(colors=[SKY], radii=[-1.2]), static=True
+        )
 
 
-# --- curves -----------------------------------------------------------------------------------------------------------
+# --- curves
+# -----------------------------------------------------------------------------------------------------------
 
 
 def _curves(timelines: Timelines, root: str, contact_ns: int, motion: TipMotion, angle: TipAngle) -> None:
-    stream, measured = timelines.stream, views.curves(angle)
+    stream, measured = timelines.stream, views.measured_curves(angle)
     for name, values in (("theta", measured.theta), ("omega", measured.omega), ("alpha", measured.alpha)):
-        timelines.series(f"{root}/{name}/measured", measured.time_ns, contact_ns, np.degrees(values))
+        timelines.send_curve(f"{root}/{name}/measured", measured.time_ns, contact_ns, np.degrees(values))
         style = rr.SeriesPoints(colors=[ORANGE], names=["measured"], marker_sizes=[2.2])
         stream.log(f"{root}/{name}/measured", style, static=True)
     at_contact = float(np.interp(contact_ns, measured.time_ns, measured.theta))
@@ -134,20 +170,34 @@ def _curves(timelines: Timelines, root: str, contact_ns: int, motion: TipMotion,
     if motion.fit is None or fitted is None:
         return
     for name, values in (("theta", fitted.theta), ("omega", fitted.omega), ("alpha", fitted.alpha)):
-        timelines.series(f"{root}/{name}/fitted", fitted.time_ns, contact_ns, np.degrees(values))
-        stream.log(f"{root}/{name}/fitted", rr.SeriesLines(colors=[SKY], names=["fitted"], widths=[2.0]), static=True)
-    timelines.series(f"{root}/residual/value", fitted.time_ns, contact_ns, np.degrees(fitted.residual))
-    stream.log(f"{root}/residual/value", rr.SeriesPoints(colors=[PURPLE], names=["residual"], marker_sizes=[2.0]), static=True)
+        timelines.send_curve(f"{root}/{name}/fitted", fitted.time_ns, contact_ns, np.degrees(values))
+        stream.log(
+            f"{root}/{name}/fitted", rr.SeriesLines(colors=[SKY], names=["fitted"], widths=[2.0]), static=True
+        )
+    timelines.send_curve(f"{root}/residual/value", fitted.time_ns, contact_ns, np.degrees(fitted.residual))
+    stream.log(
+        f"{root}/residual/value",
+        rr.SeriesPoints(colors=[PURPLE], names=["residual"], marker_sizes=[2.0]),
+        static=True,
+    )
     ends = measured.time_ns[[0, -1]]
-    timelines.series(f"{root}/residual/zero", ends, contact_ns, np.zeros(2))
-    stream.log(f"{root}/residual/zero", rr.SeriesLines(colors=[GREY], names=["zero"], widths=[0.7]), static=True)
-    timelines.series(f"{root}/theta/phi", ends, contact_ns, np.degrees(np.full(2, motion.fit.phi)))
-    stream.log(f"{root}/theta/phi", rr.SeriesLines(colors=[GREEN], names=["φ: c above the edge"], widths=[1.0]), static=True)
+    timelines.send_curve(f"{root}/residual/zero", ends, contact_ns, np.zeros(2))
+    stream.log(
+        f"{root}/residual/zero", rr.SeriesLines(colors=[GREY], names=["zero"], widths=[0.7]), static=True
+    )
+    timelines.send_curve(f"{root}/theta/phi", ends, contact_ns, np.degrees(np.full(2, motion.fit.phi)))
+    stream.log(
+        f"{root}/theta/phi",
+        rr.SeriesLines(colors=[GREEN], names=["φ: c above the edge"], widths=[1.0]),
+        static=True,
+    )
     _passage(timelines, f"{root}/theta/passage", contact_ns, motion.fit, fitted)
 
 
-def _passage(timelines: Timelines, path: str, contact_ns: int, fit: MotionFit, fitted: views.FittedCurves) -> None:
-    """Where the fitted motion passes the balance."""
+def _passage(
+    timelines: Timelines, path: str, contact_ns: int, fit: MotionFit, fitted: views.FittedCurves
+) -> None:
+    """Mark the time at which the fitted motion passes the balance."""
     above = np.flatnonzero(fitted.theta >= fit.phi)
     if not len(above) or above[0] == 0:
         return
@@ -157,8 +207,10 @@ def _passage(timelines: Timelines, path: str, contact_ns: int, fit: MotionFit, f
     _mark(timelines, path, contact_ns, time_ns, fit.phi, "passes the balance", GREEN)
 
 
-def _mark(timelines: Timelines, path: str, contact_ns: int, time_ns: int, theta: float, name: str, colour: Colour) -> None:
-    timelines.series(path, np.array([time_ns]), contact_ns, np.degrees([theta]))
+def _mark(
+    timelines: Timelines, path: str, contact_ns: int, time_ns: int, theta: float, name: str, colour: Colour
+) -> None:
+    timelines.send_curve(path, np.array([time_ns]), contact_ns, np.degrees([theta]))
     style = rr.SeriesPoints(colors=[colour], names=[name], markers=["diamond"], marker_sizes=[6.0])
     timelines.stream.log(path, style, static=True)
 
@@ -166,28 +218,38 @@ def _mark(timelines: Timelines, path: str, contact_ns: int, time_ns: int, theta:
 def _phases(timelines: Timelines, lane: str, contact_ns: int, motion: TipMotion, angle: TipAngle) -> None:
     if motion.phases is None:
         return
-    timelines.lane(lane, PHASES)
-    for name, first, last in views.spans(motion.phases):
-        timelines.band(lane, name, int(angle.time_ns[first]), contact_ns)
+    timelines.name_states(lane, PHASES)
+    for name, first, last in views.phase_spans(motion.phases):
+        timelines.change_state(lane, name, int(angle.time_ns[first]), contact_ns)
         if last < len(angle.time_ns):
-            timelines.band(lane, None, int(angle.time_ns[last]), contact_ns)
+            timelines.change_state(lane, None, int(angle.time_ns[last]), contact_ns)
 
 
-# --- space ------------------------------------------------------------------------------------------------------------
+# --- space
+# ------------------------------------------------------------------------------------------------------------
 
 
-def _space(timelines: Timelines, world: str, contact_ns: int, angle: TipAngle, body: Body, planned: PlannedStrike) -> None:
+def _space(
+    timelines: Timelines,
+    world: str,
+    contact_ns: int,
+    angle: TipAngle,
+    body: SceneInputs,
+    planned: PlannedStrike,
+) -> None:
     stream, model = timelines.stream, body.model
     reach = float(model.extent.max())
     stream.log(world, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    thick = min(_MOST_TABLE, 0.02 * reach)
+    thick = min(_MAX_TABLE_THICKNESS_M, 0.02 * reach)
     half = [[1.35 * reach, 0.7 * reach, thick]]
-    table = rr.Boxes3D(centers=[[0.15 * reach, 0.0, -thick - 1e-4]], half_sizes=half, colors=[TABLE], fill_mode="solid")
+    table = rr.Boxes3D(
+        centers=[[0.15 * reach, 0.0, -thick - 1e-4]], half_sizes=half, colors=[TABLE], fill_mode="solid"
+    )
     stream.log(f"{world}/table", table, static=True)
     R, p = views.object_poses(planned, angle, section_of(model, planned))
     quaternion = wxyz_from_matrix(R)[:, [1, 2, 3, 0]]
     columns = rr.Transform3D.columns(translation=p, quaternion=quaternion)
-    stream.send_columns(f"{world}/object", timelines.columns(angle.time_ns, contact_ns), columns)
+    stream.send_columns(f"{world}/object", timelines.time_columns(angle.time_ns, contact_ns), columns)
     log_shape(stream, f"{world}/object", model)
     pivot = R[0] @ np.array(planned.pivot.point) + p[0]
     length = 0.75 * float(np.ptp(model.vertices @ np.array(planned.pivot.direction)))

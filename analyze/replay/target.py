@@ -1,4 +1,4 @@
-"""Where a replay is sent: a viewer's window, a browser, a file, a picture."""
+"""Destinations of a replay: a viewer's window, a browser, or a file."""
 
 from __future__ import annotations
 
@@ -9,111 +9,113 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from analyze.replay.viewer import ReplayError, Viewer, native, web
+from analyze.replay.viewer import ReplayError, Viewer, native_viewer, web_viewer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     import rerun as rr
 
-_FLUSH_S = 20.0
-_LOOK_S = 0.2
+_FLUSH_TIMEOUT_S = 20.0
+_POLL_S = 0.2
 
 
 class ViewerClosed(Exception):
-    """The user closed the viewer while it was being sent to: there is nobody to replay for."""
+    """The user closed the viewer before everything was sent."""
 
 
 class Target(Protocol):
-    """Where a replay is sent."""
+    """Destination of a replay."""
 
     def connect(self, stream: rr.RecordingStream) -> None:
-        """Lead the stream there."""
+        """Connect the stream to this destination."""
         ...
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """A strike's images are in the stream, and should be seen now."""
+        """Deliver the images of a strike, which are in the stream."""
         ...
 
     def check(self) -> None:
-        """Raise ViewerClosed when nobody looks any more."""
+        """Raise ViewerClosed if the user closed the viewer."""
         ...
 
     def sent(self, stream: rr.RecordingStream) -> None:
-        """All is in the stream."""
+        """Finish: everything is in the stream."""
         ...
 
 
 class ToViewer:
-    """A viewer that runs, in a window or as a server for browsers."""
+    """Running viewer, in a window or as a server for browsers."""
 
     def __init__(self, viewer: Viewer) -> None:
         self._viewer = viewer
 
     def connect(self, stream: rr.RecordingStream) -> None:
-        """Wait until it takes data.
+        """Wait until the viewer accepts data, and connect the stream.
 
         Raises:
-            ReplayError: it does not.
+            ReplayError: the viewer does not accept data.
         """
         self._viewer.wait_until_ready()
         stream.connect_grpc(self._viewer.url)
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Send what waits."""
+        """Flush the stream."""
         self._flush(stream)
 
     def check(self) -> None:
-        """Raise ViewerClosed when it was closed, ReplayError when it died."""
+        """Raise ViewerClosed if the user closed the viewer, ReplayError if it failed."""
         if self._viewer.ended():
             if self._viewer.process.returncode != 0:
                 raise ReplayError(self._viewer.why_ended())
             raise ViewerClosed
 
     def sent(self, stream: rr.RecordingStream) -> None:
-        """Send what waits."""
+        """Flush and close the stream."""
         self._flush(stream)
         stream.disconnect()
 
     def _flush(self, stream: rr.RecordingStream) -> None:
         try:
-            stream.flush(timeout_sec=_FLUSH_S)
+            stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
         except RuntimeError as error:
             self.check()
-            raise ReplayError(f"rerun's viewer takes no data: {error}") from None
+            raise ReplayError(f"rerun's viewer does not accept data: {error}") from None
 
     def wait(self) -> None:
-        """Until the user closes it.
+        """Wait until the user closes the viewer.
 
         Raises:
-            ReplayError: it died.
+            ReplayError: the viewer failed.
         """
         while not self._viewer.ended():
-            time.sleep(_LOOK_S)
+            time.sleep(_POLL_S)
         if self._viewer.process.returncode != 0:
             raise ReplayError(self._viewer.why_ended())
 
 
 class ToBrowser(ToViewer):
-    """rerun's web viewer.
+    """Web viewer of rerun.
 
     Args:
-        viewer: its server.
-        say: told the address once it answers.
-        open_browser: with the first strike, so that the page is not empty.
+        viewer: running server of the web viewer.
+        announce_address: called with the address once the server answers.
+        open_browser: True to open a browser after the first strike, when the page is no longer empty.
     """
 
-    def __init__(self, viewer: Viewer, say: Callable[[str], None], *, open_browser: bool) -> None:
+    def __init__(
+        self, viewer: Viewer, announce_address: Callable[[str], None], *, open_browser: bool
+    ) -> None:
         super().__init__(viewer)
-        self._page, self._say, self._open = viewer.page, say, open_browser
+        self._page, self._announce, self._open = viewer.page, announce_address, open_browser
 
     def connect(self, stream: rr.RecordingStream) -> None:
-        """Wait until it serves."""
+        """Connect the stream, and announce the address."""
         super().connect(stream)
-        self._say(self._page)
+        self._announce(self._page)
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Send what waits, and open the browser the first time."""
+        """Flush the stream, and open the browser after the first strike."""
         super().first_strike_sent(stream)
         if self._open:
             self._open = False
@@ -121,11 +123,11 @@ class ToBrowser(ToViewer):
 
 
 class ToFile:
-    """A .rrd file.
+    """Recording file of rerun (.rrd).
 
     Args:
-        part: what is written.
-        output: what it is called once it is whole.
+        part: path while the file is being written.
+        output: final path of the complete file.
     """
 
     def __init__(self, part: Path, output: Path) -> None:
@@ -137,13 +139,13 @@ class ToFile:
         stream.save(self._part)
 
     def first_strike_sent(self, stream: rr.RecordingStream) -> None:
-        """Nobody waits for it."""
+        """Do nothing: a file has no viewer that waits."""
 
     def check(self) -> None:
-        """A file is always there."""
+        """Do nothing: a file cannot be closed by the user."""
 
     def sent(self, stream: rr.RecordingStream) -> None:
-        """Write what waits, and the file's end; now it has its name."""
+        """Complete the file and give it its final name."""
         stream.flush()
         stream.disconnect()
         self._part.replace(self.output)
@@ -151,24 +153,26 @@ class ToFile:
 
 @contextmanager
 def to_window(recording_bytes: int, headless_port: int | None = None) -> Iterator[ToViewer]:
-    """The viewer in a window, started at once; with a port for who asks it instead of looking, it draws to nowhere."""
-    with native(recording_bytes, headless=headless_port is not None, port=headless_port) as viewer:
+    """Start the viewer in a window; with `headless_port` it runs without a screen, for measurements."""
+    with native_viewer(recording_bytes, headless=headless_port is not None, port=headless_port) as viewer:
         yield ToViewer(viewer)
 
 
 @contextmanager
-def to_browser(recording_bytes: int, say: Callable[[str], None], *, open_browser: bool) -> Iterator[ToViewer]:
-    """The web viewer, started at once; `say` is told its address."""
-    with web(recording_bytes) as viewer:
-        yield ToBrowser(viewer, say, open_browser=open_browser)
+def to_browser(
+    recording_bytes: int, announce_address: Callable[[str], None], *, open_browser: bool
+) -> Iterator[ToViewer]:
+    """Start the web viewer; `announce_address` is called with its address."""
+    with web_viewer(recording_bytes) as viewer:
+        yield ToBrowser(viewer, announce_address, open_browser=open_browser)
 
 
 @contextmanager
 def to_file(output: Path | None) -> Iterator[ToFile]:
-    """A .rrd that appears at `output` whole or not at all; None: one that goes with the context.
+    """Write a .rrd that appears at `output` complete or not at all; None writes a temporary file.
 
     Raises:
-        ReplayError: it cannot be written.
+        ReplayError: the file cannot be written.
     """
     with tempfile.TemporaryDirectory(prefix="percuss-replay-") as folder:
         whole = output or Path(folder) / "replay.rrd"
@@ -176,7 +180,9 @@ def to_file(output: Path | None) -> Iterator[ToFile]:
         try:
             part.write_bytes(b"")
         except OSError as error:
-            raise ReplayError(f"{whole}: cannot be written ({error.strerror}): choose another place") from None
+            raise ReplayError(
+                f"{whole}: cannot be written ({error.strerror}): choose another place"
+            ) from None
         try:
             yield ToFile(part, whole)
         finally:

@@ -1,6 +1,6 @@
-"""rerun's own processes: the viewer, and the server of its web viewer.
+"""Processes of rerun: the viewer, and the server of its web viewer.
 
-Only loopback is used: rerun binds 0.0.0.0 unless it is told otherwise.
+They listen on loopback only, which has to be requested: rerun binds 0.0.0.0 by default.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ import rerun_cli
 from analyze.errors import AnalyzeError
 
 LOOPBACK = "127.0.0.1"
-_STARTS_S, _ENDS_S = 30.0, 5.0
-_LEAST_MEMORY = 2 << 30
+_START_TIMEOUT_S, _END_TIMEOUT_S = 30.0, 5.0
+_MIN_MEMORY_BYTES = 2 << 30
 _PICTURE_SIZE = "1680x1050"
 _NO_SCREEN = "neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set"
-"""in what the viewer says where it finds none"""
-_WITHOUT = "look at it with --web, write a file with --save or a picture with --screenshot"
+"""Part of the viewer's output when it finds no screen."""
+_WITHOUT_SCREEN = "use --web for a browser, --save for a file or --screenshot for a picture"
 
 
 class ReplayError(AnalyzeError):
@@ -38,67 +38,80 @@ class ReplayError(AnalyzeError):
 
 @dataclass(frozen=True)
 class Viewer:
-    """A running process of rerun's."""
+    """Running process of rerun."""
 
     process: subprocess.Popen[bytes]
     port: int
-    """of its gRPC server"""
+    """Port of its gRPC server."""
     output: IO[bytes]
     web_port: int | None = None
 
     @property
     def url(self) -> str:
-        """Where data is sent."""
+        """Address that accepts data."""
         return f"rerun+http://{LOOPBACK}:{self.port}/proxy"
 
     @property
     def page(self) -> str:
-        """What a browser opens."""
+        """Address of the web viewer's page."""
         return f"http://{LOOPBACK}:{self.web_port}/?url=rerun%2Bhttp%3A%2F%2F{LOOPBACK}%3A{self.port}%2Fproxy"
 
     def ended(self) -> bool:
-        """Whether it was closed, or died."""
+        """True if the process was closed or has failed."""
         return self.process.poll() is not None
 
     def wait_until_ready(self) -> None:
-        """Until it takes data.
+        """Wait until the process accepts data.
 
         Raises:
-            ReplayError: it ended, or does not within `_STARTS_S`.
+            ReplayError: the process ended, or does not accept data within `_START_TIMEOUT_S`.
         """
         for port in [self.port, *([self.web_port] if self.web_port else [])]:
-            ends = time.monotonic() + _STARTS_S
+            deadline = time.monotonic() + _START_TIMEOUT_S
             while not _listens(port):
                 if self.ended():
                     raise ReplayError(self.why_ended())
-                if time.monotonic() > ends:
-                    raise ReplayError(f"rerun's viewer does not answer on port {port} of {LOOPBACK}: is the computer very busy?")
+                if time.monotonic() > deadline:
+                    raise ReplayError(
+                        f"rerun's viewer does not answer on port {port} of {LOOPBACK}: is the computer very "
+                        "busy?"
+                    )
                 time.sleep(0.02)
 
     def why_ended(self) -> str:
-        """One line."""
+        """Reason why the process ended, and the remedy, in one line."""
         self.output.seek(0)
-        last = [line for line in self.output.read().decode(errors="replace").splitlines() if line.strip()][-1:]
+        last = [line for line in self.output.read().decode(errors="replace").splitlines() if line.strip()][
+            -1:
+        ]
         if any(_NO_SCREEN in line for line in last):
-            return f"no screen here (DISPLAY is not set): {_WITHOUT}"
+            return f"no screen was found (DISPLAY is not set): {_WITHOUT_SCREEN}"
         return (
-            f"rerun's viewer ended with code {self.process.returncode} {' '.join(last)}: no screen, or no Vulkan driver "
-            f"(mesa-vulkan-drivers)? {_WITHOUT}"
+            f"rerun's viewer ended with code {self.process.returncode} {' '.join(last)}: no screen, or no "
+            f"Vulkan driver (mesa-vulkan-drivers)? {_WITHOUT_SCREEN}"
         )
 
 
 @contextmanager
-def native(recording_bytes: int, files: Sequence[Path] = (), *, headless: bool = False, port: int | None = None) -> Iterator[Viewer]:
-    """The viewer in a window of its own, or without any screen; it is gone with the context.
+def native_viewer(
+    recording_bytes: int, files: Sequence[Path] = (), *, headless: bool = False, port: int | None = None
+) -> Iterator[Viewer]:
+    """Run the viewer in a window, or without a screen, until the context ends.
 
     Args:
-        recording_bytes: size of what is replayed, for the memory limit.
-        files: what it opens by itself.
-        headless: draw to nowhere, for pictures.
-        port: that it listens on; None: any.
+        recording_bytes: size of the recording, from which the memory limit follows.
+        files: files that the viewer opens at its start.
+        headless: True to run without a screen, for pictures.
+        port: port to listen on; None for any free one.
     """
     port = port or _free_port()
-    options = ["--hide-welcome-screen", "--memory-limit", _limit(recording_bytes), "--server-memory-limit", "64MB"]
+    options = [
+        "--hide-welcome-screen",
+        "--memory-limit",
+        _limit(recording_bytes),
+        "--server-memory-limit",
+        "64MB",
+    ]
     if headless:
         options += ["--headless", "--window-size", _PICTURE_SIZE]
     elif not files:
@@ -108,11 +121,11 @@ def native(recording_bytes: int, files: Sequence[Path] = (), *, headless: bool =
 
 
 @contextmanager
-def web(recording_bytes: int) -> Iterator[Viewer]:
-    """The web viewer and the data, served on loopback; it is gone with the context."""
+def web_viewer(recording_bytes: int) -> Iterator[Viewer]:
+    """Serve the web viewer and its data on loopback until the context ends."""
     port, web_port = _free_port(), _free_port()
     options = ["--serve-web", "--bind", LOOPBACK, "--port", str(port), "--web-viewer-port", str(web_port)]
-    # a browser may come late or come again: what was sent has to be kept
+    # A browser may connect late or again: the data sent so far has to be kept.
     with _started([*options, "--server-memory-limit", _limit(recording_bytes)], port, web_port) as viewer:
         yield viewer
 
@@ -125,7 +138,7 @@ def _started(arguments: list[str], port: int, web_port: int | None = None) -> It
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=output,
-            # a Ctrl-C on the terminal is ours: we end it when we are ready
+            # Ctrl-C on the terminal must not reach the viewer: this process ends it.
             start_new_session=True,
             env={name: value for name, value in os.environ.items() if name != "RUST_LOG"},
         )
@@ -134,7 +147,7 @@ def _started(arguments: list[str], port: int, web_port: int | None = None) -> It
         finally:
             process.terminate()
             try:
-                process.wait(_ENDS_S)
+                process.wait(_END_TIMEOUT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -142,7 +155,7 @@ def _started(arguments: list[str], port: int, web_port: int | None = None) -> It
 
 @contextmanager
 def _end_on_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP end us as Ctrl-C does, so that no viewer is left behind."""
+    """Turn SIGTERM and SIGHUP into KeyboardInterrupt, so that no viewer is left behind."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
@@ -159,16 +172,16 @@ def _end_on_signals() -> Iterator[None]:
 
 
 def _limit(recording_bytes: int) -> str:
-    # below what is shown, images vanish silently
-    return f"{max(_LEAST_MEMORY, 4 * recording_bytes) >> 20}MB"
+    # With a limit below the size of the data, rerun drops images silently.
+    return f"{max(_MIN_MEMORY_BYTES, 4 * recording_bytes) >> 20}MB"
 
 
 def _executable() -> str:
-    """The viewer itself: `python -m rerun` would start it as a child that outlives its parent's end."""
+    """Path of the viewer itself; `python -m rerun` would start it as a child that outlives its parent."""
     folder = Path(rerun_cli.__file__).parent
     found = next((folder / name for name in ("rerun", "rerun.exe") if (folder / name).exists()), None)
     if found is None:
-        raise ReplayError(f"{folder}: holds no rerun viewer: install rerun-sdk again")
+        raise ReplayError(f"{folder}: has no rerun viewer: install rerun-sdk again")
     return str(found)
 
 

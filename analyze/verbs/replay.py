@@ -1,98 +1,136 @@
-"""`analyze replay`."""
+"""`analyze replay`: a recording or a running session, shown in rerun or written to a file."""
 
 from __future__ import annotations
 
 import os
 import sys
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from analyze.verbs.options import one_line, with_estimate_options
+from analyze.verbs.options import one_line, pass_options, with_estimate_options
 from schemas.command_line import PROBLEM
+
+if TYPE_CHECKING:
+    from analyze.replay.recording_file import RecordingFile
+    from analyze.replay.run import ReplayResult
+    from analyze.replay.target import ToFile, ToViewer
+
+
+@dataclass(frozen=True)
+class _ReplayArguments:
+    """Arguments and options of `analyze replay`."""
+
+    file: Path
+    object_file: Path | None
+    exclude: tuple[str, ...]
+    save: Path | None
+    screenshot: Path | None
+    web: bool
+    no_browser: bool
+    page: str | None
+    every_frame: bool
+    lossless: bool
+    headless_port: int | None
+
+    @property
+    def outputs(self) -> tuple[Path, ...]:
+        """Files to write instead of showing the recording."""
+        return tuple(path for path in (self.save, self.screenshot) if path is not None)
 
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @with_estimate_options
-@click.option("--save", type=click.Path(path_type=Path), help="Write a .rrd instead of opening the viewer.")
-@click.option("--screenshot", type=click.Path(path_type=Path), help="Write a PNG of the front page; needs no screen.")
-@click.option("--web", is_flag=True, help="Show it in the browser, served on this computer only, until Ctrl-C.")
-@click.option("--no-browser", is_flag=True, help="With --web: print the address, open nothing.")
-@click.option("--page", metavar="PAGE", help="What stands in front: answer, session, or a strike's id.")
-@click.option("--every-frame", is_flag=True, help="Show every image of a strike; else 60 a second.")
-@click.option("--lossless", is_flag=True, help="Keep every pixel (PNG); else JPEG.")
-@click.option("--headless-port", type=int, hidden=True, help="The viewer without a screen, on this port: for measurements.")
+@click.option(
+    "--save", type=click.Path(path_type=Path), help="Write a .rrd file instead of opening the viewer."
+)
+@click.option(
+    "--screenshot",
+    type=click.Path(path_type=Path),
+    help="Write a picture of the front page (PNG); needs no screen.",
+)
+@click.option(
+    "--web", is_flag=True, help="Show it in the browser, served on this computer only, until Ctrl-C."
+)
+@click.option("--no-browser", is_flag=True, help="With --web: print the address without opening a browser.")
+@click.option("--page", metavar="PAGE", help="Page to show first: answer, session, or a strike's id.")
+@click.option("--every-frame", is_flag=True, help="Show every image of a strike; default: 60 a second.")
+@click.option("--lossless", is_flag=True, help="Keep every pixel (PNG); default: JPEG.")
+@click.option("--headless-port", type=int, hidden=True, help="Run the viewer without a screen on this port.")
 @one_line
-def replay(
-    file: Path,
-    object_file: Path | None,
-    exclude: tuple[str, ...],
-    save: Path | None,
-    screenshot: Path | None,
-    web: bool,
-    no_browser: bool,
-    page: str | None,
-    every_frame: bool,
-    lossless: bool,
-    headless_port: int | None,
-) -> None:
-    """See what happened, in rerun; follows a session that still runs."""
-    from analyze.progress import StrikeProgress
-    from analyze.replay.place import find
-    from analyze.replay.target import ToFile, ToViewer, ViewerClosed, to_browser, to_file, to_window
+@pass_options(_ReplayArguments)
+def replay(arguments: _ReplayArguments) -> None:
+    """Show a recording in rerun; follows a session that still runs."""
+    from analyze.replay.recording_file import find_recording
+    from analyze.replay.target import ToFile, ToViewer, ViewerClosed
 
-    if web and (save is not None or screenshot is not None):
-        raise click.UsageError("--web shows, --save and --screenshot write: choose one")
-    if no_browser and not web:
-        raise click.UsageError("--no-browser goes with --web")
-    place = find(file)
-    if save is not None or screenshot is not None:
-        _refuse_unwritable(place.path, save, screenshot)
+    if arguments.web and arguments.outputs:
+        raise click.UsageError("--web shows the recording, --save and --screenshot write it: choose one")
+    if arguments.no_browser and not arguments.web:
+        raise click.UsageError("--no-browser needs --web: add it")
+    recording = find_recording(arguments.file)
+    _refuse_unwritable(recording.path, *arguments.outputs)
     with ExitStack() as stack:
-        size = place.path.stat().st_size
-        target: ToFile | ToViewer
-        if save is not None or screenshot is not None:
-            target = stack.enter_context(to_file(save))
-        elif web:
-            target = stack.enter_context(to_browser(size, lambda address: click.echo(f"replay: {address}"), open_browser=not no_browser))
-        else:
-            # The window opens while the rest is loaded.
-            target = stack.enter_context(to_window(size, headless_port))
-        # What goes wrong is told by us, in one line.
-        os.environ.setdefault("RUST_LOG", "off")
-        from analyze.replay.pictures import ImageChoice
-        from analyze.replay.run import replay_recording
-        from analyze.replay.sender import ReplayOptions
-
-        options = ReplayOptions(object_file, frozenset(exclude), ImageChoice(every_frame, lossless), page)
+        # A window opens while the rest is loaded.
+        target = _open_target(stack, recording, arguments)
         try:
-            with StrikeProgress() as progress:
-                replayed = replay_recording(place, target, options, progress)
+            replayed = _replay(recording, target, arguments)
         except ViewerClosed:
             return
         for problem in replayed.problems:
             click.echo(f"analyze: {problem}", err=True)
-        if isinstance(target, ToFile) and screenshot is not None:
+        if isinstance(target, ToFile) and arguments.screenshot is not None:
             from analyze.replay.layout import timeline_of
             from analyze.replay.picture import screenshot as take_picture
 
-            take_picture(target.output, screenshot, replayed.moment_s, timeline_of(page))
+            take_picture(target.output, arguments.screenshot, replayed.moment_s, timeline_of(arguments.page))
         if isinstance(target, ToViewer):
-            with suppress(KeyboardInterrupt):  # all is shown: that is how it ends
+            with suppress(KeyboardInterrupt):  # everything is shown: Ctrl-C is the way to end
                 target.wait()
-    for path in (save, screenshot):
-        if path is not None:
-            click.echo(f"replay: {path}")
+    for path in arguments.outputs:
+        click.echo(f"replay: {path}")
     if replayed.problems:
         sys.exit(PROBLEM)
 
 
-def _refuse_unwritable(recording: Path, *outputs: Path | None) -> None:
-    from analyze.output_file import refuse_unwritable
-    from analyze.reading.file_series import row_of
+def _open_target(
+    stack: ExitStack, recording: RecordingFile, arguments: _ReplayArguments
+) -> ToFile | ToViewer:
+    """File, browser or window that the recording is sent to."""
+    from analyze.replay.target import to_browser, to_file, to_window
+
+    if arguments.outputs:
+        return stack.enter_context(to_file(arguments.save))
+    size = recording.path.stat().st_size
+    if not arguments.web:
+        return stack.enter_context(to_window(size, arguments.headless_port))
+    browser = to_browser(
+        size, lambda address: click.echo(f"replay: {address}"), open_browser=not arguments.no_browser
+    )
+    return stack.enter_context(browser)
+
+
+def _replay(recording: RecordingFile, target: ToFile | ToViewer, arguments: _ReplayArguments) -> ReplayResult:
+    # rerun's own log would add lines to the one that names a problem.
+    os.environ.setdefault("RUST_LOG", "off")
+    from analyze.progress import ProgressBar
+    from analyze.replay.pictures import ImageChoice
+    from analyze.replay.run import replay_recording
+    from analyze.replay.sender import ReplayOptions
+
+    choice = ImageChoice(arguments.every_frame, arguments.lossless)
+    options = ReplayOptions(arguments.object_file, frozenset(arguments.exclude), choice, arguments.page)
+    with ProgressBar() as progress:
+        return replay_recording(recording, target, options, progress)
+
+
+def _refuse_unwritable(recording: Path, *outputs: Path) -> None:
+    from analyze.reading.file_series import find_series_files
+    from schemas.output_file import refuse_unwritable
 
     for output in outputs:
-        if output is not None:
-            refuse_unwritable(output, *row_of(recording).files)
+        refuse_unwritable(output, *find_series_files(recording).files)

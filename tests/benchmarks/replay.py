@@ -28,13 +28,13 @@ _RERUN = str(Path(rerun_cli.__file__).parent / "rerun")
 _SENT_ONLY = """
 import sys
 from pathlib import Path
-from analyze.replay.place import find
+from analyze.replay.recording_file import find_recording
 from analyze.replay.run import replay_recording
 from analyze.replay.sender import ReplayOptions, Sender
 from analyze.replay.target import to_file
-Sender.read = lambda *_, **__: None
+Sender.analyse_strike = lambda *_, **__: None
 with to_file(Path(sys.argv[2])) as target:
-    replay_recording(find(Path(sys.argv[1])), target, ReplayOptions(), lambda *_: None)
+    replay_recording(find_recording(Path(sys.argv[1])), target, ReplayOptions(), lambda *_: None)
 """
 
 
@@ -48,7 +48,9 @@ class Spent:
 
 def main() -> None:
     """Print the figures."""
-    with tempfile.TemporaryDirectory(prefix="percuss-bench-", dir=sys.argv[1] if len(sys.argv) > 1 else None) as folder:
+    with tempfile.TemporaryDirectory(
+        prefix="percuss-bench-", dir=sys.argv[1] if len(sys.argv) > 1 else None
+    ) as folder:
         recording = Path(folder) / "long.mcap"
         make_long_session(recording)
         size = recording.stat().st_size
@@ -65,11 +67,15 @@ def _say(text: str) -> None:
 def _first_strike(recording: Path) -> None:
     port = _free_port()
     begun = time.monotonic()
-    process = subprocess.Popen([sys.executable, "-m", "analyze", "replay", str(recording), "--headless-port", str(port)])
+    process = subprocess.Popen(
+        [sys.executable, "-m", "analyze", "replay", str(recording), "--headless-port", str(port)]
+    )
     try:
         client = _connected(port, process)
         _wait_for(client, "/strike/s1.1/camera/image_before", process)
-        _say(f"first strike's images in the viewer: {time.monotonic() - begun:.1f} s after the command's start")
+        _say(
+            f"first strike's images in the viewer: {time.monotonic() - begun:.1f} s after the command's start"
+        )
         viewer = _child(process.pid)
         _say(f"  of CPU time until then: analyze {_cpu(process.pid):.1f} s, viewer {_cpu(viewer):.1f} s")
         _wait_for(client, "/strike/s1.1/theta/fitted", process)
@@ -80,7 +86,9 @@ def _first_strike(recording: Path) -> None:
         _say(f"peak memory: analyze {_peak(process.pid):.0f} MB, viewer {_peak(viewer):.0f} MB")
         process.send_signal(signal.SIGINT)
         process.wait(20.0)
-        _say(f"Ctrl-C: exit code {process.returncode}, viewer left behind: {'yes' if Path(f'/proc/{viewer}').exists() else 'no'}")
+        _say(
+            f"Ctrl-C: exit code {process.returncode}, viewer left behind: {'yes' if Path(f'/proc/{viewer}').exists() else 'no'}"
+        )
     finally:
         if process.poll() is None:
             process.terminate()
@@ -92,11 +100,17 @@ def _conversion(recording: Path, size: int) -> None:
     sent = _run([sys.executable, "-c", _SENT_ONLY, str(recording), str(ours)])
     loaded = _run([_RERUN, "mcap", "convert", str(recording), "-o", str(theirs)])
     analysed = _run([sys.executable, "-m", "analyze", "replay", str(recording), "--save", str(whole)])
-    rows = (("analyze replay --save", analysed, whole), ("the same without tracking", sent, ours), ("rerun mcap convert", loaded, theirs))
+    rows = (
+        ("analyze replay --save", analysed, whole),
+        ("the same without tracking", sent, ours),
+        ("rerun mcap convert", loaded, theirs),
+    )
     for name, spent, path in rows:
         speed, written = size / 1e6 / spent.seconds, path.stat().st_size / 1e6
         _say(f"{name}: {spent.seconds:.1f} s, {spent.cpu_s:.1f} CPU s, {speed:.0f} MB/s -> {written:.0f} MB")
-    _say(f"without tracking over rerun's loader: {loaded.seconds / sent.seconds:.2f} in time, {loaded.cpu_s / sent.cpu_s:.2f} in CPU time")
+    _say(
+        f"without tracking over rerun's loader: {loaded.seconds / sent.seconds:.2f} in time, {loaded.cpu_s / sent.cpu_s:.2f} in CPU time"
+    )
 
 
 def _run(command: Sequence[str]) -> Spent:
@@ -106,7 +120,11 @@ def _run(command: Sequence[str]) -> Spent:
         before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        turns.append(Spent(time.monotonic() - begun, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime))
+        turns.append(
+            Spent(
+                time.monotonic() - begun, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            )
+        )
     return min(turns, key=lambda turn: turn.seconds)
 
 

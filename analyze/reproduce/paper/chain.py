@@ -71,7 +71,7 @@ def _answer(strikes: Sequence[_Struck], estimate: Estimate) -> PaperAnswer:
     for plane, each in zip(planes, strikes, strict=True):
         found = paper_axis_inertia(plane, each.motion, each.fit, com, weight)
         if found is not None:
-            i_edge[plane.axis_id], left_out[plane.axis_id] = found.i_edge, found.left_out
+            i_edge[plane.axis_id], left_out[plane.axis_id] = found.i_edge, found.excluded_share
     return PaperAnswer(com, i_edge, left_out, regions_at(planes, com, i_edge, estimate))
 
 

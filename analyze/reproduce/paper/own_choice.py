@@ -11,9 +11,8 @@ from analyze.errors import PlanError
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
 from analyze.estimation.paper import paper_centre_of_mass
-from analyze.estimation.stated import ComPrior
+from analyze.estimation.priors import ComPrior
 from analyze.pipeline.estimate import systematic_errors
-from analyze.result.score import tip_truth
 from analyze.planning.design import SINGULAR
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
@@ -22,6 +21,7 @@ from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import FRICTION, prepare
 from analyze.planning.view import default_camera
 from analyze.reproduce.paper.record import OwnChoice
+from analyze.result.score import tip_truth
 from analyze.types import EquiPlane, MotionFit
 
 if TYPE_CHECKING:

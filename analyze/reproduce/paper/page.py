@@ -11,7 +11,6 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from analyze.output_file import write_text
 from analyze.report.csv_table import csv_text
 from analyze.report.page import drawn, page_environment
 from analyze.reproduce.paper import scores
@@ -28,6 +27,7 @@ from analyze.reproduce.paper.published import published_centres, published_masse
 from analyze.reproduce.paper.record import SessionRecord
 from analyze.reproduce.paper.tables import Table, Value, all_tables
 from analyze.reproduce.paper.targets import missed, targets, targets_table
+from schemas.output_file import write_text
 
 PAGE = "index.html"
 

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analyze.pipeline.evidence import read_evidence, read_head
-from analyze.result.score import refuse_without_truth
 from analyze.reading.recording import read_truth
-from analyze.reproduce.paper.record import SessionRecord, Source
+from analyze.reproduce.paper.record import SessionRecord, ThetaSource
 from analyze.reproduce.paper.session import session_record
+from analyze.result.score import refuse_without_truth
 
 if TYPE_CHECKING:
     from analyze.pipeline.evidence import Progress
@@ -25,4 +25,4 @@ def read_session(path: Path, progress: Progress | None = None) -> SessionRecord:
     head = read_head(path)
     refuse_without_truth([path])
     evidence = read_evidence(head, progress=progress)
-    return session_record(evidence, read_truth(path).body, Source.IMAGES, progress=progress)
+    return session_record(evidence, read_truth(path).body, ThetaSource.IMAGES, progress=progress)

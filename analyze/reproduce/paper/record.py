@@ -25,7 +25,7 @@ class Condition(enum.StrEnum):
     """Calibration errors drawn, and their sd stated: see miscalibrated.py."""
 
 
-class Source(enum.StrEnum):
+class ThetaSource(enum.StrEnum):
     """Origin of theta(t)."""
 
     IMAGES = "images"
@@ -50,7 +50,7 @@ class AxisMoment(Document):
     )
 
 
-class Answer(Document):
+class MethodAnswer(Document):
     """Estimates of one method under one condition; region masses are those of shell, upper and lower part.
 
     Upper is the side that is called so in the ground truth.
@@ -131,7 +131,7 @@ class SessionRecord(Document):
 
     object: str
     seed: int
-    source: Source
+    source: ThetaSource
     method: PlanMethod
     strikes: int
     axes: int
@@ -143,8 +143,8 @@ class SessionRecord(Document):
     true_masses_kg: Vector3
     cpu_s: float = Field(description="CPU time from phi and k to all results, one core")
     angles: list[Angle]
-    ours: dict[Condition, Answer]
-    paper: dict[Condition, list[Answer]] = Field(
+    ours: dict[Condition, MethodAnswer]
+    paper: dict[Condition, list[MethodAnswer]] = Field(
         description="one answer per round of strikes, as in the paper's tables"
     )
     naive_kg: dict[str, Vector3] = Field(description="naive region masses, with the estimated dividing plane")
@@ -164,7 +164,8 @@ class SessionRecord(Document):
     def name(self) -> str:
         """Name of the record's file, without suffix."""
         planned = "" if self.method is PlanMethod.OURS else "-paper"
-        return f"{self.object}{planned}-{self.seed}{'' if self.source is Source.IMAGES else '-simulated'}"
+        simulated = "" if self.source is ThetaSource.IMAGES else "-simulated"
+        return f"{self.object}{planned}-{self.seed}{simulated}"
 
 
 def read_records(folder: Path) -> list[SessionRecord]:

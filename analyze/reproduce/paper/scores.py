@@ -9,7 +9,7 @@ import numpy as np
 
 from analyze.estimation.intervals import SIGMAS_95
 from analyze.reproduce.paper.published import OBJECTS
-from analyze.reproduce.paper.record import Answer, Condition, SessionRecord
+from analyze.reproduce.paper.record import Condition, MethodAnswer, SessionRecord
 from analyze.types import Array
 from schemas.strike_plan import PlanMethod
 
@@ -34,7 +34,7 @@ def outside_class(records: Iterable[SessionRecord]) -> list[SessionRecord]:
     return [record for record in records if record.object not in OBJECTS]
 
 
-def distance(answer: Answer, record: SessionRecord) -> float:
+def distance(answer: MethodAnswer, record: SessionRecord) -> float:
     """Distance [m] of the estimated c from the true c."""
     return float(np.linalg.norm(np.subtract(answer.com_m, record.true_com_m)))
 
@@ -51,7 +51,7 @@ def misplaced(masses: Sequence[float], record: SessionRecord) -> float:
 
 def answers(
     records: Iterable[SessionRecord], condition: Condition, *, paper: bool
-) -> Iterator[tuple[Answer, SessionRecord]]:
+) -> Iterator[tuple[MethodAnswer, SessionRecord]]:
     """Answers with their sessions: one of ours per session, or the paper's of every round."""
     for record in records:
         for answer in record.paper.get(condition, []) if paper else [record.ours[condition]]:
@@ -125,7 +125,9 @@ def scatter_of_mean(records: Sequence[SessionRecord], condition: Condition) -> f
     return float(np.sqrt(np.mean(np.square(means)))) if means else float("nan")
 
 
-def _masses(answer: Answer, record: SessionRecord) -> Iterator[tuple[float, float, float, float, float]]:
+def _masses(
+    answer: MethodAnswer, record: SessionRecord
+) -> Iterator[tuple[float, float, float, float, float]]:
     rows = (
         record.true_masses_kg,
         answer.masses_kg,

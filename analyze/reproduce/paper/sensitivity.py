@@ -12,12 +12,12 @@ import numpy as np
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_normal
 from analyze.estimation.paper import paper_centre_of_mass
+from analyze.estimation.priors import ComPrior
 from analyze.estimation.regions import mass_distribution
-from analyze.estimation.stated import ComPrior
 from analyze.pipeline.estimate import systematic_errors
-from analyze.result.score import tip_truth
 from analyze.reproduce.paper.chain import regions_at
 from analyze.reproduce.paper.record import Sensitivity
+from analyze.result.score import tip_truth
 from analyze.types import Array, EquiPlane
 
 if TYPE_CHECKING:

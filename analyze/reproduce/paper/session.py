@@ -11,21 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from analyze.estimation.paper import distance_from
+from analyze.estimation.paper import distance_from_pivot
 from analyze.pipeline.estimate import Estimate, estimate_evidence
-from analyze.result.score import tip_truth
 from analyze.reproduce.paper.chain import PaperAnswer, paper_answers, refuse_empty
 from analyze.reproduce.paper.miscalibrated import miscalibrated
 from analyze.reproduce.paper.own_choice import own_choice
 from analyze.reproduce.paper.record import (
     Angle,
-    Answer,
     AxisMoment,
     Condition,
+    MethodAnswer,
     Profile,
     Section,
     SessionRecord,
-    Source,
+    ThetaSource,
 )
 from analyze.reproduce.paper.scan_noise import LEVELS_M, over_scan_noise
 from analyze.reproduce.paper.sensitivity import (
@@ -36,6 +35,8 @@ from analyze.reproduce.paper.sensitivity import (
     masses_over_moments,
     sided,
 )
+from analyze.result.document import build
+from analyze.result.score import tip_truth
 from analyze.types import Array, TipMotion
 from schemas.result import Verdict
 
@@ -71,7 +72,7 @@ def sweeps_of(name: str) -> Sweeps:
 def session_record(
     evidence: Evidence,
     body: pb.TruthBody,
-    source: Source,
+    source: ThetaSource,
     sweeps: Sweeps | None = None,
     progress: Progress | None = None,
 ) -> SessionRecord:
@@ -142,13 +143,13 @@ def session_record(
     )
 
 
-def _own_answer(estimate: Estimate, body: pb.TruthBody) -> Answer:
-    regions = estimate.result.regions
+def _own_answer(estimate: Estimate, body: pb.TruthBody) -> MethodAnswer:
+    regions = build(estimate).regions
     assert regions is not None  # noqa: S101 - every estimate has regions
     same = bool(estimate.distribution.dividing_plane_normal @ np.array(body.region_plane[:3]) >= 0)
     rows = [regions.regions[i] for i in ((0, 1, 2) if same else (0, 2, 1))]
     intervals = [row.mass.interval95 or (float("nan"), float("nan")) for row in rows]
-    return Answer(
+    return MethodAnswer(
         com_m=estimate.com.position.tolist(),
         com_covariance_m2=estimate.com.covariance.tolist(),
         masses_kg=[_number(row.mass.value) for row in rows],
@@ -164,7 +165,7 @@ def _moments(estimate: Estimate, body: pb.TruthBody) -> list[AxisMoment]:
     found: list[AxisMoment] = []
     for axis in estimate.inertial.axes:
         plane = next(plane for plane in estimate.planes if plane.axis_id == axis.axis_id)
-        R = distance_from(plane, com)
+        R = distance_from_pivot(plane, com)
         about_com = float(axis.direction @ tensor @ axis.direction)
         about_edge = about_com + body.mass_kg * (R + plane.edge_radius) ** 2
         found.append(
@@ -181,18 +182,18 @@ def _moments(estimate: Estimate, body: pb.TruthBody) -> list[AxisMoment]:
     return found
 
 
-def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> Answer:
+def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -> MethodAnswer:
     com, tensor = np.array(body.com_object), np.array(body.inertia_com).reshape(3, 3)
     moments: list[AxisMoment] = []
     for axis_id, found in answer.i_edge.items():
         plane = next((plane for plane in estimate.planes if plane.axis_id == axis_id), None)
         if plane is None:
             continue
-        R = distance_from(plane, com)
+        R = distance_from_pivot(plane, com)
         about_com = float(plane.direction @ tensor @ plane.direction)
         about_edge = about_com + body.mass_kg * (R + plane.edge_radius) ** 2
         corrected = None if answer.regions is None else answer.regions.corrected_i_edge.get(axis_id)
-        less = found - body.mass_kg * distance_from(plane, answer.com) ** 2
+        less = found - body.mass_kg * distance_from_pivot(plane, answer.com) ** 2
         moments.append(
             AxisMoment(
                 axis_id=axis_id,
@@ -207,7 +208,7 @@ def _paper_answer(answer: PaperAnswer, estimate: Estimate, body: pb.TruthBody) -
             )
         )
     regions = answer.regions
-    return Answer(
+    return MethodAnswer(
         com_m=answer.com.tolist(),
         masses_kg=None
         if regions is None
@@ -278,7 +279,7 @@ def _section(estimate: Estimate, body: pb.TruthBody) -> Section:
     outline = estimate.evidence.model.vertices[:, [0, 2]]
     near = np.abs(cells.points[:, 1] - estimate.com.position[1]) < SLICE * cells.pitch
     points = cells.points[near]
-    in_shell = cells.wall[near] > 0
+    in_shell = cells.shell[near] > 0
     true_normal, true_offset = np.array(body.region_plane[:3]), body.region_plane[3]
     sign = 1.0 if distribution.dividing_plane_normal @ true_normal >= 0 else -1.0
     ours = _region(

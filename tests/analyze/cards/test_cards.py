@@ -9,14 +9,14 @@ import pytest
 import trimesh
 from click.testing import CliRunner
 
-from analyze.cards.drawn_shape import MOST_FACES, drawn_shape, simplified
+from analyze.cards.drawn_shape import MAX_FACES, drawn_shape, simplified
 from analyze.cards.page import cards, render_cards
 from analyze.cards.view import Frame, from_above, from_the_camera, from_the_front_right
 from analyze.cli import main
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
-from analyze.reading.object_file import object_files
+from analyze.reading.object_file import read_object_files
 from schemas.object_spec import LengthUnit
 from schemas.strike_plan import StrikePlan
 from schemas.tags import family_and_id
@@ -26,7 +26,7 @@ from tests.places import OBJECTS
 
 @cache
 def planned(name):
-    files = object_files(OBJECTS / f"{name}.toml")
+    files = read_object_files(OBJECTS / f"{name}.toml")
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
     return make_plan(model, files.spec, files.sha256, StrikerModel()), model, files.spec
 
@@ -115,16 +115,20 @@ def test_tags_of_two_families_are_planned_with_and_shown(tmp_path):
     path = OBJECTS / "carton.toml"
     text = path.read_text().replace('family = "36h11"\nid = 0\n', 'family = "25h9"\nid = 2\n')
     (tmp_path / "carton.toml").write_text(text)
-    files = object_files(tmp_path / "carton.toml")
+    files = read_object_files(tmp_path / "carton.toml")
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
     plan = make_plan(model, files.spec, files.sha256, StrikerModel())
     usual = planned("carton")[0]
     names = [strike.visible_markers for strike in plan.strikes]
-    assert names == [["25h9-2" if name == 0 else name for name in strike.visible_markers] for strike in usual.strikes]
+    assert names == [
+        ["25h9-2" if name == 0 else name for name in strike.visible_markers] for strike in usual.strikes
+    ]
     assert StrikePlan.model_validate_json(plan.model_dump_json()) == plan
     for card in cards(plan, model, files.spec):
         family, tag_id = family_and_id(card.strike.visible_markers[0])
-        detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv)))
+        detector = cv2.aruco.ArucoDetector(
+            cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
+        )
         assert tag_id in detector.detectMarkers(painted(str(card.side)))[1].ravel()
     assert any(name == ["25h9-2"] for name in names)
     assert "Tag 25h9-2 faces the camera" in render_cards(plan, model, files.spec)
@@ -153,7 +157,7 @@ def test_a_fine_mesh_is_drawn_with_few_faces_and_keeps_its_edges():
     cell = 150.0 / 30
     vertices, faces = simplified(np.asarray(box.vertices), np.asarray(box.faces), cell)
     assert len(box.faces) > 50_000
-    assert len(faces) < MOST_FACES * 1.5
+    assert len(faces) < MAX_FACES * 1.5
     assert np.ptp(vertices, axis=0) == pytest.approx([80, 60, 150], abs=0.02 * cell)
     # Every point still lies on the box's surface.
     off = np.abs(np.abs(vertices) / [40, 30, 75] - 1).min(axis=1)
@@ -184,11 +188,24 @@ def test_hollow_bodies_are_cut_fine_enough_to_be_sorted():
 
 
 def test_cards_come_with_the_plan_unless_they_are_left_out(tmp_path):
-    out = CliRunner().invoke(main, ["plan", str(OBJECTS / "carton.toml"), "--strikes", "3", "-o", str(tmp_path / "p.json")])
+    out = CliRunner().invoke(
+        main, ["plan", str(OBJECTS / "carton.toml"), "--strikes", "3", "-o", str(tmp_path / "p.json")]
+    )
     assert out.exit_code == 0
     assert "cards: " in out.output
     assert (tmp_path / "p-cards.html").read_text(encoding="utf-8").count("<article") == 3
-    out = CliRunner().invoke(main, ["plan", str(OBJECTS / "carton.toml"), "--strikes", "3", "--no-cards", "-o", str(tmp_path / "q.json")])
+    out = CliRunner().invoke(
+        main,
+        [
+            "plan",
+            str(OBJECTS / "carton.toml"),
+            "--strikes",
+            "3",
+            "--no-cards",
+            "-o",
+            str(tmp_path / "q.json"),
+        ],
+    )
     assert out.exit_code == 0
     assert {path.name for path in tmp_path.iterdir()} == {"p.json", "p-cards.html", "q.json"}
 
@@ -198,13 +215,17 @@ def test_a_strike_beside_the_mark_is_said():
     first = plan.strikes[0]
     moved = [x + 0.012 * d for x, d in zip(first.impact.point, first.pivot.direction, strict=True)]
     other = first.model_copy(update={"impact": first.impact.model_copy(update={"point": moved})})
-    plain, beside = (cards(plan.model_copy(update={"strikes": [each]}), model, spec)[0] for each in (first, other))
+    plain, beside = (
+        cards(plan.model_copy(update={"strikes": [each]}), model, spec)[0] for each in (first, other)
+    )
     assert "from the mark" not in plain.set_striker
     assert "12 mm from the mark away from the camera" in beside.set_striker
     assert beside.on_line == plain.on_line
 
 
 def test_the_papers_plan_has_cards_too(tmp_path):
-    out = CliRunner().invoke(main, ["plan", str(OBJECTS / "carton.toml"), "--method", "paper", "-o", str(tmp_path / "p.json")])
+    out = CliRunner().invoke(
+        main, ["plan", str(OBJECTS / "carton.toml"), "--method", "paper", "-o", str(tmp_path / "p.json")]
+    )
     assert out.exit_code == 0
     assert "not predicted by this method" in (tmp_path / "p-cards.html").read_text(encoding="utf-8")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from analyze.cards.placing import SAME, TOWARDS, Tilt, Turn, change_in_words, moves, sides
+from analyze.cards.placing import MIN_ROTATION, TOWARDS, Tilt, Turn, moves, placement_change, sides
 from schemas.object_spec import Box, ObjectSpec, Shape
 
 quaternions = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1)
@@ -27,33 +27,47 @@ def test_the_moves_bring_the_object_from_one_placement_to_the_other(before, now)
     R_before, R_now = Rotation.from_quat(before).as_matrix(), Rotation.from_quat(now).as_matrix()
     steps = moves(R_before, R_now)
     left_over = Rotation.from_matrix(R_now @ (carried_out(steps) @ R_before).T).magnitude()
-    # Up to three moves smaller than SAME are left out.
-    assert left_over < 3.1 * SAME
-    assert [type(step) for step in steps] in ([], [Turn], [Tilt], [Turn, Tilt], [Tilt, Turn], [Turn, Tilt, Turn])
+    # Up to three moves smaller than MIN_ROTATION are left out.
+    assert left_over < 3.1 * MIN_ROTATION
+    assert [type(step) for step in steps] in (
+        [],
+        [Turn],
+        [Tilt],
+        [Turn, Tilt],
+        [Tilt, Turn],
+        [Turn, Tilt, Turn],
+    )
 
 
 @pytest.mark.parametrize(("towards", "direction"), TOWARDS.items())
 def test_a_tilt_brings_the_top_to_where_it_says(towards, direction):
     tilt = Tilt(towards, np.pi / 2)
     assert tilt.matrix() @ [0, 0, 1] == pytest.approx(direction)
-    assert towards.removeprefix("towards ") in tilt.words().partition(":")[2]
+    assert towards.removeprefix("towards ") in tilt.instruction().partition(":")[2]
 
 
 def test_anticlockwise_is_as_seen_from_above():
-    # What faced the camera (-y) comes to face away from the striker (+x): against the clock for one who looks down.
+    # What faced the camera (-y) comes to face away from the striker (+x): against the clock for one who looks
+    # down.
     assert Turn(np.pi / 2).matrix() @ [0, -1, 0] == pytest.approx([1, 0, 0])
-    assert change_in_words(STANDING, ROUND) == "Turn it 90° anticlockwise, seen from above"
-    assert change_in_words(ROUND, STANDING) == "Turn it 90° clockwise, seen from above"
-    assert change_in_words(STANDING, ROUND @ ROUND) == "Turn it half round on the table (180°)"
+    assert placement_change(STANDING, ROUND) == "Turn it by 90° anticlockwise, seen from above"
+    assert placement_change(ROUND, STANDING) == "Turn it by 90° clockwise, seen from above"
+    assert placement_change(STANDING, ROUND @ ROUND) == "Turn it by 180° on the table"
 
 
 def test_upside_down_is_one_move_where_one_does():
-    assert change_in_words(STANDING, np.diag([1.0, -1, -1])) == "Turn it upside down, its top going over away from the camera"
-    assert change_in_words(STANDING, np.diag([-1.0, 1, -1])) == "Turn it upside down, its top going over away from the striker"
+    assert (
+        placement_change(STANDING, np.diag([1.0, -1, -1]))
+        == "Turn it upside down, moving its top away from the camera"
+    )
+    assert (
+        placement_change(STANDING, np.diag([-1.0, 1, -1]))
+        == "Turn it upside down, moving its top away from the striker"
+    )
 
 
 def test_equal_placements_need_no_words():
-    assert change_in_words(ROUND, ROUND) == ""
+    assert placement_change(ROUND, ROUND) == ""
 
 
 def test_a_side_is_named_by_its_tag_else_by_the_shapes_axes():
@@ -66,7 +80,12 @@ def test_a_side_is_named_by_its_tag_else_by_the_shapes_axes():
         marker=[{"id": 7, "size_m": 0.03, "T_object_marker": top}],
     )
     found = sides(spec, STANDING)
-    assert (found.top, found.under, found.camera, found.away) == ("tag 7", "the −z side", "the −y side", "the +x side")
+    assert (found.top, found.under, found.camera, found.away) == (
+        "tag 7",
+        "the −z side",
+        "the −y side",
+        "the +x side",
+    )
     turned = sides(spec, Tilt("towards the camera", np.pi / 2).matrix())
     assert turned.camera == "tag 7"
     between = sides(spec, Turn(np.pi / 4).matrix())

@@ -9,20 +9,20 @@ from click.testing import CliRunner
 
 from analyze.cards.page import cards
 from analyze.cli import main
-from analyze.errors import OutputError
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.impact import StrikerModel
 from analyze.planning.plan import make_plan
 from analyze.planning.view import default_camera
-from analyze.reading.object_file import object_files
+from analyze.reading.object_file import read_object_files
 from analyze.replay.cards import STRIKE, card_text, log_scenes, write_card_scenes
-from analyze.replay.picture import showing
+from analyze.replay.picture import headless_viewer
+from schemas.output_file import OutputError
 from tests.places import CARTON
 
 
 @pytest.fixture(scope="module")
 def planned():
-    files = object_files(CARTON)
+    files = read_object_files(CARTON)
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
     return make_plan(model, files.spec, files.sha256, StrikerModel(), strikes=4), model, files.spec
 
@@ -87,7 +87,9 @@ def test_the_words_are_the_cards(planned):
 
 
 def test_it_is_written_by_the_command_and_leaves_no_part(tmp_path):
-    out = CliRunner().invoke(main, ["plan", str(CARTON), "--strikes", "3", "--rerun", str(tmp_path / "c.rrd")])
+    out = CliRunner().invoke(
+        main, ["plan", str(CARTON), "--strikes", "3", "--rerun", str(tmp_path / "c.rrd")]
+    )
     assert out.exit_code == 0, out.output
     assert "rerun: " in out.output
     assert [path.name for path in tmp_path.iterdir()] == ["c.rrd"]
@@ -101,7 +103,7 @@ def test_a_place_that_cannot_be_written_gives_one_line(planned, tmp_path):
 @pytest.mark.slow
 def test_what_is_seen_is_not_blank(rrd, vulkan, tmp_path):
     picture = tmp_path / "c.png"
-    with showing(rrd) as client:
+    with headless_viewer(rrd) as client:
         client.set_time(STRIKE, sequence=1)
         time.sleep(1.5)
         client.save_screenshot(str(picture))

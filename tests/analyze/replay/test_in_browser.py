@@ -1,4 +1,4 @@
-"""`analyze replay --web` in Debian's Chromium: rerun's viewer loads, takes the data and draws it, with no error."""
+"""`analyze replay --web` in Debian's Chromium: rerun's viewer loads and draws the data without an error."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def address():
     command = [sys.executable, "-m", "analyze", "replay", str(FIRST_SAMPLE), "--web", "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:
-            told = process.stdout.readline()
-            yield told.removeprefix("replay: ").strip()
+            line = process.stdout.readline()
+            yield line.removeprefix("replay: ").strip()
         finally:
             process.send_signal(signal.SIGINT)
             assert process.wait(20) in {0, 130}  # 130: it was still sending
 
 
-@pytest.mark.slow  # that it serves on loopback and ends is told in test_viewer.py; this draws in software, 25 s of both cores
+@pytest.mark.slow  # draws in software: 25 s of both cores
 @pytest.mark.timeout(240)
 def test_the_web_replay_draws_what_was_sent(chromium_webgl, address):
     assert re.match(r"http://127\.0\.0\.1:\d+/", address)

@@ -21,7 +21,9 @@ def read():
         struck = struck_object(recording)
         markers = placed_markers(struck.spec)
         reading = read_strike(recording, struck, markers, recording.strikes[0])
-        planned = next(strike for strike in recording.plan.strikes if strike.id == reading.motion.plan_strike_id)
+        planned = next(
+            strike for strike in recording.plan.strikes if strike.id == reading.motion.plan_strike_id
+        )
         return struck, markers, reading, planned, camera_from_spec(recording.manifest.cameras[0].calibration)
 
 
@@ -29,12 +31,12 @@ def test_the_fitted_pose_lies_over_the_tag_that_was_seen(read):
     _, markers, reading, planned, camera = read
     tracks, motion = reading.report.tracks, reading.motion
     rest = overlay.pose_at_rest(planned, tracks, markers, camera, contact_of(reading.record))
-    at = views.at_fit(motion.angle, motion.fit, views.fitted_curves(motion.angle, motion.fit))
+    at = views.fitted_angle(motion.angle, motion.fit, views.fitted_curves(motion.angle, motion.fit))
     R, p = views.object_poses(planned, at, None, rest)
     (track,) = tracks
     marker = next(each for each in markers if each.id == track.marker_id)
     corners = marker_corners(marker.size) @ marker.T_object_marker[:3, :3].T + marker.T_object_marker[:3, 3]
-    drawn = overlay.pixels(camera, corners @ np.swapaxes(R, 1, 2) + p[:, None])
+    drawn = overlay.project_to_pixels(camera, corners @ np.swapaxes(R, 1, 2) + p[:, None])
     seen = track.corners_px[np.searchsorted(track.time_ns, at.time_ns)]
     assert np.abs(drawn - seen).max() < 1.0  # px, of 80
 
@@ -52,8 +54,10 @@ def test_a_wireframe_has_the_body_s_edges_and_a_round_body_its_outline(read):
 
 
 def test_what_is_behind_the_camera_is_not_drawn():
-    camera = CameraModel(640, 480, np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(5), np.eye(4))
-    drawn = overlay.pixels(camera, np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
+    camera = CameraModel(
+        640, 480, np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]]), np.zeros(5), np.eye(4)
+    )
+    drawn = overlay.project_to_pixels(camera, np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
     np.testing.assert_allclose(drawn[0], [320, 240])
     assert np.all(np.isnan(drawn[1]))
     assert len(overlay.axis_line(camera, np.array([0.0, 0.0, -1.0]), 0.1)) == 0
@@ -63,7 +67,9 @@ def test_what_is_behind_the_camera_is_not_drawn():
 def _prism(sides):
     angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)
     ring = 0.03 * np.column_stack([np.cos(angle), np.sin(angle)])
-    vertices = np.vstack([np.column_stack([ring, np.full(sides, z)]) for z in (-0.05, 0.05)] + [[[0, 0, -0.05], [0, 0, 0.05]]])
+    vertices = np.vstack(
+        [np.column_stack([ring, np.full(sides, z)]) for z in (-0.05, 0.05)] + [[[0, 0, -0.05], [0, 0, 0.05]]]
+    )
     i, j = np.arange(sides), (np.arange(sides) + 1) % sides
     faces = np.vstack(
         [

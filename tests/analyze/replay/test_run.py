@@ -1,4 +1,4 @@
-"""A recording replayed to a file: whole, cut, damaged, without an answer, and while it is still being written."""
+"""Replay of recordings to a file: whole, cut, damaged, without an answer, or still being written."""
 
 from __future__ import annotations
 
@@ -18,21 +18,26 @@ from analyze.cli import main
 from analyze.pipeline.evidence import read_strike
 from analyze.reading.recording import open_recording
 from analyze.replay.pictures import ImageChoice, send_pictures
-from analyze.replay.place import find
+from analyze.replay.recording_file import find_recording
 from analyze.replay.run import replay_recording
 from analyze.replay.sender import ReplayOptions
 from analyze.replay.target import ToViewer, to_file
 from analyze.replay.timelines import Timelines
-from analyze.replay.viewer import ReplayError, native
+from analyze.replay.viewer import ReplayError, native_viewer
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME
 from tests.places import FIRST_SAMPLE
 
 TOPICS = [
-    topics.compressed_image("main"), topics.frame_meta("main"), topics.STRIKER_EVENT, topics.CLOCK_SAMPLE, topics.SESSION_STATE,
-    topics.SESSION_STRIKE, topics.LOG,
-]  # fmt: skip
+    topics.compressed_image("main"),
+    topics.frame_meta("main"),
+    topics.STRIKER_EVENT,
+    topics.CLOCK_SAMPLE,
+    topics.SESSION_STATE,
+    topics.SESSION_STRIKE,
+    topics.LOG,
+]
 STRIKES = ["s1.1", "s2.2", "s3.1", "s4.1"]
 
 
@@ -55,7 +60,13 @@ class Shown:
 
     def _cells(self, entity: str, ending: str) -> list:
         batches = [chunk.to_record_batch() for chunk in self.chunks[entity]]
-        return [row[0] for b in batches for name in b.schema.names if name.endswith(ending) for row in b.column(name).to_pylist()]
+        return [
+            row[0]
+            for b in batches
+            for name in b.schema.names
+            if name.endswith(ending)
+            for row in b.column(name).to_pylist()
+        ]
 
 
 def strike(name: str, part: str) -> str:
@@ -65,7 +76,9 @@ def strike(name: str, part: str) -> str:
 def replay(path: Path, output: Path, options: ReplayOptions | None = None):
     steps = []
     with to_file(output) as target:
-        done = replay_recording(find(path), target, options or ReplayOptions(), lambda *step: steps.append(step))
+        done = replay_recording(
+            find_recording(path), target, options or ReplayOptions(), lambda *step: steps.append(step)
+        )
     return done, Shown(output), steps
 
 
@@ -103,7 +116,9 @@ def test_every_strike_has_its_images_curves_bands_and_pose(sample):
     assert 0.02 < done.moment_s < 0.6
     for name in STRIKES:
         assert 40 <= shown.rows(strike(name, "camera/image")) <= 46  # 0.74 s at 60 Hz
-        assert 5 <= shown.rows(strike(name, "camera/image_before")) <= 12  # which is all that is drawn before the contact
+        assert (
+            5 <= shown.rows(strike(name, "camera/image_before")) <= 12
+        )  # which is all that is drawn before the contact
         assert shown.rows(strike(name, "camera/tags")) == 89
         assert shown.rows(strike(name, "camera/ghost")) > 20
         for curve in ("theta", "omega", "alpha"):
@@ -139,7 +154,9 @@ def test_images_are_thinned_jpeg_unless_more_is_asked(tmp_path):
     found = {}
     with open_recording(FIRST_SAMPLE) as recording:
         record = recording.strikes[0]
-        frames = list(recording.images(start_ns=record.window_start_ns, end_ns=record.window_start_ns + 200_000_000))
+        frames = list(
+            recording.images(start_ns=record.window_start_ns, end_ns=record.window_start_ns + 200_000_000)
+        )
     for choice in (ImageChoice(), ImageChoice(every_frame=True), ImageChoice(lossless=True)):
         stream = rr.RecordingStream("test")
         stream.save(tmp_path / "r.rrd")
@@ -152,15 +169,18 @@ def test_images_are_thinned_jpeg_unless_more_is_asked(tmp_path):
     assert len(few) == len(exact) == 12
     assert few[0] == every[0]
     assert few[0][:2] == b"\xff\xd8"  # JPEG
-    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(exact[1], np.uint8), cv2.IMREAD_UNCHANGED), frames[2].image)
+    np.testing.assert_array_equal(
+        cv2.imdecode(np.frombuffer(exact[1], np.uint8), cv2.IMREAD_UNCHANGED), frames[2].image
+    )
 
 
-# --- what is not whole ------------------------------------------------------------------------------------------------
+# --- what is not whole
+# ------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    """The sample with every message where a recorder would have put it: a strike is told once its images are there."""
+    """The sample with its messages in a recorder's order: a strike is recorded after its images."""
     path = tmp_path_factory.mktemp("recorded") / "session.mcap"
     with open_recording(FIRST_SAMPLE) as recording, McapWriter(path) as writer:
         writer.metadata(MANIFEST_NAME, {"json": canonical_json(recording.manifest)})
@@ -170,7 +190,9 @@ def recorded(tmp_path_factory):
         channels = {name: writer.add_topic(topic) for name, topic in known.items()}
         messages = [message for name in known for message in recording.messages(name)]
         for message in sorted(messages, key=lambda each: each.log_time_ns):
-            writer.write(channels[message.topic], message.log_time_ns, bytes(message.data), sequence=message.sequence)
+            writer.write(
+                channels[message.topic], message.log_time_ns, bytes(message.data), sequence=message.sequence
+            )
             if message.topic == topics.SESSION_STRIKE.name:
                 writer.flush()
     return path.read_bytes()
@@ -230,7 +252,9 @@ def test_a_damaged_chunk_costs_its_images_and_is_told(tmp_path):
 @pytest.mark.usefixtures("read_before")
 def test_too_few_strikes_are_still_replayed(tmp_path):
     output = tmp_path / "few.rrd"
-    done = CliRunner().invoke(main, ["replay", str(FIRST_SAMPLE), "--exclude", "s1.1", "--exclude", "s2.2", "--save", str(output)])
+    done = CliRunner().invoke(
+        main, ["replay", str(FIRST_SAMPLE), "--exclude", "s1.1", "--exclude", "s2.2", "--save", str(output)]
+    )
     assert done.exit_code == 1
     (line,) = done.stderr.splitlines()
     assert "2 good strikes of 4, 3 are needed" in line
@@ -244,7 +268,9 @@ def test_an_object_that_cannot_be_read_leaves_the_images(tmp_path):
     broken = tmp_path / "object.toml"
     broken.write_text("name = 3", encoding="utf-8")
     output = tmp_path / "r.rrd"
-    done = CliRunner().invoke(main, ["replay", str(FIRST_SAMPLE), "--object", str(broken), "--save", str(output)])
+    done = CliRunner().invoke(
+        main, ["replay", str(FIRST_SAMPLE), "--object", str(broken), "--save", str(output)]
+    )
     assert done.exit_code == 1
     assert "object.toml" in done.stderr
     shown = Shown(output)
@@ -274,7 +300,8 @@ def test_ways_of_looking_that_exclude_each_other_are_wrong_usage():
         assert CliRunner().invoke(main, ["replay", str(FIRST_SAMPLE), *more]).exit_code == 2
 
 
-# --- a session that still runs ----------------------------------------------------------------------------------------
+# --- a session that still runs
+# ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("read_before")
@@ -299,12 +326,14 @@ def test_a_running_session_is_followed_strike_by_strike(recorded, tmp_path, monk
     try:
         output = tmp_path / "live.rrd"
         with to_file(output) as target:
-            done = replay_recording(find(whole), target, ReplayOptions(), lambda text, *_: seen.append(text))
+            done = replay_recording(
+                find_recording(whole), target, ReplayOptions(), lambda text, *_: seen.append(text)
+            )
     finally:
         writer.join()
     assert not done.problems
-    told = [text for text in seen if text.startswith("strike")]
-    assert told == [f"strike {name}" for name in STRIKES]
+    progress_texts = [text for text in seen if text.startswith("strike")]
+    assert progress_texts == [f"strike {name}" for name in STRIKES]
     assert seen[-1] == "estimating"
     shown = Shown(output)
     for name in STRIKES:
@@ -315,7 +344,7 @@ def test_a_running_session_is_followed_strike_by_strike(recorded, tmp_path, monk
 
 def test_a_session_that_died_is_told_once_its_file_stands_still(tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.replay.run._POLL_S", 0.02)
-    monkeypatch.setattr("analyze.replay.place.STILL_S", 0.3)
+    monkeypatch.setattr("analyze.replay.recording_file.STILL_S", 0.3)
     data = FIRST_SAMPLE.read_bytes()
     part = tmp_path / "dead.mcap.part"
     part.write_bytes(data[: len(data) // 2])
@@ -328,7 +357,7 @@ def test_a_session_that_died_is_told_once_its_file_stands_still(tmp_path, monkey
 def test_without_a_screen_one_line_says_what_to_do_instead(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
-    with native(1) as viewer:
+    with native_viewer(1) as viewer:
         viewer.process.wait(20)
         with pytest.raises(ReplayError, match=r"^no screen here .*--web") as caught:
             ToViewer(viewer).check()

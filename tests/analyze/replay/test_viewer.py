@@ -14,7 +14,7 @@ import cv2
 import pytest
 
 from analyze.replay.picture import screenshot
-from analyze.replay.place import find
+from analyze.replay.recording_file import find_recording
 from analyze.replay.run import replay_recording
 from analyze.replay.sender import ReplayOptions
 from analyze.replay.target import to_file
@@ -35,7 +35,9 @@ def listening(port: int) -> set[str]:
 
 
 def children(pid: int) -> list[int]:
-    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()]
+    return [
+        int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()
+    ]
 
 
 def test_the_web_viewer_serves_on_loopback_and_ends_with_ctrl_c(tmp_path):
@@ -44,7 +46,10 @@ def test_the_web_viewer_serves_on_loopback_and_ends_with_ctrl_c(tmp_path):
     process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=stderr, text=True)
     try:
         line = process.stdout.readline()
-        address = re.fullmatch(r"replay: (http://127\.0\.0\.1:(\d+)/\?url=rerun%2Bhttp%3A%2F%2F127\.0\.0\.1%3A(\d+)%2Fproxy)\n", line)
+        address = re.fullmatch(
+            r"replay: (http://127\.0\.0\.1:(\d+)/\?url=rerun%2Bhttp%3A%2F%2F127\.0\.0\.1%3A(\d+)%2Fproxy)\n",
+            line,
+        )
         assert address, line
         with urllib.request.urlopen(address[1], timeout=20) as page:
             assert page.status == 200
@@ -85,7 +90,9 @@ def test_a_terminated_replay_leaves_no_viewer():
 def test_pages_rendered_without_a_screen_are_not_blank(tmp_path):
     rrd, picture = tmp_path / "r.rrd", tmp_path / "r.png"
     with to_file(rrd) as target:
-        done = replay_recording(find(FIRST_SAMPLE), target, ReplayOptions(page="s1.1"), lambda *_: None)
+        done = replay_recording(
+            find_recording(FIRST_SAMPLE), target, ReplayOptions(page="s1.1"), lambda *_: None
+        )
     screenshot(rrd, picture, done.moment_s)
     image = cv2.imread(str(picture))
     height, width = image.shape[:2]

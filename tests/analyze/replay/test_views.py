@@ -16,7 +16,10 @@ from tests.analyze.simulated_session import carton, session
 def evidence():
     evidence = session(carton(), np.random.default_rng(5), repeats=1)
     # the simulated tip begins with frame 29: frame 30 is its first step
-    motions = [dataclasses.replace(m, fit=dataclasses.replace(m.fit, time0_ns=int(m.angle.time_ns[29]))) for m in evidence.motions]
+    motions = [
+        dataclasses.replace(m, fit=dataclasses.replace(m.fit, time0_ns=int(m.angle.time_ns[29])))
+        for m in evidence.motions
+    ]
     return dataclasses.replace(evidence, motions=tuple(motions))
 
 
@@ -31,7 +34,9 @@ def test_the_object_turns_about_its_pivot(evidence):
     R, p = views.object_poses(planned, motion.angle)
     pivot = np.array(planned.pivot.point)
     rolled = planned.pivot.radius_m * motion.angle.theta[:, None] * [1.0, 0.0, 0.0]
-    np.testing.assert_allclose(R @ pivot + p - rolled, np.tile(R[0] @ pivot + p[0] - rolled[0], (len(R), 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        R @ pivot + p - rolled, np.tile(R[0] @ pivot + p[0] - rolled[0], (len(R), 1)), atol=1e-12
+    )
     np.testing.assert_allclose(R[0], np.array(planned.R_world_object), atol=5e-3)
     assert np.all(np.linalg.det(R) > 0.999999)
 
@@ -50,20 +55,22 @@ def test_fitted_curves_follow_the_measured_ones(evidence):
     motion = evidence.motions[0]
     fitted = views.fitted_curves(motion.angle, motion.fit)
     assert np.degrees(np.std(fitted.residual)) < 0.1
-    measured = views.curves(motion.angle)
+    measured = views.measured_curves(motion.angle)
     middle = slice(5, -5)
     rate = np.interp(fitted.time_ns, measured.time_ns, measured.omega)[middle]
-    assert np.degrees(np.sqrt(np.mean((rate - fitted.omega[middle]) ** 2))) < 10.0  # 0.05 deg at 120 fps, differenced
+    assert (
+        np.degrees(np.sqrt(np.mean((rate - fitted.omega[middle]) ** 2))) < 10.0
+    )  # 0.05 deg at 120 fps, differenced
 
 
 def test_an_equiplane_is_drawn_where_it_cuts_the_object(evidence, estimate):
     for plane in estimate.planes:
-        cut = views.section(evidence.model, plane.point, plane.normal, margin=1.0)
+        cut = views.plane_section(evidence.model, plane.point, plane.normal, margin=1.0)
         assert len(cut) >= 3
         np.testing.assert_allclose((cut - plane.point) @ plane.normal, 0.0, atol=1e-12)
         assert np.all(cut >= evidence.model.bounds[0] - 1e-9)
         assert np.all(cut <= evidence.model.bounds[1] + 1e-9)
-    outside = views.section(evidence.model, np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    outside = views.plane_section(evidence.model, np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))
     assert outside.shape == (0, 3)
 
 
@@ -82,21 +89,23 @@ def test_the_fitted_acceleration_is_that_of_the_fitted_angle(evidence):
     near = np.abs(fitted.theta - motion.fit.phi) < 0.12
     slope = np.polyfit(fitted.theta[near] - motion.fit.phi, fitted.alpha[near], 1)[0]
     assert slope == pytest.approx(motion.fit.k, rel=0.1)
-    measured = views.curves(motion.angle)
+    measured = views.measured_curves(motion.angle)
     assert len(measured.alpha) == len(measured.theta)
     middle = (measured.time_ns > fitted.time_ns[5]) & (measured.time_ns < fitted.time_ns[-6])
     smooth = np.interp(measured.time_ns[middle], fitted.time_ns, fitted.alpha)
-    assert np.sqrt(np.mean((measured.alpha[middle] - smooth) ** 2)) < 8.0  # rad/s^2: 0.05 deg at 120 fps, differentiated twice
+    assert (
+        np.sqrt(np.mean((measured.alpha[middle] - smooth) ** 2)) < 8.0
+    )  # rad/s^2: 0.05 deg at 120 fps, differentiated twice
 
 
 def test_an_answer_has_regions_and_a_density_for_every_cell(estimate):
-    answer = views.answer_of(estimate)
+    answer = views.drawn_answer(estimate)
     assert [region.name for region in answer.regions] == list(estimate.distribution.names)
     assert len(answer.voxels.points) == len(answer.voxels.density)
 
 
 def test_the_moment_shown_is_when_the_object_stands_on_its_edge(evidence):
     motion = evidence.motions[0]
-    assert 0.02 < views.moment_of(motion) < 0.6
-    assert views.moment_of(None) == pytest.approx(0.2)
-    assert views.moment_of(dataclasses.replace(motion, angle=None)) == pytest.approx(0.2)
+    assert 0.02 < views.shown_moment(motion) < 0.6
+    assert views.shown_moment(None) == pytest.approx(0.2)
+    assert views.shown_moment(dataclasses.replace(motion, angle=None)) == pytest.approx(0.2)

@@ -13,7 +13,7 @@ from analyze.reproduce.paper.miscalibrated import (
     TILT_SD,
     miscalibrated,
 )
-from analyze.reproduce.paper.record import Answer, Condition, SessionRecord, Source
+from analyze.reproduce.paper.record import Condition, MethodAnswer, SessionRecord, ThetaSource
 from analyze.reproduce.paper.scores import scatter_of_mean, standardised_masses
 from schemas.strike_plan import PlanMethod
 from tests.analyze.reproduce.theta_sessions import theta_session
@@ -25,7 +25,7 @@ def session(off_sd: float) -> SessionRecord:
     """Session on a body without a lower part whose masses are off by `off_sd` of their stated sd."""
     true, sd = np.array([0.03, 0.01, 0.0]), np.array([2e-3, 1e-3, 1e-3])
     found = true + off_sd * sd
-    answer = Answer(
+    answer = MethodAnswer(
         com_m=(0.0, 0.0, 0.0),
         masses_kg=found.tolist(),
         masses_sd_kg=sd.tolist(),
@@ -35,7 +35,7 @@ def session(off_sd: float) -> SessionRecord:
     return SessionRecord(
         object="carton",
         seed=1,
-        source=Source.SIMULATED,
+        source=ThetaSource.SIMULATED,
         method=PlanMethod.OURS,
         strikes=9,
         axes=3,

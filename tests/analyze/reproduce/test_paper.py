@@ -14,7 +14,7 @@ from markupsafe import escape
 
 from analyze.cli import main
 from analyze.reproduce.paper.published import published_centres, published_masses
-from analyze.reproduce.paper.record import Condition, SessionRecord, Source
+from analyze.reproduce.paper.record import Condition, SessionRecord, ThetaSource
 from analyze.reproduce.paper.scores import distance, metric
 from analyze.reproduce.paper.session import Sweeps, session_record
 from analyze.reproduce.paper.targets import missed
@@ -34,7 +34,9 @@ each_object = pytest.mark.parametrize("name", OBJECTS)
 def record_of(name: str) -> SessionRecord:
     """One session of an object, of the carton with what the figures sweep; all tests look at these."""
     return session_record(
-        *theta_session(name, 1, OBJECTS[name]), Source.SIMULATED, SWEPT if name == "carton" else NOT_SWEPT
+        *theta_session(name, 1, OBJECTS[name]),
+        ThetaSource.SIMULATED,
+        SWEPT if name == "carton" else NOT_SWEPT,
     )
 
 

@@ -1,4 +1,4 @@
-"""Where the recording to be replayed lies, found before anything is loaded that takes time."""
+"""Lookup of the recording's file, before any module is imported that takes time to load."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from analyze.errors import RecordingCut, RecordingError
 _MAGIC = b"\x89MCAP0\r\n"
 _PART = ".part"
 STILL_S = 10.0
-"""a file that has not been written to for so long is written no more: the recorder writes clock samples several times a second"""
+"""Time without a write after which a file counts as complete: the recorder writes several clock samples a
+second."""
 
 
 @dataclass(frozen=True)
-class Place:
-    """A recording's file."""
+class RecordingFile:
+    """File of a recording."""
 
     path: Path
     growing: bool
-    """somebody is writing it"""
+    """True if the file is still being written."""
 
 
-def find(file: Path) -> Place:
-    """The file to read for the name that was given: NAME.mcap may still be NAME.mcap.part.
+def find_recording(file: Path) -> RecordingFile:
+    """File of the recording with the given name: NAME.mcap may still be NAME.mcap.part, or the reverse.
 
     Raises:
-        RecordingError: there is none, or it is no recording.
+        RecordingError: the file does not exist, cannot be read, or is not a recording.
     """
     path = file
     if not file.exists() and file.suffix != _PART and (part := file.with_name(file.name + _PART)).exists():
@@ -43,14 +44,14 @@ def find(file: Path) -> Place:
         raise RecordingError(f"{file}: cannot be read: {error.strerror}") from None
     growing = path.suffix == _PART and is_fresh(path)
     if not head and not growing:
-        raise RecordingCut(f"{file}: is empty: nothing of this recording can be saved: record again")
+        raise RecordingCut(f"{file}: is empty: nothing of this recording can be recovered: record again")
     if head[: len(_MAGIC)] != _MAGIC[: len(head)]:
         raise RecordingError(f"{file}: is not a recording: it does not begin like an MCAP file")
-    return Place(path, growing)
+    return RecordingFile(path, growing)
 
 
 def is_fresh(path: Path) -> bool:
-    """Whether the file was written to within the last `STILL_S`, or has just been given its final name."""
+    """True if the file was written to within the last `STILL_S`, or has just been given its final name."""
     try:
         return time.time() - path.stat().st_mtime < STILL_S
     except FileNotFoundError:
