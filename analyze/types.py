@@ -349,8 +349,10 @@ class ShellThickness:
 
 @dataclass(frozen=True)
 class MassDistribution:
-    """Masses of the shell (R1) and of the interior on either side of a plane (R2 where n.x > offset, else
-    R3)."""
+    """Masses of the shell (R1) and of the interior on either side of a plane.
+
+    R2 is the interior where n.x > offset, R3 the rest.
+    """
 
     names: tuple[str, ...]
     """names of the regions"""

@@ -1,2 +1,4 @@
-"""Dense robust least squares: one Levenberg-Marquardt, one Gauss-Newton, Huber's weights and a lag-one noise
-model."""
+"""Dense robust least squares.
+
+One Levenberg-Marquardt, one Gauss-Newton, Huber's weights and a lag-one noise model.
+"""

@@ -126,8 +126,9 @@ def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
 
 
 def residual_variance(minimum: Minimum, sd: Array) -> float:
-    """Variance of the weighted residuals: Huber's asymptotic variance times the inflation by their
-    correlation.
+    """Variance of the weighted residuals.
+
+    Huber's asymptotic variance times the inflation by their correlation.
 
     Huber: sum psi^2 / (n - p) over (mean psi')^2. The divisor is n - p - 2, the variance that Student's t
     has, because intervals are drawn as if it were normal.

@@ -46,7 +46,9 @@ def lag_one_correlation(standardised: Array) -> float:
 
 
 def correlation_factor(standardised: Array) -> float:
-    """Variance inflation (1 + a) / (1 - a) of a mean of residuals (n,) with lag-one correlation a; 1 if a is
-    within its noise."""
+    """Variance inflation (1 + a) / (1 - a) of a mean of residuals (n,) with lag-one correlation a.
+
+    1 if a is within its noise.
+    """
     correlation = lag_one_correlation(standardised)
     return (1.0 + correlation) / (1.0 - correlation)

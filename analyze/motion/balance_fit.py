@@ -1,5 +1,6 @@
-"""phi and k of one strike whose edge slid or hopped: moment balance about the line of contact, free of
-friction.
+"""phi and k of one strike whose edge slid or hopped.
+
+Moment balance about the line of contact, free of friction.
 
 With s(t) the sliding of the contact along the table, z(t) the height of the edge over it (both seen by the
 camera), psi = phi - theta and R the distance of c from the edge, the balance of moments about the line of
@@ -61,8 +62,7 @@ def moment_balance(
     phi: float | None = None,
     offset_covariance: Array | None = None,
 ) -> MotionFit:
-    """Fit phi, k, theta0, omega0 over motion.angle[window[0]:window[1]], given the measured motion of the
-    edge.
+    """Fit phi, k, theta0, omega0 over motion.angle[window[0]:window[1]] with the edge's measured motion.
 
     Args:
         motion: theta, slip and lift through the strike.
@@ -129,8 +129,7 @@ def _covariance(
     edge: tuple[Array, Array, float],
     known: tuple[Array, Array],
 ) -> Array:
-    """Covariance (2, 2) of phi and k from the errors of theta, slip and lift in every frame, and of the
-    edge's position.
+    """Covariance (2, 2) of phi and k by errors of theta, slip and lift, and of the edge's position.
 
     Args:
         sample: the data.

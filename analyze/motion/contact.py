@@ -1,6 +1,7 @@
-"""What a fit of one motion cannot know of itself: how far the contact is from the hinge that the pendulum's equation supposes.
+"""Errors of a contact that is not a perfect hinge, which the fit's residuals do not show.
 
-The fit follows theta(t) to a ten-thousandth of a degree even where the edge creeps, so that its residuals say nothing of it.
+The fit follows theta(t) to a ten-thousandth of a degree even where the edge creeps, so that its residuals do
+not reveal it.
 """
 
 from __future__ import annotations
@@ -14,23 +15,31 @@ from analyze.types import MotionFit
 
 @dataclass(frozen=True)
 class ContactErrors:
-    """1 sigma each, beside the fit's own.
+    """Standard deviations of phi and k by the contact, in addition to the fit's own.
 
-    phi: measured on 107 simulated strikes (dry friction of 0.6 to 0.8, E up to 2), fitted to the true theta(t); on 35 with other seeds the
-    95 % intervals held phi in 83 %, before the zero was given its floor. k: on 360 strikes of four objects through images, on roundings of
-    1 mm: off by 1.0 to 1.3 of the fit's own sd (0.06 to 0.07 %).
+    phi: measured on 107 simulated strikes (dry friction of 0.6 to 0.8, E up to 2), fitted to the true
+    theta(t); on 35 with other seeds the 95 % intervals held phi in 83 %, before the zero was given its floor.
+    k: on 360 strikes of four objects through images, on roundings of 1 mm: off by 1.0 to 1.3 of the fit's own
+    sd (0.06 to 0.07 %).
     """
 
     edge_phi_sd: float = 7e-5
-    """rad, straight edge: it creeps by 10 to 25 um; phi is off by 0.0007 deg (bottles) to 0.004 deg (carton, 1 mm rounding), rms"""
+    """phi [rad] on a straight edge, which creeps by 10 to 25 um; phi is off by 0.0007 deg (bottles) to 0.004
+    deg (carton, 1 mm rounding), rms"""
     rim_phi_sd: float = 3.2e-4
-    """rad, round rim: the contact wanders along it and the body turns with it; 0.02 deg rms"""
+    """phi [rad] on a round rim: the contact wanders along it and the body turns with it; 0.02 deg rms"""
     k_relative_sd: float = 7e-4
-    """what a rounding that is 0.3 mm off, as usual, makes of k: 0.03 to 0.1 %"""
+    """relative error of k by a rounding that is 0.3 mm off, as usual: 0.03 to 0.1 %"""
 
 
 def with_contact_errors(fit: MotionFit, rolls: bool, errors: ContactErrors) -> MotionFit:
-    """The fit with covariance that holds these errors too; `rolls`: the edge is a rim."""
+    """The fit with the contact's errors added to its covariance.
+
+    Args:
+        fit: phi and k of one strike.
+        rolls: True if the edge is a round rim.
+        errors: standard deviations by the contact.
+    """
     phi_sd = errors.rim_phi_sd if rolls else errors.edge_phi_sd
     added = np.diag([phi_sd**2, (errors.k_relative_sd * (fit.k or 0.0)) ** 2])
     return replace(fit, covariance=fit.covariance + added)

@@ -73,8 +73,7 @@ def edge_motion(motion: PlanarMotion, window: tuple[int, int]) -> EdgeMotion:
 
 
 def moved_by_offset(theta: Array) -> Array:
-    """Displacement (n, 2, 2) of a point by rotation through theta (n,) [rad], per metre of its offset from
-    the edge.
+    """Displacement (n, 2, 2) of a point by a turn theta (n,) [rad], per metre of offset from the edge.
 
     Rows: displacement along and off the table; columns: offset along and off the table.
     """
@@ -116,8 +115,7 @@ def _corrected(motion: PlanarMotion, used: slice, offset: Array, covariance: Arr
 
 
 def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array, Array]:
-    """Offset (2,) [m] of the point from an edge that may slide, from the lift alone, and its covariance (2,
-    2)."""
+    """Offset (2,) [m] of the point from a sliding edge, by the lift alone, and covariance (2, 2)."""
     A = moved_by_offset(theta)[:, 1]
     scale = _CORRELATION_FACTOR * np.hypot(sd, _LIFT_MODEL_SD)
     weight = np.ones_like(lift)
@@ -141,8 +139,9 @@ def _offset_of_sliding_edge(theta: Array, lift: Array, sd: Array) -> tuple[Array
 
 
 def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> tuple[Array, Array] | None:
-    """Offset (2,) [m] of the point from an edge that held, and its covariance (2, 2); None if the edge did
-    not hold.
+    """Offset (2,) [m] of the point from an edge that held, and its covariance (2, 2).
+
+    None if the edge did not hold.
 
     Offsets of that size come from a tag of unknown place, or from one not printed to scale.
 

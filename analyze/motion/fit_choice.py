@@ -1,5 +1,7 @@
-"""Choice of the estimator for one strike: hinge or rolling contact, over all or a clean stretch, or the
-moment balance."""
+"""Choice of the estimator for one strike.
+
+Hinge or rolling contact, over all or a clean stretch, or the moment balance.
+"""
 
 from __future__ import annotations
 
@@ -126,8 +128,10 @@ def _fits(
     estimator: Estimator,
     radius: float | None,
 ) -> StrikeFits:
-    """Fits by `estimator`, or by the moment balance about a rounding of `radius` [m] (None: without the
-    balance)."""
+    """Fits by `estimator`, or by the moment balance about a rounding of `radius` [m] (None.
+
+    Without the balance).
+    """
     whole = _fit_window(motion.angle, course, planned.phi_predicted_rad, settings.window, estimator)
     left = left_table(edge_motion(motion, whole.window).motion, whole.window)
     until = None if left is None else _fit_until(motion.angle, (whole.window[0], left), estimator)
@@ -165,8 +169,10 @@ def _fit_window(
 
 
 def _fit_until(angle: TipAngle, window: tuple[int, int], estimator: Estimator) -> _WindowFit | None:
-    """Fit over a window that ends where the edge leaves the table; None if it is too short to hold the
-    balance point."""
+    """Fit over a window that ends where the edge leaves the table.
+
+    None if it is too short to hold the balance point.
+    """
     if window[1] - window[0] < 2 * MIN_FRAMES:
         return None
     try:
@@ -184,8 +190,7 @@ def _fits_over(
     estimator: Estimator,
     radius: float | None,
 ) -> StrikeFits:
-    """Fits over one window: the moment balance if the edge moved, else the hinge, whole or in its clean
-    part."""
+    """Fits over one window: moment balance if the edge moved, else the hinge, whole or in its clean part."""
     hinge, window = found.fit, found.window
     angle, limits = motion.angle, settings.verdict
     edge = edge_motion(motion, window)
@@ -242,8 +247,7 @@ def _as_hinge(angle: TipAngle, window: tuple[int, int], violated: str) -> tuple[
 
 
 def _is_jump(fit: MotionFit, size: float, gain: float, limits: VerdictLimits) -> bool:
-    """True if a jump in speed (size [rad/s], gain in chi^2) is significant and large against the speed at
-    release."""
+    """True if a jump in speed is significant (gain in chi^2) and large (size [rad/s]) for the fit."""
     return gain >= limits.speed_jump_chi2 and abs(size) >= limits.speed_jump_ratio * abs(fit.omega0)
 
 
@@ -254,8 +258,10 @@ def _balanced(
     planned: PlannedStrike,
     limits: VerdictLimits,
 ) -> tuple[MotionFit | None, str]:
-    """Moment balance over a window if it is to replace the hinge's fit, with the reason; None if it is
-    not."""
+    """Moment balance over a window if it is to replace the hinge's fit, with the reason.
+
+    None if it is not.
+    """
     moved = max(edge.slid, edge.lifted) >= limits.edge_moved
     noise = float(np.median(edge.motion.angle.sd[slice(*window)]))
     if not moved and (hinge is None or noise > _MAX_NOISE_TO_SEE_CREEP):
@@ -307,12 +313,13 @@ def _reason_for_balance(
     _, size, gain = jump(angle, hinge)
     if _is_jump(hinge, size, gain, limits):
         if left < _UNEXPLAINED_SHARE * gain and _explains_jump(angle, window, balanced, radius):
-            return f"the edge moved at one end of the window, which a hinge shows as an impact of {size:+.2f} rad/s"
+            return f"the edge moved at one end of the window, where a hinge shows a jump of {size:+.2f} rad/s"
         return ""
     sd, balanced_sd = math.sqrt(float(hinge.covariance[0, 0])), math.sqrt(float(balanced.covariance[0, 0]))
     apart = abs(balanced.phi - hinge.phi)
     if balanced_sd < sd and apart > max(_CREEP_SIGMAS * sd, _MIN_CREEP_RAD):
-        return f"a hinge would put phi {math.degrees(apart):.2f} deg off, {apart / sd:.1f} of its sd: the edge crept"
+        off = f"{math.degrees(apart):.2f} deg off, {apart / sd:.1f} of its sd"
+        return f"a hinge would put phi {off}: the edge crept"
     return ""
 
 
@@ -341,4 +348,5 @@ def _with_second_impact(
 
 def _jump_reason(angle: TipAngle, index: int, size: float, window: tuple[int, int]) -> str:
     after = 1e-6 * (angle.time_ns[index] - angle.time_ns[window[0]])
-    return f"its speed jumped by {size:+.2f} rad/s {after:.0f} ms after the strike: catch the striker after the first contact"
+    jumped = f"its speed jumped by {size:+.2f} rad/s {after:.0f} ms after the strike"
+    return f"{jumped}: catch the striker after the first contact"

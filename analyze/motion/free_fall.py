@@ -1,13 +1,13 @@
-"""How long a second of a film's times truly is, from a tag that falls freely before the camera.
+"""True duration of a stated second of a video, from a tag that falls freely in view of the camera.
 
 In the stated time tau, with t = q tau the true one,
 
     p(tau) = p0 + v0 tau + 1/2 a tau^2 + R(tau) r - drag + shutter,    |a| = q^2 g
 
-g's size is known, its direction is not asked for. The tag may turn: r is the arm from the centre of mass to the tag, unknown to
-`ARM_SD`. Air slows by beta |v| v, beta = 1/2 rho C_d A / m, which is the same in either time; a rolling shutter sees a row later by its
-line time. Both are unknowns with what is known of them beforehand, so that the error of q holds them. Lengths are the tag's: q goes with
-the root of its size.
+The magnitude of g is known, its direction is not needed. The tag may turn: r is the arm from the centre of
+mass to the tag, unknown to `ARM_SD`. Air slows by beta |v| v, beta = 1/2 rho C_d A / m, which is the same in
+either time; a rolling shutter exposes each row later by its line time. Both are unknowns with priors, so that
+the error of q includes them. Lengths are the tag's: q goes with the root of its size.
 """
 
 # scipy is only partly typed; its unknowns are no mistakes of ours.
@@ -22,136 +22,156 @@ from scipy.spatial.transform import Rotation
 
 from analyze.errors import EstimationError
 from analyze.least_squares.robust import huber_weights
-from analyze.motion.fall_window import LEAST_FALL, LEAST_FRAMES, FallWindow
+from analyze.motion.fall_window import MIN_FALL_M, MIN_FRAMES, FallWindow
 from analyze.types import Array, MarkerTrack
 
 ARM_SD = 0.05
-"""m, of the arm from the centre of mass to the tag"""
+"""standard deviation of the arm from the centre of mass to the tag [m]"""
 AIR_DENSITY = 1.2
+"""kg/m^3"""
 DRAG_COEFFICIENT = 1.2
-"""of a plate that falls face on; edge on it is nearly nothing"""
-CARD = 1.5
+"""of a plate that falls face on; edge on it is nearly zero"""
+CARD_RATIO = 1.5
 """edge of the card over that of the tag"""
 TURN_DEGREE = 2
-"""of the polynomial that follows the tag's turn: free turning is smooth, a pose of one frame is not"""
+"""degree of the polynomial in time that smooths the tag's rotation: free rotation is smooth, the pose of one
+frame is noisy"""
 ROUNDS = 8
-TURNING_POINT = 2.5
-SETTLED = 1.5
-"""over the root of the frames, above 1, of the residuals over the corners' noise: a stretch is cut at its ends until it fits so well"""
-NO_FALL = 3.0
-"""the same, of a stretch that is no fall"""
-GAINED = 0.97
-"""of the misfit, that a cut must reach: what a lens or a codec bends is no end that was touched"""
-MARGIN = 0.05
-"""of its frames, left out at either end of what then fits"""
-CUT = 0.06
-"""of its frames, at a time"""
-MIDDLE, NINTH = 0.89, 1.44
-"""of the root of a third of chi squared with 3 degrees of freedom: its middle, and what one in ten is above"""
-MOST_ALIKE = 0.9
-LINE_TIME_KNOWN = 0.1
-"""relative, of a line time that the camera file states"""
-READ_OUT = 1 / np.sqrt(3.0)
-"""of a frame's duration, 1 sigma of how long an unknown shutter takes over all rows: anything up to the whole of it"""
-FOCAL_SD = 0.005
-"""relative, of the focal length: only what moves along the line of sight feels it"""
+"""number of re-weighted solutions"""
+TURNING_POINT_SIGMAS = 2.5
+"""robust standard deviations above which a frame loses weight"""
+MAX_EXCESS_MISFIT = 1.5
+"""largest misfit above 1, times the root of the number of frames; a stretch is cut at its ends until it fits
+as well"""
+MAX_MISFIT = 3.0
+"""largest misfit of a stretch that is a fall"""
+MIN_IMPROVEMENT = 0.97
+"""ratio of misfits that a cut must reach: a misfit by lens or codec is no end that was touched"""
+MARGIN_SHARE = 0.05
+"""share of the frames left out at either end of the stretch that fits"""
+CUT_SHARE = 0.06
+"""share of the frames removed by one cut"""
+MEDIAN_RMS, NINTH_DECILE_RMS = 0.89, 1.44
+"""median and ninth decile of the root of a third of chi^2 with 3 degrees of freedom"""
+MAX_LAG_ONE_CORRELATION = 0.9
+LINE_TIME_SD_SHARE = 0.1
+"""relative standard deviation of a line time that the camera file states"""
+READ_OUT_SD_SHARE = 1 / np.sqrt(3.0)
+"""standard deviation of an unknown read-out time over the frame's duration: anything up to the whole of it"""
+FOCAL_SD_SHARE = 0.005
+"""relative standard deviation of the focal length: it only affects motion along the line of sight"""
 
 
 @dataclass(frozen=True)
-class Film:
-    """What the fit must know beside the track."""
+class FallSetup:
+    """Tag, gravity and camera of a free fall."""
 
     size: float
-    """m, of the tag"""
+    """edge of the tag [m]"""
     size_sd: float
+    """its standard deviation [m]"""
     gravity: float
+    """magnitude of g [m/s^2]"""
     gravity_sd: float
+    """its standard deviation [m/s^2]"""
     mass: float
-    """kg, of what falls"""
+    """mass of the falling body [kg]"""
     line_time: float | None
-    """s, true; 0 where all rows are read at once, None where nobody knows"""
+    """true time between rows [s]; 0 for a global shutter, None if unknown"""
     rows: int
-    """of the image"""
+    """number of rows of the image"""
     time_sd: float
-    """s, of a frame's stated time"""
+    """standard deviation of a frame's stated time [s]"""
 
     @property
     def drag(self) -> tuple[float, float]:
-        """Beta [1/m] and 1 sigma: between a card that falls face on and one that falls edge on."""
-        most = 0.5 * AIR_DENSITY * DRAG_COEFFICIENT * (CARD * self.size) ** 2 / self.mass
+        """Drag beta and its sd [1/m], between a card that falls face on and one edge on."""
+        most = 0.5 * AIR_DENSITY * DRAG_COEFFICIENT * (CARD_RATIO * self.size) ** 2 / self.mass
         return most / 2, most / 2
 
 
 @dataclass(frozen=True)
 class Fall:
-    """One fall."""
+    """One free fall and the q that it gives."""
 
     start_ns: int
+    """stated time of the first frame [ns]"""
     end_ns: int
+    """stated time of the last frame [ns]"""
     frames: int
+    """number of frames"""
     dropped: float
-    """m, 1/2 a T^2: what a body would fall in the time from its first to its last frame"""
+    """1/2 a T^2 over the time T from the first to the last frame [m]"""
     frame_s: float
-    """stated time between frames"""
+    """stated time between frames [s]"""
     slower: float
-    """q, true seconds in a stated one"""
+    """q, true seconds per stated second"""
     noise_sd: float
-    """1 sigma of q from this fall's own noise"""
+    """standard deviation of q by this fall's own noise"""
     shared_sd: float
-    """the same from what all falls share: air, shutter, arm"""
+    """standard deviation of q by what all falls share: air, shutter, arm"""
     scatter: float
-    """of the residuals over what the corners' noise would have, by the middle one; more where neighbours share their errors"""
+    """median residual over that of the corners' noise; more where neighbours share their errors"""
     misfit: float
-    """of the residuals alone, by the ninth of ten"""
+    """ninth decile of the residuals over that of the noise"""
     residual: float
-    """m, rms across the line of sight"""
+    """rms residual across the line of sight [m]"""
     drag_share: float
-    """what air takes of g at the fall's end"""
+    """share of g that air takes at the end of the fall"""
     blur_px: float
-    """fastest move per frame, px"""
+    """fastest motion per frame [px]"""
 
 
-def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, film: Film) -> Fall | None:
-    """`fit_fall`, without the ends of a stretch that reaches into the hand or the ground; None where no fall is left."""
-    fall = fit_fall(track, covariance, window, film)
-    while fall.misfit > 1.0 + SETTLED / np.sqrt(fall.frames):
-        cut = max(1, round(CUT * fall.frames))
-        if fall.frames - cut < LEAST_FRAMES:
-            break
-        ends = (replace(window, start=window.start + cut), replace(window, stop=window.stop - cut))
-        tried = [(fit_fall(track, covariance, end, film), end) for end in ends]
-        best, end = min(tried, key=lambda each: each[0].misfit)
-        if best.misfit > GAINED * fall.misfit:
-            break
-        fall, window = best, end
-    # A hand lets go, and a fall ends, a little before that shows.
-    margin = max(1, round(MARGIN * fall.frames))
-    if fall.frames - 2 * margin >= LEAST_FRAMES:
-        fall = fit_fall(
-            track, covariance, FallWindow(window.start + margin, window.stop - margin, window.fall), film
-        )
-    return fall if fall.misfit <= NO_FALL and fall.dropped >= LEAST_FALL else None
+def settled_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: FallSetup) -> Fall | None:
+    """Fit of a fall without the ends of the stretch that reach into the hand or the ground.
 
-
-def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, film: Film) -> Fall:
-    """Generalised least squares with robust weights.
+    None if no fall is left.
 
     Args:
-        track: of the tag, as a camera whose rows are read at once would give it.
-        covariance: (n, 3, 3) m^2 of its positions.
+        track: track of the tag.
+        covariance: (n, 3, 3) covariance of its positions [m^2].
+        window: stretch that looks like a fall.
+        setup: tag, gravity, camera.
+    """
+    fall = fit_fall(track, covariance, window, setup)
+    while fall.misfit > 1.0 + MAX_EXCESS_MISFIT / np.sqrt(fall.frames):
+        cut = max(1, round(CUT_SHARE * fall.frames))
+        if fall.frames - cut < MIN_FRAMES:
+            break
+        ends = (replace(window, start=window.start + cut), replace(window, stop=window.stop - cut))
+        tried = [(fit_fall(track, covariance, end, setup), end) for end in ends]
+        best, end = min(tried, key=lambda each: each[0].misfit)
+        if best.misfit > MIN_IMPROVEMENT * fall.misfit:
+            break
+        fall, window = best, end
+    # A hand lets go, and a fall ends, a little before it shows in the positions.
+    margin = max(1, round(MARGIN_SHARE * fall.frames))
+    if fall.frames - 2 * margin >= MIN_FRAMES:
+        fall = fit_fall(
+            track, covariance, FallWindow(window.start + margin, window.stop - margin, window.fall), setup
+        )
+    return fall if fall.misfit <= MAX_MISFIT and fall.dropped >= MIN_FALL_M else None
+
+
+def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, setup: FallSetup) -> Fall:
+    """Fit one fall by generalised least squares with robust weights.
+
+    Args:
+        track: track of the tag, as a camera with a global shutter would give it.
+        covariance: (n, 3, 3) covariance of its positions [m^2].
         window: the frames of the fall.
-        film: tag, gravity, camera.
+        setup: tag, gravity, camera.
 
     Raises:
-        EstimationError: the stretch does not tell.
+        EstimationError: the stretch has no acceleration.
     """
     part = slice(window.start, window.stop)
     stated = 1e-9 * (track.time_ns[part] - (track.time_ns[window.start] + track.time_ns[window.stop - 1]) / 2)
     p, P, seen = track.p_camera_marker[part], covariance[part], track.corners_px[part].mean(axis=1)
-    turned = _turned(track.R_camera_marker[part], stated)
+    turned = _turn_columns(track.R_camera_marker[part], stated)
     frame_s = _frame_s(stated)
     seen = seen - seen[len(seen) // 2]
-    beta, beta_sd = film.drag
+    beta, beta_sd = setup.drag
     q, v, a = 1.0, np.zeros(3), np.zeros(3)
     weight = np.ones(len(p))
     time, scatter, solution, inverse = stated, 1.0, np.zeros(15), np.eye(15)
@@ -159,10 +179,12 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, film: Fi
     for number in range(ROUNDS):
         speed = v + a * stated[:, None]
         # A stated line time is in true seconds.
-        known = 0.0 if film.line_time is None else film.line_time / q
+        known = 0.0 if setup.line_time is None else setup.line_time / q
         time = stated + known * seen[:, 1]
         shutter_sd = (
-            READ_OUT * frame_s / film.rows if film.line_time is None else abs(known) * LINE_TIME_KNOWN
+            READ_OUT_SD_SHARE * frame_s / setup.rows
+            if setup.line_time is None
+            else abs(known) * LINE_TIME_SD_SHARE
         )
         late = np.stack([speed * seen[:, 1:], speed * seen[:, :1]], axis=2)
         columns = np.concatenate(
@@ -179,9 +201,9 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, film: Fi
         sd = np.concatenate(
             [np.full(9, 1e3), np.full(3, ARM_SD), [beta_sd], np.full(2, max(shutter_sd, 1e-12))]
         )
-        if film.line_time is not None:
+        if setup.line_time is not None:
             sd[14] = 1e-12
-        whole = P + film.time_sd**2 * speed[:, :, None] * speed[:, None, :]
+        whole = P + setup.time_sd**2 * speed[:, :, None] * speed[:, None, :]
         root = np.swapaxes(np.linalg.cholesky(np.linalg.inv(whole)), 1, 2)
         rows = np.einsum("nij,njc->nic", root, columns)
         target = np.einsum("nij,nj->ni", root, p)
@@ -193,48 +215,52 @@ def fit_fall(track: MarkerTrack, covariance: Array, window: FallWindow, film: Fi
         off = p - np.einsum("nic,c->ni", columns, solution)
         standardised = np.einsum("nij,nj->ni", root, off)
         each = np.linalg.norm(standardised, axis=1) / np.sqrt(3.0)
-        rms = max(1.0, float(np.median(each)) / MIDDLE)
-        weight = huber_weights(each, TURNING_POINT, rms) ** 2
-        scatter = rms * _alike(standardised * np.sqrt(weight)[:, None])
+        rms = max(1.0, float(np.median(each)) / MEDIAN_RMS)
+        weight = huber_weights(each, TURNING_POINT_SIGMAS, rms) ** 2
+        scatter = rms * _correlation_sd_factor(standardised * np.sqrt(weight)[:, None])
         v, a = solution[3:6], solution[6:9]
-        q = float(np.sqrt(np.linalg.norm(a) / film.gravity))
+        q = float(np.sqrt(np.linalg.norm(a) / setup.gravity))
         if not np.isfinite(q) or q <= 0:
             break
     if not np.isfinite(q) or q <= 0:
         raise EstimationError(
-            "a stretch that looked like a fall has no acceleration: film the tag while it falls by 0.3 m or more"
+            "a stretch that looked like a fall has no acceleration:"
+            " film the tag while it falls by 0.3 m or more"
         )
-    return _fall(
-        track,
-        window,
-        stated,
-        solution,
-        inverse,
-        q,
-        scatter,
-        float(np.quantile(each, 0.9)) / NINTH,
-        off,
-        weight,
-    )
+    misfit = float(np.quantile(each, 0.9)) / NINTH_DECILE_RMS
+    return _fall(track, window, _Solved(stated, solution, inverse, q, scatter, misfit, off, weight))
 
 
-def _fall(
-    track: MarkerTrack,
-    window: FallWindow,
-    stated: Array,
-    solution: Array,
-    inverse: Array,
-    q: float,
-    scatter: float,
-    misfit: float,
-    off: Array,
-    weight: Array,
-) -> Fall:
+@dataclass(frozen=True)
+class _Solved:
+    """Solution of the weighted least squares of one fall."""
+
+    stated: Array
+    """(n,) stated time since the middle of the fall [s]"""
+    solution: Array
+    """(15,) p0, v0, a [m, m/s, m/s^2], arm [m], drag [1/m], shutter [s/px]"""
+    inverse: Array
+    """(15, 15) covariance of `solution`"""
+    slower: float
+    """q, true seconds per stated second"""
+    scatter: float
+    """factor on the noise, with its correlation"""
+    misfit: float
+    """ninth decile of the residuals over that of the noise"""
+    off: Array
+    """(n, 3) residuals [m]"""
+    weight: Array
+    """(n,) robust weights"""
+
+
+def _fall(track: MarkerTrack, window: FallWindow, solved: _Solved) -> Fall:
+    """Fall with the errors of q from its own noise and from what all falls share."""
+    solution, inverse, stated, q = solved.solution, solved.inverse, solved.stated, solved.slower
     v, a = solution[3:6], solution[6:9]
     size = float(np.linalg.norm(a))
     along = a / size
     variance = float(along @ inverse[6:9, 6:9] @ along)
-    # With the nuisances known the rest is this fall's own noise.
+    # With the nuisance parameters known, the rest is this fall's own noise.
     nuisances = slice(9, 15)
     block = inverse[nuisances, nuisances]
     cross = inverse[6:9, nuisances]
@@ -244,7 +270,7 @@ def _fall(
     own = min(max(own, 0.0), variance)
     to_q = q / (2 * size)
     sighted = float(along[2] ** 2)
-    shared = variance - own + (FOCAL_SD * sighted * size) ** 2
+    shared = variance - own + (FOCAL_SD_SHARE * sighted * size) ** 2
     last = v + a * stated[-1]
     moves = np.linalg.norm(np.diff(track.corners_px[window.start : window.stop].mean(axis=1), axis=0), axis=1)
     return Fall(
@@ -256,38 +282,40 @@ def _fall(
         slower=q,
         noise_sd=to_q * float(np.sqrt(own)),
         shared_sd=to_q * float(np.sqrt(shared)),
-        scatter=scatter,
-        misfit=misfit,
-        residual=float(np.sqrt(np.average(np.sum(off[:, :2] ** 2, axis=1) / 2, weights=weight))),
+        scatter=solved.scatter,
+        misfit=solved.misfit,
+        residual=float(
+            np.sqrt(np.average(np.sum(solved.off[:, :2] ** 2, axis=1) / 2, weights=solved.weight))
+        ),
         drag_share=float(solution[12] * (last @ last) / size),
         blur_px=float(moves.max()),
     )
 
 
-def _alike(residuals: Array) -> float:
-    """By how much errors that neighbours share (n, 3), of a codec or a lens, weigh more than as many that they do not."""
+def _correlation_sd_factor(residuals: Array) -> float:
+    """Factor on the standard deviation by correlation of neighbouring residuals (n, 3)."""
     size = float(np.sum(residuals**2))
     r = float(np.sum(residuals[1:] * residuals[:-1])) / size if size > 0 else 0.0
-    r = min(max(r, 0.0), MOST_ALIKE)
+    r = min(max(r, 0.0), MAX_LAG_ONE_CORRELATION)
     return float(np.sqrt((1 + r) / (1 - r)))
 
 
 def _frame_s(stated: Array) -> float:
-    """Mean time between frames [s], of stamps that may be rounded and frames that may be missing."""
+    """Mean time between frames [s] for stamps (n,) [s] that may be rounded and frames that may be missing."""
     steps = np.diff(stated)
     return float(stated[-1] - stated[0]) / float(np.sum(np.round(steps / np.median(steps))))
 
 
 def _powers(time: Array) -> Array:
-    """(n, 3, 9): of p0, v0, a."""
+    """Columns (n, 3, 9) of p0, v0, a at times (n,) [s]."""
     eye = np.eye(3)
     return np.concatenate(
         [each[:, None, None] * eye for each in (np.ones_like(time), time, 0.5 * time**2)], axis=2
     )
 
 
-def _turned(R: Array, time: Array) -> Array:
-    """(n, 3, 3): the tag's turn R(tau) - R(0), smooth in time."""
+def _turn_columns(R: Array, time: Array) -> Array:
+    """Columns (n, 3, 3) of the arm: rotation of the tag R(tau) - R(0), smooth in time."""
     middle = Rotation.from_matrix(R[len(R) // 2])
     turns = (Rotation.from_matrix(R) * middle.inv()).as_rotvec()
     u = time / max(float(np.abs(time).max()), 1e-12)
@@ -298,7 +326,7 @@ def _turned(R: Array, time: Array) -> Array:
 
 
 def _drag(speed: Array, time: Array) -> Array:
-    """(n, 3): how far drag of beta = 1 would have moved it, up to a straight line."""
+    """Displacement (n, 3) [m] by a drag of beta = 1, up to a straight line."""
     push = np.linalg.norm(speed, axis=1, keepdims=True) * speed
     steps = np.diff(time)[:, None]
     once = np.vstack([np.zeros(3), np.cumsum((push[1:] + push[:-1]) / 2 * steps, axis=0)])
@@ -307,38 +335,50 @@ def _drag(speed: Array, time: Array) -> Array:
 
 @dataclass(frozen=True)
 class TrueTime:
-    """What all falls tell together."""
+    """Ratio q of true to stated time by all falls."""
 
     slower: float
-    """q, true seconds in a stated one"""
+    """q, true seconds per stated second"""
     sd: float
-    """1 sigma, all together"""
+    """standard deviation of q"""
     by_noise: float
-    """1 sigma from the falls' scatter, air, shutter and arm"""
+    """standard deviation by the falls' scatter, air, shutter and arm"""
     by_size: float
-    """1 sigma from the tag's size"""
+    """standard deviation by the tag's size"""
     by_gravity: float
-    """1 sigma from g"""
-    apart: float
-    """rms of the falls' differences over their own noise; 1 is usual"""
+    """standard deviation by g"""
+    birge_ratio: float
+    """rms difference of the falls over their own noise; 1 is usual"""
 
 
-def true_time(falls: list[Fall], film: Film) -> TrueTime:
-    """Weighted mean; what falls share is not averaged out, and falls that scatter more than they should are widened (Birge 1932)."""
+def true_time(falls: list[Fall], setup: FallSetup) -> TrueTime:
+    """Weighted mean of q over all falls, widened if they scatter more than they should (Birge 1932).
+
+    Errors that the falls share are not averaged out.
+
+    Args:
+        falls: at least one fall.
+        setup: tag and gravity.
+    """
     noise = np.array([fall.noise_sd for fall in falls])
     shared = np.array([fall.shared_sd for fall in falls])
     weight = 1 / (noise**2 + shared**2)
     weight = weight / weight.sum()
     each = np.array([fall.slower for fall in falls])
     q = float(weight @ each)
-    apart = (
+    birge_ratio = (
         float(np.sqrt(np.sum(((each - q) ** 2) / (noise**2 + shared**2)) / (len(falls) - 1)))
         if len(falls) > 1
         else 1.0
     )
-    own = float(np.sqrt(np.sum((weight * noise) ** 2))) * max(1.0, apart)
+    own = float(np.sqrt(np.sum((weight * noise) ** 2))) * max(1.0, birge_ratio)
     together = float(np.hypot(own, weight @ shared))
-    by_size, by_gravity = q * film.size_sd / film.size / 2, q * film.gravity_sd / film.gravity / 2
+    by_size, by_gravity = q * setup.size_sd / setup.size / 2, q * setup.gravity_sd / setup.gravity / 2
     return TrueTime(
-        q, float(np.sqrt(together**2 + by_size**2 + by_gravity**2)), together, by_size, by_gravity, apart
+        q,
+        float(np.sqrt(together**2 + by_size**2 + by_gravity**2)),
+        together,
+        by_size,
+        by_gravity,
+        birge_ratio,
     )

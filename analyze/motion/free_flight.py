@@ -1,10 +1,11 @@
-"""c and g of a body from flights: c moves on a parabola, whatever the body's own frame does about it.
+"""c and g of a body from its flights: c moves on a parabola, however the body's own frame rotates.
 
     x(t) + R(t) c = p0 + v0 t - 1/2 g t^2 z - drag
 
-is linear in c, g and, for every flight, p0 and v0. A body that turns in flight shows where its c lies; free turning shows its inertia
-only up to a factor, because no moment acts. Flights differ in how well they were followed, and one that a hand still touches is none:
-residuals follow a multivariate t distribution, every flight with a scale of its own (Lange, Little and Taylor 1989).
+is linear in c, g and, for every flight, p0 and v0. Rotation in flight reveals c; free rotation reveals the
+inertia only up to a factor, because no moment acts. Flights differ in tracking quality, and one that a hand
+still touches is none: residuals follow a multivariate t distribution, every flight with a scale of its own
+(Lange, Little and Taylor 1989).
 """
 
 from __future__ import annotations
@@ -23,61 +24,65 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 
-LEAST_THROWS = 8
-_FREEDOM = 4.0
-"""of Student's t"""
+MIN_THROWS = 8
+"""least number of throws"""
+_T_FREEDOM = 4.0
+"""degrees of freedom of Student's t"""
 _ROUNDS = 50
 
 
 @dataclass(frozen=True)
 class Flight:
-    """A stretch of motion in which nothing but gravity and air acts."""
+    """Stretch of motion in which only gravity and air act."""
 
     motion: BodyMotion
+    """poses of the body"""
     group: int
-    """number of the throw: what may share errors"""
+    """number of the throw; flights of one throw may share errors"""
 
 
 @dataclass(frozen=True)
 class FlightBody:
-    """What the flights say."""
+    """Centre of mass and gravity from flights."""
 
     com: Array
-    """(3,) m in O"""
+    """(3,) c in O [m]"""
     gravity: float
-    """m/s^2, in the lengths of the motion"""
+    """g [m/s^2], in the motion's unit of length"""
     covariance: Array
-    """(4, 4) of (c, gravity)"""
+    """(4, 4) covariance of (c, g)"""
     flights: int
+    """number of flights"""
     residual: float
-    """m, root mean square of the median flight"""
+    """rms residual of the median flight [m]"""
 
     @property
     def com_sd(self) -> Array:
-        """(3,) m."""
+        """Standard deviation (3,) of c [m]."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
     @property
     def gravity_sd(self) -> float:
-        """m/s^2."""
+        """Standard deviation of g [m/s^2]."""
         return float(np.sqrt(self.covariance[3, 3]))
 
 
 def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
-    """C and g from all flights together; W's z is vertical.
+    """Fit c and g to all flights together; W's z is vertical.
 
     Args:
-        flights: of one body.
-        drag: 1/m, deceleration over speed squared: density * drag coefficient * area / (2 mass).
+        flights: flights of one body.
+        drag: deceleration over squared speed [1/m]: density * drag coefficient * area / (2 mass).
 
     Raises:
-        EstimationError: the flights do not tell c: too few, too short, or without turning.
+        EstimationError: the flights do not determine c: too few, too short, or without rotation.
     """
     systems = [_without_start(flight.motion, drag) for flight in flights]
     groups = np.array([flight.group for flight in flights])
-    if len(np.unique(groups)) < LEAST_THROWS:
+    if len(np.unique(groups)) < MIN_THROWS:
         raise EstimationError(
-            f"{len(np.unique(groups))} throws do not tell the centre of mass: {LEAST_THROWS} are the least, 100 a good number"
+            f"{len(np.unique(groups))} throws do not determine the centre of mass:"
+            f" {MIN_THROWS} are the least, 100 a good number"
         )
     products = np.array([matrix.T @ matrix for matrix, _ in systems])
     rights = np.array([matrix.T @ level for matrix, level in systems])
@@ -92,12 +97,13 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
         size = np.sqrt(np.diag(normal))
         if np.linalg.cond(normal / np.outer(size, size)) > 1e8:
             raise EstimationError(
-                f"{len(flights)} flights do not tell the centre of mass: throw so that the body turns in flight"
+                f"{len(flights)} flights do not determine the centre of mass:"
+                " throw so that the body turns in flight"
             )
         before, x = x, np.asarray(np.linalg.solve(normal, weight @ rights), dtype=np.float64)
         left = np.maximum(squares - 2 * rights @ x + np.einsum("r,frc,c->f", x, products, x), 0.0)
         variance = float(weight @ left) / float(counts.sum())
-        weight = (_FREEDOM + counts) / (_FREEDOM + left / variance)
+        weight = (_T_FREEDOM + counts) / (_T_FREEDOM + left / variance)
         if np.max(np.abs(x - before)) < 1e-7:
             break
     inverse = np.linalg.inv(normal)
@@ -111,7 +117,14 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
 
 
 def off_the_parabola(flights: Sequence[Flight], com: Array, gravity: float, drag: float) -> Array:
-    """(flights,) m, root mean square that a point `com` (3,) of the body is off the parabola that fits it best, with this g."""
+    """Rms distance (flights,) [m] of a point of the body from the parabola that fits it best.
+
+    Args:
+        flights: flights of one body.
+        com: (3,) point in O [m].
+        gravity: g [m/s^2].
+        drag: as in `fit_flights` [1/m].
+    """
     found: list[float] = []
     for flight in flights:
         matrix, level = _without_start(flight.motion, drag)
@@ -122,7 +135,7 @@ def off_the_parabola(flights: Sequence[Flight], com: Array, gravity: float, drag
 
 
 def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
-    """Coefficients (3 n, 4) of (c, g) and right side (3 n,), where start and speed are projected out."""
+    """Coefficients (3 n, 4) of (c, g) and right side (3 n,) [m]; start and velocity projected out."""
     time = motion.time - motion.time.mean()
     line, _ = np.linalg.qr(np.column_stack([np.ones_like(time), time]))
 
@@ -140,12 +153,13 @@ def _without_start(motion: BodyMotion, drag: float) -> tuple[Array, Array]:
 
 
 def _twice_integrated(motion: BodyMotion, drag: float) -> Array:
-    """(n, 3) m that the air has taken the body back by."""
+    """Displacement (n, 3) by air drag [m]."""
     velocity = np.gradient(motion.position, motion.time, axis=0)
     slowing = -drag * np.linalg.norm(velocity, axis=1, keepdims=True) * velocity
     return _integrated(_integrated(slowing, motion.dt), motion.dt)
 
 
 def _integrated(values: Array, dt: Array) -> Array:
+    """Integral (n, 3) of `values` (n, 3) over steps dt (n - 1,), by the trapezoidal rule."""
     steps = 0.5 * (values[1:] + values[:-1]) * dt[:, None]
     return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])

@@ -1,7 +1,8 @@
-"""Finds the part of a tip in which the edge rests and only gravity acts, where something spoils an end of the expected one.
+"""Clean part of a tip: the stretch in which the edge rests and only gravity acts.
 
-An edge that slides a little under the strike spoils the start; a bevel or a facet that meets the table before the next face does spoils
-the end. Both leave a jump in speed behind; what lies between is as good as any other tip.
+An edge that slides a little under the impact spoils the start; a bevel or a facet that meets the table before
+the next face spoils the end. Both cause a jump in speed; the stretch between them is as good as any other
+tip.
 """
 
 from __future__ import annotations
@@ -13,30 +14,33 @@ from dataclasses import replace
 import numpy as np
 
 from analyze.errors import EstimationError
+from analyze.least_squares.robust import median_scale
 from analyze.motion.pendulum import trajectory
 from analyze.motion.phases import speed_jump
 from analyze.motion.pivot_fit import MIN_FRAMES, pivot_fit
 from analyze.types import Array, MotionFit, TipAngle
 
 Estimator = Callable[[TipAngle, tuple[int, int]], MotionFit]
-"""of a strike's angle, over a window of its frames"""
+"""fit of a strike's angle over a window [start, stop) of its frames"""
 START_STEP, END_STEP = 2, 3
-"""frames between the starts and ends that are tried"""
+"""spacing of the starts and ends that are tried [frames]"""
 LATEST_START = 8
-"""frames after release by which a sliding edge has come to rest (0.07 s at 120 fps): later jumps are a second strike"""
+"""number of frames after release by which a sliding edge has come to rest (0.07 s at 120 fps); later jumps
+are a second impact"""
 CLEAN_CHI2 = 14.0
-"""what a jump in speed may improve the fit at most in a clean stretch, as VerdictLimits.speed_jump_chi2 has it"""
+"""largest gain in chi^2 by a jump in speed within a clean stretch, as VerdictLimits.speed_jump_chi2"""
 CLEAN_SCATTER = 2.5
-"""mean squared residual over the frames' own variance, at most"""
+"""largest mean squared residual over the frames' own variance"""
 
-UNSETTLED = 1.8
-"""residuals over the frames' own scatter; 1.0 +- 0.3 where only gravity acts"""
-SETTLED = 1.25
-"""residuals over the least that a later start leaves"""
+UNSETTLED_RATIO = 1.8
+"""rms residual over the frames' own scatter above which a fit is unsettled; 1.0 +- 0.3 where only gravity
+acts"""
+SETTLED_RATIO = 1.25
+"""largest rms residual over the least that a later start leaves"""
 
 
 def jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
-    """The jump in speed that would improve a fit most.
+    """Jump in speed that would improve a fit most.
 
     Returns:
         Index into the angle's frames, size [rad/s], and the improvement of chi^2.
@@ -49,9 +53,15 @@ def jump(angle: TipAngle, fit: MotionFit) -> tuple[int, float, float]:
 
 
 def longest_clean_fit(
-    angle: TipAngle, window: tuple[int, int], over: Estimator = pivot_fit
+    angle: TipAngle, window: tuple[int, int], estimator: Estimator = pivot_fit
 ) -> MotionFit | None:
-    """The fit by `over` over the longest stretch within `window` (indices, half open) that shows no jump; None where there is none."""
+    """Fit over the longest stretch within `window` that shows no jump; None if there is none.
+
+    Args:
+        angle: theta(t).
+        window: frames [start, stop).
+        estimator: the fit.
+    """
     first, last = window
     shortest = 2 * MIN_FRAMES
     stretches = [
@@ -61,27 +71,28 @@ def longest_clean_fit(
     ]
     for start, end in sorted(stretches, key=lambda s: (s[0] - s[1], s[0])):
         try:
-            fit = over(angle, (start, end))
+            fit = estimator(angle, (start, end))
         except EstimationError:
             continue
-        scatter = float(np.mean(np.square(fit.residual / angle.sd[start:end])))
-        if scatter < CLEAN_SCATTER and jump(angle, fit)[2] < CLEAN_CHI2 and holds_balance(angle, fit):
+        chi2 = float(np.mean(np.square(fit.residual / angle.sd[start:end])))
+        if chi2 < CLEAN_SCATTER and jump(angle, fit)[2] < CLEAN_CHI2 and holds_balance(angle, fit):
             return fit
     return None
 
 
 def settled_fit(fit: MotionFit, again: Callable[[tuple[int, int]], MotionFit]) -> MotionFit:
-    """The fit, or the same from a later frame on, where light contacts of the striker reach into its first frames.
+    """The fit, or the same from a later frame on if light contacts reach into its first frames.
 
-    Contacts too light for a jump of their own leave residuals far above what neighbouring frames scatter against each other. The window
-    then begins at the first frame from which they no longer do. (Measured on a strike with four such contacts, of 4-8 % of the first one's
-    impulse, the last 11 ms after the window's start: phi off by 0.17 deg before, 0.001 deg after.)
+    Contacts too light for a jump of their own leave residuals far above what neighbouring frames scatter
+    against each other. The window then begins at the first frame from which they no longer do. (Measured on a
+    strike with four such contacts, of 4-8 % of the first one's impulse, the last 11 ms after the window's
+    start: phi off by 0.17 deg before, 0.001 deg after.)
 
     Args:
-        fit: over the whole window.
-        again: the same estimator over another one.
+        fit: fit over the whole window.
+        again: the same estimator over another window.
     """
-    if _rms(fit) < UNSETTLED * scatter(fit.residual):
+    if _rms(fit) < UNSETTLED_RATIO * scatter(fit.residual):
         return fit
     first, last = fit.window
     later: list[MotionFit] = []
@@ -91,9 +102,9 @@ def settled_fit(fit: MotionFit, again: Callable[[tuple[int, int]], MotionFit]) -
         except EstimationError:
             break
     least = min((_rms(other) for other in later), default=math.inf)
-    if UNSETTLED * least > _rms(fit):
+    if UNSETTLED_RATIO * least > _rms(fit):
         return fit
-    chosen = next(other for other in later if _rms(other) <= SETTLED * least)
+    chosen = next(other for other in later if _rms(other) <= SETTLED_RATIO * least)
     waited = 1e-6 * (chosen.time0_ns - fit.time0_ns)
     return replace(
         chosen,
@@ -102,18 +113,22 @@ def settled_fit(fit: MotionFit, again: Callable[[tuple[int, int]], MotionFit]) -
 
 
 def _rms(fit: MotionFit) -> float:
+    """Root mean square of the residuals [rad], 4 degrees of freedom deducted."""
     return math.sqrt(float(np.sum(fit.residual**2)) / max(len(fit.residual) - 4, 1))
 
 
 def scatter(residual: Array) -> float:
-    """Noise of single frames from second differences, which know nothing of what varies slowly; NaN where there are none."""
+    """Noise of single frames by second differences of `residual` (n,), insensitive to slow drift.
+
+    NaN if n < 3.
+    """
     if len(residual) < 3:
         return math.nan
-    return 1.4826 * float(np.median(np.abs(np.diff(residual, 2)))) / math.sqrt(6.0)
+    return median_scale(np.diff(residual, 2)) / math.sqrt(6.0)
 
 
 def holds_balance(angle: TipAngle, fit: MotionFit) -> bool:
-    """Whether the stretch passes the balance point or turns back below it, so that phi is not told from afar."""
+    """True if the stretch passes the balance point or turns back below it: phi is no extrapolation."""
     start, end = fit.window
     inside = angle.theta[start] < fit.phi < angle.theta[end - 1]
     turned = float(np.max(angle.theta[start:end])) > max(angle.theta[start], angle.theta[end - 1]) + 0.02

@@ -1,15 +1,16 @@
-"""c and I of a body from motions that touch the table along an edge or at a corner, whatever the friction there.
+"""c and inertia of a body from contacts with the table along an edge or at a corner, for any friction.
 
 Forces that act at the contact have no moment about it. With q a point of the body, b = c - q, all per mass:
 
     (b x (q'' - g) + d/dt L_q) . e = 0        L_q = J_q w
 
-for e along the edge that touches; at a corner for every e. Where edge or corner is rounded, q lies on the centre line of the rounding
-and the contact rho below it, which adds rho (e x z) . (c'' - g). All of it is linear in b and J_O (inertia per mass about O).
+for e along the edge that touches; at a corner for every e. Where edge or corner is rounded, q lies on the
+centre line of the rounding and the contact rho below it, which adds rho (e x z) . (c'' - g). All of it is
+linear in b and J_O (inertia per mass about O).
 
-Weak form: multiplied by windows that vanish at both ends, and integrated by parts, so that no acceleration is ever needed
-(the modulating functions of Shinbrot 1957, "On the analysis of linear and nonlinear systems"). Between its ends the body may slide and
-turn on that contact as it likes.
+Weak form: multiplied by windows that vanish at both ends, and integrated by parts, so that no acceleration is
+ever needed (the modulating functions of Shinbrot 1957, "On the analysis of linear and nonlinear systems").
+Between its ends the body may slide and turn on that contact freely.
 """
 
 # scipy is only partly typed; its unknowns are no mistakes of ours.
@@ -33,88 +34,90 @@ if TYPE_CHECKING:
 
     from analyze.types import Array
 
-WINDOWS = 2
-"""test functions per contact: sin^2, and sin^2 cos"""
+WINDOWS_PER_CONTACT = 2
+"""number of test functions per contact: sin^2, and sin^2 cos"""
 _UP = np.array([0.0, 0.0, 1.0])
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _UNITS = np.zeros((6, 3, 3))
 for _i, (_r, _c) in enumerate(_ENTRIES):
     _UNITS[_i, _r, _c] = _UNITS[_i, _c, _r] = 1.0
-_LOSS_SCALE = 1.5
-"""residuals above this many sigmas count less (Huber 1964)"""
+_HUBER_SIGMAS = 1.5
+"""standard deviations above which a residual counts less (Huber 1964)"""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """A stretch of motion in which the body touches the table at one edge or one corner."""
+    """Stretch of motion in which the body touches the table at one edge or one corner."""
 
     motion: BodyMotion
+    """poses of the body"""
     corner: Array
-    """(3,) m in O, the sharp corner, or any point of the sharp edge"""
+    """(3,) the sharp corner, or any point of the sharp edge, in O [m]"""
     inward: Array
-    """(3,) in O: times the rounding's radius, the way from `corner` to the rounding's centre"""
+    """(3,) vector in O that, times the rounding's radius, leads from `corner` to the rounding's centre"""
     edge: Array | None
-    """(3,) unit in O along the edge; None at a corner"""
+    """(3,) unit vector along the edge in O; None at a corner"""
     group: int
-    """number of the throw or strike: what may share errors"""
+    """number of the throw or strike; contacts of one group may share errors"""
 
 
 @dataclass(frozen=True)
 class BalancedBody:
-    """What the contacts say of the body."""
+    """Centre of mass, inertia and rounding by the contacts."""
 
     com: Array
-    """(3,) m in O"""
+    """(3,) c in O [m]"""
     inertia: Array
-    """(3, 3) m^2, about c, per mass, axes of O"""
+    """(3, 3) inertia about c per mass, axes of O [m^2]"""
     rounding: float
-    """m"""
+    """radius of the edges' rounding [m]"""
     covariance: Array
-    """(10, 10) of (c, J_c as xx yy zz xy xz yz, rounding)"""
+    """(10, 10) covariance of (c, J_c as xx yy zz xy xz yz, rounding)"""
     contacts: int
+    """number of contacts"""
     explained: float
     """share of the sum of squares that the balance explains"""
 
     @property
     def com_sd(self) -> Array:
-        """(3,) m."""
+        """Standard deviation (3,) of c [m]."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
     @property
     def inertia_sd(self) -> Array:
-        """(3, 3) m^2."""
+        """Standard deviations (3, 3) of the inertia per mass [m^2]."""
         return tensor(np.sqrt(np.diag(self.covariance)[3:9]))
 
     @property
     def rounding_sd(self) -> float:
-        """M."""
+        """Standard deviation of the rounding [m]."""
         return math.sqrt(float(self.covariance[9, 9]))
 
 
 def tensor(entries: Array) -> Array:
-    """(3, 3) symmetric, of (6,) xx yy zz xy xz yz."""
+    """Symmetric matrix (3, 3) with entries (6,) xx yy zz xy xz yz."""
     return np.einsum("i,irc->rc", entries, _UNITS)
 
 
 def about_com(inertia_origin: Array, com: Array) -> Array:
-    """Inertia per mass (3, 3) about c, of that about O and c (3,) (Steiner)."""
+    """Inertia per mass about c (3, 3) from that about O and c (3,) (Steiner)."""
     return inertia_origin - (float(com @ com) * np.eye(3) - np.outer(com, com))
 
 
 def moment_rows(
-    contact: Contact, radius: float, gravity: float, windows: int = WINDOWS
+    contact: Contact, radius: float, gravity: float, windows: int = WINDOWS_PER_CONTACT
 ) -> tuple[Array, Array]:
-    """Weak moment balance of one contact.
+    """Weak moment balance of one contact, as linear equations.
 
     Args:
-        contact: the motion and where it touches.
-        radius: of the rounding [m].
-        gravity: m/s^2.
-        windows: test functions per direction.
+        contact: the motion and its point of contact.
+        radius: radius of the rounding [m].
+        gravity: g [m/s^2].
+        windows: number of test functions per direction.
 
     Returns:
-        (rows, 9) coefficients of (c, J_O as xx yy zz xy xz yz) and (rows,) what they should give; one row per window and direction,
-        scaled so that white noise in the moment gives every row the same sd.
+        (rows, 9) coefficients of (c, J_O as xx yy zz xy xz yz) and (rows,) what they should give; one row per
+        window and direction, scaled so that white noise in the moment gives every row the same sd.
     """
     motion = contact.motion
     n, dt = len(motion), motion.dt[:, None]
@@ -147,7 +150,7 @@ def moment_rows(
             def moment_of(
                 arm: Array, window: Array = window, e: Array = e, d_below: Array = d_below
             ) -> float:
-                """Of an arm (3,) in O from the centre line, under (q'' - g), and what its own acceleration adds below the centre line."""
+                """Weak moment of an arm (3,) in O from the centre line under (q'' - g)."""
                 arms = R @ arm
                 turned = window * np.cross(e, arms)
                 return -float(
@@ -168,21 +171,22 @@ def moment_rows(
 
 
 def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[float, float]) -> BalancedBody:
-    """c, inertia per mass and the rounding of the touching edges from all contacts together.
+    """Fit c, inertia per mass and the rounding of the touching edges to all contacts together.
 
     Args:
-        contacts: of one body.
-        gravity: m/s^2.
-        radius: expected radius of the rounding [m] and its 1 sigma.
+        contacts: contacts of one body.
+        gravity: g [m/s^2].
+        radius: expected radius of the rounding and its standard deviation [m].
 
     Raises:
-        EstimationError: the contacts are too few, or too much alike.
+        EstimationError: the contacts are too few, or too similar.
     """
     if 3 * len(contacts) < 20:
         raise EstimationError(
-            f"{len(contacts)} contacts are too few for centre of mass and inertia: 7 are the least, 50 a good number"
+            f"{len(contacts)} contacts are too few for centre of mass and inertia:"
+            " 7 are the least, 50 a good number"
         )
-    # The rows are quadratic in the radius: three of them say all.
+    # The rows are quadratic in the radius: three radii determine them.
     nodes = np.array([0.0, 0.5, 1.0]) * max(2.0 * radius[0], 4.0 * radius[1], 1e-4)
     found = [[moment_rows(contact, float(node), gravity) for contact in contacts] for node in nodes]
     rows = [np.concatenate([each[0] for each in at]) for at in found]
@@ -216,9 +220,9 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
         def jacobian(x: Array) -> Array:
             return np.vstack([balance(x)[1], prior_row])
 
-        # scipy's own hints know only the names of built-in derivatives.
+        # scipy's type hints admit only the names of its built-in derivatives.
         solved = least_squares(
-            residual, x, jacobian, x_scale=sizes, loss="huber", f_scale=_LOSS_SCALE * spread
+            residual, x, jacobian, x_scale=sizes, loss="huber", f_scale=_HUBER_SIGMAS * spread
         )  # pyright: ignore[reportArgumentType]
         x, before = np.asarray(solved.x, dtype=np.float64), spread
         spread = median_scale(balance(x)[0])
@@ -243,16 +247,20 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
 
 
 def _clustered_covariance(J: Array, left: Array, groups: Array, prior: Array, spread: float) -> Array:
-    """Of a robust fit whose residuals share errors within groups (Liang and Zeger 1986; Huber's weights as in White 1980)."""
-    weight = huber_weights(left, _LOSS_SCALE, spread)
+    """Covariance of a robust fit whose residuals share errors within groups.
+
+    Liang and Zeger 1986; Huber's weights as in White 1980.
+    """
+    weight = huber_weights(left, _HUBER_SIGMAS, spread)
     size = np.sqrt(np.sum(J**2, axis=0))
     scaled, own = J / size, prior / size
-    # The loss bends only inside: that, not the weights, is its second derivative.
-    bent = np.abs(left) < _LOSS_SCALE * spread
+    # Huber's loss is quadratic only inside its threshold: that, not the weights, is its second derivative.
+    bent = np.abs(left) < _HUBER_SIGMAS * spread
     normal = (scaled * bent[:, None]).T @ scaled + np.outer(own, own)
     if np.linalg.cond(normal) > 1e12:
         raise EstimationError(
-            "the contacts are too much alike to tell centre of mass and inertia: use throws that land on other edges"
+            "the contacts are too similar to determine centre of mass and inertia:"
+            " use throws that land on other edges"
         )
     meat = np.outer(own, own) * spread**2
     names = np.unique(groups)

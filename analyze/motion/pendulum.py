@@ -1,5 +1,4 @@
-"""Free tipping motion theta'' = -k sin(phi - theta) - c theta' |theta'|, with its derivatives by every
-parameter.
+"""Free tipping motion theta'' = -k sin(phi - theta) - c theta' |theta'|, and its derivatives.
 
 In psi = theta - phi this is the inverted pendulum psi'' = k sin psi - c psi' |psi'|. Fixed steps of fourth
 order with the variational equations beside it: at the fixed step of 8 ms and k = 100 rad/s^2 the error stays

@@ -1,5 +1,7 @@
-"""Phases of a strike: rest, impact (to t1), stage one, stage two (from t2), landing (t3) (VISAPP 2013, 3.2.1,
-Fig. 6)."""
+"""Phases of a strike: rest, impact (to t1), stage one, stage two (from t2), landing (t3).
+
+VISAPP 2013, 3.2.1, Fig. 6.
+"""
 
 from __future__ import annotations
 
@@ -96,8 +98,9 @@ def _reached(angle: TipAngle, released: int, landing_angle_rad: float | None) ->
 
 
 def _landing(angle: TipAngle, released: int) -> int:
-    """First frame after `released` in which the body was stopped: it loses a third of a fast turn within two
-    frames.
+    """First frame after `released` in which the body was stopped.
+
+    It loses a third of a fast turn within two frames.
 
     A loss that was already under way does not count: on the way up gravity alone takes as much from a small
     body. Above 240 frames a second only some frames are used: the turn between neighbours would be within
@@ -138,8 +141,9 @@ def _landing(angle: TipAngle, released: int) -> int:
 
 
 def free_window(angle: TipAngle, course: Course, phi: float, limits: WindowLimits) -> tuple[int, int]:
-    """Frames [start, stop) in which only gravity acts: from release to 25 deg past phi, or to the end of the
-    free motion.
+    """Frames [start, stop) in which only gravity acts.
+
+    From release to 25 deg past phi, or to the end of the free motion.
 
     Args:
         angle: theta(t).

@@ -1,5 +1,4 @@
-"""phi and k of one strike: the pendulum's solution fitted to theta(t) over the window in which only gravity
-acts.
+"""phi and k of one strike: the pendulum's solution fitted to theta(t) while only gravity acts.
 
 Levenberg-Marquardt with exact derivatives and Huber's loss (analyze/least_squares), because a wrong frame is
 no Gaussian error. The covariance is that of the linearised fit, scaled by the residuals' own variance and by
@@ -131,7 +130,8 @@ def cut_sample(angle: TipAngle, window: tuple[int, int], parameters: int) -> Sam
     first, last = window
     if last - first < max(MIN_FRAMES, parameters + 3):
         raise EstimationError(
-            f"only {last - first} frames of free tipping, {MIN_FRAMES} are needed: raise the frame rate or strike less hard"
+            f"only {last - first} frames of free tipping, {MIN_FRAMES} are needed:"
+            " raise the frame rate or strike less hard"
         )
     time0 = int(angle.time_ns[first])
     time = np.asarray((angle.time_ns[first:last] - time0) * 1e-9, dtype=np.float64)
@@ -161,7 +161,8 @@ def fit_model(sample: Sample, model: Model, start: Array, profiled: bool = True)
     phi, k = float(minimum.parameters[0]), float(minimum.parameters[1])
     if not (0.0 < phi < 2.5 and 0.5 < k < 5000.0):
         raise EstimationError(
-            f"the motion is no tip over an edge (phi {math.degrees(phi):.1f} deg, k {k:.1f} rad/s^2): look at the images"
+            f"the motion is no tip over an edge (phi {math.degrees(phi):.1f} deg, k {k:.1f} rad/s^2):"
+            " look at the images"
         )
     covariance = _covariance(minimum, sample, scale, profiled)
     return FittedModel(minimum.parameters, minimum.residual, covariance[:2, :2])

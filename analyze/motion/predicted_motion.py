@@ -1,9 +1,10 @@
-"""Theta(t) of a strike as phi and k from elsewhere and its own first free frames foretell it, beside what was seen, frame by frame.
+"""Predicted theta(t) of a strike, from other strikes and its own first free frames, against the measured.
 
-The pendulum is started by the first frames and let run with the foretold phi and k. What the edge did besides (it slid, or rolled on a
-flank that is no circle) is as the strike's own fit has it: what that fit makes of the motion less the pendulum with the same numbers.
-Upright is unstable: an error of the start grows with e^(sqrt(k) t), and so does the band. Where it has grown so wide that it says
-nothing, and errors no longer add up, the foretelling ends.
+The pendulum starts from the first frames and runs with the predicted phi and k. Any other motion of the edge
+(sliding, or rolling on a curve that is no circle) is taken from the strike's own fit: the difference of that
+fit from the pendulum with the same numbers. Upright is unstable: an error of the start grows with e^(sqrt(k)
+t), and so does the prediction's standard deviation. Once it is so large that errors no longer add up
+linearly, the prediction ends.
 """
 
 from __future__ import annotations
@@ -20,143 +21,149 @@ from analyze.motion.pendulum import trajectory
 if TYPE_CHECKING:
     from analyze.types import Array, MotionFit, TipAngle
 
-START_S = 0.1
-"""of the free motion, from which the start is taken"""
-LEAST_START = 6
-"""frames of it"""
-MOST_START = 0.4
-"""of the frames"""
-LEAST_FORETOLD = 4
-"""frames"""
-VAGUE = math.radians(3.0)
-"""1 sigma at which the foretelling ends"""
-_ROUNDS, _SETTLED = 12, 1e-9
+START_DURATION_S = 0.1
+"""duration of the free motion from which the start is taken [s]"""
+MIN_START_FRAMES = 6
+"""least number of its frames"""
+MAX_START_SHARE = 0.4
+"""largest share of the frames used for the start"""
+MIN_PREDICTED_FRAMES = 4
+"""least number of predicted frames"""
+MAX_PREDICTION_SD = math.radians(3.0)
+"""standard deviation [rad] at which the prediction ends"""
+_MAX_STEPS, _STEP_TOLERANCE = 12, 1e-9
+"""Gauss-Newton steps for the start, and the step [rad, rad/s] that ends them"""
 _PARAMETERS = 4
 
 
 @dataclass(frozen=True)
 class PredictedValues:
-    """Phi and k of a strike as they are foretold."""
+    """Predicted phi and k of a strike."""
 
     phi: float
-    """rad"""
+    """balance angle [rad]"""
     k: float
-    """rad/s^2"""
+    """k [rad/s^2]"""
     covariance: Array
-    """(2, 2) of (phi, ln k): of what foretells them"""
+    """(2, 2) covariance of (phi, ln k) by the strikes that predict them"""
     own: Array
-    """(2, 2), by which the strike's own phi and ln k scatter, its frames' noise with it"""
+    """(2, 2) scatter of the strike's own phi and ln k, with its frames' noise"""
 
 
 @dataclass(frozen=True)
 class PredictedMotion:
-    """Theta(t) measured less foretold, over the strike's free frames."""
+    """Measured minus predicted theta(t) over the strike's free frames."""
 
     strike_id: str
+    """id of the strike"""
     k: float
-    """rad/s^2, as foretold"""
+    """predicted k [rad/s^2]"""
     time: Array
-    """(n,) s since the first of them"""
+    """(n,) time since the first free frame [s]"""
     offset: Array
-    """(n,) rad"""
+    """(n,) measured minus predicted theta [rad]"""
     sd: Array
-    """(n,) rad, expected of that: of phi and k, the start, and the frame's noise"""
+    """(n,) standard deviation of `offset` [rad] by phi and k, the start, and the frame's noise"""
     start: int
-    """so many of them gave the start"""
+    """number of frames that gave the start"""
     seconds: float
-    """of the whole free motion; more than `time` where the foretelling ended before"""
+    """duration of the whole free motion [s]; longer than `time` if the prediction ended before"""
     squared: float
-    """chi^2 of two: what phi and k the later frames speak for, against the foretold ones"""
+    """chi^2 with 2 degrees of freedom of the shift of phi and k that the later frames show"""
 
     @property
     def worst(self) -> int:
-        """The foretold frame that is farthest off for its sd."""
+        """Index of the predicted frame with the largest offset over its sd."""
         return self.start + int(np.argmax(np.abs(self.offset[self.start :]) / self.sd[self.start :]))
 
     @property
     def outside(self) -> float:
-        """Share of the foretold frames off by more than 1.96 sd: 0.05 is usual."""
+        """Share of the predicted frames off by more than 1.96 sd: 0.05 is usual."""
         return float(np.mean(np.abs(self.offset[self.start :]) > 1.96 * self.sd[self.start :]))
 
 
 def predicted_motion(
-    strike_id: str, angle: TipAngle, fit: MotionFit, told: PredictedValues
+    strike_id: str, angle: TipAngle, fit: MotionFit, predicted: PredictedValues
 ) -> PredictedMotion:
-    """Start the pendulum by the first free frames, let it run with the foretold phi and k, and compare.
+    """Run the pendulum from the first free frames with the predicted phi and k, and compare it with theta(t).
 
     Args:
-        strike_id: of the strike.
-        angle: theta(t) as it was seen.
-        fit: the strike's own, whose window holds its free frames.
-        told: phi and k from elsewhere.
+        strike_id: id of the strike.
+        angle: measured theta(t).
+        fit: the strike's own fit, whose window holds its free frames.
+        predicted: phi and k from other strikes.
     """
     inside, first = slice(*fit.window), int(angle.time_ns[fit.window[0]])
     time = np.asarray((angle.time_ns[inside] - first) * 1e-9, dtype=np.float64)
     since = np.maximum(time - 1e-9 * (fit.time0_ns - first), 0.0)
-    alone, speed, own_by = trajectory(since, fit.phi, fit.k or told.k, fit.theta0, fit.omega0)
+    alone, speed, own_by = trajectory(since, fit.phi, fit.k or predicted.k, fit.theta0, fit.omega0)
     seen = alone + fit.residual
     noise = _noise(fit.residual, angle.sd[inside])
     count = len(time)
-    start = min(max(int(np.searchsorted(time, START_S)), LEAST_START), int(MOST_START * count))
+    start = min(
+        max(int(np.searchsorted(time, START_DURATION_S)), MIN_START_FRAMES), int(MAX_START_SHARE * count)
+    )
     early = slice(0, start)
     state = np.array([seen[0], speed[0]])
-    for _ in range(_ROUNDS):
-        expected, _, by = trajectory(time[early], told.phi, told.k, float(state[0]), float(state[1]))
-        step = _least_squares(by[:, 2:4], noise[early, early]) @ (seen[early] - expected)
+    for _ in range(_MAX_STEPS):
+        expected, _, by = trajectory(
+            time[early], predicted.phi, predicted.k, float(state[0]), float(state[1])
+        )
+        step = _estimator_rows(by[:, 2:4], noise[early, early]) @ (seen[early] - expected)
         state = state + step
-        if float(np.abs(step).max()) < _SETTLED:
+        if float(np.abs(step).max()) < _STEP_TOLERANCE:
             break
-    expected, _, by = trajectory(time, told.phi, told.k, float(state[0]), float(state[1]))
-    # An error e of the early frames moves the start, and with it all that follows.
+    expected, _, by = trajectory(time, predicted.phi, predicted.k, float(state[0]), float(state[1]))
+    # An error e of the early frames moves the start, and with it the prediction of all frames.
     left = np.eye(count)
-    left[:, early] -= by[:, 2:4] @ _least_squares(by[early, 2:4], noise[early, early])
-    by_body = left @ (by[:, :2] * np.array([1.0, told.k]))
-    of_frames = left @ noise @ left.T
-    own_rows = own_by * np.array([1.0, fit.k or told.k, 1.0, 1.0])
+    left[:, early] -= by[:, 2:4] @ _estimator_rows(by[early, 2:4], noise[early, early])
+    by_body = left @ (by[:, :2] * np.array([1.0, predicted.k]))
+    frames_covariance = left @ noise @ left.T
+    own_rows = own_by * np.array([1.0, fit.k or predicted.k, 1.0, 1.0])
     by_frames = np.asarray(
         np.linalg.pinv(own_rows.T @ np.linalg.solve(noise, own_rows), hermitian=True)[:2, :2],
         dtype=np.float64,
     )
-    body = told.covariance + _beyond(told.own, by_frames)
+    body = predicted.covariance + _excess_scatter(predicted.own, by_frames)
     offset, sd = (
         seen - expected,
-        np.sqrt(np.diag(of_frames) + np.einsum("ni,ij,nj->n", by_body, body, by_body)),
+        np.sqrt(np.diag(frames_covariance) + np.einsum("ni,ij,nj->n", by_body, body, by_body)),
     )
-    vague = np.flatnonzero(sd[start + LEAST_FORETOLD :] > VAGUE)
-    end = start + LEAST_FORETOLD + int(vague[0]) if len(vague) else count
+    vague = np.flatnonzero(sd[start + MIN_PREDICTED_FRAMES :] > MAX_PREDICTION_SD)
+    end = start + MIN_PREDICTED_FRAMES + int(vague[0]) if len(vague) else count
     late = slice(start, end)
-    squared = _against(offset[late], by_body[late], of_frames[late, late], body)
+    squared = _chi2_of_shift(offset[late], by_body[late], frames_covariance[late, late], body)
     return PredictedMotion(
-        strike_id, told.k, time[:end], offset[:end], sd[:end], start, float(time[-1]), squared
+        strike_id, predicted.k, time[:end], offset[:end], sd[:end], start, float(time[-1]), squared
     )
 
 
-def _least_squares(by: Array, noise: Array) -> Array:
-    """(p, n): what (n,) values make of p parameters."""
+def _estimator_rows(by: Array, noise: Array) -> Array:
+    """Estimator (p, n) of generalised least squares, for derivatives (n, p) and noise (n, n)."""
     weighted = np.linalg.solve(noise, by)
     return np.asarray(np.linalg.solve(by.T @ weighted, weighted.T), dtype=np.float64)
 
 
-def _against(offset: Array, by: Array, noise: Array, body: Array) -> float:
-    """Chi^2 of the change of (phi, ln k) that the offsets (n,) speak for, which `body` (2, 2) and they themselves leave uncertain."""
+def _chi2_of_shift(offset: Array, by: Array, noise: Array, body: Array) -> float:
+    """chi^2 of the shift of (phi, ln k) by offsets (n,), against its prior `body` (2, 2) and their noise."""
     weighted = np.linalg.solve(noise, by)
     information = by.T @ weighted
     # (I^-1 + body)^-1 without the inverse of an I that may be singular.
-    told = weighted.T @ offset
-    return float(told @ np.linalg.solve(information + information @ body @ information, told))
+    score = weighted.T @ offset
+    return float(score @ np.linalg.solve(information + information @ body @ information, score))
 
 
 def _noise(residual: Array, sd: Array) -> Array:
-    """(n, n) rad^2, of frames: as large, and as alike from frame to frame, as what the strike's own fit leaves."""
+    """Noise (n, n) of the frames [rad^2], as large and as correlated as the own fit's residuals."""
     n = len(residual)
     z = residual / sd
     squares = max(float(np.sum(z * z)), 1e-30)
-    alike = lag_one_correlation(z)
+    correlation = lag_one_correlation(z)
     away = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-    return squares / max(n - _PARAMETERS, 1) * np.outer(sd, sd) * alike**away
+    return squares / max(n - _PARAMETERS, 1) * np.outer(sd, sd) * correlation**away
 
 
-def _beyond(own: Array, by_frames: Array) -> Array:
-    """What of the strike's own scatter (2, 2) is not its frames' noise."""
+def _excess_scatter(own: Array, by_frames: Array) -> Array:
+    """Part of the strike's own scatter (2, 2) that is not its frames' noise."""
     values, vectors = np.linalg.eigh(own - by_frames)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, dtype=np.float64)

@@ -50,8 +50,9 @@ class Tip:
 
 
 def profile_sd(tip: Tip, variance: float) -> float:
-    """Standard deviation of phi [rad] equivalent to its 95 % interval: root mean square of its sides over
-    1.96.
+    """Standard deviation of phi [rad] equivalent to its 95 % interval.
+
+    Root mean square of its sides over 1.96.
 
     A side that is open counts up to 0.5 or 130 deg.
 

@@ -1,4 +1,7 @@
-"""Pose of a marker while the object is at rest: all still frames together, with the plan's orientation as the prior for its tilt."""
+"""Pose of a marker while the object is at rest.
+
+All still frames together, with the plan's orientation as the prior for tilt.
+"""
 
 # scipy is only partly typed; its unknowns are no mistakes of ours.
 # pyright: reportMissingTypeStubs=false
@@ -10,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from analyze.least_squares.gauss_newton import Linearised, gauss_newton
 from analyze.tracking.camera_model import project_ideal, project_jacobian
 from analyze.tracking.pose import marker_corners, solve_pose
 
@@ -21,11 +25,14 @@ if TYPE_CHECKING:
     from analyze.types import Array, CameraModel, Marker, MarkerTrack
 
 _TILT_SD = 0.02
-"""rad, of placement and marker mounting together"""
+"""prior standard deviation of the tilt [rad], by placement and marker mounting together"""
 _DIRECTION_SD = 0.3
-"""rad in the marker's plane, which the image shows well by itself"""
+"""prior standard deviation of the direction in the marker's plane [rad], which the image determines well by
+itself"""
 MODEL_PX = 0.01
-"""px, floor of the mean corners' sd: lens model and printing of the code, which do not average out"""
+"""floor of the mean corners' sd [px]: lens model and printing of the code, which do not average out"""
+_MAX_STEPS, _STEP_TOLERANCE = 12, 1e-9
+"""Gauss-Newton steps, and the step [rad, m] that ends them"""
 
 
 def rest_pose(
@@ -36,15 +43,15 @@ def rest_pose(
     camera: CameraModel,
     R_world_object: Array,
 ) -> tuple[Array, Array]:
-    """R_camera_marker (3, 3) and p_camera_marker (3,) [m] at rest.
+    """Rotation R_camera_marker (3, 3) and position p_camera_marker (3,) [m] of a marker at rest.
 
     Args:
-        corners_ideal: (n, 4, 2) ideal px, the still frames.
-        track: the marker's track, for the solution that the motion chose.
-        still: (frames of the track,) which of its frames are still.
-        marker: with its place on the object, if that is known.
-        camera: with its place in W.
-        R_world_object: nominal orientation.
+        corners_ideal: (n, 4, 2) corners in the still frames [ideal px].
+        track: the marker's track, with the pose solution chosen by the motion.
+        still: (frames of the track,) True for its still frames.
+        marker: marker with its place on the object, if known.
+        camera: camera with its pose in W.
+        R_world_object: nominal orientation of the object.
     """
     mean = np.median(corners_ideal, axis=0)
     middle = int(np.flatnonzero(still)[np.count_nonzero(still) // 2])
@@ -60,42 +67,43 @@ def rest_pose(
     sd = max(MODEL_PX, float(np.median(track.corner_sd_px[still])) / np.sqrt(max(1, np.count_nonzero(still))))
     prior_sd = np.array([_TILT_SD, _TILT_SD, _DIRECTION_SD])
     points = marker_corners(marker.size)
-    turn, p = R_nominal.copy(), p_start.copy()
-    for _ in range(12):
-        # turn = turn exp(w): derivatives in the marker's own axes, so that the prior tells tilt from direction.
-        in_camera = points @ turn.T + p
+
+    def linearise(pose: tuple[Array, Array]) -> Linearised:
+        # The turn is R exp(w): derivatives in the marker's own axes, so that the prior separates tilt from
+        # direction.
+        R, p = pose
+        in_camera = points @ R.T + p
         by_translation = project_jacobian(camera, in_camera)
-        lever = np.cross(np.eye(3)[None], points[:, None, :]) @ turn.T
+        lever = np.cross(np.eye(3)[None], points[:, None, :]) @ R.T
         by_turn = np.einsum("kij,kaj->kia", by_translation, lever).reshape(8, 3)
         residual = (mean - project_ideal(camera, in_camera)).ravel() / sd
-        away = Rotation.from_matrix(R_nominal.T @ turn).as_rotvec() / prior_sd
-        J = np.concatenate(
-            [
-                np.hstack([by_turn, by_translation.reshape(8, 3)]) / sd,
-                np.hstack([np.diag(1.0 / prior_sd), np.zeros((3, 3))]),
-            ]
-        )
-        step = np.linalg.lstsq(J, np.concatenate([residual, -away]), rcond=None)[0]
-        turn = turn @ Rotation.from_rotvec(np.clip(step[:3], -0.3, 0.3)).as_matrix()
-        p = p + step[3:]
-        if float(np.max(np.abs(step))) < 1e-9:
-            break
-    return turn, p
+        away = Rotation.from_matrix(R_nominal.T @ R).as_rotvec() / prior_sd
+        seen = np.hstack([by_turn, by_translation.reshape(8, 3)]) / sd
+        prior = np.hstack([np.diag(1.0 / prior_sd), np.zeros((3, 3))])
+        return Linearised(np.concatenate([residual, -away]), np.concatenate([seen, prior]))
+
+    return gauss_newton((R_nominal.copy(), p_start.copy()), linearise, _moved, _MAX_STEPS, _STEP_TOLERANCE)
+
+
+def _moved(pose: tuple[Array, Array], step: Array) -> tuple[Array, Array]:
+    """Pose after a step (6,) of turn [rad] and place [m], the turn limited to 0.3 rad per axis."""
+    R, p = pose
+    return R @ Rotation.from_rotvec(np.clip(step[:3], -0.3, 0.3)).as_matrix(), p + step[3:]
 
 
 def placement_error(
     R_camera_marker: Sequence[Array], markers: Sequence[Marker], camera: CameraModel, R_world_object: Array
 ) -> tuple[float, Array] | None:
-    """Angle [rad] between where the object lies and where the plan wants it, and the turn (3,) in W that would put it right.
+    """Angle [rad] between the object's orientation and the plan's, and its correction (3,) in W [rad].
 
     Args:
         R_camera_marker: (3, 3) each, one per entry of `markers`.
-        markers: the markers seen; those without a known place on the object say nothing.
-        camera: with its place in W.
-        R_world_object: the plan's orientation.
+        markers: the markers seen; those without a known place on the object are ignored.
+        camera: camera with its pose in W.
+        R_world_object: planned orientation.
 
     Returns:
-        None where no marker's place on the object is known.
+        None if no marker's place on the object is known.
     """
     turns = [
         Rotation.from_matrix(

@@ -1,4 +1,4 @@
-"""Whether a strike's edge is to be taken as a hinge, or as a contact that rolls, and why."""
+"""Choice between a hinge and a rolling contact for a strike, with the reason."""
 
 from __future__ import annotations
 
@@ -13,30 +13,31 @@ if TYPE_CHECKING:
     from analyze.motion.tip_angle import PlanarMotion
     from schemas.strike_plan import PlannedStrike
 
-ROUNDED = 2.5e-3
-"""m of rounding from which on the contact is told apart from a pivot, with where it rolls"""
-_BENT = 5e-4
-"""m of radius of a curve of the shape's own, from which on the section is a flank; the plan's rounding is of its corners"""
-_OVER = math.radians(15.0)
-"""over which it must be one: where a scan's faces meet, its noise makes a curve of a few degrees"""
-_FLAT = 5e-4
-"""m, of a face that comes to lie on the table in between: a bevel, over which the body hops"""
-_FROM, _PAST = math.radians(1.0), math.radians(25.0)
-"""rad after rest, and past the predicted balance: where the section counts"""
+MIN_ROLLING_RADIUS_M = 2.5e-3
+"""least rounding [m] of an edge that is treated as rolling instead of as a pivot"""
+_MIN_CURVE_RADIUS_M = 5e-4
+"""least radius [m] of a curve of the shape itself; smaller ones are corners, with the plan's rounding"""
+_MIN_CURVE_RAD = math.radians(15.0)
+"""least range of angles [rad] of a curve: where a scan's faces meet, its noise makes a curve of a few degrees
+"""
+_MAX_BEVEL_M = 5e-4
+"""longest flat face [m] within the curve; over a longer one, a bevel, the body hops"""
+_FIRST_ANGLE, _PAST_PHI = math.radians(1.0), math.radians(25.0)
+"""range of the section that counts: from after rest to past the predicted balance [rad]"""
 
 
 def rolls_on(section: SupportFunction | None, planned: PlannedStrike) -> tuple[SupportFunction | None, str]:
-    """What the contact rolls on, and what says so; None for an edge that is as good as a hinge.
+    """Curve that the contact rolls on, and the reason as text; None for an edge that is as good as a hinge.
 
     Args:
-        section: of the object across the pivot axis, as its shape has it; None: not known.
+        section: the object's cross-section at the pivot axis; None if unknown.
         planned: the strike, with the rounding of its edge.
     """
-    radius, last = planned.pivot.radius_m, planned.phi_predicted_rad + _PAST
+    radius, last = planned.pivot.radius_m, planned.phi_predicted_rad + _PAST_PHI
     if section is not None and is_curved(section, planned):
-        least, most = section.range_of_radius(_FROM, last)
-        return section, f"it rolls on a flank whose radius is {1e3 * least:.0f} to {1e3 * most:.0f} mm there"
-    if radius >= ROUNDED:
+        least, most = section.range_of_radius(_FIRST_ANGLE, last)
+        return section, f"it rolls on a curve whose radius is {1e3 * least:.0f} to {1e3 * most:.0f} mm there"
+    if radius >= MIN_ROLLING_RADIUS_M:
         return circle(radius), f"the edge rolls on its rounding of {1e3 * radius:.1f} mm"
     if planned.rolls and radius > 0.0:
         return circle(radius), f"the rim rolls on its rounding of {1e3 * radius:.1f} mm"
@@ -44,18 +45,29 @@ def rolls_on(section: SupportFunction | None, planned: PlannedStrike) -> tuple[S
 
 
 def is_curved(section: SupportFunction, planned: PlannedStrike) -> bool:
-    """Whether the section is a curve where it touches, and not a corner or a bevel."""
+    """True if the section is a curve where it touches, not a corner or a bevel."""
     return is_curved_to(section, planned.phi_predicted_rad)
 
 
 def is_curved_to(section: SupportFunction, phi: float) -> bool:
-    """The same for a balance expected at `phi` [rad]."""
-    last = phi + _PAST
-    return section.curved_over(_FROM, last, _BENT) > _OVER and section.longest_flat(_FROM, last) < _FLAT
+    """True if the section is a curve where it touches up to past a balance at `phi` [rad]."""
+    last = phi + _PAST_PHI
+    return (
+        section.curved_over(_FIRST_ANGLE, last, _MIN_CURVE_RADIUS_M) > _MIN_CURVE_RAD
+        and section.longest_flat(_FIRST_ANGLE, last) < _MAX_BEVEL_M
+    )
 
 
-def against_rolling(motion: PlanarMotion, flank: SupportFunction, planned: PlannedStrike) -> PlanarMotion:
-    """The motion with slip and lift against rolling on the flank; as tracked they are against rolling on the plan's rounding."""
-    along, over = flank.rolled(motion.angle.theta)
+def against_rolling(motion: PlanarMotion, curve: SupportFunction, planned: PlannedStrike) -> PlanarMotion:
+    """Motion with slip and lift relative to rolling on the curve.
+
+    The tracker's are relative to the plan's rounding.
+
+    Args:
+        motion: motion as tracked.
+        curve: support function of the section.
+        planned: the strike, with the rounding of its edge.
+    """
+    along, over = curve.rolled(motion.angle.theta)
     slip = motion.angle.slip + planned.pivot.radius_m * motion.angle.theta - along
     return replace(motion, angle=replace(motion.angle, slip=slip), lift=motion.lift - over)

@@ -1,4 +1,4 @@
-"""The classical Runge-Kutta step for an angle and its momentum, of many cases at once."""
+"""Classical Runge-Kutta step for an angle and its momentum, for many cases at once."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 
 def advanced(rate: Callable[[Array], Array], state: Array, gap: float, most: float) -> Array:
-    """The state (2, c), theta [rad] over its momentum, after `gap` [s], in even steps of at most `most` [s].
+    """State (2, c) after `gap` [s], angle [rad] above momentum, in equal steps of at most `most` [s].
 
     Args:
-        rate: its derivative (2, c) by time.
-        state: now; the momentum is whatever `rate` takes for it.
-        gap: s.
-        most: s.
+        rate: derivative (2, c) of the state by time.
+        state: present state (2, c); the momentum is in the unit of `rate`.
+        gap: duration [s].
+        most: longest step [s].
     """
     steps = max(1, math.ceil(gap / most))
     h = gap / steps

@@ -1,4 +1,7 @@
-"""What single images say before a strike: which markers are in view, whether they are still, and whether the object lies as planned."""
+"""Single images before a strike.
+
+The markers in view, whether they are still, and the object's placement against the plan.
+"""
 
 from __future__ import annotations
 
@@ -24,27 +27,32 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
     from schemas.tags import TagFamily
 
-_STILL_PX = 0.3
-_STILL_GREY = 3.0
-"""mean difference of two images in grey levels, where no marker is in view"""
-_REST_NS = 240_000_000
+_MAX_STILL_PX = 0.3
+"""largest motion of a corner at rest [px]"""
+_MAX_STILL_GREY = 3.0
+"""largest mean difference of two images [grey levels] at rest, if no marker is in view"""
+_REST_DURATION_NS = 240_000_000
+"""time without motion [ns] that counts as rest"""
 _SATURATED = 254
-_AMBIGUOUS = 2.0
-"""the second pose of a square counts while its error is below this multiple of the first's"""
+"""grey level of a saturated pixel"""
+_MAX_ERROR_RATIO = 2.0
+"""ratio of reprojection errors up to which the second pose of a square is considered"""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One image, read."""
+    """Markers and brightness of one image."""
 
     time_ns: int
+    """log_time of the image [ns]"""
     corners: dict[int | str, Array]
-    """marker id -> (4, 2) raw px, refined"""
+    """refined corners (4, 2) [raw px] by marker id"""
     twice: tuple[int | str, ...]
-    """ids that stand in the image more than once"""
+    """ids found more than once in the image"""
     saturated_fraction: float
+    """share of saturated pixels"""
     coarse: NDArray[np.float32]
-    """every eighth pixel, to tell motion where no marker is in view"""
+    """every eighth pixel, to detect motion if no marker is in view"""
 
 
 def read_scene(
@@ -69,36 +77,41 @@ def read_scene(
 
 
 def at_rest(scenes: Sequence[Scene]) -> bool:
-    """Whether nothing has moved over a quarter of a second (one interval of the previews); `scenes` in the order of time."""
+    """True if nothing has moved over a quarter of a second (one interval of the previews).
+
+    Args:
+        scenes: images in order of time.
+    """
     if not scenes:
         return False
     last = scenes[-1]
-    older = [scene for scene in scenes if last.time_ns - scene.time_ns <= 1.5 * _REST_NS]
-    if len(older) < 2 or last.time_ns - older[0].time_ns < _REST_NS:
+    older = [scene for scene in scenes if last.time_ns - scene.time_ns <= 1.5 * _REST_DURATION_NS]
+    if len(older) < 2 or last.time_ns - older[0].time_ns < _REST_DURATION_NS:
         return False
     for scene in older[:-1]:
         if scene.corners.keys() != last.corners.keys():
             return False
-        if any(np.max(np.abs(scene.corners[i] - last.corners[i])) > _STILL_PX for i in last.corners):
+        if any(np.max(np.abs(scene.corners[i] - last.corners[i])) > _MAX_STILL_PX for i in last.corners):
             return False
-        if not last.corners and float(np.mean(np.abs(scene.coarse - last.coarse))) > _STILL_GREY + 2.0:
+        if not last.corners and float(np.mean(np.abs(scene.coarse - last.coarse))) > _MAX_STILL_GREY + 2.0:
             return False
     return True
 
 
 @dataclass(frozen=True)
 class PlacementCheck:
-    """How far the object is from where the plan wants it, and what to do."""
+    """Difference of the object's placement from the plan, and the correction."""
 
     error: float | None
-    """rad, None where no marker with a known place is in view"""
+    """angle to the planned orientation [rad]; None if no marker with a known place is in view"""
     text: str
+    """instruction for the user; empty if nothing is to be done"""
 
 
 def check_placement(
     scene: Scene, markers: Mapping[int | str, Marker], camera: CameraModel, planned: PlannedStrike
 ) -> PlacementCheck:
-    """Compare the pose that the markers show with the plan's R_world_object."""
+    """Compare the orientation that the markers show with the plan's R_world_object."""
     wanted = ", ".join(str(i) for i in planned.visible_markers) or "any"
     if scene.twice:
         return PlacementCheck(None, f"marker {scene.twice[0]} is in view twice: cover or remove one")
@@ -108,7 +121,8 @@ def check_placement(
         if strange:
             return PlacementCheck(
                 None,
-                f"marker {strange[0]} is not on this object: put the right object down, marker {wanted} towards the camera",
+                f"marker {strange[0]} is not on this object:"
+                f" put the right object down, marker {wanted} towards the camera",
             )
         return PlacementCheck(None, f"no marker is in view: place tag {wanted} towards the camera")
     R_world_object = np.array(planned.R_world_object, dtype=float)
@@ -116,7 +130,7 @@ def check_placement(
     seen: list[Marker] = []
     for i, corners in known.items():
         marker = markers[i]
-        R = _nearer(undistort(camera, corners), marker, camera, R_world_object)
+        R = _pose_near_plan(undistort(camera, corners), marker, camera, R_world_object)
         if R is not None:
             orientations.append(R)
             seen.append(marker)
@@ -133,12 +147,19 @@ def check_placement(
     )
 
 
-def _nearer(corners_ideal: Array, marker: Marker, camera: CameraModel, R_world_object: Array) -> Array | None:
-    """R_camera_marker; where both solutions of the square fit the image, the one nearer the plan."""
+def _pose_near_plan(
+    corners_ideal: Array, marker: Marker, camera: CameraModel, R_world_object: Array
+) -> Array | None:
+    """R_camera_marker (3, 3); if both solutions of the square fit the image, the one nearer the plan.
+
+    None if neither does.
+    """
     pair = solve_pose(corners_ideal, marker.size, camera.K)
     if pair is None:
         return None
-    if marker.T_object_marker is None or pair.error_px[1] > _AMBIGUOUS * max(float(pair.error_px[0]), 0.02):
+    if marker.T_object_marker is None or pair.error_px[1] > _MAX_ERROR_RATIO * max(
+        float(pair.error_px[0]), 0.02
+    ):
         return pair.R_camera_marker[0]
     expected = camera.T_world_camera[:3, :3].T @ R_world_object @ marker.T_object_marker[:3, :3]
     return max(pair.R_camera_marker, key=lambda R: float(np.trace(R.T @ expected)))
@@ -153,4 +174,4 @@ def _advice(error: float, correction: Array, wanted: str, wanted_seen: bool) -> 
     if abs(correction[2]) > 0.9 * error:
         sense = "anticlockwise" if correction[2] > 0 else "clockwise"
         return f"turned by {degrees:.0f} deg: turn it {sense}, seen from above, by {degrees:.0f} deg"
-    return f"turned by {degrees:.0f} deg: it lies on another face, look at the card"
+    return f"turned by {degrees:.0f} deg: it lies on another face, see the card"

@@ -1,7 +1,10 @@
-"""The paper's estimator: differentiate theta twice, phi is theta at the second sign change of the acceleration (paper 3.2.1).
+"""The paper's estimator: differentiate theta twice.
 
-The first sign change is the end of the strike, the second the passage over the equi-plane. Smoothing is a parameter because twice
-differentiated noise needs it, and because it moves the result: beside `pivot_fit` this one is printed, not used.
+phi is theta at the second sign change of the acceleration (VISAPP 2013, 3.2.1).
+
+The first sign change is the end of the impact, the second the passage over the equi-plane. Smoothing is a
+parameter because twice differentiated noise needs it, and because it shifts the result: this estimator is
+printed beside `pivot_fit`, not used.
 """
 # scipy is only partly typed; its unknowns are no mistakes of ours.
 # pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
@@ -19,12 +22,12 @@ from analyze.types import MotionFit
 if TYPE_CHECKING:
     from analyze.types import Array, TipAngle
 
-_MISSING = 1.5
-"""of the usual time between frames, from which on one is missing"""
+_MAX_FRAME_GAP = 1.5
+"""time between frames, in median intervals, from which one is missing"""
 
 
 def _smooth(values: Array, points: int) -> Array:
-    """Moving mean over an odd number of points, shorter at the ends."""
+    """Moving mean (n,) over an odd number of points, shorter at the ends."""
     half = points // 2
     sums = np.concatenate([[0.0], np.cumsum(values)])
     index = np.arange(len(values))
@@ -33,14 +36,22 @@ def _smooth(values: Array, points: int) -> Array:
 
 
 def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array]:
-    """Angular velocity (n,) [rad/s] and acceleration (n,) [rad/s^2] by central differences, after moving means over `points` frames.
+    """Angular velocity (n,) [rad/s] and acceleration (n,) [rad/s^2] by central differences of moving means.
 
-    A mean over frames of which some are missing is not of its middle: those are put in on a cubic spline first, and taken out again.
+    A mean over frames of which some are missing is biased: they are interpolated by a cubic spline first, and
+    removed again.
+
+    Args:
+        angle: theta(t).
+        points: width of the moving mean [frames].
+
+    A mean over frames of which some are missing is not of its middle: those are put in on a cubic spline
+    first, and taken out again.
     """
     time: Array = (angle.time_ns - angle.time_ns[0]) * 1e-9
     steps = np.diff(time)
     step = float(np.median(steps))
-    if float(np.max(steps)) < _MISSING * step:
+    if float(np.max(steps)) < _MAX_FRAME_GAP * step:
         return _differentiated(angle.theta, time, points)
     end = float(time[-1])
     even: Array = np.linspace(0.0, end, round(end / step) + 1)
@@ -49,12 +60,13 @@ def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array
 
 
 def _differentiated(theta: Array, time: Array, points: int) -> tuple[Array, Array]:
+    """First and second derivative (n,) of `theta` (n,) over `time` (n,) after smoothing."""
     omega = np.gradient(_smooth(theta, points), time)
     return omega, np.gradient(_smooth(omega, points), time)
 
 
 def acceleration_noise(points: int) -> float:
-    """Sd of `angular_acceleration`'s alpha over that of a frame's theta, times the square of the time between frames."""
+    """Sd of the acceleration over that of a frame's theta, times the squared frame interval."""
     once = np.convolve(np.full(points, 1.0 / points), [0.5, 0.0, -0.5])
     return float(np.linalg.norm(np.convolve(once, once)))
 
@@ -62,11 +74,11 @@ def acceleration_noise(points: int) -> float:
 def sign_change(
     angle: TipAngle, window: tuple[int, int], points: int = 5, fit: MotionFit | None = None
 ) -> MotionFit:
-    """Find phi as the paper does, over angle[window[0]:window[1]], the window starting in the strike or just after it.
+    """Find phi as the paper does, over angle[window[0]:window[1]] from the impact on or just after it.
 
-    The sd is what the smoothing leaves of the frames' noise at the crossing: sd(alpha) over the slope of alpha by theta. That slope is k at
-    the balance, and the noise no less than what a `fit` of the same motion leaves (a film's coding adds to it); where there is none, the
-    slope is what the noisy crossing itself shows.
+    The sd is the smoothed noise at the crossing: sd(alpha) over the slope of alpha by theta. That slope is k
+    at the balance, and the noise at least the residual of a `fit` of the same motion (a video's coding adds
+    to it); without a fit the slope is that of the noisy crossing itself.
 
     Raises:
         EstimationError: the acceleration has no second sign change in the window (the object rocked back).

@@ -1,7 +1,10 @@
-"""Strikes whose times a file states, and states so slow that nothing tips like that: would they be tips if all went faster?
+"""Strikes in videos whose stated times are so slow that nothing tips like that.
 
-Up to some ten times too slow a strike is read as it is, and its k says so (estimation/rate.py). Beyond that it is no tip at all to
-whoever reads it: it seems to stand still after the blow, or to fall on for ever. Read again at the ratios that slow motion has, it is.
+Search for the ratio that makes them tips.
+
+Up to some ten times too slow a strike is analysed as it is, and its k shows the ratio (estimation/rate.py).
+Beyond that it is no tip by the stated times: it seems to stand still after the impact, or to fall for ever.
+Analysed again at the usual ratios of slow motion, it is.
 """
 
 from __future__ import annotations
@@ -21,78 +24,85 @@ if TYPE_CHECKING:
 
     from analyze.types import CameraModel, Marker, MarkerTrack, TipAngle, TipMotion
 
-RATIOS = (8, 16, 32, 64)
-"""true rate over the stated one: 240 frames a second, or 480, 960, 1920, that play at 30"""
-NEAR = 4.0
-"""times the k that the plan foretells, or as many times less: twice the rate would be four times"""
-LEAST_TURN = math.radians(15.0)
-"""of a motion that may be a tip"""
-ROUGHLY = 2.5
-"""times the ratio, or as many times less, that how long the motion takes may be off: nobody knows how hard the blow was"""
-SPARE = 0.2
-"""of the energy to the top"""
-FALLEN = math.radians(50.0)
-"""past the top: what a box turns until it lies"""
-MOVED = math.radians(0.5)
-FRAMES = 100
-"""of a strike, that are read again"""
+RATE_RATIOS = (8, 16, 32, 64)
+"""true frame rate over the stated one: 240, 480, 960 or 1920 frames a second that play at 30"""
+MAX_K_RATIO = 4.0
+"""largest ratio of k to the predicted one, either way; twice the rate would be four times"""
+MIN_TURN_RAD = math.radians(15.0)
+"""least turn of a motion that may be a tip [rad]"""
+MAX_DURATION_RATIO = 2.5
+"""largest ratio of the motion's duration to the expected one, either way: the impact's strength is unknown"""
+SPARE_ENERGY = 0.2
+"""assumed energy beyond the top, over the energy to the top"""
+FALL_RAD = math.radians(50.0)
+"""turn past the top until a box lies [rad]"""
+MOVED_RAD = math.radians(0.5)
+"""theta of a moving object [rad]"""
+MAX_FRAMES = 100
+"""number of frames of a strike that are analysed again"""
 
 
-def ratio_of_a_tip(
+def slow_motion_ratio(
     motion: TipMotion,
     tracks: Sequence[MarkerTrack],
     markers: Sequence[Marker],
     camera: CameraModel,
     task: StrikeTask,
-    k_foretold: float,
+    k_predicted: float,
 ) -> int | None:
-    """By how much faster than its times say a strike must have been to be a tip; None where it is one, or is none at any ratio.
+    """True frame rate over the stated one at which a strike is a tip.
+
+    None if it is a tip as stated, or at no ratio.
 
     Args:
-        motion: as the stated times have it.
+        motion: motion by the stated times.
         tracks: the object's markers through the strike's window.
         markers: the object's markers.
-        camera: with its place in W.
+        camera: camera with its pose in W.
         task: the strike as planned and as carried out.
-        k_foretold: rad/s^2, roughly.
+        k_predicted: rough prediction of k [rad/s^2].
     """
     if (
         motion.verdict is Verdict.GOOD
         or motion.angle is None
-        or float(motion.angle.theta.max(initial=0.0)) < LEAST_TURN
+        or float(motion.angle.theta.max(initial=0.0)) < MIN_TURN_RAD
     ):
         return None
-    slower = _rise_s(motion.angle) / _tip_s(task.planned.phi_predicted_rad, k_foretold)
+    slower = _rise_time_s(motion.angle) / _tip_time_s(task.planned.phi_predicted_rad, k_predicted)
     off: dict[int, float] = {}
-    for ratio in (each for each in RATIOS if each / ROUGHLY < slower < each * ROUGHLY):
-        # A rolling shutter's rows are the image's, however slowly it plays: the corners are where they are already.
+    for ratio in (
+        each for each in RATE_RATIOS if each / MAX_DURATION_RATIO < slower < each * MAX_DURATION_RATIO
+    ):
+        # The rolling shutter has been corrected in the images already, whatever their times.
         again = analyse_strike(
             [_faster(track, ratio) for track in tracks], markers, camera, _task(task, ratio)
         )
         if again.verdict is Verdict.GOOD and again.fit is not None and again.fit.k:
-            off[ratio] = abs(math.log(again.fit.k / k_foretold))
+            off[ratio] = abs(math.log(again.fit.k / k_predicted))
     best = min(off, key=lambda ratio: off[ratio], default=None)
-    return best if best is not None and off[best] < math.log(NEAR) else None
+    return best if best is not None and off[best] < math.log(MAX_K_RATIO) else None
 
 
-def _rise_s(angle: TipAngle) -> float:
-    """From the first of the motion to what is nearly its largest angle [s]."""
+def _rise_time_s(angle: TipAngle) -> float:
+    """Time from the first motion to 90 % of the largest angle [s]."""
     theta = angle.theta
     end = int(np.argmax(theta >= 0.9 * float(theta.max())))
-    start = int(np.flatnonzero(theta[: end + 1] <= MOVED)[-1]) if np.any(theta[: end + 1] <= MOVED) else 0
+    start = (
+        int(np.flatnonzero(theta[: end + 1] <= MOVED_RAD)[-1]) if np.any(theta[: end + 1] <= MOVED_RAD) else 0
+    )
     return 1e-9 * float(angle.time_ns[end] - angle.time_ns[start])
 
 
-def _tip_s(phi: float, k: float) -> float:
-    """About as long takes a tip from rest to its fall [s]: over the top with a little to spare."""
-    theta = np.linspace(0.0, phi + FALLEN, 200)
-    rate = np.sqrt(2 * k * (SPARE * (1 - math.cos(phi)) + 1 - np.cos(phi - theta)))
+def _tip_time_s(phi: float, k: float) -> float:
+    """Approximate duration of a tip from rest to its fall [s], over the top with a little energy to spare."""
+    theta = np.linspace(0.0, phi + FALL_RAD, 200)
+    rate = np.sqrt(2 * k * (SPARE_ENERGY * (1 - math.cos(phi)) + 1 - np.cos(phi - theta)))
     return float(np.trapezoid(1 / rate, theta))
 
 
 def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
-    """Of fewer frames: whether it is a tip, and roughly its k, does not take all."""
-    some = slice(None, None, max(1, len(track.time_ns) // FRAMES))
+    """Track with its times divided by `ratio`, thinned: a rough k and verdict need few frames."""
+    some = slice(None, None, max(1, len(track.time_ns) // MAX_FRAMES))
     return replace(
         track,
         time_ns=track.time_ns[some] // ratio,
@@ -105,19 +115,21 @@ def _faster(track: MarkerTrack, ratio: int) -> MarkerTrack:
 
 
 def _task(task: StrikeTask, ratio: int) -> StrikeTask:
+    """Task with its times divided by `ratio`."""
     end = None if task.images_end_ns is None else task.images_end_ns // ratio
     return replace(task, contact_time_ns=task.contact_time_ns // ratio, images_end_ns=end, unmarked_ns=None)
 
 
 def true_rate(ratio: float, rate_hz: float) -> float:
-    """Frames a second of a camera whose file states `rate_hz`: 29.97 is meant as 30."""
+    """True frame rate [Hz] of a file that states `rate_hz`, with 29.97 taken as 30."""
     usual = round(rate_hz)
     return ratio * (usual if abs(usual - rate_hz) < 2e-3 * rate_hz else rate_hz)
 
 
 def slow_motion_text(ratio: float, rate_hz: float) -> str:
-    """What is the matter, and what to do."""
+    """Message about a slow-motion video, with the remedy."""
     return (
-        f"it tips as this object may only {ratio:g} times as fast as the {rate_hz:.4g} frames a second stated have it (slow motion?): "
+        f"it tips as this object can only if it was {ratio:g} times as fast as"
+        f" the stated {rate_hz:.4g} frames a second (slow motion?): "
         f"import again with --capture-fps {true_rate(ratio, rate_hz):g}"
     )

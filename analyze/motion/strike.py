@@ -145,8 +145,10 @@ def verdict_of(motion: TipMotion) -> StrikeVerdict:
 
 
 def _judge_unseen(task: StrikeTask) -> Judgement | None:
-    """Verdict if the images end before a tip could show in them; it does not mean that the object stood
-    still."""
+    """Verdict if the images end before a tip could show in them.
+
+    It does not mean that the object stood still.
+    """
     end = task.images_end_ns
     if end is None or (end and not task.contact_time_ns) or end >= task.contact_time_ns + _MIN_SEEN_NS:
         return None
@@ -157,8 +159,9 @@ def _judge_unseen(task: StrikeTask) -> Judgement | None:
 
 
 def rest_end(tracks: Sequence[MarkerTrack], contact_time_ns: int) -> int:
-    """log_time [ns] before which frames count as rest: the contact, or the first clear motion of a marker if
-    earlier.
+    """log_time [ns] before which frames count as rest.
+
+    The contact, or the first clear motion of a marker if earlier.
 
     Args:
         tracks: the object's markers.
@@ -192,8 +195,10 @@ def _judge_unfitted(angle: TipAngle, course: Course, reason: str) -> Judgement:
 
 
 def _window_to_balance(angle: TipAngle, released: int, fit: MotionFit) -> tuple[int, int]:
-    """Frames from release to 5 deg past the balance point within the fitted window; later motion does not
-    affect phi."""
+    """Frames from release to 5 deg past the balance point within the fitted window.
+
+    Later motion does not affect phi.
+    """
     last = fit.window[1]
     past = np.flatnonzero(angle.theta[released:last] > fit.phi + 0.09)
     return released, (released + int(past[0]) if len(past) else last)

@@ -1,8 +1,9 @@
 """Tipping angle per frame: a planar rigid motion fitted to the corners of all markers together.
 
-The body moves in the plane across the pivot axis, so a frame has three unknowns: theta, and the pivot's displacement along and off the
-table. Fitting just these by Gauss-Newton on the reprojection of the corners uses what a face-on tag shows best, its direction in the
-image, and leaves out what it shows badly, its tilt: 0.006 deg per frame for an 80 px tag where a full pose gives some tenths.
+The body moves in the plane across the pivot axis, so a frame has three unknowns: theta, and the pivot's
+displacement along and off the table. Fitting these alone by Gauss-Newton on the reprojection of the corners
+uses the direction of a face-on tag in the image, which it shows best, and leaves out its tilt, which it shows
+badly: 0.006 deg per frame for an 80 px tag where a full pose gives some tenths.
 """
 
 # scipy is only partly typed; its unknowns are no mistakes of ours.
@@ -30,61 +31,70 @@ if TYPE_CHECKING:
 
     from analyze.types import Array, CameraModel, IntArray, Marker, MarkerTrack
 
-_PLANAR_MISFIT = 3.0
+_MAX_PLANAR_CHI2 = 3.0
 """chi^2 per degree of freedom above which the motion is not taken as planar"""
-_FEW = 5
-"""frames at rest that the corners' own sd is worth as a measure of the noise"""
+_PRIOR_FRAMES = 5
+"""number of frames at rest that the corners' own sd counts as in the estimate of the noise"""
 _YAW_SD = 0.02
-"""rad, how far off the plan's heading the object may stand"""
-_WOBBLE_PRIOR = np.array([np.inf, np.inf, np.inf, 0.15, 0.15, 0.005])
-"""rad, m: theta, x, z free; yaw, roll and y regularised, because a face-on tag hardly shows them"""
+"""prior standard deviation of the object's heading against the plan [rad]"""
+_WOBBLE_SD = np.array([np.inf, np.inf, np.inf, 0.15, 0.15, 0.005])
+"""prior standard deviation of theta, x, z (free), yaw, roll and y [rad, m], which a face-on tag hardly shows
+"""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How the object lies for a strike, and where it turns: x_world = R_world_object x_object + p_world_object."""
+    """Planned pose of the object for a strike, and its pivot.
+
+    X_world = R_world_object x_object + p_world_object.
+    """
 
     R_world_object: Array
-    """(3, 3)"""
+    """(3, 3) rotation from O to W"""
     p_world_object: Array
-    """(3,) m"""
+    """(3,) O's origin in W [m]"""
     p_object_pivot: Array
-    """(3,) m, on the centre line of the edge's rounding"""
+    """(3,) point on the centre line of the edge's rounding, in O [m]"""
     radius: float
-    """m, of that rounding"""
+    """radius of that rounding [m]"""
 
 
 @dataclass(frozen=True)
 class PlanarMotion:
-    """The tip, and what tells whether it was one."""
+    """Motion of a strike in the plane across the pivot axis, and its deviations from a pure tip."""
 
     angle: TipAngle
+    """theta, slip and rotation about other axes"""
     lift: Array
-    """(n,) m, height of the pivot over its rest"""
+    """(n,) height of the pivot over its rest [m]"""
     position_sd: Array
-    """(n,) m, 1 sigma of slip and lift"""
+    """(n,) standard deviation of slip and lift [m]"""
     misfit: Array
     """(n,) chi^2 per degree of freedom"""
     off_axis_sd: Array
-    """(n,) rad"""
+    """(n,) standard deviation of the rotation about other axes [rad]"""
     yaw: float
-    """rad about W's z, of the true pivot axis against W's y"""
+    """heading of the true pivot axis against W's y, about W's z [rad]"""
     rest_frames: int
+    """number of frames at rest"""
     covariance: Array
-    """(n, 3, 3) of theta, slip and lift of a frame, random part: rad, m"""
+    """(n, 3, 3) covariance of theta, slip and lift of a frame [rad, m], random part"""
 
 
 @dataclass(frozen=True)
 class _Views:
+    """Corners of all markers in all frames."""
+
     time_ns: IntArray
+    """(n,) log_time of the frames [ns]"""
     ideal: Array
-    """(n, m, 4, 2) px"""
+    """(n, m, 4, 2) corners [ideal px]"""
     sd: Array
-    """(n, m) px, inf where the marker was not found"""
+    """(n, m) standard deviation of a corner [px]; infinite if the marker was not found"""
     corners_world: Array
-    """(m, 4, 3) at rest"""
+    """(m, 4, 3) corners at rest in W [m]"""
     theta: Array
-    """(n,) start values"""
+    """(n,) first guess of theta [rad]"""
 
 
 def tip_angle(
@@ -94,13 +104,13 @@ def tip_angle(
     placement: Placement,
     rest_end_ns: int,
 ) -> PlanarMotion:
-    """Tipping angle since rest about the pivot axis (W's y, its small yaw fitted).
+    """Tipping angle since rest about the pivot axis (W's y, its small yaw fitted), and the pivot's motion.
 
     Args:
-        tracks: markers of the object, through one strike window.
+        tracks: tracks of the object's markers through one strike window.
         markers: the object's markers.
-        camera: with its place in W.
-        placement: nominal placement; only its orientation and the pivot enter.
+        camera: camera with its pose in W.
+        placement: nominal placement; only its orientation and the pivot are used.
         rest_end_ns: frames before this are at rest.
 
     Raises:
@@ -130,10 +140,10 @@ def tip_angle(
     chi2 = best.chi2 / np.maximum(best.freedom, 1)
     off_axis_sd = np.sqrt(full.covariance[:, 3, 3] + full.covariance[:, 4, 4]) * _scale(full)
     turned_aside = full.x[:, 3:5] - full.x[at_rest, 3:5].mean(axis=0)
-    # A body that wobbles is no planar motion: forcing it into one shifts theta by a part of the wobble.
+    # The motion of a body that wobbles is not planar: a planar fit shifts theta by a part of the wobble.
     chosen = (
         full
-        if np.median(chi2) > _PLANAR_MISFIT and np.median(full.chi2 / full.freedom) < 0.5 * np.median(chi2)
+        if np.median(chi2) > _MAX_PLANAR_CHI2 and np.median(full.chi2 / full.freedom) < 0.5 * np.median(chi2)
         else best
     )
     relative = chosen.chi2 / np.maximum(chosen.freedom, 1)
@@ -152,7 +162,7 @@ def tip_angle(
     position_sd = (
         np.sqrt(0.5 * (chosen.covariance[:, 1, 1] + chosen.covariance[:, 2, 2])) * _scale(chosen) * bad
     )
-    # Slip is x less what rolling makes of theta.
+    # Slip is x less the rolling by theta.
     to_slip = np.array([[1.0, 0.0, 0.0], [-placement.radius, 1.0, 0.0], [0.0, 0.0, 1.0]])
     covariance = (
         to_slip @ chosen.covariance[:, :3, :3] @ to_slip.T * (random / single * bad)[:, None, None] ** 2
@@ -163,24 +173,41 @@ def tip_angle(
 
 
 def _random_scale(theta: Array, sd: Array) -> float:
-    """Factor that makes `sd` (n,) what neighbouring frames scatter: of `theta` (n,) at rest, pulled towards 1 where frames are few.
+    """Factor that makes `sd` (n,) the scatter of neighbouring resting frames' `theta` (n,) [rad].
 
-    Residuals within a frame are no measure of it. What they hold beside noise (a lens, a code or a placement that is not quite as
-    modelled) stays the same from frame to frame: it moves theta's zero, not its scatter.
+    Shrunk towards 1 if frames are few. Residuals within a frame do not measure it: their share beside noise
+    (a lens, a code or a placement that is not quite as modelled) stays the same from frame to frame, which
+    moves theta's zero and not its scatter.
+
+    Residuals within a frame are no measure of it. What they hold beside noise (a lens, a code or a placement
+    that is not quite as modelled) stays the same from frame to frame: it moves theta's zero, not its scatter.
     """
     if len(theta) < 2:
         return 1.0
-    # Second differences know nothing of a slow drift, as of an object that still settles.
+    # Second differences are insensitive to slow drift, as of an object that still settles.
     z2 = (np.diff(theta, 2) / sd[1:-1]) ** 2 / 6.0 if len(theta) > 4 else np.zeros(0)
-    known = _FEW + len(z2)
-    return math.sqrt(float(_FEW + np.sum(np.minimum(z2, 25.0))) / known)
+    known = _PRIOR_FRAMES + len(z2)
+    return math.sqrt(float(_PRIOR_FRAMES + np.sum(np.minimum(z2, 25.0))) / known)
 
 
 def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> float:
-    """Sd of theta's zero [rad]: the mean of the resting frames' noise, and what no mean reduces.
+    """Standard deviation of theta's zero [rad].
 
-    That is the misfit of model and image within a frame, and MODEL_PX of each corner, which a misfit need not show. (Measured on 7
-    simulated cameras, whose lens blurs whole pixels and so shifts edges along the pixel grid by up to 0.03 px: 0.0075 deg rms.)
+    Noise of the mean of the resting frames, and errors that no mean reduces.
+
+    The latter are the misfit of model and image within a frame, and MODEL_PX of each corner, which a misfit
+    need not show. (Measured on 7 simulated cameras, whose lens blurs whole pixels and so shifts edges along
+    the pixel grid by up to 0.03 px: 0.0075 deg rms.)
+
+    Args:
+        random: (n,) noise of each resting frame [rad].
+        single: (n,) sd of each by its corners' own sd [rad].
+        misfit: factor on `single` by the residuals within frames.
+        corner_sd: (n,) standard deviation of a corner [px].
+
+    That is the misfit of model and image within a frame, and MODEL_PX of each corner, which a misfit need not
+    show. (Measured on 7 simulated cameras, whose lens blurs whole pixels and so shifts edges along the pixel
+    grid by up to 0.03 px: 0.0075 deg rms.)
 
     Args:
         random: (n,) rad, noise of each resting frame.
@@ -195,7 +222,7 @@ def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> f
 
 
 def _scale(solution: _Solution) -> float:
-    """Factor on the corners' sd: their own noise counts unless the residuals say that it is larger."""
+    """Factor on the corners' sd by the residuals, at least 1."""
     return float(np.sqrt(max(1.0, np.median(solution.chi2 / np.maximum(solution.freedom, 1)))))
 
 
@@ -206,6 +233,7 @@ def _collect(
     placement: Placement,
     rest_end_ns: int,
 ) -> tuple[_Views, Array]:
+    """Corners of the markers that were seen at rest, and the pivot point in W (3,) [m]."""
     rested = [
         track
         for track in tracks
@@ -213,7 +241,8 @@ def _collect(
     ]
     if not rested:
         raise TrackingError(
-            "no marker lies still in view before the strike: start earlier, the camera on a stand, and check the light"
+            "no marker lies still in view before the strike:"
+            " start earlier, put the camera on a stand, and check the light"
         )
     time_ns = np.unique(np.concatenate([track.time_ns for track in rested]))
     n, m = len(time_ns), len(rested)
@@ -248,22 +277,26 @@ def _collect(
 
 @dataclass(frozen=True)
 class _Solution:
+    """Fitted displacement of every frame."""
+
     x: Array
-    """(n, p) theta, x, z[, yaw, roll, y]"""
+    """(n, p) theta, x, z[, yaw, roll, y] [rad, m]"""
     covariance: Array
-    """(n, p, p)"""
+    """(n, p, p) covariance of a frame's x"""
     chi2: Array
+    """(n,) sum of squared weighted residuals"""
     freedom: NDArray[np.int64]
+    """(n,) degrees of freedom"""
 
 
 def _cost(solution: _Solution, yaw: float) -> float:
-    """Robust sum over frames, with the prior on the yaw."""
+    """Robust sum of chi^2 over frames, with the prior on the yaw [rad]."""
     limit = 9.0 * float(np.median(solution.chi2)) + 1e-12
     return float(np.sum(np.minimum(solution.chi2, limit))) + (yaw / _YAW_SD) ** 2
 
 
-def _turn(points: Array, axis: Array, theta: Array) -> Array:
-    """Points (..., 3) turned about `axis` (3,) by theta (n,): (n, ..., 3)."""
+def _rotated(points: Array, axis: Array, theta: Array) -> Array:
+    """Points (..., 3) rotated about `axis` (3,) by theta (n,) [rad]: (n, ..., 3)."""
     shape = (len(theta), *([1] * (points.ndim)))
     cos, sin = np.cos(theta).reshape(shape), np.sin(theta).reshape(shape)
     return points * cos + np.cross(axis, points) * sin + (points @ axis)[..., None] * axis * (1.0 - cos)
@@ -272,6 +305,7 @@ def _turn(points: Array, axis: Array, theta: Array) -> Array:
 def _solve(
     views: _Views, pivot: Array, yaw: float, camera: CameraModel, R_camera_world: Array, t_camera_world: Array
 ) -> _Solution:
+    """Planar motion of every frame: theta, and the pivot's displacement along and off the table."""
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])
@@ -283,7 +317,7 @@ def _solve(
     normal = np.zeros((n, 3, 3))
     residual = np.zeros((n, weight.shape[1]))
     for _ in range(8):
-        turned = _turn(arms, axis, x[:, 0])
+        turned = _rotated(arms, axis, x[:, 0])
         points = turned + pivot + (x[:, 1, None] * along + x[:, 2, None] * up)[:, None, None, :]
         in_camera = points @ R_camera_world.T + t_camera_world
         residual = (views.ideal - project_ideal(camera, in_camera)).reshape(n, -1) * weight
@@ -313,18 +347,21 @@ def _solve_full(
     R_camera_world: Array,
     t_camera_world: Array,
 ) -> _Solution:
-    """Six parameters per frame, starting at the planar fit: also rotation about W's z and x, and displacement along the axis."""
+    """Full motion of every frame, from the planar fit.
+
+    Also rotation about W's z and x, and displacement along the axis.
+    """
     axis = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     up = np.array([0.0, 0.0, 1.0])
     n = len(planar)
     weight = np.repeat(1.0 / views.sd, 8, axis=1)
-    prior = np.where(np.isfinite(_WOBBLE_PRIOR), 1.0 / _WOBBLE_PRIOR**2, 0.0)
+    prior = np.where(np.isfinite(_WOBBLE_SD), 1.0 / _WOBBLE_SD**2, 0.0)
     x = np.concatenate([planar, np.zeros((n, 3))], axis=1)
     covariance = np.zeros((n, 6, 6))
     residual = np.zeros((n, weight.shape[1]))
     for _ in range(4):
-        turned = _turn(views.corners_world - pivot, axis, x[:, 0])
+        turned = _rotated(views.corners_world - pivot, axis, x[:, 0])
         extra = Rotation.from_rotvec(x[:, 3, None] * up + x[:, 4, None] * along).as_matrix()
         arm = turned @ extra.transpose(0, 2, 1)[:, None]
         shift = x[:, 1, None] * along + x[:, 2, None] * up + x[:, 5, None] * axis

@@ -1,5 +1,7 @@
-"""Fit of a tip that was struck again on its way: the pendulum with a jump in speed at one frame, which is
-fitted too."""
+"""Fit of a tip that was struck again on its way.
+
+The pendulum with a jump in speed at one frame, which is fitted too.
+"""
 
 from __future__ import annotations
 

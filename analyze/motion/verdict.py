@@ -74,8 +74,8 @@ def _gaps(
     if longest_ns > max(
         limits.max_image_gap_share * float(np.sum(apart_ns)), (limits.max_marker_gap + 1) * frame_ns
     ):
-        text = f"no images for {1e-6 * longest_ns:.0f} ms during the tip: the camera left frames out; strike again"
-        return Judgement(Verdict.UNREADABLE, text)
+        missing = f"no images for {1e-6 * longest_ns:.0f} ms during the tip"
+        return Judgement(Verdict.UNREADABLE, f"{missing}: the camera left frames out; strike again")
     return None
 
 
@@ -120,8 +120,10 @@ def judge_contact(
 def judge_hard(
     motion: PlanarMotion, course: Course, energy_ratio: float, limits: VerdictLimits
 ) -> Judgement | None:
-    """Verdict on a strike so hard that the object flew, though only after its balance point; None if it did
-    not."""
+    """Verdict on a strike so hard that the object flew, though only after its balance point.
+
+    None if it did not.
+    """
     if energy_ratio < limits.hard_energy_ratio or course.released is None:
         return None
     free = slice(course.released, course.ended)

@@ -1,4 +1,4 @@
-"""`analyze calibrate --drop`: the tag filmed in free fall says how fast the frames came, or one line says why it does not."""
+"""`analyze calibrate --drop`: the true frame rate of a camera from a video of a tag in free fall."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 
 from analyze.cameras.camera_file import read_camera
 from analyze.errors import CalibrationError, RecordingForeign
-from analyze.motion.fall_window import LEAST_FALL, fall_windows
-from analyze.motion.free_fall import Fall, Film, TrueTime, settled_fall, true_time
+from analyze.motion.fall_window import MIN_FALL_M, fall_windows
+from analyze.motion.free_fall import Fall, FallSetup, TrueTime, settled_fall, true_time
 from analyze.pipeline.evidence import read_head
+from analyze.progress import Progress, no_progress
 from analyze.reading.recording import open_recording
 from analyze.sources.open_source import SourceOptions, open_source
 from analyze.sources.source import FrameSource
@@ -24,94 +25,92 @@ from analyze.types import CameraModel, ImageFrame, Marker, MarkerTrack
 from schemas.session_manifest import TimeSource
 from schemas.tags import USUAL_FAMILY
 
-RECORDING = ".mcap"
-LOOKED_AT_EVERY = 5
-"""frames, until the first tag is seen"""
-RESCAN_EVERY = 4
-"""frames, while the tag is out of sight: it falls through the view in a few dozen"""
-SHARED_PX = 0.05
-"""1 sigma of a corner beside its noise, from lens, codec and blur"""
-ANYWHERE = (9.81, 0.02)
-"""g [m/s^2] and 1 sigma, between equator and poles"""
+RECORDING_SUFFIX = ".mcap"
+SEARCH_EVERY_FRAMES = 5
+"""frames between two searches until the first tag is seen"""
+RESCAN_EVERY_FRAMES = 4
+"""frames between two searches while the tag is out of sight: it falls through the view in a few dozen"""
+SHARED_CORNER_SD_PX = 0.05
+"""standard deviation of a corner beside its noise, from lens, codec and blur"""
+WORLDWIDE_G = (9.81, 0.02)
+"""g [m/s^2] and its standard deviation, between equator and poles"""
 STATED_G_SD = 0.002
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
 class DropOptions:
-    """What the user asks for."""
+    """The user's choices."""
 
     source: Path
-    """a video, a folder of images, a recording"""
+    """video, folder of images or recording"""
     size: float
-    """m, of the tag's black square"""
+    """edge of the tag's black square [m]"""
     size_sd: float
     mass: float
-    """kg, of what falls"""
+    """mass of the falling body [kg]"""
     camera: Path | None = None
-    """None: the recording's own"""
+    """camera file; None for the recording's own camera"""
     marker: str | None = None
-    """None: the first that is seen"""
+    """id of the tag; None for the first that is seen"""
     capture_hz: float | None = None
     gravity: float | None = None
-    """None: the recording's, else anywhere's"""
+    """local g [m/s^2]; None for the recording's, else the worldwide mean"""
     global_shutter: bool = False
-    """all rows are read at once; else only a rig's camera and one whose line time is stated are known"""
+    """True if all rows are read at once; else the line time is known of a rig's camera or as stated only"""
 
 
 @dataclass(frozen=True)
 class DropAnswer:
-    """What the falls tell."""
+    """Frame rate from one or more falls."""
 
     options: DropOptions
     marker_id: int | str
     frames: int
-    """of the film"""
+    """frames of the video"""
     seen: int
-    """with the tag"""
+    """frames with the tag"""
     falls: tuple[Fall, ...]
     time: TrueTime
-    film: Film
+    setup: FallSetup
     stated_hz: float
-    """frames a second by the film's times"""
+    """frame rate by the video's time stamps [Hz]"""
 
     @property
     def true_hz(self) -> float:
-        """Frames a second, measured."""
+        """Measured frame rate [Hz]."""
         return self.stated_hz / self.time.slower
 
     @property
     def true_sd_hz(self) -> float:
-        """1 sigma of it."""
+        """Standard deviation of the measured frame rate [Hz]."""
         return self.true_hz * self.time.sd / self.time.slower
 
 
 @dataclass(frozen=True)
-class Filmed:
-    """A film opened: what gives its images, and what is known of it."""
+class _Footage:
+    """An open video or recording, and what is known about its camera."""
 
     name: str
     frames: Callable[[], Iterator[ImageFrame]]
-    """anew each time"""
+    """function that starts reading from the first frame"""
     count: int | None
     camera: CameraModel
     time_sd: float
-    """s"""
+    """standard deviation of a frame's time [s]"""
     gravity: tuple[float, float]
     rig: bool
-    """of a rig's camera, whose line time is known, 0 too"""
+    """True if a rig's camera took it, whose line time is known (and may be 0)"""
 
 
-def measure_drop(options: DropOptions, progress: Progress = lambda _text, _done, _total: None) -> DropAnswer:
-    """Follow the tag, find where it falls, and how long a second truly is.
+def measure_drop(options: DropOptions, progress: Progress = no_progress) -> DropAnswer:
+    """Follow the tag, find its falls, and measure the true duration of a stated second.
 
     Raises:
-        CalibrationError: no camera is given, no tag is seen, or none falls.
-        ImportRefused, RecordingError: the film cannot be read.
+        CalibrationError: no camera is given, no tag is seen, or it does not fall.
+        ImportRefused, RecordingError: the video or recording cannot be read.
         TrackingError: a tag is in view twice, or the images are not of the camera's size.
     """
-    if options.source.suffix == RECORDING and options.source.is_file():
+    if options.source.suffix == RECORDING_SUFFIX and options.source.is_file():
         try:
             head = read_head(options.source)
         except RecordingForeign:
@@ -120,11 +119,16 @@ def measure_drop(options: DropOptions, progress: Progress = lambda _text, _done,
             manifest = head.manifest
             if options.capture_hz is not None:
                 raise CalibrationError(
-                    f"{options.source}: --capture-fps is of videos: a recording's frames have times of their own: leave it out"
+                    f"{options.source}: --capture-fps is for videos: a recording's frames have times of "
+                    "their own: leave it out"
                 )
             with open_recording(options.source) as recording:
-                camera = camera_from_spec(manifest.cameras[0].calibration) if options.camera is None else _camera(options)
-                filmed = Filmed(
+                camera = (
+                    camera_from_spec(manifest.cameras[0].calibration)
+                    if options.camera is None
+                    else _camera(options)
+                )
+                footage = _Footage(
                     str(options.source),
                     recording.images,
                     None,
@@ -133,110 +137,144 @@ def measure_drop(options: DropOptions, progress: Progress = lambda _text, _done,
                     (manifest.g_m_s2, manifest.g_sd_m_s2),
                     manifest.time_source is not TimeSource.CONTAINER_PTS,
                 )
-                return drop_of(filmed, options, progress)
+                return _measure(footage, options, progress)
     with open_source(options.source, SourceOptions(capture_hz=options.capture_hz)) as source:
-        filmed = Filmed(
-            source.name, lambda: _numbered(source), source.frame_count, _camera(options), 1e-9 * source.time_sd_ns, ANYWHERE, False
+        footage = _Footage(
+            source.name,
+            lambda: _frames(source),
+            source.frame_count,
+            _camera(options),
+            1e-9 * source.time_sd_ns,
+            WORLDWIDE_G,
+            False,
         )
-        return drop_of(filmed, options, progress)
+        return _measure(footage, options, progress)
 
 
 def _camera(options: DropOptions) -> CameraModel:
     if options.camera is None:
         raise CalibrationError(
-            f"{options.source}: does not say which lens filmed it: give --camera CAMERA (analyze calibrate -o, OpenCV, ROS)"
+            f"{options.source}: its lens is unknown: give --camera CAMERA (a file of analyze calibrate -o, "
+            "OpenCV or ROS)"
         )
     return camera_from_spec(read_camera(options.camera).calibration)
 
 
-def _numbered(source: FrameSource) -> Iterator[ImageFrame]:
+def _frames(source: FrameSource) -> Iterator[ImageFrame]:
     for number, frame in enumerate(source.frames()):
         yield ImageFrame(frame.time_ns, number, frame.image.copy())
 
 
-def drop_of(filmed: Filmed, options: DropOptions, progress: Progress = lambda _text, _done, _total: None) -> DropAnswer:
-    """The same, of a film that is open."""
-    marker_id = _first_tag(filmed) if options.marker is None else _id_of(options.marker)
-    track, frames = _followed(filmed, Marker(marker_id, options.size, None), progress)
-    film = _film(filmed, options)
+def _measure(footage: _Footage, options: DropOptions, progress: Progress = no_progress) -> DropAnswer:
+    marker_id = _first_tag(footage) if options.marker is None else _marker_id(options.marker)
+    track, frames = _follow(footage, Marker(marker_id, options.size, None), progress)
+    setup = _fall_setup(footage, options)
     found: list[Fall] = []
     if len(track.time_ns):
-        corner_sd = np.hypot(track.corner_sd_px, SHARED_PX)
-        covariance = position_covariance(track.R_camera_marker, track.p_camera_marker, corner_sd, options.size, filmed.camera.K)
+        corner_sd = np.hypot(track.corner_sd_px, SHARED_CORNER_SD_PX)
+        covariance = position_covariance(
+            track.R_camera_marker, track.p_camera_marker, corner_sd, options.size, footage.camera.K
+        )
         sd = np.sqrt(np.median(np.einsum("nii->ni", covariance), axis=0))
         windows = fall_windows(track.time_ns, track.p_camera_marker, sd)
-        found = [fall for window in windows if (fall := settled_fall(track, covariance, window, film)) is not None]
+        found = [
+            fall for window in windows if (fall := settled_fall(track, covariance, window, setup)) is not None
+        ]
     if not found:
         raise CalibrationError(
-            f"{filmed.name}: marker {marker_id} is seen in {len(track.time_ns)} of {frames} frames, but no free fall of {LEAST_FALL:g} m: "
-            "hold it still in view, let go without a push, and let it fall 0.3 m or more before the camera; more light and a shorter "
+            f"{footage.name}: marker {marker_id} is seen in {len(track.time_ns)} of {frames} frames, but no "
+            f"free fall of {MIN_FALL_M:g} m: "
+            "hold it still in view, let go without a push, and let it fall 0.3 m or more before the camera; "
+            "more light and a shorter "
             "exposure if it blurs"
         )
-    falls = _alike(found)
+    falls = _consistent(found)
     stated = float(np.median([fall.frame_s for fall in falls]))
-    return DropAnswer(options, marker_id, frames, len(track.time_ns), tuple(falls), true_time(falls, film), film, 1 / stated)
+    return DropAnswer(
+        options,
+        marker_id,
+        frames,
+        len(track.time_ns),
+        tuple(falls),
+        true_time(falls, setup),
+        setup,
+        1 / stated,
+    )
 
 
-def _film(filmed: Filmed, options: DropOptions) -> Film:
-    gravity, gravity_sd = filmed.gravity if options.gravity is None else (options.gravity, STATED_G_SD)
-    stated = filmed.camera.line_time_s
-    known = filmed.rig or options.global_shutter or stated != 0
-    return Film(
+def _fall_setup(footage: _Footage, options: DropOptions) -> FallSetup:
+    gravity, gravity_sd = footage.gravity if options.gravity is None else (options.gravity, STATED_G_SD)
+    stated = footage.camera.line_time_s
+    known = footage.rig or options.global_shutter or stated != 0
+    return FallSetup(
         size=options.size,
         size_sd=options.size_sd,
         gravity=gravity,
         gravity_sd=gravity_sd,
         mass=options.mass,
         line_time=(0.0 if options.global_shutter else stated) if known else None,
-        rows=filmed.camera.height,
-        time_sd=filmed.time_sd,
+        rows=footage.camera.height,
+        time_sd=footage.time_sd,
     )
 
 
-def _alike(falls: list[Fall]) -> list[Fall]:
-    """The longest fall, and those that mean the same time within what they are known to; a hand's swing that looks like a fall does not."""
+def _consistent(falls: list[Fall]) -> list[Fall]:
+    """The longest fall and those that agree with it within their uncertainty.
+
+    A hand's swing that resembles a fall does not agree.
+    """
     best = max(falls, key=lambda fall: fall.dropped)
     return [
         fall
         for fall in falls
-        if abs(fall.slower - best.slower) <= 4 * float(np.hypot(fall.noise_sd + fall.shared_sd, best.noise_sd + best.shared_sd))
+        if abs(fall.slower - best.slower)
+        <= 4 * float(np.hypot(fall.noise_sd + fall.shared_sd, best.noise_sd + best.shared_sd))
     ]
 
 
-def _id_of(name: str) -> int | str:
+def _marker_id(name: str) -> int | str:
     return int(name) if name.isdecimal() else name
 
 
-def _first_tag(filmed: Filmed) -> int | str:
-    """The largest tag of the first frame that shows one."""
+def _first_tag(footage: _Footage) -> int | str:
+    """Largest tag of the first frame that shows one."""
     looked_at, first = 0, None
-    for frame in filmed.frames():
+    for frame in footage.frames():
         first = frame.image if first is None else first
-        if frame.sequence % LOOKED_AT_EVERY == 0 or looked_at == 0:
+        if frame.sequence % SEARCH_EVERY_FRAMES == 0 or looked_at == 0:
             looked_at += 1
             if seen := detect(frame.image):
                 return seen[0].marker_id
     if first is None:
-        raise CalibrationError(f"{filmed.name}: holds no images: film the tag while it falls")
+        raise CalibrationError(f"{footage.name}: contains no images: film the tag while it falls")
     other = of_another_family(first, (USUAL_FAMILY,))
-    hint = f"; what looks like {other} is: name it with --marker" if other is not None else ""
+    hint = f"; one of family {other} is: name it with --marker" if other is not None else ""
     raise CalibrationError(
-        f"{filmed.name}: no tag is seen in {looked_at} images{hint}: print one (analyze print-tags), and film it in focus"
+        f"{footage.name}: no tag is seen in {looked_at} images{hint}: print one (analyze print-tags) and "
+        "film it in focus"
     )
 
 
-def _followed(filmed: Filmed, marker: Marker, progress: Progress) -> tuple[MarkerTrack, int]:
-    # Rows that are read late are the fit's matter: it knows that the film's seconds may not be seconds.
-    follower = MarkerFollower(replace(filmed.camera, line_time_s=0.0), [marker], rescan_every=RESCAN_EVERY)
-    for frame in filmed.frames():
+def _follow(footage: _Footage, marker: Marker, progress: Progress) -> tuple[MarkerTrack, int]:
+    # The fit models the rolling shutter itself, since the stated seconds may not be true seconds.
+    follower = MarkerFollower(
+        replace(footage.camera, line_time_s=0.0), [marker], rescan_every=RESCAN_EVERY_FRAMES
+    )
+    for frame in footage.frames():
         if follower.frames_total % 10 == 0:
-            progress("following the tag", follower.frames_total, filmed.count or follower.frames_total + 1)
+            progress("following the tag", follower.frames_total, footage.count or follower.frames_total + 1)
         follower.add(frame)
     report = follower.report()
     if report.tracks:
         return report.tracks[0], report.frames_total
     nothing = np.zeros(0)
     empty = MarkerTrack(
-        marker.id, nothing.astype(np.int64), np.zeros((0, 4, 2)), nothing, np.zeros((0, 3, 3)), np.zeros((0, 3)), report.frames_total
+        marker.id,
+        nothing.astype(np.int64),
+        np.zeros((0, 4, 2)),
+        nothing,
+        np.zeros((0, 3, 3)),
+        np.zeros((0, 3)),
+        report.frames_total,
     )
     return empty, report.frames_total

@@ -1,7 +1,9 @@
-"""Strikes of all kinds, drawn at random, simulated in the plane (sliding.py), as cameras see them: for tests and `make bench-motion`.
+"""Strikes of all kinds, drawn at random, simulated in the plane (sliding.py), as cameras see them: for tests
+and `make bench-motion`.
 
-What a strike is called here follows from what the simulation did, with the limits that the manual states; between "clearly" and "clearly
-not" lies a stretch where either word is right, and such strikes are drawn again.
+What a strike is called here follows from what the simulation did, with the limits that the manual states;
+between "clearly" and "clearly not" lies a stretch where either word is right, and such strikes are drawn
+again.
 """
 
 from __future__ import annotations
@@ -83,7 +85,8 @@ def draw_body(rng: np.random.Generator) -> Body:
 
 
 def holding_height(body: Body) -> float:
-    """Where a push makes the edge neither slide forwards nor backwards: the centre of percussion, or the top."""
+    """Where a push makes the edge neither slide forwards nor backwards: the centre of percussion, or the
+    top."""
     return min(0.98 * body.height, (body.inertia + body.R**2) / (body.R * math.cos(body.phi)))
 
 
@@ -95,7 +98,8 @@ def seen(
     rolls: bool = False,
     contact_known: bool = True,
 ) -> tuple[PlanarMotion, StrikeTask]:
-    """Noise on every frame: of the angle, and what that does to the edge's place at a marker LEVER above it."""
+    """Noise on every frame: of the angle, and what that does to the edge's place at a marker LEVER above
+    it."""
     n = len(course.time)
     error = rng.normal(0, noise, n)
     time_ns = np.rint(course.time * 1e9).astype(np.int64) + T0
@@ -191,7 +195,8 @@ def _drawn(kind: str, rng: np.random.Generator, noise: float | None) -> Strike |
 
 
 def draw_free(rng: np.random.Generator, slides: bool) -> Strike:
-    """Energy 0.8 to 3, friction 0.2 to 0.8, rounding 0 to 5 mm, noise 0.05 to 0.5 degrees; the edge slides by 0.2 to 6 mm or not."""
+    """Energy 0.8 to 3, friction 0.2 to 0.8, rounding 0 to 5 mm, noise 0.05 to 0.5 degrees; the edge slides by
+    0.2 to 6 mm or not."""
     while True:
         body = draw_body(rng)
         noise, energy = math.radians(0.05 * 10 ** rng.uniform(0, 1)), rng.uniform(0.8, 3.0)
@@ -215,7 +220,8 @@ def _is(kind: str, course: Course, body: Body) -> bool:
         return peak < math.radians(0.4)
     held = course.slid < 0.002 and course.flown < 0.001
     if kind == "rocked back":
-        # Less than a fifth of the way says next to nothing of phi; it is called unreadable or rocked back, either is right.
+        # Less than a fifth of the way says next to nothing of phi; it is called unreadable or rocked back,
+        # either is right.
         return held and not course.over and peak > max(0.2 * body.phi, math.radians(2))
     return held and course.over
 

@@ -1,7 +1,7 @@
 """A tag that is held, dropped and lands, seen by a camera; written apart from the fit.
 
-Models gravity, drag that goes with the square of the speed, steady turning, an arm from the centre of mass to the tag, rolling shutter and
-the noise of corners. Does not model blur, flutter, or the hand's touch.
+Models gravity, drag that goes with the square of the speed, steady turning, an arm from the centre of mass to
+the tag, rolling shutter and the noise of corners. Does not model blur, flutter, or the hand's touch.
 """
 
 from __future__ import annotations

@@ -1,8 +1,10 @@
-"""An independent simulation of bodies that roll on a curved flank: Newton's equations with the table's two forces as unknowns.
+"""An independent simulation of bodies that roll on a curved flank: Newton's equations with the table's two
+forces as unknowns.
 
-The section is a quarter ellipse (or circle) between a flat bottom and a wall; the touching point is the ellipse's own, and rolling is the
-condition that the body's point there stands still. Nothing of the estimator is used: no support function, no energy, no facets.
-Models no sliding and no lifting; it says what friction and what load that needs. Coordinates as in sliding.py.
+The section is a quarter ellipse (or circle) between a flat bottom and a wall; the touching point is the
+ellipse's own, and rolling is the condition that the body's point there stands still. Nothing of the estimator
+is used: no support function, no energy, no facets. Models no sliding and no lifting; it says what friction
+and what load that needs. Coordinates as in sliding.py.
 """
 
 from __future__ import annotations
@@ -15,8 +17,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from analyze.motion.support_function import SupportFunction, from_outline
 from analyze.motion.strike_task import StrikeTask
+from analyze.motion.support_function import SupportFunction, support_of_outline
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.types import TipAngle
 from tests.analyze.motion.tipping import planned
@@ -96,7 +98,8 @@ def roll_on(body: RollingBody, time: np.ndarray, theta0: float, omega0: float) -
 
     def forces(theta: float, omega: float) -> tuple[float, float, float]:
         x, z, radius = body.touching(theta)
-        # The body's point at r = (x, z) from c stands still: v_c = -omega (z, -x). The touching point runs ahead by radius * omega.
+        # The body's point at r = (x, z) from c stands still: v_c = -omega (z, -x). The touching point runs
+        # ahead by radius * omega.
         vx, vz = -omega * z, omega * x
         bend_x, bend_z = -omega * (-vz), omega * (radius * omega - vx)
         # a_c = alpha (-z, x) + bend, F = a_x, N = a_z + G, inertia alpha = F z - N x.
@@ -130,7 +133,8 @@ class SeenRoll:
         return 0, len(self.time)
 
     def bound(self, com_sd: float, inertia_sd: float = 0.5) -> tuple[float, float]:
-        """Cramer and Rao's 1 sigma of phi [rad] and k [relative]; of the body itself c is known to `com_sd` [m], J to `inertia_sd`."""
+        """Cramer and Rao's 1 sigma of phi [rad] and k [relative]; of the body itself c is known to `com_sd`
+        [m], J to `inertia_sd`."""
         steps = np.array([1e-6, 1e-6, 1e-7, 1e-6, 1e-5])
         scale = np.array([1e-2, 1e-2, 1e-3, 0.02, 0.2])
 
@@ -208,13 +212,14 @@ def draw_rolling(rng: np.random.Generator, a: float, b: float) -> RollingBody:
 
 def section_of_body(body: RollingBody, facets: int = 24) -> SupportFunction:
     """As a mesh has it, about the ellipse's centre."""
-    return from_outline(body.outline(facets), np.zeros(2))
+    return support_of_outline(body.outline(facets), np.zeros(2))
 
 
 def as_tracked(
     body: RollingBody, energy: float, noise: float, rng: np.random.Generator, slide: float = 0.0
 ) -> tuple[PlanarMotion, StrikeTask]:
-    """A whole strike of which a camera follows the ellipse's centre; `slide`: m that it slides on top of rolling, in 0.2 s."""
+    """A whole strike of which a camera follows the ellipse's centre; `slide`: m that it slides on top of
+    rolling, in 0.2 s."""
     rate = 120.0
     time = (np.arange(round(1.45 * rate)) - round(0.25 * rate) + 0.3) / rate
     after = time > 0

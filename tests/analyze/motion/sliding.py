@@ -1,8 +1,10 @@
-"""An independent simulation of struck, tipping, sliding bodies in the plane across the edge: Newton's equations with dry friction.
+"""An independent simulation of struck, tipping, sliding bodies in the plane across the edge: Newton's
+equations with dry friction.
 
-A body with a circular edge rounding of radius rho stands on a face, is pushed by a half-sine force of some milliseconds, and turns about
-its edge, which sticks (rolls on its rounding) or slides. Nothing of the estimators is used: no energy integral, no pendulum.
-Coordinates: x along the table, + is where it tips to; z up; theta + tips.
+A body with a circular edge rounding of radius rho stands on a face, is pushed by a half-sine force of some
+milliseconds, and turns about its edge, which sticks (rolls on its rounding) or slides. Nothing of the
+estimators is used: no energy integral, no pendulum. Coordinates: x along the table, + is where it tips to; z
+up; theta + tips.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ STEP = 1e-4
 
 @dataclass(frozen=True)
 class Body:
-    """c as seen from the rounding's centre line: R at angle phi behind the vertical; inertia about c per mass."""
+    """c as seen from the rounding's centre line: R at angle phi behind the vertical; inertia about c per
+    mass."""
 
     R: float = 0.103
     phi: float = 0.28
@@ -116,7 +119,8 @@ def simulate(
                 vx = body.rho * om
         x, z, th = x + STEP * vx, z + STEP * vz, th + STEP * om
         if not contact and z < body.rho:
-            # It comes down on its edge: the vertical speed of the contact is taken out by an impulse there, with friction.
+            # It comes down on its edge: the vertical speed of the contact is taken out by an impulse there,
+            # with friction.
             contact, z = True, body.rho
             vx, vz, om = _impact(body, th, vx, vz, om)
         if th < 0 and om < 0:
@@ -154,10 +158,12 @@ def _force(push: Push, t: float) -> float:
 def _acceleration(
     body: Body, state: tuple[float, ...], force: float, height: float, *, contact: bool, stick: bool
 ) -> tuple[float, float, float, float, bool]:
-    """(ax, az of the centre line, alpha, normal force per mass, sticks) under a push per mass at `height` over the table."""
+    """(ax, az of the centre line, alpha, normal force per mass, sticks) under a push per mass at `height`
+    over the table."""
     _, z, th, vx, _, om = state
     s, c = body.R * math.sin(body.phi - th), body.R * math.cos(body.phi - th)
-    # c is at (-s, c) from the centre line; its acceleration is (ax + c alpha + s om^2, az + s alpha - c om^2).
+    # c is at (-s, c) from the centre line; its acceleration is (ax + c alpha + s om^2, az + s alpha - c
+    # om^2).
     level = z + c
     if not contact:
         # Only gravity and the push.
@@ -205,7 +211,8 @@ def _acceleration(
 
 
 def _impact(body: Body, th: float, vx: float, vz: float, om: float) -> tuple[float, float, float]:
-    """Velocities after the edge has hit the table without bouncing, friction limited by Coulomb's law in its impulse form."""
+    """Velocities after the edge has hit the table without bouncing, friction limited by Coulomb's law in its
+    impulse form."""
     s, c = body.R * math.sin(body.phi - th), body.R * math.cos(body.phi - th)
     # Impulse (P, N) at the contact: centre of mass gains (P, N), turn gains (-(c + rho) P - s N) / inertia.
     arm = c + body.rho

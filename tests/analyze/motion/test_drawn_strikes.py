@@ -33,7 +33,8 @@ def test_a_strike_is_called_what_it_was(kind):
 
 @pytest.mark.parametrize(("kind", "seed", "index"), [("struck twice", 5, 1), ("airborne", 3, 6)])
 def test_strikes_that_once_passed_for_good_ones(kind, seed, index):
-    """A second blow that the balance took for a creeping edge, 9 degrees off; a flight that began after the balance point, at E = 8."""
+    """A second impact that the balance took for a creeping edge, 9 degrees off; a flight that began after the
+    balance point, at E = 8."""
     rng = np.random.default_rng([seed, 100 + KINDS.index(kind)])
     found = [draw(kind, rng) for _ in range(index + 1)][index].analysed()
     assert found.verdict in EXPECTED[kind], found.reason
@@ -71,7 +72,8 @@ def test_where_the_edge_slides_the_balance_is_right_and_the_hinge_is_not():
 
 
 def test_the_balance_lets_the_edge_roll():
-    """Without noise k is as good with a rounding of 3 mm as with none; taken for a hinge it is 0.12 % greater."""
+    """Without noise k is as good with a rounding of 3 mm as with none; taken for a hinge it is 0.12 %
+    greater."""
     found = []
     for rho in (0.0, 0.003):
         body, course = struck(0.6, 1.1, 0.75, rho)
@@ -88,7 +90,8 @@ def test_where_it_holds_both_are_right():
 
 
 def over_a_bevel(course: Course, body: Body, at: float, bevel: float) -> Course:
-    """The same strike of a body whose bevel [m] comes to lie on the table at an angle [rad], about whose far edge it turns from then on."""
+    """The same strike of a body whose bevel [m] comes to lie on the table at an angle [rad], about whose far
+    edge it turns from then on."""
     ahead, above = body.R * math.sin(at - body.phi) - bevel, body.R * math.cos(at - body.phi)
     far = math.hypot(ahead, above)
     met = int(np.argmax(course.theta > at))
@@ -119,7 +122,8 @@ def over_a_bevel(course: Course, body: Body, at: float, bevel: float) -> Course:
     [(Body(phi=0.6, friction=0.7), 12.0), (Body(0.053, 0.61, 0.0009, friction=0.7, height=0.12), 8.0)],
 )
 def test_a_body_that_goes_over_to_its_next_edge_is_fitted_until_there(body, past):
-    """It speeds up there, which was taken for a second blow: phi was 6 degrees off, and the strike was left out."""
+    """It speeds up there, which was taken for a second impact: phi was 6 degrees off, and the strike was left
+    out."""
     course = over_a_bevel(simulate(body, [push_for(body, 1.15)]), body, body.phi + math.radians(past), 0.012)
     motion, task = seen(course, body, np.random.default_rng(8), NOISE)
     found = analyse_motion(motion, task, MotionSettings())

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from analyze.motion.fall_window import fall_windows
-from analyze.motion.free_fall import Film, settled_fall, true_time
+from analyze.motion.free_fall import FallSetup, settled_fall, true_time
 from analyze.tracking.pose import position_covariance
 from tests.analyze.motion.falling import CAMERA, GRAVITY, Drop, moved, track
 
 DROP = Drop(fall=0.5, bounces=False, held_s=0.25)
-FILM = Film(
+FILM = FallSetup(
     size=0.04,
     size_sd=1e-4,
     gravity=GRAVITY,
@@ -40,9 +40,9 @@ def falls_of(drop, film=FILM, missing=()):
 
 def off(drop, film=FILM, missing=()):
     """Relative error of q, and its standardised one without the tag's size and g, which are exact here."""
-    told = true_time(falls_of(drop, film, missing), film)
+    answer = true_time(falls_of(drop, film, missing), film)
     true = drop.stated_fps / drop.fps
-    return told.slower / true - 1, (told.slower - true) / told.by_noise
+    return answer.slower / true - 1, (answer.slower - true) / answer.by_noise
 
 
 @pytest.mark.parametrize(
@@ -119,8 +119,8 @@ def test_the_tags_size_enters_by_its_root():
         falls_of(replace(DROP, seed=1), replace(FILM, gravity=GRAVITY / 1.02)),
     )
     assert large[0].slower / small[0].slower == pytest.approx(1.02**0.5, rel=1e-3)
-    told = true_time(small, FILM)
-    assert told.by_size == pytest.approx(told.slower * 1e-4 / 0.04 / 2)
+    answer = true_time(small, FILM)
+    assert answer.by_size == pytest.approx(answer.slower * 1e-4 / 0.04 / 2)
 
 
 @pytest.mark.parametrize("motion", ["held", "swung", "lifted", "pushed"])

@@ -80,7 +80,7 @@ def test_the_jump_is_found_where_it_is():
 
 
 def test_light_contacts_in_the_first_frames_are_waited_for():
-    # 4, 3 and 4 % of the speed, one after the other: no single jump to speak of
+    # 4, 3 and 4 % of the speed, one after the other: no single jump stands out
     angle = tip({0.010: 0.2, 0.021: 0.15, 0.031: 0.2})
     spoilt = pivot_fit(angle, whole(angle))
     fit = settled_fit(spoilt, lambda frames: pivot_fit(angle, frames))

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from analyze.motion.support_function import from_outline
 from analyze.motion.landing import landing_angle
 from analyze.motion.phases import find_course, phases_of
 from analyze.motion.settings import WindowLimits
+from analyze.motion.support_function import support_of_outline
 from analyze.types import TipAngle
 from tests.analyze.motion.tipping import planned
 
@@ -28,7 +28,8 @@ def strike(rounding=0.001, sd=5e-5, phi=0.6):
 
 
 def chamfered(length, degrees=45.0):
-    """(n, 2) m: a box whose lower front edge, at 0, is followed by a face of that length, rising at that angle."""
+    """(n, 2) m: a box whose lower front edge, at 0, is followed by a face of that length, rising at that
+    angle."""
     slope = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
     return np.array([[-BACK, 0.0], [0.0, 0.0], length * slope, [length * slope[0], TOP], [-BACK, TOP]])
 
@@ -40,7 +41,7 @@ def centre(rounding, degrees):
 
 def lands(points, degrees, rounding=0.001, **known):
     found = landing_angle(
-        from_outline(points, centre(rounding, degrees), rounding), strike(rounding, **known)
+        support_of_outline(points, centre(rounding, degrees), rounding), strike(rounding, **known)
     )
     return None if found is None else math.degrees(found)
 
@@ -91,7 +92,7 @@ def steady(theta):
 def test_what_is_hardly_slowed_has_landed_all_the_same():
     theta = np.radians(np.concatenate([np.zeros(20), np.linspace(0.0, 80.0, 50)]))
     seen = find_course(steady(theta), 0, WindowLimits())
-    assert seen.ended == len(theta), "the motion does not tell"
+    assert seen.ended == len(theta), "the motion does not show it"
     known = find_course(steady(theta), 0, WindowLimits(), math.radians(44.0))
     assert theta[known.ended - 1] < math.radians(44.0) <= theta[known.ended]
     phases = phases_of(steady(theta), known, math.radians(30.0))
@@ -114,7 +115,8 @@ def test_one_wrong_reading_is_no_landing_and_rocking_back_none_either():
     ("seed", "rate"), [(seed, rate) for seed in range(4) for rate in (120, 240, 960, 2000)]
 )
 def test_the_course_is_the_same_at_any_frame_rate(seed, rate):
-    """At 960 a second the first frames after the guard are still near rest, and a frame's error is a good part of a frame's turn."""
+    """At 960 a second the first frames after the guard are still near rest, and a frame's error is a good
+    part of a frame's turn."""
     theta = np.radians(
         np.interp(np.arange(0.0, 0.9, 1 / rate), [0.2, 0.3, 0.5, 0.62], [0.0, 15.0, 50.0, 90.0])
     )

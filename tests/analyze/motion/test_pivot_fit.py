@@ -1,4 +1,5 @@
-"""The pendulum fit against a rolling body solved by an independent integrator: bias, efficiency, coverage, speed."""
+"""The pendulum fit against a rolling body solved by an independent integrator: bias, efficiency, coverage,
+speed."""
 
 import time
 from dataclasses import dataclass
@@ -59,7 +60,8 @@ def test_phi_to_0_06_deg_at_0_2_deg_noise(reference):
 
 
 def test_k_to_1_percent_over_a_longer_window():
-    # 0.7 % of METHOD holds for a window to 80 deg; up to 25 deg past phi the Cramer-Rao bound itself is 1.7 %.
+    # 0.7 % of METHOD holds for a window to 80 deg; up to 25 deg past phi the Cramer-Rao bound itself is 1.7
+    # %.
     tip, _, fits = repeat(1.05, 0.2, 60, past_deg=60.0)
     assert 100 * np.std([fit.k / tip.k for fit in fits]) < 0.8
 
@@ -99,7 +101,8 @@ def draws(energy, noise_deg, count, seed):
 
 
 PLAIN = [(0.9, 0.02), (0.95, 0.03), (1.05, 0.2), (1.3, 0.2), (3.0, 0.03)]
-"""(E, deg of noise per frame) where phi is known to 0.3 deg or better: there the linearised covariance serves"""
+"""(E, deg of noise per frame) where phi is known to 0.3 deg or better: there the linearised covariance
+serves"""
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +111,8 @@ def plain():
 
 
 def test_phi_and_k_scatter_at_most_1_2_times_the_cramer_rao_bound(plain):
-    # Measured over 1000 draws: 0.97-1.04. The scatter of 100 draws is known to 7 %: the limit is near three of these away.
+    # Measured over 1000 draws: 0.97-1.04. The scatter of 100 draws is known to 7 %: the limit is near three
+    # of these away.
     for of_one in plain:
         assert np.std(of_one.phi_error) < 1.2 * of_one.bound[0]
         assert np.std(of_one.k_error) < 1.2 * of_one.bound[1]
@@ -136,7 +140,8 @@ def test_where_phi_is_hardly_determined_the_sd_says_so_and_no_more(energy, noise
 
 
 def test_a_hopeless_tip_is_known_to_be_one():
-    # Cramer-Rao gives 15 deg here: most fits end far from the truth, and none may pass for usable (of 600 none did).
+    # Cramer-Rao gives 15 deg here: most fits end far from the truth, and none may pass for usable (of 600
+    # none did).
     of_one = draws(0.6, 0.2, 30, seed=5)
     assert np.mean(of_one.phi_inside) > 0.84  # 26 of 30: in 984 cases of 1000
     assert np.min(of_one.phi_sd) > np.radians(1.0)
@@ -211,7 +216,8 @@ def test_derivatives_are_those_of_the_motion(motion, drag):
 
 @pytest.mark.parametrize("omega0", [1.6, 3.1, 6.0])
 def test_the_motion_is_solved_far_below_a_cameras_noise(omega0):
-    """At 120 frames per second and k = 100 rad/s^2, below, about and far above what carries it over the top, up to 80 degrees past it."""
+    """At 120 frames per second and k = 100 rad/s^2, below, about and far above what carries it over the top,
+    up to 80 degrees past it."""
     seconds = np.arange(61) / 120
 
     def rate(_, y):

@@ -46,18 +46,18 @@ def own_of(fit):
     return by @ fit.covariance @ by.T
 
 
-def told(fit, phi=PHI, k=K, covariance=OTHERS):
+def predicted(fit, phi=PHI, k=K, covariance=OTHERS):
     return PredictedValues(phi, k, covariance, own_of(fit))
 
 
-def test_the_true_phi_and_k_foretell_theta_to_its_noise_and_what_the_start_makes_of_it():
+def test_the_true_phi_and_k_predict_theta_to_its_noise_and_the_error_of_the_start():
     # Over 40 strikes.
     rng = np.random.default_rng(1)
     outside, squared, last = [], [], []
     for _ in range(40):
         angle, fit = seen(rng, energy=rng.uniform(1.05, 1.3))
         sure = np.linalg.cholesky(OTHERS) @ rng.standard_normal(2)
-        motion = predicted_motion("s", angle, fit, told(fit, PHI + sure[0], K * np.exp(sure[1])))
+        motion = predicted_motion("s", angle, fit, predicted(fit, PHI + sure[0], K * np.exp(sure[1])))
         outside.append(motion.outside)
         squared.append(motion.squared)
         last.append(motion.offset[-1] / motion.sd[-1])
@@ -69,7 +69,7 @@ def test_the_true_phi_and_k_foretell_theta_to_its_noise_and_what_the_start_makes
 
 def test_the_start_comes_from_the_first_tenth_of_a_second_alone():
     angle, fit = seen(np.random.default_rng(2))
-    motion = predicted_motion("s", angle, fit, told(fit))
+    motion = predicted_motion("s", angle, fit, predicted(fit))
     assert motion.start == 12
     assert np.sqrt(np.mean(np.square(motion.offset[:12]))) < 1.5 * NOISE
     # Later frames do not bend it.
@@ -80,14 +80,14 @@ def test_the_start_comes_from_the_first_tenth_of_a_second_alone():
         angle.off_axis,
         angle.slip,
     )
-    again = predicted_motion("s", bent, pivot_fit(bent, fit.window), told(fit))
+    again = predicted_motion("s", bent, pivot_fit(bent, fit.window), predicted(fit))
     assert again.offset[12:20] == pytest.approx(motion.offset[12:20] + 0.05, abs=2e-3)
 
 
 @pytest.mark.parametrize(("phi", "k"), [(np.radians(1.0), 0.0), (0.0, 0.15)])
 def test_what_is_off_by_more_than_it_should_be_is_told(phi, k):
     angle, fit = seen(np.random.default_rng(3), phi=PHI + phi, k=K * (1 + k))
-    motion = predicted_motion("s", angle, fit, told(fit))
+    motion = predicted_motion("s", angle, fit, predicted(fit))
     worst = motion.worst
     assert motion.squared > 40
     assert abs(motion.offset[worst]) > 3 * motion.sd[worst]
@@ -95,16 +95,17 @@ def test_what_is_off_by_more_than_it_should_be_is_told(phi, k):
     assert np.sign(motion.offset[worst]) == -1
 
 
-def test_a_second_blow_is_told_even_where_phi_and_k_are_as_foretold():
+def test_a_second_impact_shows_even_where_phi_and_k_are_as_predicted():
     angle, fit = seen(np.random.default_rng(6), kick=0.4)
-    motion = predicted_motion("s", angle, fit, told(fit))
-    # Its own fit takes up most of the blow, and leaves the frames noisier for it: no frame alone is far off its band, all together are.
+    motion = predicted_motion("s", angle, fit, predicted(fit))
+    # Its own fit absorbs most of the impact, and leaves the frames noisier for it: no frame alone is far off
+    # its band, all together are.
     assert motion.squared > FAR
     assert np.degrees(motion.offset[-1]) > 2, "it falls before its time"
 
 
 def test_it_ends_where_the_band_says_nothing_more():
     angle, fit = seen(np.random.default_rng(4), energy=1.002)
-    motion = predicted_motion("s", angle, fit, told(fit, covariance=100 * OTHERS))
+    motion = predicted_motion("s", angle, fit, predicted(fit, covariance=100 * OTHERS))
     assert motion.time[-1] < motion.seconds
     assert np.degrees(motion.sd[-1]) < 4

@@ -1,4 +1,5 @@
-"""phi and k of bodies that roll on a curved flank: against Newton's equations on the true curve, and against MuJoCo."""
+"""phi and k of bodies that roll on a curved flank: against Newton's equations on the true curve, and against
+MuJoCo."""
 
 from __future__ import annotations
 
@@ -10,11 +11,11 @@ import numpy as np
 import pytest
 
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.motion.support_function import circle, from_outline
 from analyze.motion.pivot_fit import pivot_fit
 from analyze.motion.rolling_fit import rolling_fit
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion
+from analyze.motion.support_function import circle, support_of_outline
 from analyze.types import TipAngle
 from schemas.result import Verdict
 from tests.analyze.motion.rolling import G, RollingBody, as_tracked, draw_rolling, section_of_body, seen_roll
@@ -36,7 +37,7 @@ def strike(a, b, energy, noise_deg, seed=1):
 
 @FLANKS
 def test_the_flank_of_24_facets_is_the_ellipse(a, b):
-    flank = from_outline(RollingBody(a, b, (0.0, 0.0), 0.0).outline(24), np.zeros(2))
+    flank = support_of_outline(RollingBody(a, b, (0.0, 0.0), 0.0).outline(24), np.zeros(2))
     theta = np.radians(np.linspace(1, 75, 150))
     height, ahead, radius = flank.at(theta)
     exact = np.hypot(a * np.sin(theta), b * np.cos(theta))
@@ -48,13 +49,13 @@ def test_the_flank_of_24_facets_is_the_ellipse(a, b):
 
 def test_a_box_has_corners_and_a_bevel_is_told_from_a_curve():
     box = np.array([[-0.05, 0.0], [0.0, 0.0], [0.0, 0.2], [-0.05, 0.2]])
-    rounded = from_outline(box, np.array([-0.002, 0.002]), 0.002)
+    rounded = support_of_outline(box, np.array([-0.002, 0.002]), 0.002)
     height, ahead, radius = rounded.at(np.radians(np.linspace(1, 80, 50)))
     assert np.allclose(height, 0.002)
     assert np.allclose(ahead, 0.0, atol=1e-12)
     assert np.allclose(radius, 0.002)
     bevelled = np.array([[-0.05, 0.0], [-0.004, 0.0], [0.0, 0.004], [0.0, 0.2], [-0.05, 0.2]])
-    assert from_outline(bevelled, np.zeros(2)).longest_flat(0.1, 1.2) == pytest.approx(
+    assert support_of_outline(bevelled, np.zeros(2)).longest_flat(0.1, 1.2) == pytest.approx(
         math.hypot(0.004, 0.004), rel=0.01
     )
 
@@ -125,7 +126,7 @@ def test_a_strike_on_a_flank_is_judged_and_fitted_as_one_that_rolls(a, b, energy
     found = analyse_motion(motion, task, MotionSettings())
     assert found.verdict is (Verdict.GOOD if energy > 1 else Verdict.ROCKED_BACK), found.reason
     assert found.fit.estimator == "rolling_fit"
-    assert "rolls on a flank" in found.fit.note
+    assert "rolls on a curve" in found.fit.note
     assert not found.fit.violated
     assert abs(found.fit.phi - body.phi) < max(4 * math.sqrt(found.fit.covariance[0, 0]), math.radians(0.02))
     assert found.energy_ratio == pytest.approx(energy, abs=0.03)
@@ -161,7 +162,8 @@ def in_mujoco(a, b, com, inertia, omega, rate=120.0):
   <worldbody>
     <geom type="plane" size="5 5 0.1"/>
     <body pos="0 0 {b}"><freejoint/>
-      <inertial pos="{com[0]} 0 {com[1]}" mass="0.1" diaginertia="{0.1 * inertia} {0.1 * inertia} {0.1 * inertia}"/>
+      <inertial pos="{com[0]} 0 {com[1]}" mass="0.1"
+                diaginertia="{0.1 * inertia} {0.1 * inertia} {0.1 * inertia}"/>
       <geom type="{form}/>
     </body>
   </worldbody>

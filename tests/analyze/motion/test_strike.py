@@ -32,7 +32,8 @@ def analyse(tip, tracks=None, markers=None, rolls=False, contact_known=True, unm
 
 
 def squat_body(energy, k=141.0, phi=0.68, rate=120.0):
-    """Theta(t) of the pendulum's equation, for a body so small that near its top it loses a third of its speed in a frame."""
+    """Theta(t) of the pendulum's equation, for a body so small that near its top it loses a third of its
+    speed in a frame."""
 
     def falls(t, y):
         return y[0] if t > 0.02 else 1.0

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from analyze.motion.support_function import circle, from_outline
 from analyze.motion.rolling_choice import is_curved, rolls_on
 from analyze.motion.rolling_fit import rolling_fit
+from analyze.motion.support_function import circle, support_of_outline
 from tests.analyze.motion.rolling import RollingBody, draw_rolling, seen_roll
 from tests.analyze.motion.tipping import planned
 
@@ -39,7 +39,7 @@ def off(flank, a, b):
 @pytest.mark.parametrize("facets", [30, 100, 1000])
 def test_facets_of_any_length_are_a_curve_without_faces(a, b, facets):
     for seed in range(5):
-        flank = from_outline(
+        flank = support_of_outline(
             uneven_outline(RollingBody(a, b, (0.0, 0.0), 0.0), facets, np.random.default_rng(seed)),
             np.zeros(2),
         )
@@ -54,7 +54,7 @@ def test_facets_of_any_length_are_a_curve_without_faces(a, b, facets):
 @FLANKS
 def test_rounded_to_float32_millimetres_it_stays_smooth(a, b):
     points = RollingBody(a, b, (0.0, 0.0), 0.0).outline(2000)
-    flank = from_outline(np.float32(1e3 * (points + 0.07)).astype(float) / 1e3 - 0.07, np.zeros(2))
+    flank = support_of_outline(np.float32(1e3 * (points + 0.07)).astype(float) / 1e3 - 0.07, np.zeros(2))
     aside, relative = off(flank, a, b)
     assert aside < 5e-5
     assert relative < 0.02
@@ -66,7 +66,7 @@ def test_a_scans_flank_is_as_rough_as_it_says(a, b):
     for seed in range(8):
         rng = np.random.default_rng([seed, 20])
         body = RollingBody(a, b, (0.0, 0.0), 0.0)
-        flank = from_outline(uneven_outline(body, 300, rng, 2e-5), np.zeros(2))
+        flank = support_of_outline(uneven_outline(body, 300, rng, 2e-5), np.zeros(2))
         aside, relative = off(flank, a, b)
         assert aside < 1.5e-3
         assert relative < 0.5
@@ -84,7 +84,7 @@ def test_a_scanned_flank_still_tells_where_c_is_and_what_the_moment_is():
         while seen is None:
             seen = seen_roll(draw_rolling(rng, 0.04, 0.04), 1.2, math.radians(0.01), rng)
         body = seen.body
-        flank = from_outline(uneven_outline(body, 300, rng, 2e-5), np.zeros(2))
+        flank = support_of_outline(uneven_outline(body, 300, rng, 2e-5), np.zeros(2))
         fit = rolling_fit(seen.angle, seen.window, flank)
         assert fit.rolling is not None
         assert fit.rolling.of_shape
@@ -107,7 +107,7 @@ def test_a_scanned_boxs_edge_is_no_flank():
     ways = zip(corners, np.roll(corners, -1, axis=0), strict=True)
     points = np.concatenate([start + side * (end - start) for start, end in ways])
     for noise in (2e-5, 5e-5) * 20:
-        section = from_outline(points + rng.normal(0, noise, points.shape), np.zeros(2))
+        section = support_of_outline(points + rng.normal(0, noise, points.shape), np.zeros(2))
         assert rolls_on(section, planned(0.001, 0.3))[0] is None
 
 
@@ -119,7 +119,9 @@ def test_a_wall_beside_fine_facets_is_flat_however_they_are_cut():
     for uneven in (False, True):
         keep = np.sort(np.random.default_rng(1).choice(300, 60, replace=False)) if uneven else np.arange(300)
         points = np.vstack([[-0.06, 0.0], arc[keep], arc[-1], wall, [wall[0], 0.2], [-0.06, 0.2]])
-        assert from_outline(points, np.zeros(2)).longest_flat(0.02, 1.2) == pytest.approx(0.02, rel=0.15)
+        assert support_of_outline(points, np.zeros(2)).longest_flat(0.02, 1.2) == pytest.approx(
+            0.02, rel=0.15
+        )
 
 
 def test_a_circle_is_no_curve_of_the_shapes_own():

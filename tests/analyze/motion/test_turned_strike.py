@@ -20,7 +20,8 @@ def on_the_back():
 
 
 def test_it_is_followed_and_fitted_like_any_other():
-    """The object really tips towards W's -x and shows the camera its other side: yawed by half a turn against the station."""
+    """The object really tips towards W's -x and shows the camera its other side: yawed by half a turn against
+    the station."""
     tip = simulate(energy=1.08)
     strike = planned(phi=tip.phi).model_copy(update={"heading_rad": np.pi})
     track = track_of(tip, np.random.default_rng(1), mark=on_the_back(), yaw=np.pi)

@@ -1,7 +1,8 @@
-"""An independent simulation of a tip, and a view of it: the rolling body of METHOD section 3, solved by scipy's adaptive integrator.
+"""An independent simulation of a tip, and a view of it: the rolling body of METHOD section 3, solved by
+scipy's adaptive integrator.
 
-Models a box with a circular edge rounding that rolls without slip, started by a speed; no striker, no air, no friction limit.
-Slip, lift and twist may be added as given motions.
+Models a box with a circular edge rounding that rolls without slip, started by a speed; no striker, no air, no
+friction limit. Slip, lift and twist may be added as given motions.
 """
 
 from __future__ import annotations
@@ -34,7 +35,8 @@ class Tip:
 def simulate(
     energy=1.05, rho=0.002, com=(0.03, 0.1), rate=120.0, rest=0.25, length=1.2, kick=None, phase=0.3
 ):
-    """com: (x behind the virtual corner, z over the table). kick: (seconds after contact, factor on omega)."""
+    """com: (x behind the virtual corner, z over the table). kick: (seconds after contact, factor on
+    omega)."""
     a, b = com[0] - rho, com[1] - rho
     R, phi = np.hypot(a, b), np.arctan2(a, b)
     inertia = (W * W + H * H) / 12
@@ -130,7 +132,8 @@ def planned(rho=0.002, phi=0.28, rolls=False):
 
 
 def marker_poses(tip, mark=None, rho=0.002, yaw=0.0, offset=(0.0, 0.0), slip=None, lift=None, twist=None):
-    """R_camera_marker (n, 3, 3), p_camera_marker (n, 3); the object stands yawed and offset against the plan."""
+    """R_camera_marker (n, 3, 3), p_camera_marker (n, 3); the object stands yawed and offset against the
+    plan."""
     mark = mark or marker()
     plan = planned(rho)
     R_cw, t_cw = world_to_camera(camera())

@@ -1,4 +1,5 @@
-"""A cube thrown on a table in a rigid-body simulation (MuJoCo): what it does is not known to the estimators, only what it is."""
+"""A cube thrown on a table in a rigid-body simulation (MuJoCo): what it does is not known to the estimators,
+only what it is."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ class Cube:
 def tossed(
     cube: Cube, tosses: int, seed: int, start: str = "air", noise_m: float = 0.0, noise_rad: float = 0.0
 ) -> list[BodyMotion]:
-    """Motions of `tosses` throws with white noise on every pose; they start in the air, or sliding on an edge or a corner."""
+    """Motions of `tosses` throws with white noise on every pose; they start in the air, or sliding on an edge
+    or a corner."""
     rng = np.random.default_rng(seed)
     model = mujoco.MjModel.from_xml_string(_xml(cube))
     corners = EDGE / 2 * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
@@ -77,7 +79,8 @@ def _xml(cube: Cube) -> str:
     half = EDGE / 2
     shape = f'<geom type="box" size="{half} {half} {half}"/>'
     if cube.rounding:
-        # Its twelve edges as capsules: all of a rounded cube that can touch a plane while it does not lie flat.
+        # Its twelve edges as capsules: all of a rounded cube that can touch a plane while it does not lie
+        # flat.
         inner = half - cube.rounding
         corners = inner * np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
         pairs = [
@@ -87,8 +90,11 @@ def _xml(cube: Cube) -> str:
         shape = "".join(f'<geom type="capsule" size="{cube.rounding}" fromto="{end}"/>' for end in ends)
     return f"""
 <mujoco>
-  <option timestep="{1 / RATE / STEPS}" gravity="0 0 -{G}" cone="elliptic" impratio="10" integrator="implicitfast"/>
-  <default><geom friction="{cube.friction} 0 0" condim="3" solref="0.002 0.6" solimp="0.95 0.99 0.0005"/></default>
+  <option timestep="{1 / RATE / STEPS}" gravity="0 0 -{G}" cone="elliptic" impratio="10"
+          integrator="implicitfast"/>
+  <default>
+    <geom friction="{cube.friction} 0 0" condim="3" solref="0.002 0.6" solimp="0.95 0.99 0.0005"/>
+  </default>
   <worldbody>
     <geom type="plane" size="5 5 0.1"/>
     <body><freejoint/>
