@@ -1,1 +1,1 @@
-"""Printed tags: their codes, and sheets of them to scale."""
+"""Printed tags and calibration boards: their codes, and true-to-scale sheets."""

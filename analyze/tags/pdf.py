@@ -1,4 +1,4 @@
-"""Sheets as PDF: vector graphics to scale (matplotlib's backend writes points of 1/72 inch as they are given)."""
+"""Sheets as true-to-scale PDF: matplotlib's backend writes points of 1/72 inch exactly as given."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from analyze.output_file import write_bytes
 from analyze.report.style import style
 from analyze.tags.sheet import MARGIN, RULER_FOOT, RULER_MM, STRIP, Page, PlacedTag, Rect
+from schemas.output_file import write_bytes
 
 INCH = 25.4
 GREY, INK = "#9aa1a8", "#22262b"
-CHECK = (
-    "Measure both rulers: each must be 100.0 mm long. If not, print again at 100 % (actual size, no fitting to the page),",
-    "or enter what they really measure: a tag's black square as size_m in the object file, a board's squares where it is used.",
+PRINT_CHECK_LINES = (
+    "Measure both rulers: each must be 100.0 mm long. If not, print again at 100 % (actual size, not fitted),",
+    "or state measured sizes: a tag's black square as size_m in the object file, or the board's squares.",
 )
 
 
 def write_pdf(pages: Sequence[Page], output: Path) -> None:
-    """Write the pages, whole or not at all.
+    """Write the pages; the file appears complete or not at all.
 
     Raises:
         OutputError: the file cannot be written.
@@ -35,9 +35,12 @@ def write_pdf(pages: Sequence[Page], output: Path) -> None:
 
 
 def pdf_bytes(pages: Sequence[Page]) -> bytes:
-    """The pages as a PDF that is the same on every run."""
+    """PDF of the pages, byte for byte the same on every run."""
     data = io.BytesIO()
-    with style(), PdfPages(data, metadata={"Creator": "Percuss", "Producer": None, "CreationDate": None}) as file:
+    with (
+        style(),
+        PdfPages(data, metadata={"Creator": "Percuss", "Producer": None, "CreationDate": None}) as file,
+    ):
         for page in pages:
             file.savefig(_figure(page))
     return data.getvalue()
@@ -46,12 +49,12 @@ def pdf_bytes(pages: Sequence[Page]) -> bytes:
 def _figure(page: Page) -> Figure:
     figure = Figure(figsize=(page.width / INCH, page.height / INCH))
     sheet = _Sheet(figure, page)
-    sheet.words(MARGIN, page.height - MARGIN - 3.0, page.heading, 10, bold=True)
+    sheet.write(MARGIN, page.height - MARGIN - 3.0, page.heading, 10, bold=True)
     for placed in page.tags:
         _tag(sheet, placed)
     if page.fields:
         sheet.black(page.fields)
-        sheet.words(*page.caption_at, page.caption, 8)
+        sheet.write(*page.caption_at, page.caption, 8)
     if page.origin is not None:
         _origin(sheet, *page.origin)
     _rulers(sheet)
@@ -59,68 +62,111 @@ def _figure(page: Page) -> Figure:
 
 
 class _Sheet:
-    """Draws in millimetres."""
+    """Drawing area of a page, with coordinates in millimetres."""
 
     def __init__(self, figure: Figure, page: Page) -> None:
         self._figure, self._scale = figure, np.array([1 / page.width, 1 / page.height])
 
     def black(self, fields: Sequence[Rect]) -> None:
-        """All fields as one outline: no hairlines between neighbours."""
+        """Fill all fields black, as one outline without hairlines between neighbours."""
         corners = np.array(
-            [[(f.x, f.y), (f.x + f.width, f.y), (f.x + f.width, f.y + f.height), (f.x, f.y + f.height), (f.x, f.y)] for f in fields]
+            [
+                [
+                    (f.x, f.y),
+                    (f.x + f.width, f.y),
+                    (f.x + f.width, f.y + f.height),
+                    (f.x, f.y + f.height),
+                    (f.x, f.y),
+                ]
+                for f in fields
+            ]
         )
-        codes = np.tile([Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY], len(fields))
+        codes = np.tile(
+            [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY], len(fields)
+        )
         outline = Outline(corners.reshape(-1, 2) * self._scale, codes)
-        self._figure.add_artist(PathPatch(outline, facecolor="black", edgecolor="none", linewidth=0, transform=self._figure.transFigure))
+        self._figure.add_artist(
+            PathPatch(
+                outline, facecolor="black", edgecolor="none", linewidth=0, transform=self._figure.transFigure
+            )
+        )
 
-    def line(self, start: tuple[float, float], end: tuple[float, float], width_mm: float, colour: str = INK, dash: bool = False) -> None:
-        """Straight line."""
+    def line(
+        self,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        width_mm: float,
+        colour: str = INK,
+        dash: bool = False,
+    ) -> None:
+        """Draw a straight line."""
         points = np.array([start, end]) * self._scale
         line = Line2D(
-            points[:, 0], points[:, 1], color=colour, lw=width_mm * 72 / INCH, transform=self._figure.transFigure, solid_capstyle="butt"
+            points[:, 0],
+            points[:, 1],
+            color=colour,
+            lw=width_mm * 72 / INCH,
+            transform=self._figure.transFigure,
+            solid_capstyle="butt",
         )
         if dash:
             line.set_dashes([4, 3])
         self._figure.add_artist(line)
 
-    def words(self, x: float, y: float, text: str, points: float, *, bold: bool = False, turned: bool = False) -> None:
-        """One line of text that begins at x with its baseline at y; turned: a number up the page, about its middle."""
+    def write(
+        self, x: float, y: float, text: str, points: float, *, bold: bool = False, turned: bool = False
+    ) -> None:
+        """Write one line of text with its start at x and its baseline at y; `turned` centres it at y."""
         where = np.array([x, y]) * self._scale
         self._figure.text(
-            where[0], where[1], text, fontsize=points, fontweight="bold" if bold else "normal", ha="right" if turned else "left",
-            va="center" if turned else "baseline", color=INK,
-        )  # fmt: skip
+            where[0],
+            where[1],
+            text,
+            fontsize=points,
+            fontweight="bold" if bold else "normal",
+            ha="right" if turned else "left",
+            va="center" if turned else "baseline",
+            color=INK,
+        )
 
 
 def _tag(sheet: _Sheet, placed: PlacedTag) -> None:
     size, rim = placed.tag.size_mm, placed.quiet
     left, right = placed.x - rim, placed.x + size + rim
     low, high = placed.y - rim, placed.y + size + rim
-    for start, end in (((left, high), (right, high)), ((left, low - STRIP), (left, high)), ((right, low - STRIP), (right, high))):
+    for start, end in (
+        ((left, high), (right, high)),
+        ((left, low - STRIP), (left, high)),
+        ((right, low - STRIP), (right, high)),
+    ):
         sheet.line(start, end, 0.1, GREY)
     sheet.line((left, low - STRIP), (right, low - STRIP), 0.1, GREY)
     sheet.line((left, low), (right, low), 0.1, GREY, dash=True)
     sheet.black(placed.black)
-    # Family last: a strip below a small tag has no room for it. A letter of 6.5 points is 1.4 mm wide.
+    # The family is last because the strip below a small tag has no room for it. A 6.5 point letter is 1.4 mm
+    # wide.
     parts = [f"id {placed.tag.id}", f"{size:g} mm", placed.tag.family]
     room = int((right - left - 1.5) / 1.4)
     while len(parts) > 1 and len(" · ".join(parts)) > room:
         parts.pop()
-    sheet.words(left + 1.2, low - STRIP + 1.4, " · ".join(parts), 6.5)
+    sheet.write(left + 1.2, low - STRIP + 1.4, " · ".join(parts), 6.5)
 
 
 def _origin(sheet: _Sheet, x: float, y: float) -> None:
-    """Arrows along the board's x and y from its origin, just outside the squares."""
+    """Draw arrows along the board's x and y from its origin, just outside the squares."""
     away, long, head = 1.0, 9.0, 1.4
     letters = {"x": (x + long + 1.0, y - away - 0.8), "y": (x - away - 0.7, y + long + 1.0)}
-    for start, along, name in (((x, y - away), np.array([1.0, 0.0]), "x"), ((x - away, y), np.array([0.0, 1.0]), "y")):
+    for start, along, name in (
+        ((x, y - away), np.array([1.0, 0.0]), "x"),
+        ((x - away, y), np.array([0.0, 1.0]), "y"),
+    ):
         tail, tip = np.array(start), np.array(start) + long * along
         across = np.array([-along[1], along[0]])
         sheet.line(tuple(tail), tuple(tip), 0.25)
         for side in (1.0, -1.0):
             sheet.line(tuple(tip - head * along + 0.5 * side * head * across), tuple(tip), 0.25)
-        sheet.words(*letters[name], name, 8, bold=True)
-    sheet.words(x - 4.2, y - 4.4, "0", 8, bold=True)
+        sheet.write(*letters[name], name, 8, bold=True)
+    sheet.write(x - 4.2, y - 4.4, "0", 8, bold=True)
     sheet.line((x - away, y - away), (x - 2.4, y - 2.4), 0.15)
 
 
@@ -137,6 +183,6 @@ def _rulers(sheet: _Sheet) -> None:
             if mm % 10 == 0:
                 text = f"{mm} mm" if mm == RULER_MM and along[0] else str(mm)
                 x, y = at + 5.4 * square
-                sheet.words(float(x) - (0.7 if along[0] else 0.0), float(y), text, 6.5, turned=not along[0])
-    for number, text in enumerate(CHECK):
-        sheet.words(MARGIN, MARGIN + 6.0 - 4.0 * number, text, 8)
+                sheet.write(float(x) - (0.7 if along[0] else 0.0), float(y), text, 6.5, turned=not along[0])
+    for number, text in enumerate(PRINT_CHECK_LINES):
+        sheet.write(MARGIN, MARGIN + 6.0 - 4.0 * number, text, 8)

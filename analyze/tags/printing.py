@@ -1,4 +1,4 @@
-"""`analyze print-tags`: what is asked for becomes pages, and those a file."""
+"""`analyze print-tags`: sheets of tags or a calibration board, from the user's options."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analyze.errors import TagError
-from analyze.reading.object_file import object_spec
+from analyze.reading.object_file import read_spec
 from analyze.tags import families
 from analyze.tags.pdf import write_pdf
 from analyze.tags.sheet import Board, Page, Tag, board_page, parse_ids, refuse_impossible, tag_pages
@@ -17,7 +17,7 @@ DEFAULT_SIZE_MM = 30.0
 
 @dataclass(frozen=True)
 class PrintOptions:
-    """What the user asks for; None: not said."""
+    """Options for sheets of tags; None where the user gave none."""
 
     family: str | None = None
     ids: str | None = None
@@ -28,7 +28,7 @@ class PrintOptions:
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """A calibration board."""
+    """Options for a calibration board; None where the user gave none."""
 
     family: str | None = None
     squares: str = "7x9"
@@ -38,15 +38,15 @@ class BoardOptions:
 
 
 def print_tags(options: PrintOptions, output: Path) -> str:
-    """Write the tags' sheets; a line that says what is on them.
+    """Write sheets of tags and return a line that describes them.
 
     Raises:
-        TagError: no such family, id or paper; a size that does not fit.
-        ShapeError: the object file cannot be used.
+        TagError: a family, id or paper is unknown, or a size does not fit.
+        ShapeError: the object file is not usable.
         OutputError: the file cannot be written.
     """
     if options.object_path is not None:
-        spec = object_spec(options.object_path)
+        spec = read_spec(options.object_path)
         tags = [Tag(marker.family, marker.id, 1000 * marker.size_m) for marker in spec.marker]
         heading = f"Percuss: tags of {spec.name}"
     else:
@@ -57,37 +57,39 @@ def print_tags(options: PrintOptions, output: Path) -> str:
     pages = tag_pages(tags, options.paper, heading)
     write_pdf(pages, output)
     sizes = sorted({tag.size_mm for tag in tags})
-    return _said(output, f"{len(tags)} tags of {', '.join(f'{size:g}' for size in sizes)} mm", pages, options.paper)
+    return _print_message(
+        output, f"{len(tags)} tags of {', '.join(f'{size:g}' for size in sizes)} mm", pages, options.paper
+    )
 
 
 def print_board(options: BoardOptions, output: Path) -> str:
-    """Write a ChArUco board; a line that says what it is.
+    """Write a ChArUco board and return a line that describes it.
 
     Raises:
-        TagError: no such family or paper; a board that cannot be, or does not fit.
+        TagError: the family or paper is unknown, or the board is impossible or does not fit.
         OutputError: the file cannot be written.
     """
     board = parse_board(options)
     page = board_page(board, options.paper)
     write_pdf([page], output)
-    return _said(output, page.caption, [page], options.paper)
+    return _print_message(output, page.caption, [page], options.paper)
 
 
 def parse_board(options: BoardOptions) -> Board:
-    """The board that is asked for.
+    """Board described by the options.
 
     Raises:
-        TagError: not understood, or there can be no such board.
+        TagError: the option is not understood, or the board is impossible.
     """
     columns, _, rows = options.squares.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and len(columns) < 4 and len(rows) < 4):
-        raise TagError(f"--squares {options.squares}: not understood: write columns x rows, as 7x9")
+        raise TagError(f"--squares {options.squares}: not understood: write columns x rows, such as 7x9")
     marker = 0.7 * options.square_mm if options.marker_mm is None else options.marker_mm
     board = Board(options.family or families.ON_BOARDS, int(columns), int(rows), options.square_mm, marker)
     refuse_impossible(board)
     return board
 
 
-def _said(output: Path, what: str, pages: Sequence[Page], paper: str) -> str:
+def _print_message(output: Path, contents: str, pages: Sequence[Page], paper: str) -> str:
     sheets = f"{len(pages)} {'page' if len(pages) == 1 else 'pages'} {paper}"
-    return f"{output}: {what}; {sheets}: print at 100 %, then measure the rulers"
+    return f"{output}: {contents}; {sheets}: print at 100 %, then measure the rulers"

@@ -1,4 +1,4 @@
-"""Where tags, cutting lines, words and rulers stand on paper. Pure; millimetres from the page's lower left corner, y up."""
+"""Layout of tags, cutting lines, text and rulers on paper, in mm from the lower left corner, y up."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from analyze.geometry.polyhedron import BoolArray
 from analyze.tags import families
 
 PAPERS = {"A4": (210.0, 297.0), "Letter": (215.9, 279.4)}
-"""width and height [mm]"""
+"""Width and height [mm] of each paper."""
 MARGIN = 12.0
-"""no printer is asked to print nearer to the paper's edge"""
+"""Margin [mm] that printers can leave white."""
 RULER_MM = 100
 RULER_SIDE, RULER_FOOT, HEADING = 14.0, 24.0, 9.0
-"""room for the ruler up the page, the one across it with its words, and the heading"""
+"""Room [mm] for the vertical ruler, for the horizontal ruler with its text, and for the heading."""
 STRIP = 4.5
-"""below each tag: family, id, size and which way is up"""
+"""Height [mm] of the strip below each tag, with id, size and family; it marks the tag's lower edge."""
 GAP = 3.0
-SMALLEST_MM = 5.0
-LEAST_SQUARES = 3
+MIN_TAG_MM = 5.0
+MIN_SQUARES = 3
 
 
 @dataclass(frozen=True)
 class Tag:
-    """One to print."""
+    """Tag to be printed."""
 
     family: str
     id: int
     size_mm: float
-    """edge of the black square"""
+    """Edge length [mm] of the black square."""
 
 
 @dataclass(frozen=True)
 class Rect:
-    """A field that is filled black."""
+    """Rectangle that is filled black [mm]."""
 
     x: float
     y: float
@@ -48,13 +48,13 @@ class Rect:
 
 @dataclass(frozen=True)
 class PlacedTag:
-    """A tag on a page."""
+    """Tag with its position on a page [mm]."""
 
     tag: Tag
     x: float
-    """left edge of the black square"""
+    """Left edge of the black square."""
     y: float
-    """its lower edge"""
+    """Lower edge of the black square."""
 
     @property
     def quiet(self) -> float:
@@ -63,13 +63,16 @@ class PlacedTag:
 
     @property
     def black(self) -> list[Rect]:
-        """Fields of the black cells."""
+        """Rectangles of the black cells."""
         return black_fields(families.cells(self.tag.family, self.tag.id), self.x, self.y, self.tag.size_mm)
 
 
 @dataclass(frozen=True)
 class Board:
-    """A ChArUco board: squares as on a chess board, a tag in every white one (OpenCV's pattern since 4.6: upper left is black)."""
+    """ChArUco board: a chess board with a tag in every white square.
+
+    The upper left square is black, as in OpenCV's pattern since 4.6.
+    """
 
     family: str
     columns: int
@@ -80,31 +83,31 @@ class Board:
 
 @dataclass(frozen=True)
 class Page:
-    """One sheet."""
+    """Contents of one sheet of paper [mm]."""
 
     width: float
     height: float
     heading: str
     tags: tuple[PlacedTag, ...] = ()
     fields: tuple[Rect, ...] = ()
-    """black fields of a board"""
+    """Black squares and tag cells of a board."""
     caption: str = ""
     caption_at: tuple[float, float] = (0.0, 0.0)
     origin: tuple[float, float] | None = None
-    """of a board: its frame's origin, x to the right and y up"""
+    """Origin of a board's frame, with x to the right and y up; None for sheets of tags."""
 
 
 def parse_ids(text: str) -> list[int]:
-    """Ids as people write them: `0-11`, `3`, `0-3,7`.
+    """Ids in a text such as `0-11`, `3` or `0-3,7`, without repetitions.
 
     Raises:
-        TagError: not understood.
+        TagError: the text is not understood.
     """
     found: list[int] = []
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\d{1,5})\s*(?:-\s*(\d{1,5})\s*)?", part)
         if match is None:
-            raise TagError(f"--ids {text}: not understood: write 0-11, or 0,3,7")
+            raise TagError(f"--ids {text}: not understood: write ids such as 0-11 or 0,3,7")
         first, last = int(match[1]), int(match[2] or match[1])
         if last < first:
             raise TagError(f"--ids {text}: {part.strip()} runs backwards: write {last}-{first}")
@@ -113,10 +116,10 @@ def parse_ids(text: str) -> list[int]:
 
 
 def tag_pages(tags: Sequence[Tag], paper: str, heading: str) -> list[Page]:
-    """Tags in rows, in their order, on as many pages as they need.
+    """Pages with the tags in rows, in the given order.
 
     Raises:
-        TagError: no such paper, family or id, or a tag that is too small, or too large for the paper.
+        TagError: paper, family or id is unknown, or a tag is too small or too large for the paper.
     """
     width, height = _paper(paper)
     left, right = MARGIN + RULER_SIDE, width - MARGIN
@@ -131,8 +134,8 @@ def tag_pages(tags: Sequence[Tag], paper: str, heading: str) -> list[Page]:
         if wide > right - left or wide + STRIP > top - bottom:
             most = np.floor(min(right - left, top - bottom - STRIP) / (1 + 2 * rim))
             raise TagError(
-                f"tag {tag.id}: {tag.size_mm:g} mm, with its white rim {wide:.1f} mm, is too large for {paper}: "
-                f"at most {most:.0f} mm, or another --paper"
+                f"tag {tag.id}: {tag.size_mm:g} mm, with its white rim {wide:.1f} mm, is too large for "
+                f"{paper}: at most {most:.0f} mm, or another --paper"
             )
         if x > left and x + wide > right:
             x, y, row = left, y - row - GAP, 0.0
@@ -141,14 +144,17 @@ def tag_pages(tags: Sequence[Tag], paper: str, heading: str) -> list[Page]:
             x, y, row = left, top, 0.0
         pages[-1].append(PlacedTag(tag, x + rim * tag.size_mm, y - wide + rim * tag.size_mm))
         x, row = x + wide + GAP, max(row, wide + STRIP)
-    return [Page(width, height, f"{heading}, page {i} of {len(pages)}", tuple(page)) for i, page in enumerate(pages, start=1)]
+    return [
+        Page(width, height, f"{heading}, page {i} of {len(pages)}", tuple(page))
+        for i, page in enumerate(pages, start=1)
+    ]
 
 
 def board_page(board: Board, paper: str) -> Page:
-    """The board in the middle of a page, turned if it only fits so.
+    """Page with the board in its centre.
 
     Raises:
-        TagError: no such paper or family; too few squares, too small, too many tags, or too large for the paper.
+        TagError: paper or family is unknown, or the board is impossible or too large for the paper.
     """
     width, height = _paper(paper)
     refuse_impossible(board)
@@ -158,8 +164,8 @@ def board_page(board: Board, paper: str) -> Page:
     if wide > right - left or high > top - bottom:
         most = np.floor(min((right - left) / board.columns, (top - bottom) / board.rows))
         raise TagError(
-            f"a board of {board.columns}x{board.rows} squares of {board.square_mm:g} mm is {wide:g} x {high:g} mm, too large for {paper}: "
-            f"at most {most:.0f} mm a square, or fewer squares"
+            f"a board of {board.columns}x{board.rows} squares of {board.square_mm:g} mm is {wide:g} x "
+            f"{high:g} mm, too large for {paper}: at most {most:.0f} mm a square, or fewer squares"
         )
     x, y = left + (right - left - wide) / 2, bottom + (top - bottom - high) / 2
     fields: list[Rect] = []
@@ -171,7 +177,14 @@ def board_page(board: Board, paper: str) -> Page:
                 fields.append(Rect(*corner, board.square_mm, board.square_mm))
                 continue
             inset = (board.square_mm - board.marker_mm) / 2
-            fields.extend(black_fields(families.cells(board.family, tag_id), corner[0] + inset, corner[1] + inset, board.marker_mm))
+            fields.extend(
+                black_fields(
+                    families.cells(board.family, tag_id),
+                    corner[0] + inset,
+                    corner[1] + inset,
+                    board.marker_mm,
+                )
+            )
             tag_id += 1
     size = f"{board.columns}x{board.rows}, squares {board.square_mm:g} mm, tags {board.marker_mm:g} mm"
     caption = f"ChArUco {size}, {board.family}, ids 0-{tag_id - 1}"
@@ -188,27 +201,34 @@ def board_page(board: Board, paper: str) -> Page:
 
 
 def refuse_impossible(board: Board) -> None:
-    """Say why there can be no such board, whatever the paper.
+    """Refuse a board that is impossible on any paper.
 
     Raises:
-        TagError: no such family; too few squares, too small, or too many tags.
+        TagError: the family is unknown; the board has too few squares, too small tags, or too many tags.
     """
-    if min(board.columns, board.rows) < LEAST_SQUARES:
+    if min(board.columns, board.rows) < MIN_SQUARES:
         raise TagError(
-            f"a board of {board.columns}x{board.rows} squares has too few corners: give at least {LEAST_SQUARES}x{LEAST_SQUARES}"
+            f"a board of {board.columns}x{board.rows} squares has too few corners: give at least "
+            f"{MIN_SQUARES}x{MIN_SQUARES}"
         )
     _refuse_small("the board's tag", board.marker_mm)
     needed = board.columns * board.rows // 2
     if needed > families.count(board.family):
-        raise TagError(f"a board of {board.columns}x{board.rows} needs {needed} tags, {board.family} has {families.count(board.family)}")
+        raise TagError(
+            f"a board of {board.columns}x{board.rows} needs {needed} tags, {board.family} has "
+            f"{families.count(board.family)}"
+        )
     cell = board.marker_mm / len(families.cells(board.family, 0))
     if board.square_mm < board.marker_mm + 2 * families.QUIET_CELLS * cell:
         least = board.marker_mm + 2 * families.QUIET_CELLS * cell
-        raise TagError(f"squares of {board.square_mm:g} mm leave no white rim round tags of {board.marker_mm:g} mm: {least:.1f} mm or more")
+        raise TagError(
+            f"squares of {board.square_mm:g} mm leave no white rim round tags of {board.marker_mm:g} mm: "
+            f"{least:.1f} mm or more"
+        )
 
 
 def black_fields(cells: BoolArray, x: float, y: float, size: float) -> list[Rect]:
-    """Black cells of a tag whose lower left corner is (x, y), run by run along its rows."""
+    """Rectangles of the black cells of a tag with lower left corner (x, y), one per run of cells in a row."""
     many = len(cells)
     cell = size / many
     fields: list[Rect] = []
@@ -216,17 +236,21 @@ def black_fields(cells: BoolArray, x: float, y: float, size: float) -> list[Rect
         padded = np.concatenate([[True], cells[row], [True]]).astype(int)
         starts, ends = np.flatnonzero(np.diff(padded) < 0), np.flatnonzero(np.diff(padded) > 0)
         fields.extend(
-            Rect(x + int(a) * cell, y + (many - 1 - row) * cell, int(b - a) * cell, cell) for a, b in zip(starts, ends, strict=True)
+            Rect(x + int(a) * cell, y + (many - 1 - row) * cell, int(b - a) * cell, cell)
+            for a, b in zip(starts, ends, strict=True)
         )
     return fields
 
 
 def _paper(name: str) -> tuple[float, float]:
     if name not in PAPERS:
-        raise TagError(f"{name}: no such paper: choose {' or '.join(PAPERS)}")
+        raise TagError(f"{name}: unknown paper: choose {' or '.join(PAPERS)}")
     return PAPERS[name]
 
 
-def _refuse_small(what: str, size_mm: float) -> None:
-    if not size_mm >= SMALLEST_MM:
-        raise TagError(f"{what}: {size_mm:g} mm is too small to be printed and seen: {SMALLEST_MM:g} mm or more (sizes are in millimetres)")
+def _refuse_small(name: str, size_mm: float) -> None:
+    if not size_mm >= MIN_TAG_MM:
+        raise TagError(
+            f"{name}: {size_mm:g} mm is too small to be printed and detected: "
+            f"choose {MIN_TAG_MM:g} mm or more (sizes are in millimetres)"
+        )

@@ -159,7 +159,7 @@ def test_a_missed_target_says_why(drawn):
         update={"naive_kg": {"shell": [salt.true_masses_kg[0] + 1e-5, *salt.true_masses_kg[1:]]}}
     )
     why = dict(missed([near]))["region masses over the best naive answer's, salt"]
-    assert "“surface” happens to be nearly right for the salt" in why
+    assert "“shell” happens to be nearly right for the salt" in why
     assert "% of the mass is in the shell" in why
 
 

@@ -24,9 +24,10 @@ def run(*arguments):
 
 
 def painted(pdf: bytes):
-    """Pages as pixels (PX_PER_MM), of the filled paths in the file's own drawing commands; and the pages' sizes [mm].
+    """Pages as pixels (PX_PER_MM) of the filled paths in the file's drawing commands, with the sizes [mm].
 
-    Knows black rectangles and a moved origin: what the sheets' black fields are made of. No clipping, no text, no lines.
+    Knows black rectangles and a moved origin: what the sheets' black fields are made of. No clipping, no
+    text, no lines.
     """
     boxes = [np.array(box.split(), dtype=float) for box in re.findall(rb"/MediaBox \[([^\]]*)\]", pdf)]
     drawings = []
@@ -37,35 +38,43 @@ def painted(pdf: bytes):
     for box, text in zip(boxes, drawings, strict=True):
         scale = PX_PER_MM * 25.4 / 72
         image = np.full((int(box[3] * scale), int(box[2] * scale)), 255, dtype=np.uint8)
-        origin, kept, numbers, path, black = np.zeros(2), [], [], [], True
-        for word in text.split():
-            if re.fullmatch(r"-?[\d.]+", word):
-                numbers.append(float(word))
-                continue
-            if word == "q":
-                kept.append((origin.copy(), black))
-            elif word == "Q":
-                origin, black = kept.pop()
-            elif word == "cm":
-                assert numbers[-6:-2] == [1, 0, 0, 1]
-                origin = origin + numbers[-2:]
-            elif word in {"g", "rg"}:
-                black = max(numbers) == 0
-            elif word == "m":
-                path.append([origin + numbers[-2:]])
-            elif word == "l":
-                path[-1].append(origin + numbers[-2:])
-            elif word in {"f", "n", "S"}:
-                for outline in path if word == "f" and black else ():
-                    points = (np.array(outline) * [1, -1] + [0, box[3]]) * scale
-                    assert len(np.unique(points.round(6), axis=0)) == 4
-                    # A pixel is black if its middle is.
-                    (left, top), (right, bottom) = (np.ceil(edge - 0.5).astype(int) for edge in (points.min(axis=0), points.max(axis=0)))
-                    image[top:bottom, left:right] = 0
-                path = []
-            numbers = []
+        for outline in black_outlines(text):
+            points = (np.array(outline) * [1, -1] + [0, box[3]]) * scale
+            assert len(np.unique(points.round(6), axis=0)) == 4
+            # A pixel is black if its middle is.
+            ends = (points.min(axis=0), points.max(axis=0))
+            (left, top), (right, bottom) = (np.ceil(edge - 0.5).astype(int) for edge in ends)
+            image[top:bottom, left:right] = 0
         pages.append((image, box[2:] * 25.4 / 72))
     return pages
+
+
+def black_outlines(text: str):
+    """Outlines, in points, that a page's drawing commands fill black."""
+    origin, kept, numbers, path, black, found = np.zeros(2), [], [], [], True, []
+    for word in text.split():
+        if re.fullmatch(r"-?[\d.]+", word):
+            numbers.append(float(word))
+            continue
+        match word:
+            case "q":
+                kept.append((origin.copy(), black))
+            case "Q":
+                origin, black = kept.pop()
+            case "cm":
+                assert numbers[-6:-2] == [1, 0, 0, 1]
+                origin = origin + numbers[-2:]
+            case "g" | "rg":
+                black = max(numbers) == 0
+            case "m":
+                path.append([origin + numbers[-2:]])
+            case "l":
+                path[-1].append(origin + numbers[-2:])
+            case "f" | "n" | "S":
+                found += path if word == "f" and black else []
+                path = []
+        numbers = []
+    return found
 
 
 def found_tags(image, family, height_mm=0.0):
@@ -75,7 +84,8 @@ def found_tags(image, family, height_mm=0.0):
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(FAMILIES[family]), parameters)
     corners, ids, _ = detector.detectMarkers(image)
     return {
-        int(tag_id): (square[0] + 0.5) / PX_PER_MM * [1, -1] + [0, height_mm] for tag_id, square in zip(ids.ravel(), corners, strict=True)
+        int(tag_id): (square[0] + 0.5) / PX_PER_MM * [1, -1] + [0, height_mm]
+        for tag_id, square in zip(ids.ravel(), corners, strict=True)
     }
 
 
@@ -105,11 +115,14 @@ def test_an_objects_own_tags(tmp_path):
     seen = found_tags(image, "36h11")
     assert sorted(seen) == list(range(30, 40))
     for corners in seen.values():
-        assert np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) == pytest.approx([30.0] * 4, abs=WITHIN_MM)
+        assert np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) == pytest.approx(
+            [30.0] * 4, abs=WITHIN_MM
+        )
 
 
 def test_an_objects_tags_can_be_printed_before_there_is_a_scan(tmp_path):
-    text = 'name = "mug"\nmass_kg = 0.3\nmass_sd_kg = 0.001\n[shape]\nfile = "mug.stl"\nunit = "mm"\n[[marker]]\nid = 5\nsize_m = 0.025\n'
+    head = 'name = "mug"\nmass_kg = 0.3\nmass_sd_kg = 0.001\n[shape]\nfile = "mug.stl"\nunit = "mm"\n'
+    text = f"{head}[[marker]]\nid = 5\nsize_m = 0.025\n"
     (tmp_path / "mug.toml").write_text(text)
     out = run("--object", tmp_path / "mug.toml", "-o", tmp_path / "t.pdf")
     assert out.exit_code == 0
@@ -119,7 +132,9 @@ def test_an_objects_tags_can_be_printed_before_there_is_a_scan(tmp_path):
 def test_the_board_is_opencvs(tmp_path):
     assert run("--board", "charuco", "-o", tmp_path / "b.pdf").exit_code == 0
     ((image, _),) = painted((tmp_path / "b.pdf").read_bytes())
-    board = cv2.aruco.CharucoBoard((7, 9), 22.0, 15.4, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100))
+    board = cv2.aruco.CharucoBoard(
+        (7, 9), 22.0, 15.4, cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+    )
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
     assert len(ids) == 6 * 8
     ideal = board.getChessboardCorners()[ids.ravel(), :2]
@@ -156,14 +171,19 @@ def test_many_tags_take_more_pages():
 
 def test_an_objects_tags_are_of_the_families_it_names(tmp_path):
     text = 'name = "mug"\nmass_kg = 0.3\nmass_sd_kg = 0.001\n[shape]\nfile = "mug.stl"\nunit = "mm"\n'
-    text += "".join(f'[[marker]]\nfamily = "{family}"\nid = 5\nsize_m = 0.025\n' for family in ("36h11", "25h9", "4x4_100"))
+    text += "".join(
+        f'[[marker]]\nfamily = "{family}"\nid = 5\nsize_m = 0.025\n'
+        for family in ("36h11", "25h9", "4x4_100")
+    )
     (tmp_path / "mug.toml").write_text(text)
     assert run("--object", tmp_path / "mug.toml", "-o", tmp_path / "t.pdf").exit_code == 0
     ((image, _),) = painted((tmp_path / "t.pdf").read_bytes())
     for family in ("36h11", "25h9", "4x4_100"):
         ((tag_id, corners),) = found_tags(image, family).items()
         assert tag_id == 5
-        assert np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) == pytest.approx([25.0] * 4, abs=WITHIN_MM)
+        assert np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) == pytest.approx(
+            [25.0] * 4, abs=WITHIN_MM
+        )
 
 
 def test_ids():
@@ -176,11 +196,11 @@ def test_ids():
         (("--size-mm", "200"), "too large for A4: at most 137 mm"),
         (("--size-mm", "0.04"), "too small to be printed"),
         (("--size-mm", "nan"), "too small to be printed"),
-        (("--family", "41h12"), "no such tag family: choose 36h11"),
+        (("--family", "41h12"), "unknown tag family: choose 36h11"),
         (("--ids", "580-590"), "36h11 has no tag 587: its ids are 0 to 586"),
-        (("--ids", "4-x"), "not understood: write 0-11"),
+        (("--ids", "4-x"), "not understood: write ids such as 0-11"),
         (("--ids", "7-3"), "runs backwards: write 3-7"),
-        (("--paper", "A9"), "no such paper: choose A4 or Letter"),
+        (("--paper", "A9"), "unknown paper: choose A4 or Letter"),
         (("--object", "gone.toml"), "gone.toml"),
         (("--board", "charuco", "--squares", "7"), "write columns x rows"),
         (("--board", "charuco", "--squares", "2x9"), "too few corners"),
@@ -199,7 +219,11 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, arguments, says):
 
 
 def test_what_does_not_go_together_is_wrong_usage(tmp_path):
-    for arguments in (("--object", "o.toml", "--ids", "3"), ("--board", "charuco", "--size-mm", "3"), ("--squares", "7x9")):
+    for arguments in (
+        ("--object", "o.toml", "--ids", "3"),
+        ("--board", "charuco", "--size-mm", "3"),
+        ("--squares", "7x9"),
+    ):
         assert run(*arguments, "-o", tmp_path / "t.pdf").exit_code == 2
 
 
@@ -211,6 +235,8 @@ def test_a_board_with_narrow_squares_is_refused():
 def test_the_boards_mark_is_its_frames_origin():
     board = Board("5x5_100", 7, 9, 22.0, 15.4)
     page = board_page(board, "A4")
-    assert page.origin == pytest.approx((min(field.x for field in page.fields), min(field.y for field in page.fields)))
+    assert page.origin == pytest.approx(
+        (min(field.x for field in page.fields), min(field.y for field in page.fields))
+    )
     first = corner_points(board)[0]  # beside the upper left square
     assert first == pytest.approx([0.022, 8 * 0.022, 0.0])
