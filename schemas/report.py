@@ -1,4 +1,4 @@
-"""What `analyze report --json` prints: the answer, what it hangs on, and of virtual recordings how far it is from the truth."""
+"""The Report document, printed by `analyze report --json`: result, sensitivity and, for virtual recordings, errors against ground truth."""
 
 from __future__ import annotations
 
@@ -6,26 +6,26 @@ from typing import Any
 
 from pydantic import Field
 
-from schemas.document import SCHEMA_VERSION, Document, Matrix3, Vector3
-from schemas.result import Result
+from schemas.document import Document, Matrix3, Vector3
+from schemas.result import RESULT_VERSION, Result
 
 
 class ReportRecording(Document):
-    """A recording that went in."""
+    """A recording that the result uses."""
 
-    number: int = Field(ge=1, description="by the time at which they began")
+    number: int = Field(ge=1, description="number by start time")
     files: list[str]
     recording_id: str
     content_id: str
     created: str
-    software: str = Field(description="that recorded it")
+    software: str = Field(description="program that recorded it")
     camera: str
     frame_rate_hz: float
     time_source: str
 
 
 class InfluenceResult(Document):
-    """How the centre of mass moves with what one strike says, all else as it is."""
+    """Sensitivity of the centre of mass to one strike's phi and k, all else fixed."""
 
     strike_id: str
     axis_id: str
@@ -34,29 +34,37 @@ class InfluenceResult(Document):
 
 
 class ErrorShare(Document):
-    """The part of the centre of mass's covariance that one kind of error causes; all parts together are the whole."""
+    """Share of one kind of error in the covariance of the centre of mass; the shares add up to the whole."""
 
     source: str
     covariance: Matrix3 = Field(description="m^2, in O")
-    half95_worst_m: float = Field(ge=0, description="half a 95 % interval along the worst known direction, from this alone")
-    share_worst: float = Field(description="of the variance along that direction")
+    half95_worst_m: float = Field(
+        ge=0,
+        description="half-width of the 95 % interval along the worst-known direction, from this error alone",
+    )
+    share_worst: float = Field(description="share of the variance along that direction")
 
 
 class SensitivityResult(Document):
-    """What moves the centre of mass, and what its uncertainty is made of."""
+    """Sensitivity of the centre of mass to each strike, and its uncertainty by kind of error."""
 
-    worst_direction: Vector3 = Field(description="unit, in O, along which the centre of mass is known worst")
+    worst_direction: Vector3 = Field(
+        description="unit direction, in O, along which the centre of mass is known worst"
+    )
     strikes: list[InfluenceResult]
     sources: list[ErrorShare]
 
 
 class Report(Document):
-    """All that the report shows, as numbers."""
+    """All numbers that the report shows."""
 
-    schema_version: str = SCHEMA_VERSION
+    schema_version: str = RESULT_VERSION
     object: str
-    verdict: str = Field(description="in words; sentences to trust and to doubt are in the result")
+    verdict: str = Field(description="summary in words; sentences to trust and to doubt are in the result")
     recordings: list[ReportRecording]
     result: Result
     sensitivity: SensitivityResult
-    score: dict[str, Any] | None = Field(default=None, description="as `analyze score --json`, of virtual recordings")
+    score: dict[str, Any] | None = Field(
+        default=None,
+        description="errors against ground truth, as `analyze score --json` prints them; virtual recordings only",
+    )

@@ -1,17 +1,66 @@
-"""What `analyze estimate --json` prints: every number with its uncertainty, and what it rests on."""
+"""The Result document, printed by `analyze estimate --json`: every number with its uncertainty, and its
+inputs.
+
+Schema 2.0 renamed keys of 1.x (docs/reference/renamed-keys.md); documents of 1.x are read and take the new
+names.
+"""
 
 from __future__ import annotations
 
 import enum
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal, cast
 
-from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
-from schemas.document import SCHEMA_VERSION, Document, Vector3
+from schemas.document import Document, Vector3
+
+RESULT_VERSION = "2.0"
+"""schema version of results, reports and comparisons; recordings and plans have their own"""
+RENAMED_CODES = {
+    "strike_not_foretold": "strike_not_predicted",
+    "filling_turns_with_it": "filling_assumed_rigid",
+}
+"""warning codes of 2.0 by their codes in 1.x"""
+
+
+def _entries(data: object) -> dict[str, Any] | None:
+    """Entries of a JSON object; None if it is something else."""
+    return cast("dict[str, Any]", data) if isinstance(data, dict) else None
+
+
+class RenamedDocument(Document):
+    """Base of result documents whose keys were renamed: reads the old key, writes the new one."""
+
+    renamed: ClassVar[dict[str, str]] = {}
+    """new key by old key"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_new_names(cls, data: Any) -> Any:
+        entries = _entries(data)
+        return (
+            data if entries is None else {cls.renamed.get(key, key): value for key, value in entries.items()}
+        )
+
+
+class SparseDocument(Document):
+    """Base of result documents that leave out optional entries without a value."""
+
+    left_out_if_none: ClassVar[tuple[str, ...]] = ()
+    """entries that are not written where they are None"""
+
+    @model_serializer(mode="wrap")
+    def _without_empty_entries(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        written: dict[str, Any] = write(self)
+        for name in self.left_out_if_none:
+            if written[name] is None:
+                del written[name]
+        return written
 
 
 class Quantity(Document):
-    """A result. Not observed: value and sd are null, or the unobserved directions are named beside the rest."""
+    """A quantity with unit, standard deviation and 95 % interval; where it is not observed, value and sd may
+    be null."""
 
     value: float | list[float] | list[list[float]] | None
     unit: str
@@ -22,11 +71,34 @@ class Quantity(Document):
     observed: bool = True
     unobserved_direction: list[float] | None = None
     source: Literal["measured", "prior", "given"] = "measured"
-    """of several numbers: that of the weakest; what a Result says beside it (`inertia_measured`) is entry by entry"""
+    """origin of the number; for several numbers that of the weakest (`inertia_measured` has it entry by
+    entry)"""
+
+    def as_scalar(self) -> float:
+        """Value of a scalar quantity.
+
+        Raises:
+            TypeError: the quantity is a vector or matrix, or has no value.
+        """
+        if not isinstance(self.value, float):
+            raise TypeError(f"no scalar value: {self.value!r}")
+        return self.value
+
+    def interval_ends(self) -> tuple[float, float]:
+        """Ends of a scalar quantity's 95 % interval.
+
+        Raises:
+            TypeError: the quantity is a vector or matrix, or has no interval.
+        """
+        match self.interval95:
+            case [float(low), float(high)]:
+                return low, high
+            case _:
+                raise TypeError(f"no interval of a scalar: {self.interval95!r}")
 
 
 class Verdict(enum.Enum):
-    """How a strike ended."""
+    """Outcome of a strike."""
 
     GOOD = "good"
     ROCKED_BACK = "rocked_back"
@@ -43,7 +115,7 @@ class Verdict(enum.Enum):
 
 
 class WarningCode(enum.Enum):
-    """What a reader of the result must know."""
+    """Codes of warnings about a result."""
 
     RECORDING_INCOMPLETE = "recording_incomplete"
     RECORDINGS_DISAGREE = "recordings_disagree"
@@ -63,65 +135,82 @@ class WarningCode(enum.Enum):
     MARKERS_UNPLACED = "markers_unplaced"
     ROLLING_CONTACT = "rolling_contact"
     MARKERS_SUBTRACTED = "markers_subtracted"
-    STRIKE_NOT_FORETOLD = "strike_not_foretold"
+    STRIKE_NOT_PREDICTED = "strike_not_predicted"
     MOMENT_IMPOSSIBLE = "moment_impossible"
     GRAVITY_DISAGREES = "gravity_disagrees"
-    FILLING_TURNS_WITH_IT = "filling_turns_with_it"
+    FILLING_ASSUMED_RIGID = "filling_assumed_rigid"
     FILLING_UNEXPLAINED = "filling_unexplained"
     FRAME_RATE_WRONG = "frame_rate_wrong"
     FRAME_RATE_UNCHECKED = "frame_rate_unchecked"
 
 
 class ResultWarning(Document):
-    """One warning."""
+    """One warning: its code and a sentence."""
 
     code: WarningCode
     text: str
 
 
 class AlternativeFit(Document):
-    """A second estimator's answer for the same strike, printed beside the one used."""
+    """Phi and k of the same strike by another estimator than the one used."""
 
     estimator: str
     phi: Quantity
     k: Quantity | None = None
     note: str = ""
     violated: list[str] = Field(default=[])
-    """assumptions of the estimator that the motion did not keep"""
+    """assumptions of the estimator that the motion violates"""
 
 
-class ForetoldResult(Document):
-    """What all other strikes foretell of one, and how it is off that."""
+class PredictionResult(RenamedDocument):
+    """Leave-one-out prediction of one strike from all others, compared with its measurement."""
 
-    phi: Quantity = Field(description="foretold; sd is of what foretells it")
-    k: Quantity = Field(description="the same")
-    sigmas: float = Field(ge=0, description="phi and k together, measured less foretold, as one standardised error")
-    motion_sigmas: float = Field(ge=0, description="the same of theta(t): from its first free frames on, with phi and k as foretold")
-    foretold: bool = Field(description="both are at most 3")
-    frames: int = Field(
-        description="of theta(t) that were compared: until the foretelling's own sd is above 3 deg, or the free motion ends"
+    renamed: ClassVar[dict[str, str]] = {"foretold": "consistent"}
+
+    phi: Quantity = Field(description="predicted balance angle; sd of the prediction")
+    k: Quantity = Field(description="predicted k; sd of the prediction")
+    sigmas: float = Field(
+        ge=0, description="standardised difference of phi and k together, measured less predicted"
     )
-    start_frames: int = Field(description="before them, that only gave the start")
-    worst_offset_rad: float = Field(description="measured less foretold, of the frame farthest off for its sd")
-    worst_band_rad: float = Field(description="1.96 sd of that")
-    outside_share: float = Field(ge=0, le=1, description="of the frames, off by more than 1.96 sd; 0.05 is usual")
+    motion_sigmas: float = Field(
+        ge=0,
+        description="standardised difference of theta(t), started from the first free frames with the predicted phi and k",
+    )
+    consistent: bool = Field(description="true if both standardised differences are at most 3")
+    frames: int = Field(
+        description="frames of theta(t) compared: until the prediction's sd exceeds 3 deg, or the free motion ends"
+    )
+    start_frames: int = Field(description="frames before them, which only give the start")
+    worst_offset_rad: float = Field(
+        description="measured less predicted theta at the frame with the largest standardised difference"
+    )
+    worst_band_rad: float = Field(description="1.96 sd of the difference at that frame")
+    outside_share: float = Field(
+        ge=0, le=1, description="share of frames that differ by more than 1.96 sd; 0.05 is expected"
+    )
 
 
-class StrikeResult(Document):
-    """One strike's outcome."""
+class StrikeResult(RenamedDocument):
+    """Outcome of one strike."""
+
+    renamed: ClassVar[dict[str, str]] = {"weight": "information_share", "foretold": "prediction"}
 
     id: str
     plan_strike_id: str
     axis_id: str
     plane_id: str
-    heading_rad: float = Field(default=0.0, description="as in the plan: of object and striker on the table; 0 is not written")
+    heading_rad: float = Field(
+        default=0.0, description="heading of object and striker on the table, as planned; 0 is not written"
+    )
     verdict: Verdict
     reason: str = ""
     used: bool
-    weight: float = Field(ge=0)
+    information_share: float = Field(
+        ge=0, description="share of the information about the centre of mass; 0 if not used"
+    )
     estimator: str | None = None
     estimator_note: str = ""
-    """why this one, and why this window"""
+    """reason for this estimator and this window"""
     window_ns: list[int] | None = None
     phi: Quantity | None = None
     k: Quantity | None = None
@@ -131,21 +220,23 @@ class StrikeResult(Document):
     residual_rms_rad: float | None = None
     equiplane_residual_m: float | None = None
     alternatives: list[AlternativeFit] = Field(default=[])
-    foretold: ForetoldResult | None = Field(default=None, description="of strikes used; older results have none, and none is written")
+    prediction: PredictionResult | None = Field(
+        default=None, description="leave-one-out prediction of a strike used; not written where there is none"
+    )
 
     @model_serializer(mode="wrap")
-    def _as_read(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A result of strikes as usual keeps its bytes."""
+    def _without_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         written: dict[str, Any] = write(self)
         if not self.heading_rad:
             del written["heading_rad"]
-        if self.foretold is None:
-            del written["foretold"]
+        if self.prediction is None:
+            del written["prediction"]
         return written
 
 
 class AxisMoment(Document):
-    """Moments about one pivot axis: at the contact line, and about the parallel axis through c."""
+    """Moments of inertia about one pivot axis: at the contact line, and about the parallel axis through the
+    centre of mass."""
 
     axis_id: str
     direction: Vector3
@@ -153,54 +244,75 @@ class AxisMoment(Document):
     i_com: Quantity
 
 
-class RegionResult(Document):
-    """One region's mass with its name (surface, upper, lower, or a label)."""
+class RegionResult(SparseDocument):
+    """Mass of one region: shell, upper, lower, or a label's name."""
+
+    left_out_if_none: ClassVar[tuple[str, ...]] = ("limits_kg",)
 
     name: str
     mass: Quantity
     limits_kg: list[float] | None = Field(
         default=None,
-        description="least and greatest, whatever fills the interior of an even shell; older results and the paper's have none",
+        description="least and greatest mass under any filling of a uniform shell; null in older results and the paper's",
     )
 
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """What has none is written as it always was."""
-        written: dict[str, Any] = write(self)
-        if self.limits_kg is None:
-            del written["limits_kg"]
-        return written
+    @model_validator(mode="before")
+    @classmethod
+    def _take_new_name(cls, data: Any) -> Any:
+        entries = _entries(data)
+        return (
+            {**entries, "name": "shell"} if entries is not None and entries.get("name") == "surface" else data
+        )
 
 
-class Regions(Document):
-    """Masses of the shell and the two interior parts, the border plane (n.x = offset, in O) and its rivals.
+class Regions(RenamedDocument, SparseDocument):
+    """Masses of the shell and of the two interior parts, with the dividing plane (n.x = offset, in O) and
+    naive answers.
 
-    Intervals hold for a body that is an even shell with two even parts inside; where the moments say that it is not (`explained` false),
-    they are the limits, which hold for any filling, and the border is the body's middle, across its longest direction.
+    Intervals hold for a uniform shell with two uniform parts inside. Where no such body has the moments
+    (`explained` is false), they are the limits under any filling, and the plane divides the body in the
+    middle of its longest direction.
     """
 
-    regions: list[RegionResult]
-    border_normal: Vector3 | None
-    border_offset_m: float | None
-    border_offset_interval95_m: list[float] | None = None
-    baselines: dict[str, list[float]] = Field(default={}, description="naive answers: name -> masses [kg]")
-    explained: bool | None = Field(
-        default=None, description="whether such a body can have the moments; older results and the paper's: null"
-    )
-    shell_thickness: Quantity | None = Field(default=None, description="of the wall [m], where the object's file gives none")
+    renamed: ClassVar[dict[str, str]] = {
+        "border_normal": "dividing_plane_normal",
+        "border_offset_m": "dividing_plane_offset_m",
+        "border_offset_interval95_m": "dividing_plane_offset_interval95_m",
+    }
+    left_out_if_none: ClassVar[tuple[str, ...]] = ("explained", "shell_thickness")
 
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """What does not say is written as it always was."""
-        written: dict[str, Any] = write(self)
-        for name in ("explained", "shell_thickness"):
-            if getattr(self, name) is None:
-                del written[name]
-        return written
+    @model_validator(mode="before")
+    @classmethod
+    def _take_new_baseline_names(cls, data: Any) -> Any:
+        entries = _entries(data)
+        baselines = None if entries is None else _entries(entries.get("baselines"))
+        if entries is None or baselines is None:
+            return data
+        renamed = {"surface": "shell", "surface_and_uniform": "shell_and_uniform"}
+        return {
+            **entries,
+            "baselines": {renamed.get(name, name): masses for name, masses in baselines.items()},
+        }
+
+    regions: list[RegionResult]
+    dividing_plane_normal: Vector3 | None
+    dividing_plane_offset_m: float | None
+    dividing_plane_offset_interval95_m: list[float] | None = None
+    baselines: dict[str, list[float]] = Field(
+        default={}, description="naive answers: masses [kg] of the regions by name of the answer"
+    )
+    explained: bool | None = Field(
+        default=None,
+        description="true if such a body can have the moments; null in older results and the paper's",
+    )
+    shell_thickness: Quantity | None = Field(
+        default=None, description="estimated shell thickness [m] where the object file gives none"
+    )
 
 
 class PartResult(Document):
-    """One labelled part, taken as uniform. Not observed: the moments leave its mass open within the interval."""
+    """One labelled part, taken as uniform; not observed where the moments leave its mass open within the
+    interval."""
 
     name: str
     mass: Quantity
@@ -212,67 +324,91 @@ class Parts(Document):
     """Masses of the parts that the object file labels."""
 
     parts: list[PartResult]
-    uniform: list[float] = Field(description="the naive answer: one density for all [kg]")
+    uniform: list[float] = Field(description="naive answer: masses [kg] with one density for all parts")
     misfit: float = Field(
-        description="rms of what the parts leave of the moments, over its sd; far above 1: they are not all, or not uniform"
+        description="rms of the moments' residuals over their sd; far above 1 if a part is missing or not uniform"
     )
 
 
-class Filling(Document):
-    """What fills the object's inside up to a level that was asked; its 95 % intervals need not be even."""
+class Filling(RenamedDocument):
+    """Filling of the object's interior up to an unknown level; 95 % intervals may be asymmetric."""
+
+    renamed: ClassVar[dict[str, str]] = {"wall": "shell"}
 
     name: str
-    along: Vector3 = Field(description="what was up when it was filled, unit, in O")
-    level: Quantity = Field(description="where it ends, in metres along `along` from O")
-    filled_share: Quantity = Field(description="of the inside's volume")
+    along: Vector3 = Field(description="unit direction that was up when the object was filled, in O")
+    level: Quantity = Field(description="height of the filling's surface along `along` from O [m]")
+    filled_share: Quantity = Field(description="filled share of the interior's volume")
     mass: Quantity
     density: Quantity
-    wall: Quantity = Field(description="mass of the wall")
-    shell_thickness: Quantity | None = Field(default=None, description="of the wall; null where the object file gives it")
-    misfit: float = Field(description="rms of what the likeliest leaves of the moments, over its sd; far above 1: it is no such filling")
+    shell: Quantity = Field(description="mass of the shell")
+    shell_thickness: Quantity | None = Field(
+        default=None, description="shell thickness; null where the object file gives it"
+    )
+    misfit: float = Field(
+        description="rms of the moments' residuals over their sd; far above 1 if there is no such filling"
+    )
 
 
 class TableTilt(Document):
-    """How far the vertical leans from the table's normal, towards W's x (where objects tip) and y: the table rises that way by as much.
+    """Lean of the vertical from the table's normal towards W's x (where objects tip) and y: the table rises
+    that way by as much.
 
-    Of each component `source` says whether the strikes measured it, the rig file's level reading gave it, or the prior stands.
+    `source` of each component: measured by the strikes, given by the rig file's level reading, or prior.
     """
 
-    recordings: list[int] = Field(description="numbers of those that were made on this levelling, the first is 1")
+    recordings: list[int] = Field(description="numbers of the recordings made on this levelling, from 1")
     towards_x: Quantity
     towards_y: Quantity
 
 
 class FrameTimes(Document):
-    """Where a recording's frames have their times from that no clock of a rig gave, and what its strikes say of the frame rate.
+    """Origin of a recording's frame times where no rig's clock gave them, and the strikes' check of the frame
+    rate.
 
-    Ratios are of the true rate to the stated one.
+    Ratios are true rate over stated rate.
     """
 
-    recording: int = Field(ge=1, description="its number, by the time at which they began")
-    source: str = Field(description="as the manifest's `time_source`")
-    sd_s: float = Field(ge=0, description="of a frame's time against the others'")
-    frame_rate_hz: float = Field(description="as stated")
-    frame_rate_sd_hz: float | None = Field(default=None, description="1 sigma, as a drop measured it; null: as stated")
-    contact_sd_s: float | None = Field(description="of a strike's contact, which only the motion's onset shows; null: of no strike")
-    rate_limits: list[float] | None = Field(description="least and greatest ratio that any filling of the shape allows; null: none found")
-    rate_ratio: Quantity | None = Field(description="as axes at different distances from the centre of mass tell it; null: none do")
-    possible: bool = Field(description="the stated rate can be the true one")
-    likely_rate_hz: float | None = Field(description="where it cannot: the usual rate that can; null: several or none")
+    recording: int = Field(ge=1, description="number of the recording by start time")
+    source: str = Field(description="the manifest's `time_source`")
+    sd_s: float = Field(ge=0, description="1 sigma of a frame's time against the others'")
+    frame_rate_hz: float = Field(description="stated frame rate")
+    frame_rate_sd_hz: float | None = Field(
+        default=None, description="1 sigma as a drop measured it; null if only stated"
+    )
+    contact_sd_s: float | None = Field(
+        description="1 sigma of a strike's contact time, from the onset of motion; null where no strike has one"
+    )
+    rate_limits: list[float] | None = Field(
+        description="least and greatest ratio that any filling of the shape allows; null if none was found"
+    )
+    rate_ratio: Quantity | None = Field(
+        description="ratio from axes at different distances from the centre of mass; null where there are none"
+    )
+    possible: bool = Field(description="true if the stated rate can be the true one")
+    likely_rate_hz: float | None = Field(
+        description="the one usual rate that is possible where the stated one is not; null otherwise"
+    )
 
 
 class JoinedRecording(Document):
-    """One of several recordings that a result is of."""
+    """One of several recordings merged into a result."""
 
-    number: int = Field(ge=1, description="by the time at which they began; its strikes are `<number>:<strike>`")
+    number: int = Field(ge=1, description="number by start time; strike ids are `<number>:<strike>`")
     recording_id: str
     content_id: str
     created: str
     plan_sha256: str
 
 
-class ResultInputs(Document):
-    """What went in. Of several recordings `content_id` is the SHA-256 of theirs, sorted, a line each, and `plan_sha256` of their plans'."""
+class ResultInputs(SparseDocument):
+    """Inputs of a result.
+
+    For several recordings `content_id` is the SHA-256 of their content ids, sorted, one per line, and
+    `plan_sha256` of their plans'.
+    """
+
+    left_out_if_none: ClassVar[tuple[str, ...]] = ("recordings",)
 
     recording_id: str
     content_id: str
@@ -280,21 +416,24 @@ class ResultInputs(Document):
     plan_sha256: str
     configuration_sha256: str
     software: str
-    recordings: list[JoinedRecording] | None = Field(default=None, description="not written where there is one")
-
-    @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A result of one recording has the bytes that it always had."""
-        written: dict[str, Any] = write(self)
-        if self.recordings is None:
-            del written["recordings"]
-        return written
+    recordings: list[JoinedRecording] | None = Field(
+        default=None, description="merged recordings; not written where there is one"
+    )
 
 
-class Result(Document):
-    """What `analyze estimate --json` prints."""
+class Result(SparseDocument):
+    """The document that `analyze estimate --json` prints."""
 
-    schema_version: str = SCHEMA_VERSION
+    left_out_if_none: ClassVar[tuple[str, ...]] = (
+        "table_tilt",
+        "parts",
+        "verdict",
+        "parameters_covariance",
+        "filling",
+        "frame_times",
+    )
+
+    schema_version: str = RESULT_VERSION
     inputs: ResultInputs
     warnings: list[ResultWarning]
     strikes: list[StrikeResult]
@@ -302,30 +441,48 @@ class Result(Document):
     centre_of_mass: Quantity
     centre_of_mass_paper: Quantity | None = None
     moments: list[AxisMoment]
-    inertia: Quantity = Field(description="about the centre of mass; its source is prior as soon as one entry is, see inertia_measured")
+    inertia: Quantity = Field(
+        description="tensor about the centre of mass; `source` is prior as soon as one entry is"
+    )
     inertia_measured: list[list[bool]] | None = Field(
-        default=None, description="entry by entry: the strikes measured it, or else the shape's prior stands; older results have none"
+        default=None,
+        description="per entry: true if strikes measured it, false if the shape's prior stands; null in older results",
     )
     regions: Regions | None
     regions_paper: Regions | None = None
-    verdict: list[str] | None = Field(default=None, description="in words: what to trust, to doubt, to repeat; older results have none")
-    parameters_covariance: list[list[float]] | None = Field(
-        default=None, description="(10, 10) of mass, centre of mass, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it; SI; older results have none"
+    verdict: list[str] | None = Field(
+        default=None, description="sentences on what to trust, doubt and repeat; not written in older results"
     )
-    parts: Parts | None = Field(default=None, description="where the object file labels them; else not written")
-    filling: Filling | None = Field(default=None, description="where the object file has a part that fills it; else not written")
-    table_tilt: list[TableTilt] | None = Field(default=None, description="one per levelling; older results have none, and none is written")
+    parameters_covariance: list[list[float]] | None = Field(
+        default=None,
+        description="(10, 10) covariance of mass, centre of mass, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it, SI; not written in older results",
+    )
+    parts: Parts | None = Field(
+        default=None, description="labelled parts; not written where the object file labels none"
+    )
+    filling: Filling | None = Field(
+        default=None, description="filling; not written where the object file names none"
+    )
+    table_tilt: list[TableTilt] | None = Field(
+        default=None, description="one per levelling; not written in older results"
+    )
     frame_times: list[FrameTimes] | None = Field(
-        default=None, description="of recordings whose times come from a file's time stamps; else not written"
+        default=None, description="recordings whose times come from a file's time stamps; else not written"
     )
 
-    @model_serializer(mode="wrap")
-    def _as_read(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """A result that was printed before there was a tilt keeps its bytes."""
-        written: dict[str, Any] = write(self)
-        if self.table_tilt is None:
-            del written["table_tilt"]
-        for later in ("parts", "verdict", "parameters_covariance", "filling", "frame_times"):
-            if getattr(self, later) is None:
-                del written[later]
-        return written
+    @model_validator(mode="before")
+    @classmethod
+    def _take_new_version(cls, data: Any) -> Any:
+        """Rewrite warning codes and the version of a document of 1.x; keys are rewritten by `renamed`."""
+        entries = _entries(data)
+        if entries is None or not str(entries.get("schema_version", RESULT_VERSION)).startswith("1."):
+            return data
+        warnings = [_with_new_code(each) for each in entries.get("warnings", [])]
+        return {**entries, "schema_version": RESULT_VERSION, "warnings": warnings}
+
+
+def _with_new_code(warning: Any) -> Any:
+    entries = _entries(warning)
+    if entries is None or entries.get("code") not in RENAMED_CODES:
+        return warning
+    return {**entries, "code": RENAMED_CODES[entries["code"]]}

@@ -1,1 +1,1 @@
-"""A whole archive: what lies there (archive.py), what a recording gives (analysis.py), who works (run.py), what came of it (summary.py)."""
+"""Analysis of whole archives: recordings, worker processes, stored results, queries and summaries."""

@@ -1,4 +1,4 @@
-"""One recording analysed: its row written, or the reason why there is none."""
+"""Analysis of one recording in a batch: its row of results, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import Any
 import cv2
 
 from analyze.batch.archive import PART_SUFFIX, Source
-from analyze.batch.memory import PeakMemory
-from analyze.batch.request import FAILURES, OUT_OF_MEMORY, ROWS, Outcome, Request
+from analyze.batch.peak_memory import PeakMemory
+from analyze.batch.result_rows import answer_columns, write_row
 from analyze.batch.settings import BatchSettings, analysis_version, key_of
 from analyze.batch.sparse_copy import sparse_copies
-from analyze.batch.table import answer_columns, write_row
+from analyze.batch.worker_messages import FAILURES, OUT_OF_MEMORY, ROWS, Outcome, Request
 from analyze.errors import (
     AnalyzeError,
     EstimationError,
@@ -29,12 +29,13 @@ from analyze.errors import (
     ShapeError,
     TrackingError,
 )
-from analyze.pipeline.estimate import EstimateOptions, estimate_evidence
+from analyze.pipeline.estimate import EstimateOptions
 from analyze.pipeline.evidence import RecordingHead, read_evidence, read_head
 from analyze.reading.verify import refuse_changed_content
+from analyze.result.answer import answer_evidence
 
-_NO_STRIKES = "no_strikes"
-_KINDS: tuple[tuple[type[Exception], str], ...] = (
+NO_STRIKES_FAILURE = "no_strikes"
+FAILURE_OF_ERROR: tuple[tuple[type[Exception], str], ...] = (
     (RecordingCut, "cut"),
     (RecordingForeign, "foreign"),
     (RecordingVersion, "other_version"),
@@ -50,36 +51,46 @@ _KINDS: tuple[tuple[type[Exception], str], ...] = (
 
 
 def analyse(request: Request, scratch: Path) -> Outcome:
-    """Analyse one recording and write its row into the folder of results; never raises for what the recording is like.
+    """Analyse one recording and write its row into the folder of results; a bad recording raises nothing.
 
     Args:
-        request: what to analyse.
-        scratch: an empty folder on the same disk as the results, for what is half done.
+        request: the recording, the settings and the folder of results.
+        scratch: an empty folder on the same disk as the results, for unfinished files.
 
     Raises:
         OutputError: the results cannot be written.
-        ArchiveError: the object file is not the one that the run began with.
+        ArchiveError: the object file has changed since the run began.
     """
     source, output = request.source, Path(request.output)
     request.settings.refuse_changed_object()
     start = time.monotonic()
     common = {
-        "url": source.url, "size_bytes": source.size, "source_id": source.id, "settings": request.settings.digest,
+        "url": source.url,
+        "size_bytes": source.size,
+        "source_id": source.id,
+        "settings": request.settings.digest,
         "analysis_version": analysis_version(),
-    }  # fmt: skip
+    }
     key, files = "", [source.url.rsplit("/", 1)[-1]]
     with PeakMemory() as memory:
         try:
             if source.size == 0:
-                raise RecordingCut(f"{source.url}: is empty: nothing of this recording can be saved: record again")
-            with _at_hand(source, scratch, whole=request.verify) as path:
+                raise RecordingCut(f"{source.url}: is empty: nothing of it can be saved: record again")
+            with _local_path(source, scratch, whole=request.verify) as path:
                 head = read_head(path)
                 files, key = list(head.files), key_of(head.content_id, request.settings)
                 if request.verify:
                     refuse_changed_content(path)
                 if (output / ROWS / f"{key}.parquet").exists():
-                    return Outcome(source.url, source.id, key, seconds=time.monotonic() - start, known=True, own_files=files)
-                columns = {**_answer(head, request.settings), "status": "ok", "key": key}
+                    return Outcome(
+                        source.url,
+                        source.id,
+                        key,
+                        seconds=time.monotonic() - start,
+                        known=True,
+                        own_files=files,
+                    )
+                columns = {**_row(head, request.settings), "status": "ok", "key": key}
         except Exception as error:
             columns = {"status": "failed", **_failure(error, source, scratch), "files": files, "key": None}
             key = ""
@@ -93,48 +104,61 @@ def analyse(request: Request, scratch: Path) -> Outcome:
     write_row(row, part)
     folder, name = (ROWS, key) if key else (FAILURES, source.id)
     os.replace(part, output / folder / f"{name}.parquet")  # noqa: PTH105 - Path.replace is the same
-    return Outcome(source.url, source.id, key, columns.get("failure", ""), columns.get("reason", ""), stamps["seconds"], own_files=files)
+    return Outcome(
+        source.url,
+        source.id,
+        key,
+        columns.get("failure", ""),
+        columns.get("reason", ""),
+        stamps["seconds"],
+        own_files=files,
+    )
 
 
-def _answer(head: RecordingHead, settings: BatchSettings) -> dict[str, Any]:
+def _row(head: RecordingHead, settings: BatchSettings) -> dict[str, Any]:
     if not head.strike_ids:
-        raise _NoStrikes(f"{head.path}: holds no strike: nothing was struck, or the session ended before")
+        raise _NoStrikesError(f"{head.path}: contains no strike: the session ended before the first one")
     evidence = read_evidence(head, Path(settings.object_path) if settings.object_path else None)
     options = EstimateOptions(
-        object_path=Path(settings.object_path) if settings.object_path else None, estimator=settings.estimator or None, seed=settings.seed
+        object_path=Path(settings.object_path) if settings.object_path else None,
+        estimator=settings.estimator or None,
+        seed=settings.seed,
     )
-    return answer_columns(estimate_evidence(evidence, options))
+    return answer_columns(answer_evidence(evidence, options))
 
 
-class _NoStrikes(EstimationError):
-    """A recording in which nothing was struck."""
+class _NoStrikesError(EstimationError):
+    """The recording contains no strike."""
 
 
 def _failure(error: Exception, source: Source, scratch: Path) -> dict[str, str]:
-    # What was fetched into the scratch folder is gone when somebody reads this.
+    # Copies in the scratch folder are gone when the message is read: name the file in the archive.
     text = " ".join(str(error).split()).replace(f"{scratch}/", source.url.rpartition("/")[0] + "/")
-    if isinstance(error, _NoStrikes):
-        kind = _NO_STRIKES
+    if isinstance(error, _NoStrikesError):
+        kind = NO_STRIKES_FAILURE
     elif isinstance(error, MemoryError) or (isinstance(error, cv2.error) and "memory" in text.lower()):
-        kind, text = (
-            OUT_OF_MEMORY,
-            f"{source.url}: more memory was needed than a worker may have: raise --memory-limit and add --only-failed",
-        )
+        kind = OUT_OF_MEMORY
+        remedy = "raise --memory-limit and add --only-failed"
+        text = f"{source.url}: needs more memory than a worker may use: {remedy}"
     else:
-        kind = next((name for each, name in _KINDS if isinstance(error, each)), "defect")
+        kind = next((name for each, name in FAILURE_OF_ERROR if isinstance(error, each)), "defect")
     if source.is_local and not Path(source.url).exists():
-        kind, text = "unreachable", f"{source.url}: is not there: it was removed meanwhile, or is a link to what is not there"
+        kind = "unreachable"
+        text = f"{source.url}: does not exist: it was removed meanwhile, or is a link to a missing file"
     elif source.files[0].size == 0:
         kind = "empty"
     elif source.url.endswith(PART_SUFFIX) and kind == "cut":
         kind = "unfinished"
     if kind == "defect":
         text = f"{source.url}: {type(error).__name__}: {text}: please report this"
-    return {"failure": kind, "reason": text if source.url.rsplit("/", 1)[-1] in text else f"{source.url}: {text}"}
+    return {
+        "failure": kind,
+        "reason": text if source.url.rsplit("/", 1)[-1] in text else f"{source.url}: {text}",
+    }
 
 
 @contextmanager
-def _at_hand(source: Source, scratch: Path, *, whole: bool) -> Iterator[Path]:
+def _local_path(source: Source, scratch: Path, *, whole: bool) -> Iterator[Path]:
     if source.is_local:
         yield Path(source.url)
         return

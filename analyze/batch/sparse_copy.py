@@ -1,7 +1,8 @@
-"""A recording in a bucket, brought here by ranges: all of it but the images, and of these what lies in the strikes' windows.
+"""Sparse local copies of recordings in a bucket: everything but the images outside the strikes' windows.
 
-What is not fetched is a hole in a file of the same length, which costs no disk; so whoever reads it reads it as any other file. Nothing
-looks into a hole: the summary says where every chunk is, and images are only read in the windows.
+Bytes that are not fetched are a hole in a file of full length, which takes no disk space and needs no special
+reader. No reader touches a hole: the summary lists every chunk's place, and images are read in the strikes'
+windows only.
 """
 
 from __future__ import annotations
@@ -19,33 +20,26 @@ from analyze.batch.archive import Source
 from analyze.errors import RecordingCut, RecordingError, RecordingForeign
 from analyze.reading.recording import open_recording
 from schemas.mcap import records as container
+from schemas.mcap.chunks import ChunkEntry
 from schemas.mcap.records import ContainerError
+from schemas.mcap.summary import FOOTER_AND_MAGIC, EndsEarly, summary_start
+from schemas.mcap.walk import walk
 from schemas.topics import VIDEO_CHUNK_BYTES
 
-_TAIL = 1 << 16
-"""bytes asked for at first: the summary of some hundred frames"""
-_TOGETHER = 1 << 18
-"""a gap below which two ranges are one request: a request costs as much as this many bytes"""
-_MOST = 1 << 25
-"""bytes of one request: that much is held in memory"""
+FIRST_REQUEST_BYTES = 1 << 16
+"""bytes fetched first, from the end: the summary of some hundred frames"""
+MAX_GAP_BYTES = 1 << 18
+"""largest gap between two ranges that are fetched together.
 
-
-@dataclass(frozen=True)
-class _Chunk:
-    """Where a chunk and its message indexes lie, and when its messages are."""
-
-    start_ns: int
-    end_ns: int
-    offset: int
-    end: int
-    """of its message indexes, which follow it"""
-    indexes: dict[int, int]
-    """where each channel's begins"""
+A request costs as much time as this many bytes
+"""
+MAX_REQUEST_BYTES = 1 << 25
+"""largest request, which is held in memory"""
 
 
 @dataclass
 class _Remote:
-    """A file of the row: its bytes there, and its copy here."""
+    """One remote file of a recording, and its local copy."""
 
     system: fsspec.AbstractFileSystem
     path: str
@@ -56,20 +50,20 @@ class _Remote:
 
     @property
     def url(self) -> str:
-        """For messages: with its protocol."""
+        """URL with its protocol, for messages."""
         return self.path if "://" in self.path else str(self.system.unstrip_protocol(self.path))
 
     def fetch_all(self) -> None:
-        """Bring all of it here."""
+        """Fetch the whole file."""
         self.copy.touch()
         self.fetch([(0, self.size)])
 
     def fetch(self, ranges: Sequence[tuple[int, int]]) -> None:
-        """Bring [start, stop) ranges here, near ones together."""
+        """Fetch [start, stop) ranges, merging those that are near."""
         with self.copy.open("r+b") as file:
-            for start, stop in _joined(ranges):
+            for start, stop in _merged(ranges):
                 data = self._bytes(start, stop)
-                assert isinstance(data, bytes)  # noqa: S101 - of one path it is
+                assert isinstance(data, bytes)  # noqa: S101 - cat_file of one path returns bytes
                 if len(data) != stop - start:
                     raise RecordingCut(f"{self.url}: ends early: it changed while it was read: try again")
                 file.seek(start)
@@ -82,7 +76,7 @@ class _Remote:
         except MemoryError:
             raise
         except FileNotFoundError:
-            raise OSError(f"{self.url}: is gone: it was removed or renamed meanwhile") from None
+            raise OSError(f"{self.url}: no longer exists: it was removed or renamed meanwhile") from None
         except Exception as error:  # every protocol's library has its own
             text = " ".join(str(error).split())
             raise OSError(f"{self.url}: cannot be fetched: {text}: try again with --only-failed") from None
@@ -90,12 +84,12 @@ class _Remote:
 
 @contextmanager
 def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Iterator[Path]:
-    """The recording's first file as a path; removed at the end.
+    """Local path of the recording's first file; the copies are removed at the end.
 
     Args:
-        source: what lies in the bucket.
-        folder: where its copies are.
-        whole: fetch every byte, as its seal needs it.
+        source: recording in the bucket.
+        folder: folder for the copies.
+        whole: fetch every byte, which checking the content hash needs.
 
     Raises:
         OSError: it cannot be fetched.
@@ -103,7 +97,7 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
     """
     copies: list[Path] = []
     try:
-        remotes: list[tuple[_Remote, list[_Chunk]]] = []
+        remotes: list[tuple[_Remote, list[ChunkEntry]]] = []
         for each in source.files:
             system, path = url_to_fs(each.url)
             copy = folder / each.url.rsplit("/", 1)[-1]
@@ -121,15 +115,17 @@ def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Itera
             copy.unlink(missing_ok=True)
 
 
-def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[_Chunk]]]) -> None:
-    """The images of the strikes' windows; `first` is the copy of the first file, all but images there."""
+def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[ChunkEntry]]]) -> None:
+    """Fetch the images in the strikes' windows; `first` is the first file's copy without images."""
     with open_recording(first) as recording:
         windows = [(strike.window_start_ns, strike.window_end_ns) for strike in recording.strikes]
     for remote, chunks in remotes:
-        wanted: list[_Chunk] = []
+        wanted: list[ChunkEntry] = []
         needed = False
         for chunk in reversed(chunks):
-            # A video that has no key picture for long goes on from one chunk of this size to the next: what comes before is decoded too.
+            # A video without a key picture for long continues from one chunk of this size into the next:
+            # decoding
+            # needs the chunks before it too.
             goes_on = needed and chunk.end - chunk.offset >= VIDEO_CHUNK_BYTES
             needed = goes_on or any(chunk.start_ns <= end and chunk.end_ns >= start for start, end in windows)
             wanted += [chunk] if needed else []
@@ -137,39 +133,40 @@ def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[_Chunk]]])
 
 
 def fetched_without_images(url: str, folder: Path) -> tuple[Path, int]:
-    """A copy of a remote recording with everything but its images, and how many bytes were read for it."""
+    """Copy of a remote recording without its images, and the number of bytes fetched for it."""
     system, path = url_to_fs(url)
     remote = _Remote(system, path, int(system.info(path)["size"]), folder / url.rsplit("/", 1)[-1])
     _without_images(remote, url)
     return remote.copy, remote.fetched
 
 
-def _without_images(remote: _Remote, url: str) -> list[_Chunk]:
-    """Fetch all but image chunks; these chunks."""
+def _without_images(remote: _Remote, url: str) -> list[ChunkEntry]:
+    """Fetch everything but the image chunks, and return those."""
     with remote.copy.open("wb") as file:
         file.truncate(remote.size)
     magic = len(container.MAGIC)
-    tail = max(magic, remote.size - _TAIL)
+    tail = max(magic, remote.size - FIRST_REQUEST_BYTES)
     remote.fetch([(0, min(magic, remote.size)), (min(tail, remote.size), remote.size)])
     start = _summary_start(remote, url)
-    if start < remote.size - _TAIL:
-        remote.fetch([(start, remote.size - _TAIL)])
+    if start < remote.size - FIRST_REQUEST_BYTES:
+        remote.fetch([(start, remote.size - FIRST_REQUEST_BYTES)])
     try:
-        chunks, topics, others = _listed(remote, start)
+        chunks, topics, others = _parse_summary(remote, start)
     except (ContainerError, struct.error) as error:
         raise RecordingError(f"{url}: damaged: {error}: `acquire recover` saves what can be read") from None
     images = {channel for channel, topic in topics.items() if topic.endswith("/image")}
-    of_images = [chunk for chunk in chunks if chunk.indexes and chunk.indexes.keys() <= images]
-    small = [chunk for chunk in chunks if not (chunk.indexes and chunk.indexes.keys() <= images)]
+    of_images = [chunk for chunk in chunks if chunk.index_offsets and chunk.index_offsets.keys() <= images]
+    small = [chunk for chunk in chunks if not (chunk.index_offsets and chunk.index_offsets.keys() <= images)]
     remote.fetch([*others, *((chunk.offset, chunk.end) for chunk in small)])
-    # Whoever opens it looks at a chunk's first byte, whether it reads the chunk or not, and at its indexes, which here name no image.
+    # A reader looks at a chunk's first byte even if it skips the chunk, and at its indexes, which are left
+    # empty here.
     with remote.copy.open("r+b") as file:
         for chunk in of_images:
             file.seek(chunk.offset)
             file.write(bytes([container.CHUNK]))
-            for channel, at in chunk.indexes.items():
+            for channel, at in chunk.index_offsets.items():
                 file.seek(at)
-                file.write(struct.pack("<BQHI", container.MESSAGE_INDEX, 6, channel, 0))
+                file.write(container.pack_message_index(channel, []))
     return of_images
 
 
@@ -178,30 +175,32 @@ def _summary_start(remote: _Remote, url: str) -> int:
     with remote.copy.open("rb") as file:
         if file.read(magic) != container.MAGIC:
             raise RecordingForeign(f"{url}: is not a recording: it does not begin like an MCAP file")
-        if remote.size < 2 * magic + container.FOOTER_SIZE:
-            raise RecordingCut(f"{url}: ends early: it was cut short")
-        file.seek(remote.size - magic - container.FOOTER_SIZE)
-        footer = file.read()
-    opcode, size, start = struct.unpack_from("<BQQ", footer)
-    if footer[-magic:] != container.MAGIC or opcode != container.FOOTER or size != 20 or not 0 < start < remote.size:
-        raise RecordingCut(f"{url}: ends early: it was cut short or is still being written: fetch it and use `acquire recover`")
-    return int(start)
+        file.seek(max(0, remote.size - FOOTER_AND_MAGIC))
+        tail = file.read()
+    try:
+        return summary_start(tail, remote.size)[0]
+    except EndsEarly:
+        raise RecordingCut(
+            f"{url}: ends early: it was cut short or is still being written: fetch it and use `acquire recover`"
+        ) from None
 
 
-def _listed(remote: _Remote, start: int) -> tuple[list[_Chunk], dict[int, str], list[tuple[int, int]]]:
-    """Chunks, topics by channel, and the ranges of attachments and metadata, as the summary lists them."""
+def _parse_summary(
+    remote: _Remote, start: int
+) -> tuple[list[ChunkEntry], dict[int, str], list[tuple[int, int]]]:
+    """Chunks, topics by channel, and byte ranges of attachments and metadata, as the summary lists them."""
     with remote.copy.open("rb") as file:
         file.seek(start)
-        summary = memoryview(file.read(remote.size - len(container.MAGIC) - container.FOOTER_SIZE - start))
-    chunks: list[_Chunk] = []
+        summary = memoryview(file.read(remote.size - FOOTER_AND_MAGIC - start))
+    chunks: list[ChunkEntry] = []
     topics: dict[int, str] = {}
     others: list[tuple[int, int]] = []
-    for opcode, _, body in container.walk(summary):
+    for opcode, _, body in walk(summary):
         if opcode == container.CHANNEL:
             channel = container.parse_channel(body)
             topics[channel.id] = channel.topic
         elif opcode == container.CHUNK_INDEX:
-            chunks.append(_chunk(body, remote.size))
+            chunks.append(_parse_chunk_entry(body, remote.size))
         elif opcode in {container.ATTACHMENT_INDEX, container.METADATA_INDEX}:
             offset, length = struct.unpack_from("<QQ", body)
             if offset + length > remote.size:
@@ -210,23 +209,23 @@ def _listed(remote: _Remote, start: int) -> tuple[list[_Chunk], dict[int, str], 
     return chunks, topics, others
 
 
-def _chunk(body: memoryview, size: int) -> _Chunk:
-    start_ns, end_ns, offset, length, table = struct.unpack_from("<QQQQI", body)
-    if table > len(body) - 44 or table % 10:
-        raise ContainerError("a chunk index record ends early")
-    places = {int(channel): int(at) for channel, at in struct.iter_unpack("<HQ", body[36 : 36 + table])}
-    (length_of_indexes,) = struct.unpack_from("<Q", body, 36 + table)
-    end = offset + length + length_of_indexes
-    if end > size or any(not offset + length <= at < end for at in places.values()):
+def _parse_chunk_entry(body: memoryview, file_size: int) -> ChunkEntry:
+    entry = ChunkEntry.parse(body)
+    chunk_end = entry.offset + entry.length
+    if entry.end > file_size or any(not chunk_end <= at < entry.end for at in entry.index_offsets.values()):
         raise ContainerError("the summary points outside the file")
-    return _Chunk(start_ns, end_ns, offset, end, places)
+    return entry
 
 
-def _joined(ranges: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """The same bytes in fewer requests, none larger than may be held."""
+def _merged(ranges: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """The same bytes in fewer requests, none larger than the limit."""
     start = stop = -1
     for each_start, each_stop in sorted(ranges):
-        if start >= 0 and each_start - stop <= _TOGETHER and max(stop, each_stop) - start <= _MOST:
+        if (
+            start >= 0
+            and each_start - stop <= MAX_GAP_BYTES
+            and max(stop, each_stop) - start <= MAX_REQUEST_BYTES
+        ):
             stop = max(stop, each_stop)
             continue
         if start >= 0:
@@ -237,4 +236,4 @@ def _joined(ranges: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
 
 
 def _parts(start: int, stop: int) -> Iterator[tuple[int, int]]:
-    yield from ((at, min(at + _MOST, stop)) for at in range(start, stop, _MOST))
+    yield from ((at, min(at + MAX_REQUEST_BYTES, stop)) for at in range(start, stop, MAX_REQUEST_BYTES))

@@ -1,11 +1,13 @@
-"""What an archive's results say together: objects, how well they repeat, whether they drift, and why recordings gave nothing.
+"""Summary of an archive's results: objects, repeatability, drift, and the reasons for failures.
 
-Repeatability is the standard deviation of an answer from session to session of one object (ISO 5725-1, 3.14), here with whatever changed
-between them; beside it the sd that the answers stated. Drift is the slope of a weighted straight line over time.
+Repeatability is the standard deviation of an answer from session to session of one object (ISO 5725-1, 3.14),
+with whatever changed between the sessions; the sd that the answers stated is shown with it. Drift is the
+slope of a weighted straight line over time.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -22,9 +24,9 @@ from scipy.special import chdtrc, stdtr, stdtrit
 from analyze.types import Array
 from schemas.session_manifest import TimeSource
 
-_DAY_S = 86400.0
-UNLIKELY = 1e-4
-"""probability below which scatter or drift is told apart: a table has hundreds of them"""
+SECONDS_PER_DAY = 86400.0
+MAX_CHANCE_PROBABILITY = 1e-4
+"""probability below which scatter or drift is reported; low, since a table has hundreds of values"""
 QUANTITIES: tuple[tuple[str, str, str, float, str], ...] = (
     ("centre of mass x", "com_x_m", "com_sd_x_m", 1e3, "mm"),
     ("centre of mass y", "com_y_m", "com_sd_y_m", 1e3, "mm"),
@@ -38,7 +40,7 @@ QUANTITIES: tuple[tuple[str, str, str, float, str], ...] = (
 
 @dataclass(frozen=True)
 class Repeated:
-    """One quantity of one object over its sessions, in `unit`."""
+    """Repeatability of one quantity of one object over its sessions, in `unit`."""
 
     object: str
     object_sha256: str
@@ -46,100 +48,141 @@ class Repeated:
     unit: str
     sessions: int
     mean: float
-    """weighted by the stated sd"""
+    """mean weighted by the stated sd"""
     scatter: float
-    """sd from session to session; NaN of one session"""
+    """sd from session to session; NaN for one session"""
     stated: float
     """median of the stated sd"""
     chi_square: float
-    """of the sessions about their mean, per degree of freedom; far above 1: they scatter by more than they state"""
+    """chi-square of the sessions about their mean, per degree of freedom.
+
+    Far above 1 if they scatter more than stated
+    """
     drift: float
-    """per day; NaN where the sessions do not span an hour"""
+    """drift per day; NaN if the sessions span less than an hour"""
     drift_sd: float
     drift_half: float
-    """of its 95 % interval (Student's t: few sessions know their own scatter badly)"""
+    """half width of the drift's 95 % interval (Student's t, for few sessions)"""
 
     @property
     def stands_out(self) -> str:
-        """What is unlikely to be chance, for people; "" where nothing is."""
+        """Scatter or drift that is unlikely to be chance, as text; "" if there is none."""
         said: list[str] = []
-        if self.sessions > 1 and chdtrc(self.sessions - 1, self.chi_square * (self.sessions - 1)) < UNLIKELY:
+        if (
+            self.sessions > 1
+            and chdtrc(self.sessions - 1, self.chi_square * (self.sessions - 1)) < MAX_CHANCE_PROBABILITY
+        ):
             said.append(f"scatters {math.sqrt(self.chi_square):.1f} times as much as stated")
-        if self.drift_sd > 0 and 2 * stdtr(self.sessions - 2, -abs(self.drift) / self.drift_sd) < UNLIKELY:
+        if (
+            self.drift_sd > 0
+            and 2 * stdtr(self.sessions - 2, -abs(self.drift) / self.drift_sd) < MAX_CHANCE_PROBABILITY
+        ):
             said.append("drifts")
         return ", ".join(said)
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Of all results of an archive."""
+    """Summary of all results of an archive."""
 
     recordings: int
-    """distinct ones that gave results"""
+    """number of distinct recordings with results"""
     failures: tuple[tuple[str, int, str], ...]
-    """kind, how many, one reason"""
+    """kind of failure, number of recordings, one example of the reason"""
     repeated: tuple[Repeated, ...]
     objects: tuple[tuple[str, str, int, int, int, int], ...]
-    """name, SHA-256, sessions, strikes recorded, strikes used, sessions whose frame times no clock of a rig gave (imported ones)"""
+    """name, SHA-256, sessions, strikes recorded, strikes used, sessions timed by no rig's clock"""
 
     @property
     def standing_out(self) -> tuple[Repeated, ...]:
-        """What scatters or drifts beyond chance, the worst first."""
+        """Quantities that scatter or drift beyond chance, the worst first."""
         found = [each for each in self.repeated if each.stands_out]
         return tuple(sorted(found, key=lambda each: -each.chi_square))
 
 
 def summarise(rows: pa.Table) -> Summary:
-    """Everything, from the table of recordings (`rows_of`)."""
-    told = rows.to_pylist()
-    good = [row for row in told if row["status"] == "ok"]
+    """Summary of a table of recordings (`read_recording_rows`)."""
+    listed = rows.to_pylist()
+    good = [row for row in listed if row["status"] == "ok"]
     by_object: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for row in good:
         by_object.setdefault((row["object"], row["object_sha256"]), []).append(row)
     failures: dict[str, list[str]] = {}
-    for row in told:
+    for row in listed:
         if row["status"] != "ok":
             failures.setdefault(row["failure"], []).append(row["reason"])
     return Summary(
         recordings=len(good),
-        failures=tuple((kind, len(reasons), reasons[0]) for kind, reasons in sorted(failures.items(), key=lambda item: -len(item[1]))),
-        repeated=tuple(found for key, sessions in sorted(by_object.items()) for found in _repeated(*key, sessions)),
+        failures=tuple(
+            (kind, len(reasons), reasons[0])
+            for kind, reasons in sorted(failures.items(), key=lambda item: -len(item[1]))
+        ),
+        repeated=tuple(
+            found for key, sessions in sorted(by_object.items()) for found in _repeated(*key, sessions)
+        ),
         objects=tuple(
-            (name, sha256, len(each), _sum(each, "strikes_recorded"), _sum(each, "strikes_used"), _stated(each))
+            (
+                name,
+                sha256,
+                len(each),
+                _total(each, "strikes_recorded"),
+                _total(each, "strikes_used"),
+                _without_rig_clock(each),
+            )
             for (name, sha256), each in sorted(by_object.items())
         ),
     )
 
 
-def _sum(sessions: Sequence[dict[str, Any]], column: str) -> int:
+def _total(sessions: Sequence[dict[str, Any]], column: str) -> int:
     return sum(row[column] for row in sessions)
 
 
-def _stated(sessions: Sequence[dict[str, Any]]) -> int:
+def _without_rig_clock(sessions: Sequence[dict[str, Any]]) -> int:
     return sum(row["time_source"] not in {None, TimeSource.DEVICE_MAPPED.value} for row in sessions)
 
 
 def _repeated(name: str, sha256: str, sessions: Sequence[dict[str, Any]]) -> Iterator[Repeated]:
     for quantity, column, sd_column, factor, unit in QUANTITIES:
-        # A number that came from the shape repeats for nothing.
-        measured = [row for row in sessions if row.get(column.replace("_kg_m2", "_measured"), True) is not False and row["com_observed"]]
-        known = [(row[column], row[sd_column], _seconds(row["created"])) for row in measured if row[column] is not None and row[sd_column]]
+        # A value taken from the shape repeats without being measured.
+        measured = [
+            row
+            for row in sessions
+            if row.get(column.replace("_kg_m2", "_measured"), True) is not False and row["com_observed"]
+        ]
+        known = [
+            (row[column], row[sd_column], _seconds(row["created"]))
+            for row in measured
+            if row[column] is not None and row[sd_column]
+        ]
         if known:
-            yield _of(name, sha256, quantity, unit, factor, known)
+            yield _statistics(name, sha256, quantity, unit, factor, known)
     for region in dict.fromkeys(each["name"] for row in sessions for each in row["regions"] or []):
-        # Of a body that is no shell with two even parts the masses are the middle of what any filling allows: they repeat for nothing.
+        # If the body is not a shell with two uniform parts, its region masses are the middle of an interval
+        # that any
+        # filling allows: they repeat without being measured.
         known = [
             (each["mass_kg"], each["sd_kg"], _seconds(row["created"]))
             for row in sessions
             for each in row["regions"] or []
-            if each["name"] == region and row["regions_explained"] is not False and each["mass_kg"] is not None and each["sd_kg"]
+            if each["name"] == region
+            and row["regions_explained"] is not False
+            and each["mass_kg"] is not None
+            and each["sd_kg"]
         ]
         if known:
-            yield _of(name, sha256, f"mass, {region}", "g", 1e3, known)
+            yield _statistics(name, sha256, f"mass, {region}", "g", 1e3, known)
 
 
-def _of(name: str, sha256: str, quantity: str, unit: str, factor: float, known: Sequence[tuple[float, float, float]]) -> Repeated:
-    """From (value, sd, seconds) of each session."""
+def _statistics(
+    name: str,
+    sha256: str,
+    quantity: str,
+    unit: str,
+    factor: float,
+    known: Sequence[tuple[float, float, float]],
+) -> Repeated:
+    """Repeatability from (value, sd, seconds) of each session."""
     value, sd, when = (np.array(column, dtype=np.float64) for column in zip(*known, strict=True))
     weight = 1.0 / sd**2
     mean = float(weight @ value / weight.sum())
@@ -162,13 +205,13 @@ def _of(name: str, sha256: str, quantity: str, unit: str, factor: float, known: 
 
 
 def _drift(value: Array, sd: Array, when: Array) -> tuple[float, float]:
-    """Slope per day and its sd; NaN where there are too few sessions, or they are too near in time."""
+    """Slope per day and its sd; NaN for fewer than three sessions or less than an hour."""
     known = np.isfinite(when)
     value, sd, when = value[known], sd[known], when[known]
     if len(when) < 3 or np.ptp(when) < 3600:
         return math.nan, math.nan
-    days = (when - when.mean()) / _DAY_S
-    # At least as uncertain as the sessions scatter.
+    days = (when - when.mean()) / SECONDS_PER_DAY
+    # The stated sd, or the sessions' scatter where that is larger.
     weight = 1.0 / sd**2
     days = days - weight @ days / weight.sum()
     slope = float(weight @ (days * value) / (weight @ days**2))

@@ -1,4 +1,4 @@
-"""One worker as its owner sees it: a process that analyses one recording after the other, within limits of time and memory."""
+"""A worker process that analyses one recording after the other, within limits of time and memory."""
 
 from __future__ import annotations
 
@@ -18,94 +18,115 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from analyze.batch.request import DIED, OUT_OF_MEMORY, TIME_LIMIT, Outcome, Request, failed
+from analyze.batch.worker_messages import DIED, OUT_OF_MEMORY, TIME_LIMIT, Outcome, Request, write_failure
 from analyze.errors import ArchiveError
 
 SCRATCH = "unfinished"
-"""folder of the results, for what is half done"""
-_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
-"""results must not depend on how many workers there are, and threads would fight over the cores"""
-_LAST_LINES = 2000
+"""folder of the results for unfinished files"""
+ONE_THREAD_ENVIRONMENT = dict.fromkeys(
+    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
+)
+"""results must not depend on the number of workers, and more threads would compete for the cores"""
+ERROR_TAIL_BYTES = 2000
 
 
-class LaneStoppedError(Exception):
-    """The lane was stopped while it worked; nothing is known of its recording."""
+class WorkerStoppedError(Exception):
+    """The worker was stopped during an analysis; the recording has no outcome."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What one recording may take."""
+    """Limits of one recording's analysis."""
 
     seconds: float = 900.0
     memory_bytes: int = 4 << 30
 
 
-class Lane:
-    """Starts its process when it is first needed, and again after it ended. Used by one thread; `stop` may be called from another."""
+class WorkerProcess:
+    """Worker process, started when first needed and again after it ended.
+
+    Used by one thread; `stop` may be called from another.
+    """
 
     def __init__(self, output: Path, limits: Limits) -> None:
         self._limits = limits
         (output / SCRATCH).mkdir(parents=True, exist_ok=True)
-        self._scratch = Path(tempfile.mkdtemp(prefix=f"{socket.gethostname()}-{os.getpid()}-", dir=output / SCRATCH))
+        self._scratch = Path(
+            tempfile.mkdtemp(prefix=f"{socket.gethostname()}-{os.getpid()}-", dir=output / SCRATCH)
+        )
         self._errors = (self._scratch / "errors").open("a+b", buffering=0)
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = False
 
     def analyse(self, request: Request) -> Outcome:
-        """Analyse one recording; a process that ends, or takes too long, makes a row that says so.
+        """Analyse one recording; if the process ends or takes too long, write a failure row.
 
         Raises:
-            LaneStoppedError: `stop` was called.
+            WorkerStoppedError: `stop` was called.
             ArchiveError: the results cannot be written.
         """
         start = time.monotonic()
         process = self._running()
         assert process.stdin is not None  # noqa: S101 - a pipe
-        self._errors.truncate(0)  # what was printed over another recording says nothing on this one
+        self._errors.truncate(0)  # messages about earlier recordings do not concern this one
         try:
             process.stdin.write(json.dumps(request.json()).encode() + b"\n")
             process.stdin.flush()
             answer = self._answer(process, start + self._limits.seconds)
         except (BrokenPipeError, EOFError):
-            return self._ended(request, time.monotonic() - start)
+            return self._failure(request, time.monotonic() - start)
         except TimeoutError:
             self._end()
-            text = f"{request.source.url}: took more than {self._limits.seconds:.0f} s: raise --time-limit and add --only-failed"
-            return failed(request, TIME_LIMIT, text, time.monotonic() - start, self._emptied())
+            limit = f"took more than {self._limits.seconds:.0f} s"
+            text = f"{request.source.url}: {limit}: raise --time-limit and add --only-failed"
+            return write_failure(request, TIME_LIMIT, text, time.monotonic() - start, self._emptied_scratch())
         if "error" in answer:
             raise ArchiveError(answer["error"])
         return Outcome(**answer)
 
     def stop(self) -> None:
-        """End now; whoever waits for an answer hears of it."""
+        """Kill the process; a waiting `analyse` raises WorkerStoppedError."""
         self._stopped = True
         if self._process is not None:
             self._process.kill()
 
     def close(self) -> None:
-        """End the process and remove what is half done."""
+        """End the process and remove its unfinished files."""
         self.stop()
         self._end()
         self._errors.close()
         shutil.rmtree(self._scratch, ignore_errors=True)
 
-    def __enter__(self) -> Lane:
+    def __enter__(self) -> WorkerProcess:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._stopped:
-            raise LaneStoppedError
+            raise WorkerStoppedError
         if self._process is None or self._process.poll() is not None:
             self._end()
-            command = [sys.executable, "-m", "analyze.batch.child", str(self._emptied()), str(self._limits.memory_bytes), str(os.getpid())]
-            # A session of its own: Ctrl-C is for the owner, who stops it in order.
+            command = [
+                sys.executable,
+                "-m",
+                "analyze.batch.worker_main",
+                str(self._emptied_scratch()),
+                str(self._limits.memory_bytes),
+                str(os.getpid()),
+            ]
+            # In a session of its own the process does not get Ctrl-C: the run stops it in order.
             self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, env=os.environ | _ONE_THREAD,
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._errors,
+                env=os.environ | ONE_THREAD_ENVIRONMENT,
                 start_new_session=True,
-            )  # fmt: skip
+            )
             if self._stopped:
                 self._process.kill()
         return self._process
@@ -122,42 +143,48 @@ class Lane:
                 raise EOFError
             line += more
         answer = json.loads(line)
-        assert isinstance(answer, dict)  # noqa: S101 - the child writes nothing else
+        assert isinstance(answer, dict)  # noqa: S101 - the worker writes nothing else
         return answer
 
-    def _ended(self, request: Request, seconds: float) -> Outcome:
+    def _failure(self, request: Request, seconds: float) -> Outcome:
         if self._stopped:
-            raise LaneStoppedError
+            raise WorkerStoppedError
         assert self._process is not None  # noqa: S101 - it ran
         code = self._process.wait()
         url, last = request.source.url, self._last_line()
         if code == -signal.SIGKILL:
-            return failed(
-                request, OUT_OF_MEMORY, f"{url}: its worker was killed, as the system does where memory ends", seconds, self._emptied()
-            )
-        if "memory" in last.lower() or "bad_alloc" in last:
-            return failed(
+            return write_failure(
                 request,
                 OUT_OF_MEMORY,
-                f"{url}: more memory was needed than a worker may have: raise --memory-limit and add --only-failed",
+                f"{url}: its worker was killed, as the system does when memory runs out",
                 seconds,
-                self._emptied(),
+                self._emptied_scratch(),
+            )
+        if "memory" in last.lower() or "bad_alloc" in last:
+            return write_failure(
+                request,
+                OUT_OF_MEMORY,
+                f"{url}: needs more memory than a worker may use: raise --memory-limit and add --only-failed",
+                seconds,
+                self._emptied_scratch(),
             )
         how = f"by {signal.Signals(-code).name}" if code < 0 else f"with code {code}"
-        return failed(request, DIED, f"{url}: its worker ended {how} {last}".strip(), seconds, self._emptied())
+        return write_failure(
+            request, DIED, f"{url}: its worker ended {how} {last}".strip(), seconds, self._emptied_scratch()
+        )
 
     def _last_line(self) -> str:
         self._errors.seek(0, os.SEEK_END)
-        self._errors.seek(max(0, self._errors.tell() - _LAST_LINES))
+        self._errors.seek(max(0, self._errors.tell() - ERROR_TAIL_BYTES))
         lines = self._errors.read().decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else ""
 
     @property
     def scratch(self) -> Path:
-        """Its own folder, on the disk of the results."""
+        """Folder for the worker's unfinished files, on the disk of the results."""
         return self._scratch
 
-    def _emptied(self) -> Path:
+    def _emptied_scratch(self) -> Path:
         for left in self._scratch.iterdir():
             if left.name != "errors":
                 left.unlink(missing_ok=True)
@@ -171,7 +198,7 @@ class Lane:
             process.kill()
         process.wait()
         for pipe in (process.stdin, process.stdout):
-            # What was not read any more is lost with it.
+            # Unread output is lost, which does not matter any more.
             with contextlib.suppress(OSError, ValueError):
                 if pipe is not None:
                     pipe.close()

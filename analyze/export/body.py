@@ -15,7 +15,9 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.types import Array
 from schemas.result import Result
 
-PROPER = np.stack([np.eye(3)[list(order)] for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))])
+PROPER = np.stack(
+    [np.eye(3)[list(order)] for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))]
+)
 """the ways to name three principal axes"""
 TAKEN = {"world", "base", "root", "default", "main"}
 """names that SDF, MJCF or their users keep for something else"""
@@ -91,10 +93,20 @@ def inertial_of(result: Result, name: str) -> Inertial:
     mass, com, inertia = result.mass.value, result.centre_of_mass.value, result.inertia.value
     if mass is None or com is None or inertia is None:
         missing = "mass" if mass is None else "centre of mass" if com is None else "inertia"
-        raise ExportError(f"{name}: the result states no {missing}: strike the object over more edges, and estimate anew")
-    found = Inertial(float(np.asarray(mass)), np.array(com, dtype=np.float64), np.array(inertia, dtype=np.float64))
-    if found.com.shape != (3,) or found.inertia.shape != (3, 3) or not np.array_equal(found.inertia, found.inertia.T):
-        raise ExportError(f"{name}: holds no centre of mass of three numbers and no symmetric inertia: estimate anew")
+        raise ExportError(
+            f"{name}: the result states no {missing}: strike the object over more edges, and estimate anew"
+        )
+    found = Inertial(
+        float(np.asarray(mass)), np.array(com, dtype=np.float64), np.array(inertia, dtype=np.float64)
+    )
+    if (
+        found.com.shape != (3,)
+        or found.inertia.shape != (3, 3)
+        or not np.array_equal(found.inertia, found.inertia.T)
+    ):
+        raise ExportError(
+            f"{name}: holds no centre of mass of three numbers and no symmetric inertia: estimate anew"
+        )
     refuse_impossible(found, name)
     return found
 

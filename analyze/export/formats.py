@@ -17,7 +17,12 @@ class Format(enum.Enum):
     @property
     def suffixes(self) -> tuple[str, ...]:
         """How its files are named, the usual name first; USD's say which of its encodings is meant."""
-        return {"urdf": (".urdf",), "sdf": (".sdf",), "mjcf": (".xml", ".mjcf"), "usd": (".usda", ".usd", ".usdc")}[self.value]
+        return {
+            "urdf": (".urdf",),
+            "sdf": (".sdf",),
+            "mjcf": (".xml", ".mjcf"),
+            "usd": (".usda", ".usd", ".usdc"),
+        }[self.value]
 
     @property
     def tolerance(self) -> float:

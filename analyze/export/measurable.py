@@ -38,7 +38,9 @@ class Remedy:
     """entries that no edge of this object tells"""
 
 
-def remedy(model: ObjectModel, spec: ObjectSpec, com: Array, made: Sequence[Array], prior: Sequence[tuple[int, int]]) -> Remedy:
+def remedy(
+    model: ObjectModel, spec: ObjectSpec, com: Array, made: Sequence[Array], prior: Sequence[tuple[int, int]]
+) -> Remedy:
     """The fewest more edges, one after the other, each that which makes most entries measured.
 
     Edges are those that the planner would look at, under its names; whether camera and striker reach one is for the planner to say.
@@ -55,13 +57,18 @@ def remedy(model: ObjectModel, spec: ObjectSpec, com: Array, made: Sequence[Arra
     planes, _ = on_scanned_planes(model, footing(model, resting_planes(model), believed.region, STANDS))
     axes, _ = on_scanned_edges(model, pivot_axes(model, spec, planes, believed))
     rows = [moment_row(axis.direction) for axis in axes]
-    information = np.eye(len(ENTRIES)) + sum((_told(moment_row(direction)) for direction in made), np.zeros((len(ENTRIES),) * 2))
+    information = np.eye(len(ENTRIES)) + sum(
+        (_told(moment_row(direction)) for direction in made), np.zeros((len(ENTRIES),) * 2)
+    )
     wanted = [ENTRIES.index(entry) for entry in prior]
     chosen: list[PivotAxis] = []
     while axes:
         left = [place for place in wanted if not _measured(information)[place]]
         after = [information + _told(row) for row in rows]
-        gains = [(int(_measured(each)[left].sum()), float(np.log(_sd(information) / _sd(each))[left].sum())) for each in after]
+        gains = [
+            (int(_measured(each)[left].sum()), float(np.log(_sd(information) / _sd(each))[left].sum()))
+            for each in after
+        ]
         best = max(range(len(axes)), key=gains.__getitem__)
         if not left or gains[best][1] < LEAST_GAIN:
             break

@@ -29,7 +29,14 @@ def mjcf_text(body: Body, mesh: MeshFile | None) -> str:
     shape = _shape(root, body, mesh)
     own = child(child(root, "worldbody"), "body", name=body.identifier)
     child(own, "freejoint", name=f"{body.identifier}_free")
-    child(own, "inertial", pos=numbers(inertial.com), quat=numbers(wxyz), mass=numbers([inertial.mass]), diaginertia=numbers(moments))
+    child(
+        own,
+        "inertial",
+        pos=numbers(inertial.com),
+        quat=numbers(wxyz),
+        mass=numbers([inertial.mass]),
+        diaginertia=numbers(moments),
+    )
     for role, settings in ROLES.items():
         child(own, "geom", name=f"{body.identifier}_{role}", mass="0", **shape, **settings)
     return document(root, body)

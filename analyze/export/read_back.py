@@ -54,7 +54,9 @@ def read_back(path: Path, written: Format) -> Inertial:
         return {Format.URDF: _urdf, Format.SDF: _sdf, Format.MJCF: _mjcf, Format.USD: _usd}[written](path)
     except Exception as error:  # each library raises its own kinds
         package = PACKAGES[written][1]
-        raise ExportError(f"{path.name}: {package} does not read what was written: {' '.join(str(error).split())}") from error
+        raise ExportError(
+            f"{path.name}: {package} does not read what was written: {' '.join(str(error).split())}"
+        ) from error
 
 
 def _urdf(path: Path) -> Inertial:
@@ -75,7 +77,14 @@ def _sdf(path: Path) -> Inertial:
     import rod
 
     link = rod.Sdf.load(path, is_urdf=False).models()[0].links()[0]
-    _refuse_missing(path, [part.geometry.mesh.uri for part in (*link.visuals(), *link.collisions()) if part.geometry.mesh is not None])
+    _refuse_missing(
+        path,
+        [
+            part.geometry.mesh.uri
+            for part in (*link.visuals(), *link.collisions())
+            if part.geometry.mesh is not None
+        ],
+    )
     own = _there(link.inertial, "inertial")
     pose = _there(own.pose, "pose").transform()
     return _in_frame(own.mass, pose[:3, 3], own.inertia.matrix(), pose[:3, :3])
@@ -100,7 +109,12 @@ def _usd(path: Path) -> Inertial:
     quaternion = own.GetPrincipalAxesAttr().Get()
     wxyz = [quaternion.GetReal(), *quaternion.GetImaginary()]
     axes = Rotation.from_quat(wxyz, scalar_first=True).as_matrix()
-    return _in_frame(own.GetMassAttr().Get(), own.GetCenterOfMassAttr().Get(), np.diag(own.GetDiagonalInertiaAttr().Get()), axes)
+    return _in_frame(
+        own.GetMassAttr().Get(),
+        own.GetCenterOfMassAttr().Get(),
+        np.diag(own.GetDiagonalInertiaAttr().Get()),
+        axes,
+    )
 
 
 def _there(part: Part | None, name: str) -> Part:
@@ -118,4 +132,6 @@ def _refuse_missing(path: Path, meshes: Sequence[str]) -> None:
 
 def _in_frame(mass: float, com: Array, tensor: Array, axes: Array) -> Inertial:
     """The body whose `tensor` is written along `axes` (columns)."""
-    return Inertial(float(mass), np.array(com, dtype=np.float64), axes @ np.asarray(tensor, dtype=np.float64) @ axes.T)
+    return Inertial(
+        float(mass), np.array(com, dtype=np.float64), axes @ np.asarray(tensor, dtype=np.float64) @ axes.T
+    )

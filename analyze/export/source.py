@@ -8,10 +8,11 @@ from pathlib import Path
 
 from analyze.errors import ExportError
 from analyze.geometry.object_model import ObjectModel, load_object_model
-from analyze.pipeline.estimate import EstimateOptions, estimate_recordings
+from analyze.pipeline.estimate import EstimateOptions
+from analyze.result.answer import answer_recordings
 from analyze.pipeline.evidence import Progress
-from analyze.pipeline.given_results import read_result
-from analyze.reading.object_file import object_files
+from analyze.result.given_results import read_result
+from analyze.reading.object_file import read_object_files
 from schemas.object_spec import ObjectSpec
 from schemas.result import Result
 
@@ -35,11 +36,15 @@ def is_result(files: Sequence[Path]) -> bool:
     """
     results = [file for file in files if file.suffix.lower() == RESULT_SUFFIX]
     if results and len(files) > 1:
-        raise ExportError(f"{results[0]}: is a result, which stands alone: give one result, or the recordings")
+        raise ExportError(
+            f"{results[0]}: is a result, which stands alone: give one result, or the recordings"
+        )
     return bool(results)
 
 
-def read_source(files: Sequence[Path], object_path: Path | None, exclude: frozenset[str], progress: Progress | None) -> Source:
+def read_source(
+    files: Sequence[Path], object_path: Path | None, exclude: frozenset[str], progress: Progress | None
+) -> Source:
     """Estimate, or read what was estimated.
 
     Raises:
@@ -47,14 +52,19 @@ def read_source(files: Sequence[Path], object_path: Path | None, exclude: frozen
         ExportError: a result without its object file, with that of another, or with strikes to leave out.
     """
     if not is_result(files):
-        estimate = estimate_recordings(files, EstimateOptions(object_path, exclude), progress)
-        return Source(estimate.result, estimate.evidence.spec, estimate.evidence.model)
+        answer = answer_recordings(files, EstimateOptions(object_path, exclude), progress)
+        evidence = answer.estimate.evidence
+        return Source(answer.result, evidence.spec, evidence.model)
     path = files[0]
     if object_path is None:
-        raise ExportError(f"{path}: a result holds no shape: add --object OBJECT.toml, the file that it was estimated with")
+        raise ExportError(
+            f"{path}: a result holds no shape: add --object OBJECT.toml, the file that it was estimated with"
+        )
     if exclude:
-        raise ExportError(f"{path}: is estimated already: leave strikes out with `analyze estimate --exclude`, or give the recording")
-    result, files_of_object = read_result(path), object_files(object_path)
+        raise ExportError(
+            f"{path}: is estimated already: leave strikes out with `analyze estimate --exclude`, or give the recording"
+        )
+    result, files_of_object = read_result(path), read_object_files(object_path)
     if files_of_object.sha256 != result.inputs.object_sha256:
         raise ExportError(
             f"{object_path}: is not the object that {path} is of, or was changed since: give the file that it was estimated with, "

@@ -56,7 +56,9 @@ def write_usd(body: Body, path: Path) -> None:
 
 def _text(value: object) -> str:
     """As USD's dictionaries hold it, which know no null and no lists within lists: other than text as JSON."""
-    return printable(value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, allow_nan=False))
+    return printable(
+        value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, allow_nan=False)
+    )
 
 
 def _shape(stage: Usd.Stage, path: str, body: Body) -> Usd.Prim:
@@ -81,12 +83,16 @@ def _shape(stage: Usd.Stage, path: str, body: Body) -> Usd.Prim:
             model = body.model
             mesh = UsdGeom.Mesh.Define(stage, path)
             mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(model.vertices.astype(np.float32)))
-            mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(model.faces), 3, dtype=np.int32)))
+            mesh.CreateFaceVertexCountsAttr(
+                Vt.IntArray.FromNumpy(np.full(len(model.faces), 3, dtype=np.int32))
+            )
             mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(model.faces.ravel().astype(np.int32)))
             mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
             mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
             mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(model.bounds.astype(np.float32)))
             collision = UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim())
             # PhysX moves convex bodies only.
-            collision.CreateApproximationAttr(UsdPhysics.Tokens.convexHull if model.is_convex else UsdPhysics.Tokens.convexDecomposition)
+            collision.CreateApproximationAttr(
+                UsdPhysics.Tokens.convexHull if model.is_convex else UsdPhysics.Tokens.convexDecomposition
+            )
             return mesh.GetPrim()

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from analyze.errors import ExportError, OutputError
+from analyze.errors import ExportError
 from analyze.export.body import Body, Inertial
 from analyze.export.formats import Format
 from analyze.export.mesh import MeshFile, mesh_file
@@ -17,7 +17,7 @@ from analyze.export.read_back import read_back
 from analyze.export.sdf import sdf_text
 from analyze.export.urdf import urdf_text
 from analyze.export.usd import write_usd
-from analyze.output_file import refuse_unwritable
+from schemas.output_file import OutputError, refuse_unwritable
 
 
 def write_body(body: Body, wanted: Format, output: Path) -> list[Path]:

@@ -1,106 +1,186 @@
-"""From recordings to everything Percuss says about the object: what their strikes showed (evidence.py), joined, estimated, written down."""
+"""From recordings to every number about the object: evidence of the strikes, merged, then one joint
+estimate."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.errors import EstimationError
-from analyze.estimation.agreement import agreement, centres_apart, estimators_apart
-from analyze.estimation.cells import Cells, cells_from_voxels, wall_thickness
-from analyze.estimation.checks import check
+from analyze.estimation.agreement import (
+    Agreement,
+    CentreDifference,
+    EstimatorDisagreement,
+    agreement,
+    centre_difference,
+    estimator_disagreements,
+)
+from analyze.estimation.cells import Cells, cells_from_voxels, shell_thickness
+from analyze.estimation.checks import Checks, check
 from analyze.estimation.equiplane import equiplane, equiplane_from_fit
+from analyze.estimation.fill_level import FillLevel
 from analyze.estimation.inertia import parameters_of, shape_prior
-from analyze.estimation.joint import Moments, solve_joint
+from analyze.estimation.joint import MomentModel, solve_joint
 from analyze.estimation.labelled_parts import parts_of_bodies, parts_of_cells
 from analyze.estimation.markers import can_subtract, without_markers
-from analyze.estimation.paper import PaperCentre, PaperRegions, paper_axis_inertia, paper_centre_of_mass, paper_regions
+from analyze.estimation.paper import (
+    PaperCentre,
+    PaperRegions,
+    paper_axis_inertia,
+    paper_centre_of_mass,
+    paper_regions,
+)
 from analyze.estimation.part_masses import PartMasses, measured_moments, part_masses
+from analyze.estimation.priors import ComPrior, Scale, SystematicErrors, TiltPrior
 from analyze.estimation.sensitivity import Sensitivity, sensitivity
-from analyze.estimation.stated import ComPrior, Scale, SystematicErrors, TiltPrior
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.geometry.voxels import voxelise
-from analyze.pipeline.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head
-from analyze.pipeline.filling import filling_document, filling_label, filling_of, filling_warnings
-from analyze.pipeline.frame_rate import borne_out, felt, frame_times, stated_scale
-from analyze.pipeline.merge import in_order, join, levels_of, paths_text, refuse_apart, strikes_to_leave_out
-from analyze.pipeline.prediction import ForetoldStrike, foretold_strikes
-from analyze.pipeline.shells import regions_of
-from analyze.pipeline.too_few import too_few
-from analyze.report.summary import render_summary
-from analyze.result.agreements import Agreements
-from analyze.result.assessment import assessment
-from analyze.result.document import build_result, result_json
-from analyze.result.tilt import table_tilts
-from analyze.result.warnings import result_warnings
-from analyze.types import Array, CentreOfMass, EquiPlane, InertialParameters, MassDistribution, MotionFit, TipMotion
-from schemas.document import sha256_text
-from schemas.result import JoinedRecording, Result, ResultInputs, Verdict
-from schemas.session_manifest import SessionManifest
-from schemas.strike_plan import PlannedStrike
+from analyze.pipeline.evidence import Evidence, read_evidence, read_head
+from analyze.pipeline.filling import filling_label, filling_of
+from analyze.pipeline.frame_rate import (
+    FrameRate,
+    check_frame_rates,
+    drop_untimed_k,
+    stated_scale,
+    with_estimated_gravity,
+)
+from analyze.pipeline.merge import (
+    by_start_time,
+    levelling_indices,
+    merge_evidence,
+    paths_text,
+    refuse_unmergeable,
+    resolve_exclusions,
+)
+from analyze.pipeline.prediction import StrikePrediction, predict_strikes
+from analyze.pipeline.shells import region_masses
+from analyze.pipeline.too_few import too_few_text
+from analyze.types import (
+    Array,
+    CentreOfMass,
+    EquiPlane,
+    InertialParameters,
+    MassDistribution,
+    MotionFit,
+    TipMotion,
+)
+from schemas.result import Verdict
 
-__all__ = ["Estimate", "EstimateOptions", "estimate_evidence", "estimate_recording", "estimate_recordings", "render_summary"]
+if TYPE_CHECKING:
+    from analyze.progress import Progress
+    from schemas.session_manifest import SessionManifest
+    from schemas.strike_plan import PlannedStrike
 
 CELLS = 4000
-LEAST_STRIKES = 3
-USABLE = (Verdict.GOOD, Verdict.ROCKED_BACK)
-"""a strike that rocked back is data as well, if its motion could be fitted"""
+"""approximate number of cells that the body's volume is divided into"""
+MIN_STRIKES = 3
+USABLE_VERDICTS = (Verdict.GOOD, Verdict.ROCKED_BACK)
+"""a strike that rocked back still gives phi and k if its motion could be fitted"""
 
 
 @dataclass(frozen=True)
 class EstimateOptions:
-    """What the user may change."""
+    """Choices of the user for one estimate."""
 
     object_path: Path | None = None
-    """use this object file instead of the recording's"""
+    """object file that replaces the recording's; None to use the recording's"""
     exclude: frozenset[str] = frozenset()
     """ids of strikes to leave out"""
     estimator: str | None = None
-    """whose phi and k are used: pivot_fit, rolling_fit, moment_balance, sign_change; None: of each strike the one that suits its motion"""
+    """estimator of phi and k: pivot_fit, rolling_fit, moment_balance or sign_change; None for the one that
+    suits each motion"""
     seed: int = 0
+    """seed of the random draws behind region, part and filling intervals"""
+
+
+@dataclass(frozen=True)
+class Agreements:
+    """Consistency of answers that should agree: between recordings, with the paper's centre of mass, between
+    estimators."""
+
+    recordings: Agreement
+    """centres of mass of the recordings against each other"""
+    centres: CentreDifference
+    """the paper's centre of mass against ours"""
+    estimators: tuple[EstimatorDisagreement, ...]
+    """strikes whose estimators disagree; empty if none do"""
+
+
+@dataclass(frozen=True)
+class PaperEstimate:
+    """The paper's own estimates from the same strikes (VISAPP 2013, sections 3.2 and 3.3)."""
+
+    com: PaperCentre
+    """centre of mass, markers subtracted"""
+    regions: PaperRegions | None
+    """region masses; None where no set of three axes gives positive masses"""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Everything about one object: the Result document and what stands behind it."""
+    """All numbers about one object, with the evidence that they rest on."""
 
-    result: Result
     evidence: Evidence
-    planes: tuple[EquiPlane, ...]
-    """of the strikes used, in the order of the recordings; upright in gravity as the table was found to slope"""
-    com: CentreOfMass
-    com_paper: PaperCentre
+    options: EstimateOptions
+    fitted_planes: tuple[EquiPlane, ...]
+    """equi-planes of the strikes used as fitted, in the order of the recordings, vertical with respect to the
+    table"""
     inertial: InertialParameters
+    """mass, centre of mass, inertia tensor and moments of the object without its markers"""
+    com_struck: CentreOfMass
+    """centre of mass of the body that tipped, markers included"""
+    scale: Scale
+    """mass and gravity that the joint estimate started from"""
+    solved_scale: Scale
+    """mass and gravity behind moments about edges: `scale`, with gravity as estimated where it was a free
+    parameter"""
     cells: Cells
     distribution: MassDistribution
-    distribution_paper: PaperRegions | None
-    scale: Scale
+    parts: PartMasses | None
+    """masses of labelled parts; None where the object file labels none"""
+    filling: FillLevel | None
+    """level and mass of a filling; None where the object file names none"""
+    paper: PaperEstimate
+    checks: Checks
+    predictions: tuple[StrikePrediction, ...]
+    """leave-one-out prediction of each strike used"""
+    agreements: Agreements
+    frame_rates: tuple[FrameRate, ...]
+    """one per recording whose frame times come from a file's time stamps"""
     voxels: VoxelMap
-    foretold: tuple[ForetoldStrike, ...]
-    """as `planes`"""
     sensitivity: Sensitivity
-    com_struck: CentreOfMass
-    """of the body that tipped, with its markers"""
 
-    def json(self) -> str:
-        """The Result as one line: the same bytes for the same recordings."""
-        return result_json(self.result)
+    @property
+    def com(self) -> CentreOfMass:
+        """Centre of mass of the object without its markers, in O."""
+        return self.inertial.com
+
+    @property
+    def planes(self) -> tuple[EquiPlane, ...]:
+        """Equi-planes of the strikes used, in the order of the recordings, vertical in gravity as
+        estimated."""
+        return self.com.planes
 
 
-def estimate_recording(path: Path, options: EstimateOptions | None = None, progress: Progress | None = None) -> Estimate:
-    """Everything from one recording; see `estimate_recordings`."""
+def estimate_recording(
+    path: Path, options: EstimateOptions | None = None, progress: Progress | None = None
+) -> Estimate:
+    """Estimate one object from one recording; see `estimate_recordings`."""
     return estimate_recordings([path], options, progress)
 
 
-def estimate_recordings(paths: Sequence[Path], options: EstimateOptions | None = None, progress: Progress | None = None) -> Estimate:
-    """Everything from one recording, or from several of one object, whatever their order.
+def estimate_recordings(
+    paths: Sequence[Path], options: EstimateOptions | None = None, progress: Progress | None = None
+) -> Estimate:
+    """Estimate one object from one or several recordings; their order does not matter.
 
     Args:
-        paths: the recordings (MCAP).
-        options: what the user changes.
+        paths: recordings (MCAP).
+        options: choices of the user.
         progress: called with (text, done, total) before each strike.
 
     Raises:
@@ -111,112 +191,115 @@ def estimate_recordings(paths: Sequence[Path], options: EstimateOptions | None =
         EstimationError: too few good strikes.
     """
     options = options or EstimateOptions()
-    heads = in_order([read_head(path) for path in paths])
+    heads = by_start_time([read_head(path) for path in paths])
     if len(heads) > 1:
-        refuse_apart(heads, options.object_path is not None)
-    options = replace(options, exclude=strikes_to_leave_out(heads, options.exclude))
+        refuse_unmergeable(heads, options.object_path is not None)
+    options = replace(options, exclude=resolve_exclusions(heads, options.exclude))
     total, done = sum(len(head.strike_ids) for head in heads), 0
     read: list[Evidence] = []
     for head in heads:
-        read.append(read_evidence(head, options.object_path, _counted_on(progress, done, total)))
+        read.append(read_evidence(head, options.object_path, _offset_progress(progress, done, total)))
         done += len(head.strike_ids)
     if progress is not None:
         progress("estimating", total, total)
     try:
-        return estimate_evidence(join(read), options)
+        return estimate_evidence(merge_evidence(read), options)
     except EstimationError as error:
         raise EstimationError(f"{paths_text(heads)}: {error}") from None
 
 
-def _counted_on(progress: Progress | None, before: int, total: int) -> Progress | None:
+def _offset_progress(progress: Progress | None, before: int, total: int) -> Progress | None:
     if progress is None:
         return None
     return lambda text, done, _: progress(text, before + done, total)
 
 
 def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None) -> Estimate:
-    """Centre of mass, moments and regions from fitted motions; pure.
+    """Estimate centre of mass, moments and region masses from fitted motions; no files are read.
+
+    Args:
+        evidence: fitted motions of all strikes.
+        options: choices of the user; `exclude` holds ids as the evidence names them.
 
     Raises:
         EstimationError: fewer than three strikes can be used.
     """
     options = options or EstimateOptions()
     spec, model = evidence.spec, evidence.model
-    used = [motion for motion in evidence.motions if _usable(motion, options)]
-    if len(used) < LEAST_STRIKES:
-        usable = [motion.strike_id for motion in evidence.motions if _usable(motion, EstimateOptions())]
-        raise EstimationError(too_few(LEAST_STRIKES, evidence.motions, usable, options.exclude, evidence.plan))
-    planes = equiplanes(evidence, used, options.estimator)
+    used = _used_motions(evidence, options)
+    stated_planes = equiplanes(evidence, used, options.estimator)
     systematic, prior = systematic_errors(evidence), ComPrior.from_bounds(model.bounds[0], model.bounds[1])
     scale = stated_scale(evidence)
-    cells = cells_from_voxels(voxelise(model, (model.volume / CELLS) ** (1 / 3), wall_thickness(spec, model)))
-    times = frame_times(evidence, planes, systematic, prior, Moments(scale, shape_prior(cells)), cells)
-    planes, scale = borne_out(evidence, planes, scale, times)
-    moments = Moments(scale, shape_prior(cells))
+    cells = cells_from_voxels(
+        voxelise(model, (model.volume / CELLS) ** (1 / 3), shell_thickness(spec, model))
+    )
+    rates = check_frame_rates(
+        evidence, stated_planes, systematic, prior, MomentModel(scale, shape_prior(cells)), cells
+    )
+    planes, scale = drop_untimed_k(evidence, stated_planes, scale, rates)
+    moments = MomentModel(scale, shape_prior(cells))
     solution = solve_joint(planes, systematic, prior, moments)
-    whole = parameters_of(solution, prior, scale)
+    struck = parameters_of(solution, prior, scale)
     checks = check(planes, systematic, prior, moments, solution, (model.hull_vertices, model.hull_planes))
-    foretold = foretold_strikes(evidence, checks.left_out)
-    recordings_agree = agreement(planes, [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes], whole.com, systematic, prior)
-    inertial = without_markers(whole, spec.marker) if can_subtract(spec.marker) else whole
-    com = inertial.com
-    distribution = regions_of(spec, model, cells, inertial, np.random.default_rng(options.seed))
-    # The sign change needs a passage over the balance; strikes that rocked back serve only where there are no others.
-    over = [motion for motion in used if motion.verdict is Verdict.GOOD]
-    followed = over if len(over) >= LEAST_STRIKES else used
-    by_sign_change = tuple(_paper_plane(evidence.planned(motion), motion) for motion in followed)
-    com_paper = paper_centre_of_mass(by_sign_change, cells)
-    regions_paper = _paper_regions(by_sign_change, followed, com_paper.position, scale, cells)
-    agreed = Agreements(recordings_agree, centres_apart(com_paper, by_sign_change, whole.com, prior), estimators_apart(used))
-    com_paper = replace(com_paper, position=com_paper.position + com.position - whole.com.position)
-    parts = _parts(evidence, cells, inertial, options)
-    label = filling_label(evidence)
-    filled = filling_of(evidence, cells, measured_moments(inertial), np.random.default_rng(options.seed))
-    filling = None if filled is None or label is None else filling_document(label.name, filled)
-    voxels = voxel_map(measured_moments(inertial), cells)
-    result = build_result(
-        inputs=_inputs(evidence, options),
-        motions=evidence.motions,
-        planned=[evidence.planned(motion) for motion in evidence.motions],
-        excluded=options.exclude,
-        planes=planes,
-        inertial=inertial,
-        scale=felt(scale, solution),
-        distribution=distribution,
-        com_paper=com_paper,
-        distribution_paper=regions_paper,
-        warnings=[
-            *result_warnings(evidence, options, planes, inertial, distribution, agreed, parts, checks, foretold, times),
-            *filling_warnings(filling),
-        ],
-        table_tilt=table_tilts(inertial.com, evidence),
-        verdict=assessment(inertial, distribution, checks, foretold, agreed.estimators, times),
-        parts=parts,
-        foretold=foretold,
-        filling=filling,
-        frame_times=times or None,
-    )
-    moves = sensitivity(solution, systematic, prior, whole, inertial)
+    inertial = without_markers(struck, spec.marker) if can_subtract(spec.marker) else struck
+    recording_of = [evidence.recorded_in.get(plane.strike_id, 0) for plane in planes]
+    paper, struck_paper_planes = _paper_estimate(evidence, used, cells, scale)
+    centres = centre_difference(paper.com, struck_paper_planes, struck.com, prior)
     return Estimate(
-        result,
-        evidence,
-        com.planes,
-        com,
-        com_paper,
-        inertial,
-        cells,
-        distribution,
-        regions_paper,
-        scale,
-        voxels,
-        foretold,
-        moves,
-        whole.com,
+        evidence=evidence,
+        options=options,
+        fitted_planes=planes,
+        inertial=inertial,
+        com_struck=struck.com,
+        scale=scale,
+        solved_scale=with_estimated_gravity(scale, solution),
+        cells=cells,
+        distribution=region_masses(spec, model, cells, inertial, np.random.default_rng(options.seed)),
+        parts=_labelled_parts(evidence, cells, inertial, options),
+        filling=filling_of(evidence, cells, measured_moments(inertial), np.random.default_rng(options.seed)),
+        paper=replace(
+            paper,
+            com=replace(paper.com, position=paper.com.position + inertial.com.position - struck.com.position),
+        ),
+        checks=checks,
+        predictions=predict_strikes(evidence, checks.left_out),
+        agreements=Agreements(
+            agreement(planes, recording_of, struck.com, systematic, prior),
+            centres,
+            estimator_disagreements(used),
+        ),
+        frame_rates=tuple(rates),
+        voxels=voxel_map(measured_moments(inertial), cells),
+        sensitivity=sensitivity(solution, systematic, prior, struck, inertial),
     )
 
 
-def _parts(evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions) -> PartMasses | None:
-    """Masses of the parts that the object file labels; None where it labels none."""
+def _used_motions(evidence: Evidence, options: EstimateOptions) -> list[TipMotion]:
+    """Motions to estimate from.
+
+    Raises:
+        EstimationError: fewer than three.
+    """
+    used = [motion for motion in evidence.motions if _usable(motion, options)]
+    if len(used) < MIN_STRIKES:
+        usable = [motion.strike_id for motion in evidence.motions if _usable(motion, EstimateOptions())]
+        raise EstimationError(
+            too_few_text(MIN_STRIKES, evidence.motions, usable, options.exclude, evidence.plan)
+        )
+    return used
+
+
+def _usable(motion: TipMotion, options: EstimateOptions) -> bool:
+    return (
+        motion.fit is not None
+        and motion.verdict in USABLE_VERDICTS
+        and motion.strike_id not in options.exclude
+    )
+
+
+def _labelled_parts(
+    evidence: Evidence, cells: Cells, inertial: InertialParameters, options: EstimateOptions
+) -> PartMasses | None:
     spec, labels = evidence.spec, evidence.spec.labels
     if not labels or filling_label(evidence) is not None:
         return None
@@ -228,37 +311,45 @@ def _parts(evidence: Evidence, cells: Cells, inertial: InertialParameters, optio
     return part_masses(measured_moments(inertial), names, solids, np.random.default_rng(options.seed))
 
 
-def _usable(motion: TipMotion, options: EstimateOptions) -> bool:
-    return motion.fit is not None and motion.verdict in USABLE and motion.strike_id not in options.exclude
+def equiplanes(
+    evidence: Evidence, motions: Sequence[TipMotion], estimator: str | None = None
+) -> tuple[EquiPlane, ...]:
+    """Equi-planes of fitted motions, with each k scaled to gravity where the first recording was made.
 
-
-def equiplanes(evidence: Evidence, motions: Sequence[TipMotion], estimator: str | None = None) -> tuple[EquiPlane, ...]:
-    """Equi-planes of fitted motions; k, which goes with g, as it would be where the first recording was made."""
-    levels = levels_of(evidence.recordings)
+    Args:
+        evidence: plan and recordings of the motions.
+        motions: fitted motions.
+        estimator: whose phi and k to use where a motion has them; None for the one chosen per motion.
+    """
+    levels = levelling_indices(evidence.recordings)
     found: list[EquiPlane] = []
     for motion in motions:
-        plane = _plane(evidence.planned(motion), motion, estimator)
+        plane = _equiplane(evidence.planned(motion), motion, estimator)
         index = evidence.recorded_in.get(motion.strike_id, 0)
-        faster = evidence.manifest.g_m_s2 / evidence.recordings[index].manifest.g_m_s2
-        k = None if plane.k is None else plane.k * faster
-        sd_k = None if plane.sd_k is None else plane.sd_k * faster
-        found.append(replace(plane, k=k, sd_k=sd_k, cov_phi_k=plane.cov_phi_k * faster, level=levels[index]))
+        gravity_ratio = evidence.manifest.g_m_s2 / evidence.recordings[index].manifest.g_m_s2
+        k = None if plane.k is None else plane.k * gravity_ratio
+        sd_k = None if plane.sd_k is None else plane.sd_k * gravity_ratio
+        found.append(
+            replace(plane, k=k, sd_k=sd_k, cov_phi_k=plane.cov_phi_k * gravity_ratio, level=levels[index])
+        )
     return tuple(found)
 
 
 def systematic_errors(evidence: Evidence) -> SystematicErrors:
-    """What the strikes share: of several recordings the object's errors, and gravity's tilt where they stand on one levelling."""
-    tilts = {level: each.manifest for level, each in zip(levels_of(evidence.recordings), evidence.recordings, strict=True)}
+    """Errors shared by strikes: the object's by all, gravity's tilt by recordings made on one levelling of
+    the table."""
+    levels = levelling_indices(evidence.recordings)
+    tilts = {level: each.manifest for level, each in zip(levels, evidence.recordings, strict=True)}
     return SystematicErrors(
         gravity_tilt_sd=tilts[0].gravity_tilt_sd_rad,
         scale_sd=evidence.spec.shape.scale_sd,
         edge_radius_sd=evidence.spec.edge_radius_sd_m,
         other_tilt_sds=tuple(tilts[level].gravity_tilt_sd_rad for level in range(1, len(tilts))),
-        readings=tuple(_level_read(tilts[level]) for level in range(len(tilts))),
+        readings=tuple(_level_prior(tilts[level]) for level in range(len(tilts))),
     )
 
 
-def _level_read(manifest: SessionManifest) -> TiltPrior | None:
+def _level_prior(manifest: SessionManifest) -> TiltPrior | None:
     read = manifest.level
     if read is None:
         return None
@@ -266,17 +357,40 @@ def _level_read(manifest: SessionManifest) -> TiltPrior | None:
     return TiltPrior((read.towards_x_rad, read.towards_y_rad), (read.towards_x_sd_rad, sideways))
 
 
-def _plane(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
+def _equiplane(planned: PlannedStrike, motion: TipMotion, estimator: str | None) -> EquiPlane:
     if estimator is None or (motion.fit is not None and motion.fit.estimator == estimator):
         return equiplane(motion.strike_id, planned, motion)
     chosen = next((fit for fit in motion.alternatives if fit.estimator == estimator), None)
-    return equiplane(motion.strike_id, planned, motion) if chosen is None else equiplane_from_fit(motion.strike_id, planned, chosen)
+    return (
+        equiplane(motion.strike_id, planned, motion)
+        if chosen is None
+        else equiplane_from_fit(motion.strike_id, planned, chosen)
+    )
 
 
-def _paper_plane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
-    """By the paper's sign change of the acceleration, where it was found."""
+def _paper_estimate(
+    evidence: Evidence, used: Sequence[TipMotion], cells: Cells, scale: Scale
+) -> tuple[PaperEstimate, tuple[EquiPlane, ...]]:
+    """The paper's centre of mass and region masses of the body that tipped, and the equi-planes that they
+    come from."""
+    # The sign change needs a passage over the balance; strikes that rocked back serve only where there are no
+    # others.
+    over = [motion for motion in used if motion.verdict is Verdict.GOOD]
+    followed = over if len(over) >= MIN_STRIKES else list(used)
+    planes = tuple(_paper_equiplane(evidence.planned(motion), motion) for motion in followed)
+    com = paper_centre_of_mass(planes, cells)
+    return PaperEstimate(com, _paper_regions(planes, followed, com.position, scale, cells)), planes
+
+
+def _paper_equiplane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
+    """Equi-plane by the paper's sign change of the acceleration; by the fit in use where no sign change was
+    found."""
     found = _sign_change(motion)
-    return equiplane(motion.strike_id, planned, motion) if found is None else equiplane_from_fit(motion.strike_id, planned, found)
+    return (
+        equiplane(motion.strike_id, planned, motion)
+        if found is None
+        else equiplane_from_fit(motion.strike_id, planned, found)
+    )
 
 
 def _sign_change(motion: TipMotion) -> MotionFit | None:
@@ -286,40 +400,16 @@ def _sign_change(motion: TipMotion) -> MotionFit | None:
 def _paper_regions(
     planes: Sequence[EquiPlane], motions: Sequence[TipMotion], com: Array, scale: Scale, cells: Cells
 ) -> PaperRegions | None:
-    """By the paper's own angles, centre of mass and moments about the edges (means of its strikes), of the body with its markers."""
+    """Region masses from the paper's own angles, centre of mass and moments about the edges (mean per axis),
+    markers included."""
     moments: dict[str, list[float]] = {}
     for plane, motion in zip(planes, motions, strict=True):
         fit = _sign_change(motion) or motion.fit
-        found = None if fit is None else paper_axis_inertia(plane, motion, fit, com, scale.mass * scale.gravity)
+        found = (
+            None if fit is None else paper_axis_inertia(plane, motion, fit, com, scale.mass * scale.gravity)
+        )
         if found is not None:
             moments.setdefault(plane.axis_id, []).append(found.i_edge)
     one_per_axis = {plane.axis_id: plane for plane in planes}
     about_edges = {axis_id: float(np.mean(each)) for axis_id, each in moments.items()}
     return paper_regions(list(one_per_axis.values()), com, about_edges, scale.mass, cells)
-
-
-def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:
-    settings = f"{sorted(options.exclude)} {options.estimator} {options.seed}"
-    recordings = evidence.recordings
-    one = recordings[0]
-    plans = sorted({each.manifest.plan_sha256 for each in recordings})
-    return ResultInputs(
-        recording_id=" + ".join(each.manifest.recording_id for each in recordings),
-        content_id=one.content_id if len(recordings) == 1 else sha256_text("\n".join(sorted(each.content_id for each in recordings))),
-        object_sha256=evidence.object_sha256,
-        plan_sha256=plans[0] if len(plans) == 1 else sha256_text("\n".join(plans)),
-        configuration_sha256=sha256_text(settings),
-        software=evidence.software,
-        recordings=None if len(recordings) == 1 else [_joined_recording(i + 1, each) for i, each in enumerate(recordings)],
-    )
-
-
-def _joined_recording(number: int, head: RecordingHead) -> JoinedRecording:
-    manifest = head.manifest
-    return JoinedRecording(
-        number=number,
-        recording_id=manifest.recording_id,
-        content_id=head.content_id,
-        created=manifest.created,
-        plan_sha256=manifest.plan_sha256,
-    )

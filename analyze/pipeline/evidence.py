@@ -1,4 +1,5 @@
-"""From a recording to what its strikes showed: markers tracked, motions fitted, nothing estimated yet. Never reads /truth/."""
+"""Evidence of a recording: markers tracked and motions fitted, strike by strike, before any estimate. Never
+reads /truth/."""
 
 from __future__ import annotations
 
@@ -14,11 +15,12 @@ from analyze.errors import PlanError, TrackingError
 from analyze.geometry.bodies import Body, bodies_of
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.station import turned_camera
-from analyze.motion.slow_motion import ratio_of_a_tip, slow_motion_text
-from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.motion.slow_motion import slow_motion_ratio, slow_motion_text
+from analyze.motion.strike import analyse_strike
+from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.sections import landing_of, section_of
 from analyze.planning.corrected import corrected_plan
-from analyze.reading.object_file import object_files
+from analyze.reading.object_file import read_object_files
 from analyze.reading.recording import Recording, open_recording
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.tracking.track import TrackingReport, track_markers
@@ -30,151 +32,152 @@ from schemas.session_manifest import RIG_ATTACHMENT, SessionManifest, TimeSource
 from schemas.software import software_version
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
-OVERRIDE_TOLERANCE = 0.05
-"""of the longest edge, by which an object file given afterwards may move the edges that were planned"""
+MAX_EDGE_SHIFT = 0.05
+"""fraction of the longest edge by which an object file given afterwards may move the planned edges"""
 
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
 class RecordingHead:
-    """What a recording is, known before its images are looked at."""
+    """Identity and contents of a recording, known before its images are read."""
 
     path: Path
     manifest: SessionManifest
     content_id: str
     strike_ids: tuple[str, ...] = ()
-    """in its order, as it names them"""
+    """strike ids in the recording's order"""
     shape_sha256: str = ""
-    """of the shape file, "" for a primitive"""
+    """SHA-256 of the shape file; "" for a primitive"""
     files: tuple[str, ...] = ()
-    """names of its files"""
+    """names of the recording's files"""
     missing_files: tuple[int, ...] = ()
-    """numbers of its files that were not there"""
+    """numbers of files of the series that were not found"""
     rig_toml: str | None = None
-    """the rig file it was made with, if it is kept"""
+    """text of the rig file in use; None if the recording holds none"""
 
 
 @dataclass(frozen=True)
-class Blow:
-    """What the striker gave, as it felt it."""
+class ImpactMeasurement:
+    """Tip speed and height of the striker at contact, as it measured them."""
 
     tip_speed: float
-    """m/s, just before contact"""
+    """speed of the striker's tip just before contact [m/s]"""
     height: float
-    """m, of the tip over the table"""
+    """height of the striker's tip over the table [m]"""
 
 
 class StrikeSource(Protocol):
-    """Where strikes are read from: a recording, or one that is still being written."""
+    """Source of strikes: a complete recording, or one still being written."""
 
     @property
     def path(self) -> Path:
-        """For messages."""
+        """Path of the recording, for messages."""
         ...
 
     @property
     def manifest(self) -> SessionManifest:
-        """Of its first file."""
+        """Manifest of the first file."""
         ...
 
     @property
     def plan(self) -> StrikePlan:
-        """The plan that was carried out."""
+        """Strike plan that was carried out."""
         ...
 
     @property
     def object_spec(self) -> ObjectSpec:
-        """The object as the user described it."""
+        """Object file as recorded."""
         ...
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """The object's shape file, None for a primitive."""
+        """Contents of the object's shape file; None for a primitive."""
         ...
 
     def frame_meta(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
-        """One per frame that arrived, of the first camera."""
+        """Yield one record per frame that arrived from the first camera."""
         ...
 
     def images(self, *, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
-        """Images by time, of the first camera."""
+        """Yield images of the first camera by time."""
         ...
 
 
 @dataclass(frozen=True)
 class StruckObject:
-    """What strikes are read with, beside the images."""
+    """Object, shape and plan that the strikes of a recording are analysed with."""
 
     spec: ObjectSpec
-    """with its markers' masses"""
+    """object file with the markers' masses included"""
     model: ObjectModel
     plan: StrikePlan
-    """its edges as the object's file has them"""
+    """strike plan with edges corrected to the object file in use"""
     sha256: str
     bodies: tuple[Body, ...]
-    """as in Evidence"""
+    """closed bodies of the shape's mesh, largest first, where the object's labels name them"""
     overridden: bool
-    """by an object file given afterwards"""
+    """True if an object file given afterwards replaces the recording's"""
 
 
 @dataclass(frozen=True)
 class StrikeReading:
-    """What one strike showed."""
+    """Motion and tracking of one strike."""
 
     record: pb.StrikeRecord
     motion: TipMotion
     report: TrackingReport | None
-    """None where no marker could be followed"""
+    """None if no marker could be tracked"""
     problem: TrackingError | None
-    """why"""
+    """reason why no marker could be tracked; None otherwise"""
     frames_lost: int
-    """in its window"""
+    """frames lost within the strike's window"""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the strikes of one object showed, before anything is estimated from it: of one recording, or of several joined (joined.py)."""
+    """Motions of all strikes of one object, before any estimate: from one recording, or merged from several
+    (merge.py)."""
 
     recordings: tuple[RecordingHead, ...]
-    """by time; at least one"""
+    """recordings by start time; at least one"""
     spec: ObjectSpec
     model: ObjectModel
     plan: StrikePlan
-    """of several recordings: all their strikes, renamed"""
+    """strike plan; for several recordings all their planned strikes, renamed"""
     object_sha256: str
     motions: tuple[TipMotion, ...]
-    """in the order of the recordings"""
+    """motions in the order of the recordings"""
     tracking: Mapping[str, TrackingReport] = field(default_factory=dict[str, TrackingReport])
-    """by strike id"""
+    """tracking reports by strike id"""
     object_path_used: bool = False
     frames_lost: Mapping[str, int] = field(default_factory=dict[str, int])
-    """in each strike's window, by strike id"""
-    blows: Mapping[str, Blow] = field(default_factory=dict[str, Blow])
-    """by strike id, where the striker measured its speed"""
+    """frames lost within each strike's window, by strike id"""
+    impacts: Mapping[str, ImpactMeasurement] = field(default_factory=dict[str, ImpactMeasurement])
+    """impacts by strike id, where the striker measured its speed"""
     software: str = "percuss"
-    """the program that read the recordings"""
+    """name and version of the program that read the recordings"""
     recorded_in: Mapping[str, int] = field(default_factory=dict[str, int])
-    """place in `recordings` by strike id, where there are several"""
+    """index into `recordings` by strike id; empty for one recording"""
     bodies: tuple[Body, ...] = ()
-    """of the shape's mesh, largest first, where the object's labels name them"""
+    """closed bodies of the shape's mesh, largest first, where the object's labels name them"""
 
     @property
     def manifest(self) -> SessionManifest:
-        """Of the first recording."""
+        """Manifest of the first recording."""
         return self.recordings[0].manifest
 
     def recording_of(self, strike_id: str) -> RecordingHead:
-        """The recording that holds a strike."""
+        """Recording that holds a strike."""
         return self.recordings[self.recorded_in.get(strike_id, 0)]
 
     def planned(self, motion: TipMotion) -> PlannedStrike:
-        """The plan's entry for a strike."""
+        """Planned strike that a motion carried out."""
         return next(strike for strike in self.plan.strikes if strike.id == motion.plan_strike_id)
 
 
 def read_head(path: Path) -> RecordingHead:
-    """Open a recording and look at its head.
+    """Read identity and contents of a recording.
 
     Raises:
         RecordingError: the file cannot be read.
@@ -184,7 +187,7 @@ def read_head(path: Path) -> RecordingHead:
 
 
 def head_of(recording: Recording) -> RecordingHead:
-    """What an open recording is."""
+    """Identity and contents of an open recording."""
     shape, rig = recording.shape_bytes, recording.attachments.get(RIG_ATTACHMENT)
     return RecordingHead(
         recording.path,
@@ -199,15 +202,19 @@ def head_of(recording: Recording) -> RecordingHead:
 
 
 def placed_markers(spec: ObjectSpec) -> list[Marker]:
-    """The object's markers, where its file says they are."""
+    """Markers of the object, with poses where its file gives them."""
     return [
-        Marker(marker.name, marker.size_m, None if marker.T_object_marker is None else np.array(marker.T_object_marker))
+        Marker(
+            marker.name,
+            marker.size_m,
+            None if marker.T_object_marker is None else np.array(marker.T_object_marker),
+        )
         for marker in spec.marker
     ]
 
 
 def unplaced_markers(spec: ObjectSpec) -> list[Marker]:
-    """The object's markers, wherever they may be."""
+    """Markers of the object without their poses."""
     return [Marker(marker.name, marker.size_m, None) for marker in spec.marker]
 
 
@@ -220,16 +227,16 @@ def read_evidence(
     """Track the markers and fit the motion of every strike.
 
     Args:
-        head: of the recording.
+        head: the recording.
         object_path: use this object file instead of the recording's.
         progress: called with (text, done, total) before each strike.
-        markers_of: the markers that are followed, of the object's file.
+        markers_of: markers to track, from the object file.
 
     Raises:
         RecordingError: the file cannot be read.
         ShapeError: the object's shape cannot be used.
         PlanError: the plan is of another object.
-        TrackingError: no strike's marker can be followed.
+        TrackingError: no marker of any strike can be tracked.
     """
     with open_recording(head.path) as recording:
         struck = struck_object(recording, object_path)
@@ -243,33 +250,44 @@ def read_evidence(
 
 
 def struck_object(recording: StrikeSource, object_path: Path | None = None) -> StruckObject:
-    """The object of a recording, as it was struck.
+    """Load object, shape and plan of a recording.
 
     Args:
-        recording: whose plan must be of its object.
+        recording: a recording whose plan is of its object.
         object_path: use this object file instead of the recording's.
 
     Raises:
-        RecordingError: it holds no plan.
+        RecordingError: the recording holds no plan.
         ShapeError: the object's shape cannot be used.
         PlanError: the plan is of another object.
     """
-    spec, shape_bytes, shape_name = recording.object_spec, recording.shape_bytes, recording.object_spec.shape.file or str(recording.path)
+    spec, shape_bytes, shape_name = (
+        recording.object_spec,
+        recording.shape_bytes,
+        recording.object_spec.shape.file or str(recording.path),
+    )
     _refuse_other_plan(recording)
     if object_path is not None:
-        files = object_files(object_path)
+        files = read_object_files(object_path)
         spec, shape_bytes, shape_name = files.spec, files.shape_bytes, files.shape_name
     model, plan = load_object_model(spec, shape_bytes, shape_name), recording.plan
     if object_path is not None:
         _refuse_other_shape(object_path, model, recording)
         plan = corrected_plan(plan, recording.object_spec, spec, model)
     own_hash = object_sha256(spec, shape_bytes)
-    bodies = tuple(bodies_of(spec, shape_bytes, shape_name)) if any(label.bodies for label in spec.labels or []) else ()
+    bodies = (
+        tuple(bodies_of(spec, shape_bytes, shape_name))
+        if any(label.bodies for label in spec.labels or [])
+        else ()
+    )
     return StruckObject(as_struck(spec), model, plan, own_hash, bodies, object_path is not None)
 
 
-def read_strike(recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord) -> StrikeReading:
-    """Track the markers and fit the motion of one strike; a strike whose marker cannot be followed is a reading too.
+def read_strike(
+    recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
+) -> StrikeReading:
+    """Track the markers and fit the motion of one strike; a strike without a trackable marker gives a reading
+    with `problem`.
 
     Raises:
         RecordingError: the file is damaged there.
@@ -280,15 +298,25 @@ def read_strike(recording: StrikeSource, struck: StruckObject, markers: list[Mar
         motion, report = _strike(recording, struck, markers, record)
     except TrackingError as error:
         problem = error
-        motion = TipMotion(record.strike_id, record.plan_strike_id, Verdict.UNREADABLE, str(error), None, None, None, (), None)
+        motion = TipMotion(
+            record.strike_id,
+            record.plan_strike_id,
+            Verdict.UNREADABLE,
+            str(error),
+            None,
+            None,
+            None,
+            (),
+            None,
+        )
     return StrikeReading(record, motion, report, problem, _frames_lost(recording, record))
 
 
 def evidence_of(head: RecordingHead, struck: StruckObject, readings: Sequence[StrikeReading]) -> Evidence:
-    """What all strikes of a recording showed.
+    """Evidence of one recording from the readings of its strikes.
 
     Raises:
-        TrackingError: no strike's marker can be followed.
+        TrackingError: no marker of any strike can be tracked.
     """
     problems = [reading.problem for reading in readings if reading.problem is not None]
     if problems and len(problems) == len(readings):
@@ -305,7 +333,7 @@ def evidence_of(head: RecordingHead, struck: StruckObject, readings: Sequence[St
         struck.overridden,
         {reading.record.strike_id: reading.frames_lost for reading in readings},
         {
-            record.strike_id: Blow(record.tip_speed_m_s, record.impact_height_m)
+            record.strike_id: ImpactMeasurement(record.tip_speed_m_s, record.impact_height_m)
             for record in records
             if record.tip_speed_m_s > 0 and record.impact_height_m > 0
         },
@@ -315,7 +343,7 @@ def evidence_of(head: RecordingHead, struck: StruckObject, readings: Sequence[St
 
 
 def as_struck(spec: ObjectSpec) -> ObjectSpec:
-    """The body that tips: with its markers, whose masses are added where `mass_kg` was weighed without them."""
+    """Object file of the body that tips: markers' masses added where `mass_kg` was weighed without them."""
     if spec.mass_includes_markers:
         return spec
     whole = spec.mass_kg + sum(marker.mass_kg for marker in spec.marker)
@@ -323,7 +351,7 @@ def as_struck(spec: ObjectSpec) -> ObjectSpec:
 
 
 def _frames_lost(recording: StrikeSource, record: pb.StrikeRecord) -> int:
-    """Frames missing between the first and the last of the strike's window."""
+    """Frames lost between the first and the last frame of the strike's window."""
     metas = recording.frame_meta(start_ns=record.window_start_ns + 1, end_ns=record.window_end_ns)
     return sum(meta.frames_lost_before for meta in metas)
 
@@ -338,10 +366,13 @@ def _refuse_other_plan(recording: StrikeSource) -> None:
 
 
 def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: StrikeSource) -> None:
-    """A corrected object file keeps the body where it was: the plan's edges still lie on it."""
-    tolerance = OVERRIDE_TOLERANCE * float(model.extent.max())
+    """Raise PlanError unless the plan's edges still lie on the corrected object."""
+    tolerance = MAX_EDGE_SHIFT * float(model.extent.max())
     strikes = recording.plan.strikes
-    off = np.abs(model.depth(np.array([strike.pivot.point for strike in strikes])) - [strike.pivot.radius_m for strike in strikes])
+    off = np.abs(
+        model.depth(np.array([strike.pivot.point for strike in strikes]))
+        - [strike.pivot.radius_m for strike in strikes]
+    )
     worst = int(np.argmax(off))
     if off[worst] > tolerance:
         raise PlanError(
@@ -361,21 +392,34 @@ def _strike(
     camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers, planned.visible_markers)
-    section, lands_at = section_of(struck.model, planned), landing_of(struck.model, planned)
-    task = StrikeTask(record.strike_id, planned, record.contact_time_ns, report.images_end_ns, section, lands_at, report.unmarked_ns)
+    section, landing_angle_rad = section_of(struck.model, planned), landing_of(struck.model, planned)
+    task = StrikeTask(
+        record.strike_id,
+        planned,
+        record.contact_time_ns,
+        report.images_end_ns,
+        section,
+        landing_angle_rad,
+        report.unmarked_ns,
+    )
     motion = analyse_strike(report.tracks, markers, camera, task)
     manifest = recording.manifest
     if manifest.time_source is not TimeSource.CONTAINER_PTS:
         return motion, report
-    faster = ratio_of_a_tip(motion, report.tracks, markers, camera, task, _k_foretold(struck, planned, manifest.g_m_s2))
+    faster = slow_motion_ratio(
+        motion, report.tracks, markers, camera, task, _k_foretold(struck, planned, manifest.g_m_s2)
+    )
     if faster is None:
         return motion, report
     text = slow_motion_text(faster, manifest.cameras[0].frame_rate_hz)
-    return replace(motion, verdict=Verdict.UNREADABLE, reason=text, fit=None, alternatives=(), faster=faster), report
+    return replace(
+        motion, verdict=Verdict.UNREADABLE, reason=text, fit=None, alternatives=(), frame_rate_ratio=faster
+    ), report
 
 
 def _k_foretold(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
-    """Roughly [rad/s^2]: with the moment that the plan expects, and the centre of mass in the shape's middle."""
+    """Roughly [rad/s^2]: with the moment that the plan expects, and the centre of mass in the shape's
+    middle."""
     arm = struck.model.centroid - np.array(planned.pivot.point)
     R = float(np.linalg.norm(np.cross(arm, planned.pivot.direction)))
     return struck.spec.mass_kg * gravity * R / planned.i_edge_predicted_kg_m2

@@ -1,145 +1,175 @@
-"""Frame times that a file states and no clock of ours gave: what the strikes say of the frame rate, and what an answer may take from it."""
+"""Frame times from a file's time stamps: check of the stated frame rate by the strikes, and its effect on the
+estimate."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analyze.estimation.joint_model import GRAVITY
-from analyze.estimation.rate import OPEN, RateCheck, rate_check
-from analyze.estimation.stated import Scale
+from analyze.estimation.priors import Scale
+from analyze.estimation.rate import OPEN_LOG_GRAVITY_SD, RateCheck, rate_check
 from analyze.motion.contact_time import contact_time
-from schemas.result import FrameTimes, Quantity
 from schemas.session_manifest import TimeSource
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from analyze.estimation.cells import Cells
-    from analyze.estimation.joint import JointSolution, Moments
-    from analyze.estimation.stated import ComPrior, SystematicErrors
+    from analyze.estimation.joint import JointSolution, MomentModel
+    from analyze.estimation.priors import ComPrior, SystematicErrors
     from analyze.pipeline.evidence import Evidence
     from analyze.types import Array, EquiPlane
     from schemas.session_manifest import SessionManifest
 
-RATE_SD = 0.002
-"""relative, of a camera's frame rate that its file states and nothing checks: 240 may be 239.76, and a phone's quartz wanders"""
-POINTS = 800
-"""of the shape, where mass is tried: more do not move the limits"""
-SIGMAS95 = 1.96
-CONFUSED = (8.0, 4.0, 2.0, 0.5, 0.25, 0.125)
-"""ratios that slow motion's files have: 240 frames a second that are played at 120, 60 or 30, or the reverse"""
-RATES = (24.0, 25.0, 30.0, 50.0, 60.0, 100.0, 120.0, 200.0, 240.0, 480.0, 960.0)
-"""frames a second that cameras have"""
+STATED_RATE_SD = 0.002
+"""relative 1 sigma of a frame rate that only a file states: 240 may be 239.76, and a phone's quartz drifts"""
+MAX_SHAPE_POINTS = 800
+"""points of the shape at which mass is tried; more do not move the limits"""
+SLOW_MOTION_RATIOS = (8.0, 4.0, 2.0, 0.5, 0.25, 0.125)
+"""true rate over stated rate in slow-motion files: 240 Hz played at 120, 60 or 30, or the reverse"""
+USUAL_RATES_HZ = (24.0, 25.0, 30.0, 50.0, 60.0, 100.0, 120.0, 200.0, 240.0, 480.0, 960.0)
+"""frame rates that cameras offer"""
+
+
+@dataclass(frozen=True)
+class FrameRate:
+    """Stated frame rate of one recording, and its check by that recording's strikes."""
+
+    recording: int
+    """number of the recording by start time, from 1"""
+    time_source: TimeSource
+    time_sd_s: float
+    """1 sigma of a frame's time against the other frames' [s]"""
+    stated_hz: float
+    stated_sd_hz: float | None
+    """1 sigma as a drop measured it; None where the rate is only stated"""
+    contact_sd_s: float | None
+    """median 1 sigma of the strikes' contact times, from the onset of motion [s]; None where no strike has
+    one"""
+    check: RateCheck | None
+    """None where no strike of the recording is used"""
+    likely_hz: float | None
+    """the one usual rate that the strikes allow where the stated one is impossible; None where several or
+    none are"""
+
+    @property
+    def possible(self) -> bool:
+        """True if the stated rate can be the true one."""
+        return self.check is None or self.check.possible
 
 
 def stated_scale(evidence: Evidence) -> Scale:
-    """Mass and gravity; of several places the worst known g, for to share it is safe, and to average it would not be.
+    """Mass and gravity with standard deviations.
 
-    k goes with g as with the frame rate squared: what a stated rate is unsure of is in g.
+    Of several places the worst known g counts, since sharing it is safe and averaging it is not. k is
+    proportional to g and to the frame rate squared, so that the uncertainty of a stated rate is part of g's.
     """
     spec, g = evidence.spec, evidence.manifest.g_m_s2
     own = max(recording.manifest.g_sd_m_s2 for recording in evidence.recordings)
-    rate = max((rate_sd(each.manifest) for each in evidence.recordings), default=0.0)
+    rate = max((relative_rate_sd(each.manifest) for each in evidence.recordings), default=0.0)
     return Scale(spec.mass_kg, spec.mass_sd_kg, g, float(np.hypot(own, 2 * rate * g)))
 
 
-def rate_sd(manifest: SessionManifest) -> float:
-    """Relative 1 sigma of a recording's frame rate: as it was measured, else as rates that files state are known; 0 of a rig's."""
+def relative_rate_sd(manifest: SessionManifest) -> float:
+    """Relative 1 sigma of a recording's frame rate: as a drop measured it, else of a stated rate; 0 for a
+    rig's camera."""
     camera = manifest.cameras[0]
     if camera.frame_rate_sd_hz is not None:
         return camera.frame_rate_sd_hz / camera.frame_rate_hz
-    return RATE_SD if manifest.time_source is TimeSource.CONTAINER_PTS else 0.0
+    return STATED_RATE_SD if manifest.time_source is TimeSource.CONTAINER_PTS else 0.0
 
 
-def borne_out(
-    evidence: Evidence, planes: Sequence[EquiPlane], scale: Scale, times: Sequence[FrameTimes]
+def drop_untimed_k(
+    evidence: Evidence, planes: Sequence[EquiPlane], scale: Scale, rates: Sequence[FrameRate]
 ) -> tuple[tuple[EquiPlane, ...], Scale]:
-    """Planes and scale as they may be used where a stated rate cannot be: phi needs none.
+    """Discard k of recordings whose stated frame rate is inconsistent with the shape; phi needs no rate.
 
-    Of one recording g is left open, so that its k's still tell of each other; of several, the k's of those with wrong times are left out.
+    With a single recording g becomes a free parameter instead, so that ratios between its k's still count.
+
+    Returns:
+        Planes and scale to estimate with.
     """
-    wrong = {each.recording - 1 for each in times if not each.possible}
+    wrong = {each.recording - 1 for each in rates if not each.possible}
     if not wrong:
         return tuple(planes), scale
     if len(evidence.recordings) == 1:
-        return tuple(planes), replace(scale, gravity_sd=OPEN * scale.gravity)
+        return tuple(planes), replace(scale, gravity_sd=OPEN_LOG_GRAVITY_SD * scale.gravity)
     return tuple(
-        replace(plane, k=None, sd_k=None, cov_phi_k=0.0) if evidence.recorded_in.get(plane.strike_id, 0) in wrong else plane
+        replace(plane, k=None, sd_k=None, cov_phi_k=0.0)
+        if evidence.recorded_in.get(plane.strike_id, 0) in wrong
+        else plane
         for plane in planes
     ), scale
 
 
-def felt(scale: Scale, solution: JointSolution) -> Scale:
-    """With g as the strikes' motions have it by their times: the stated one, unless it was left open."""
-    if scale.gravity_sd < OPEN * scale.gravity:
+def with_estimated_gravity(scale: Scale, solution: JointSolution) -> Scale:
+    """Replace g by its joint estimate where it was a free parameter."""
+    if scale.gravity_sd < OPEN_LOG_GRAVITY_SD * scale.gravity:
         return scale
-    return replace(scale, gravity=scale.gravity * float(np.exp(scale.gravity_sd / scale.gravity * solution.x[GRAVITY])))
+    return replace(
+        scale, gravity=scale.gravity * float(np.exp(scale.gravity_sd / scale.gravity * solution.x[GRAVITY]))
+    )
 
 
-def frame_times(
+def check_frame_rates(
     evidence: Evidence,
     planes: Sequence[EquiPlane],
     systematic: SystematicErrors,
     prior: ComPrior,
-    moments: Moments,
+    moments: MomentModel,
     cells: Cells,
-) -> list[FrameTimes]:
-    """One per recording whose times come from a file's time stamps."""
-    found: list[FrameTimes] = []
+) -> list[FrameRate]:
+    """Check the stated frame rate of each recording whose times come from a file's time stamps."""
+    found: list[FrameRate] = []
     for index, recording in enumerate(evidence.recordings):
         manifest = recording.manifest
         if manifest.time_source is not TimeSource.CONTAINER_PTS:
             continue
         own = [plane for plane in planes if evidence.recorded_in.get(plane.strike_id, 0) == index]
-        check = rate_check(own, systematic, prior, moments, _places(evidence, cells)) if own else None
+        check = rate_check(own, systematic, prior, moments, _mass_points(evidence, cells)) if own else None
         rate = manifest.cameras[0].frame_rate_hz
         found.append(
-            FrameTimes(
+            FrameRate(
                 recording=index + 1,
-                source=manifest.time_source.value,
-                sd_s=1e-9 * manifest.time_source_sd_ns,
-                frame_rate_hz=rate,
-                frame_rate_sd_hz=manifest.cameras[0].frame_rate_sd_hz,
-                contact_sd_s=_contact_sd(evidence, {plane.strike_id for plane in own}),
-                rate_limits=None if check is None else [check.low, check.high],
-                rate_ratio=None if check is None or check.told is None else _quantity(check.told.ratio, check.told.sd),
-                possible=check is None or check.possible,
-                likely_rate_hz=None if check is None or check.possible else _likely(check, rate),
+                time_source=manifest.time_source,
+                time_sd_s=1e-9 * manifest.time_source_sd_ns,
+                stated_hz=rate,
+                stated_sd_hz=manifest.cameras[0].frame_rate_sd_hz,
+                contact_sd_s=_contact_sd_s(evidence, {plane.strike_id for plane in own}),
+                check=check,
+                likely_hz=None if check is None or check.possible else _likely_rate_hz(check, rate),
             )
         )
     return found
 
 
-def _quantity(value: float, sd: float) -> Quantity:
-    return Quantity(value=value, sd=sd, unit="1", interval95=[value - SIGMAS95 * sd, value + SIGMAS95 * sd])
+def _mass_points(evidence: Evidence, cells: Cells) -> Array:
+    """Points (n, 3) of the shape where mass may be [m, in O]: a sample of its cells and of its hull."""
+    inside = cells.points[:: max(1, len(cells.points) // MAX_SHAPE_POINTS)]
+    hull = evidence.model.hull_vertices
+    return np.vstack([inside, hull[:: max(1, len(hull) // MAX_SHAPE_POINTS)]])
 
 
-def _places(evidence: Evidence, cells: Cells) -> Array:
-    """Points (n, 3) of the shape where mass may be: some throughout it, and all its ends."""
-    inside = cells.points[:: max(1, len(cells.points) // POINTS)]
-    return np.vstack([inside, evidence.model.hull_vertices[:: max(1, len(evidence.model.hull_vertices) // POINTS)]])
-
-
-def _contact_sd(evidence: Evidence, used: set[str]) -> float | None:
-    """The middle one of the strikes' [s]."""
+def _contact_sd_s(evidence: Evidence, used: set[str]) -> float | None:
     fits = [motion.fit for motion in evidence.motions if motion.strike_id in used]
     times = [contact_time(fit) for fit in fits if fit is not None]
     sds = [1e-9 * time.sd_ns for time in times if time is not None]
     return float(np.median(sds)) if sds else None
 
 
-def _likely(check: RateCheck, rate: float) -> float | None:
-    """The rate in Hz that the strikes allow and slow motion explains; else the only usual one; None: several, or none."""
+def _likely_rate_hz(check: RateCheck, rate: float) -> float | None:
+    """Rate [Hz] that the strikes allow and slow motion explains, else the only usual one; None where several
+    or none are."""
     low, high = check.low, check.high
-    if check.told is not None:
-        reach = 3 * check.told.sd
-        low, high = max(low, check.told.ratio - reach), min(high, check.told.ratio + reach)
-    confused = [ratio * rate for ratio in CONFUSED if low <= ratio <= high]
-    usual = [each for each in RATES if low * rate <= each <= high * rate]
-    for some in (confused, usual):
+    if check.estimate is not None:
+        reach = 3 * check.estimate.sd
+        low, high = max(low, check.estimate.ratio - reach), min(high, check.estimate.ratio + reach)
+    slow = [ratio * rate for ratio in SLOW_MOTION_RATIOS if low <= ratio <= high]
+    usual = [each for each in USUAL_RATES_HZ if low * rate <= each <= high * rate]
+    for some in (slow, usual):
         if len(some) == 1:
             return some[0]
     return None

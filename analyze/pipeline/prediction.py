@@ -1,4 +1,5 @@
-"""Each strike as all others foretell it: its phi and k (estimation/checks.py), and from its first free frames on its theta(t)."""
+"""Leave-one-out prediction of each strike: phi, k and theta(t) from all other strikes, compared with its
+own."""
 
 from __future__ import annotations
 
@@ -7,43 +8,53 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from analyze.estimation.checks import SIGMAS
-from analyze.estimation.joint import OF_TWO
-from analyze.motion.predicted_motion import Foretold, ForetoldMotion, foretold_motion
+from analyze.estimation.joint import TWO_ERRORS_AS_ONE
+from analyze.motion.predicted_motion import PredictedMotion, PredictedValues, predicted_motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analyze.estimation.checks import LeftOut
+    from analyze.estimation.checks import LeaveOneOut
     from analyze.pipeline.evidence import Evidence
 
 
 @dataclass(frozen=True)
-class ForetoldStrike:
-    """A strike beside what the others make of it."""
+class StrikePrediction:
+    """One strike compared with its prediction from all others."""
 
-    told: LeftOut
-    motion: ForetoldMotion
+    left_out: LeaveOneOut
+    """phi and k, predicted and measured"""
+    motion: PredictedMotion
+    """theta(t), predicted and measured"""
 
     @property
     def motion_sigmas(self) -> float:
-        """Of theta(t), as one standardised error: what its frames make of phi and k, against what the others do."""
-        return OF_TWO * math.sqrt(self.motion.squared)
+        """Standardised difference of theta(t): phi and k as its frames determine them against the
+        prediction."""
+        return TWO_ERRORS_AS_ONE * math.sqrt(self.motion.squared)
 
     @property
-    def holds(self) -> bool:
-        """It is what the others say."""
-        return self.told.foretold and self.motion_sigmas <= SIGMAS
+    def consistent(self) -> bool:
+        """True if phi, k and theta(t) agree with the prediction."""
+        return self.left_out.agrees and self.motion_sigmas <= SIGMAS
 
 
-def foretold_strikes(evidence: Evidence, left_out: Sequence[LeftOut]) -> tuple[ForetoldStrike, ...]:
-    """Foretell theta(t) of each strike that was used; `left_out` as checks.leave_one_out gives it."""
+def predict_strikes(evidence: Evidence, left_out: Sequence[LeaveOneOut]) -> tuple[StrikePrediction, ...]:
+    """Predict theta(t) of each strike used from its leave-one-out phi and k.
+
+    Args:
+        evidence: measured motions.
+        left_out: predictions of phi and k by `checks.leave_one_out`.
+    """
     motions = {motion.strike_id: motion for motion in evidence.motions}
-    found: list[ForetoldStrike] = []
-    for told in left_out:
-        motion = motions[told.strike_id]
+    found: list[StrikePrediction] = []
+    for each in left_out:
+        motion = motions[each.strike_id]
         if motion.angle is None or motion.fit is None:
             continue
-        there = evidence.recording_of(told.strike_id).manifest.g_m_s2 / evidence.manifest.g_m_s2
-        expected = Foretold(told.phi, told.k * there, told.by_others, told.own)
-        found.append(ForetoldStrike(told, foretold_motion(told.strike_id, motion.angle, motion.fit, expected)))
+        gravity_ratio = evidence.recording_of(each.strike_id).manifest.g_m_s2 / evidence.manifest.g_m_s2
+        expected = PredictedValues(each.phi, each.k * gravity_ratio, each.by_others, each.own)
+        found.append(
+            StrikePrediction(each, predicted_motion(each.strike_id, motion.angle, motion.fit, expected))
+        )
     return tuple(found)

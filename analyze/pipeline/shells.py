@@ -1,11 +1,11 @@
-"""The wall's thickness where the object's file gives none: the body cut anew for each that may be."""
+"""Region masses over all possible shell thicknesses, where the object file gives none."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from analyze.estimation.cells import Cells, cells_from_voxels, possible_thicknesses
-from analyze.estimation.regions import Wall, mass_distribution, mass_distribution_over
+from analyze.estimation.cells import Cells, ShellCells, candidate_shell_thicknesses, cells_from_voxels
+from analyze.estimation.regions import mass_distribution, mass_distribution_over
 from analyze.geometry.voxels import voxelise
 
 if TYPE_CHECKING:
@@ -16,23 +16,35 @@ if TYPE_CHECKING:
     from schemas.object_spec import ObjectSpec
 
 
-def possible_walls(model: ObjectModel, pitch: float) -> list[Wall]:
-    """The body in cells of `pitch` [m], for every thickness that leaves an inside."""
-    walls = [Wall(float(t), cells_from_voxels(voxelise(model, pitch, float(t)))) for t in possible_thicknesses(model)]
+def possible_shells(model: ObjectModel, pitch: float) -> list[ShellCells]:
+    """The body divided into cells of side `pitch` [m], once for each shell thickness that leaves an
+    interior."""
+    walls = [
+        ShellCells(float(t), cells_from_voxels(voxelise(model, pitch, float(t))))
+        for t in candidate_shell_thicknesses(model)
+    ]
     return [wall for wall in walls if wall.cells.interior.any()]
 
 
-def regions_of(
-    spec: ObjectSpec, model: ObjectModel, cells: Cells, parameters: InertialParameters, rng: np.random.Generator
+def region_masses(
+    spec: ObjectSpec,
+    model: ObjectModel,
+    cells: Cells,
+    parameters: InertialParameters,
+    rng: np.random.Generator,
 ) -> MassDistribution:
-    """Region masses, with the wall that is given, or over all that may be.
+    """Region masses with the shell thickness given, or averaged over all possible ones.
 
     Args:
-        spec: of the object.
-        model: its exterior.
-        cells: the body with the wall that is given, or assumed.
-        parameters: mass, c and moments.
-        rng: for the draws.
+        spec: object file.
+        model: exterior shape.
+        cells: the body divided with the given or assumed shell.
+        parameters: mass, centre of mass and moments.
+        rng: generator of the draws behind the intervals.
     """
-    walls = [] if spec.shell_thickness_m is not None else possible_walls(model, cells.pitch)
-    return mass_distribution_over(parameters, walls, rng) if len(walls) > 1 else mass_distribution(parameters, cells, rng)
+    walls = [] if spec.shell_thickness_m is not None else possible_shells(model, cells.pitch)
+    return (
+        mass_distribution_over(parameters, walls, rng)
+        if len(walls) > 1
+        else mass_distribution(parameters, cells, rng)
+    )

@@ -1,4 +1,4 @@
-"""Why there are too few strikes to estimate from, in one line with the remedy."""
+"""One-line message for too few usable strikes: which were left out, why, and the remedy."""
 
 from __future__ import annotations
 
@@ -10,27 +10,45 @@ from schemas.result import Verdict
 from schemas.strike_plan import StrikePlan
 
 
-def too_few(needed: int, motions: Sequence[TipMotion], usable: Collection[str], excluded: Collection[str], plan: StrikePlan) -> str:
-    """The line.
+def too_few_text(
+    needed: int,
+    motions: Sequence[TipMotion],
+    usable: Collection[str],
+    excluded: Collection[str],
+    plan: StrikePlan,
+) -> str:
+    """Message that names the missing strikes, the reasons and the remedy.
 
     Args:
         needed: least number of strikes.
-        motions: all of the recording.
-        usable: ids of those that can be used, excluded or not.
+        motions: all motions of the recordings.
+        usable: ids of strikes that can be used, excluded or not.
         excluded: ids left out on request, whatever their verdict.
-        plan: to say which strikes nobody made.
+        plan: the plan, to name the strikes that were never made.
     """
     left_out = [motion for motion in motions if motion.strike_id in excluded]
     bad = [motion for motion in motions if motion.strike_id not in usable and motion not in left_out]
-    reasons = [f"excluded on request: {', '.join(motion.strike_id for motion in left_out)}"] if left_out else []
-    reasons += [f"not usable: {', '.join(f'{motion.strike_id} {_verdict(motion)}' for motion in bad)}"] if bad else []
+    reasons = (
+        [f"excluded on request: {', '.join(motion.strike_id for motion in left_out)}"] if left_out else []
+    )
+    reasons += (
+        [f"not usable: {', '.join(f'{motion.strike_id} {_verdict(motion)}' for motion in bad)}"]
+        if bad
+        else []
+    )
     done = planned_strikes(plan, (motion.plan_strike_id for motion in motions))
     reasons += [done.text()] if done.missing else []
-    slow = [motion for motion in bad if motion.faster is not None]
+    slow = [motion for motion in bad if motion.frame_rate_ratio is not None]
     if not slow:
         reasons += [motion.reason for motion in bad if motion.verdict is Verdict.UNREADABLE][:1]
     left = len(set(usable) - set(excluded))
-    remedy = "exclude fewer" if len(usable) >= needed else f"of {slow[0].strike_id}: {slow[0].reason}" if slow else "strike again"
+    remedy = (
+        "exclude fewer"
+        if len(usable) >= needed
+        else f"of {slow[0].strike_id}: {slow[0].reason}"
+        if slow
+        else "strike again"
+    )
     why = f" ({'; '.join(reasons)})" if reasons else ""
     return f"{left} good {'strike' if left == 1 else 'strikes'} of {len(motions)}, {needed} are needed{why}: {remedy}"
 

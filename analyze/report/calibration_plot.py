@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from analyze.calibration.verdict import PIXEL_DOUBTED, PIXEL_REFUSED
-from analyze.output_file import write_bytes
 from analyze.report.style import BLUE, CYCLE, EMPTY, EMPTY_LINES, GOOD_TO_BAD, INK, MUTED, RED, style
+from schemas.output_file import write_bytes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +32,9 @@ def picture(found: Calibration) -> Figure:
     lens = found.lens
     ratio = lens.height / lens.width
     with style():
-        figure = Figure(figsize=(13.2, 4.1 * ratio + (0.95 if found.undetermined else 0.7)), layout="constrained", dpi=130)
+        figure = Figure(
+            figsize=(13.2, 4.1 * ratio + (0.95 if found.undetermined else 0.7)), layout="constrained", dpi=130
+        )
         covered, known, left = figure.subplots(1, 3)
         _coverage(covered, found)
         _known(figure, known, found)
@@ -48,7 +50,12 @@ def picture(found: Calibration) -> Figure:
             axes.tick_params(length=2)
         if found.undetermined:
             figure.suptitle(
-                f"not determined: {found.undetermined[0].split(':')[0]}", color=RED, fontsize=10, fontweight="bold", x=0.01, ha="left"
+                f"not determined: {found.undetermined[0].split(':')[0]}",
+                color=RED,
+                fontsize=10,
+                fontweight="bold",
+                x=0.01,
+                ha="left",
             )
     return figure
 
@@ -71,16 +78,28 @@ def _coverage(axes: Axes, found: Calibration) -> None:
     for row in range(rows):
         for column in range(columns):
             if not count[row, column]:
-                axes.add_patch(_hatched(column * lens.width / columns, row * lens.height / rows, lens.width / columns, lens.height / rows))
+                axes.add_patch(
+                    _hatched(
+                        column * lens.width / columns,
+                        row * lens.height / rows,
+                        lens.width / columns,
+                        lens.height / rows,
+                    )
+                )
     for number, shot in enumerate(found.shots):
         axes.plot(*shot.view.place.T, ".", ms=3.8, color=CYCLE[number % len(CYCLE)], alpha=0.75, mew=0)
     axes.set_title(f"{sum(len(shot.view.place) for shot in found.shots)} corners in {len(found.shots)} views")
     bare = 100 * (1 - found.covered.share)
-    axes.set_xlabel("colour: the view" + (f"; hatched: no corner there ({bare:.0f} %)" if bare > 0.5 else "; corners everywhere"))
+    axes.set_xlabel(
+        "colour: the view"
+        + (f"; hatched: no corner there ({bare:.0f} %)" if bare > 0.5 else "; corners everywhere")
+    )
 
 
 def _hatched(x: float, y: float, width: float, height: float) -> Rectangle:
-    return Rectangle((x - 0.5, y - 0.5), width, height, facecolor=EMPTY, edgecolor=EMPTY_LINES, hatch="////", linewidth=0)
+    return Rectangle(
+        (x - 0.5, y - 0.5), width, height, facecolor=EMPTY, edgecolor=EMPTY_LINES, hatch="////", linewidth=0
+    )
 
 
 def _known(figure: Figure, axes: Axes, found: Calibration) -> None:
@@ -134,7 +153,12 @@ def _residuals(axes: Axes, found: Calibration) -> None:
         headwidth=3.5,
         headlength=4,
     )
-    magnified = max(step * 10.0**power for power in range(-6, 3) for step in (1, 2, 5) if step * 10.0**power <= 1.5 * max(usual, 1e-6))
+    magnified = max(
+        step * 10.0**power
+        for power in range(-6, 3)
+        for step in (1, 2, 5)
+        if step * 10.0**power <= 1.5 * max(usual, 1e-6)
+    )
     long = magnified * scale
     x, y = 0.03 * lens.width, 0.95 * lens.height
     axes.plot([x, x + long], [y, y], color=INK, lw=2, solid_capstyle="butt")

@@ -1,4 +1,5 @@
-"""Repeated sessions as one document: answers side by side, precision by ISO 5725, agreement, and the verdict in words."""
+"""The Comparison document of repeated sessions: their answers, precision by ISO 5725, agreement, and a
+verdict in sentences."""
 
 from __future__ import annotations
 
@@ -10,29 +11,29 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from scipy.special import chdtri
 
-from analyze.estimation.precision import LEAST_GROUPS, mandel_h, mandel_h_limit, precision
-from analyze.pipeline.comparison import chance_of
+from analyze.estimation.precision import MIN_GROUPS, mandel_h, mandel_h_limit, precision
 from analyze.report.report_document import report_recording
+from analyze.result.comparison import chance_of
 from analyze.result.document import rounded
 from schemas.comparison import Comparison, QuantityPrecision, SessionAnswer, SessionsAgreement, SessionValue
 from schemas.result import Quantity, RegionResult, Verdict
 
 if TYPE_CHECKING:
     from analyze.estimation.agreement import Agreement
-    from analyze.pipeline.comparison import SessionComparison
-    from analyze.pipeline.estimate import Estimate
+    from analyze.result.answer import Answer
+    from analyze.result.comparison import SessionComparison
 
 SIDES = {"upper": "lower", "lower": "upper"}
-FEW = 5
-"""degrees of freedom below which a standard deviation is said to be known badly"""
+MIN_FREEDOM = 5
+"""degrees of freedom below which the verdict doubts a standard deviation"""
 Kind = Literal["centre_of_mass", "moment", "region", "phi"]
 
 
 def comparison_document(compared: SessionComparison) -> Comparison:
-    """All that the page shows, as numbers."""
-    first = compared.sessions[0].estimate
+    """All numbers that the comparison page shows."""
+    first = compared.sessions[0].answer
     precisions = [*_answers(compared), *_angles(compared)]
-    evidence = compared.joint.evidence
+    evidence = compared.joint.estimate.evidence
     return rounded(
         Comparison(
             object=evidence.spec.name,
@@ -45,11 +46,11 @@ def comparison_document(compared: SessionComparison) -> Comparison:
                 SessionAnswer(
                     recording=report_recording(number, session.head),
                     setup=session.setup + 1,
-                    strikes=len(session.estimate.result.strikes),
-                    strikes_used=len(session.estimate.planes),
-                    centre_of_mass=session.estimate.result.centre_of_mass,
-                    moments=session.estimate.result.moments,
-                    regions=regions_by(session.estimate, first),
+                    strikes=len(session.answer.result.strikes),
+                    strikes_used=len(session.answer.estimate.planes),
+                    centre_of_mass=session.answer.result.centre_of_mass,
+                    moments=session.answer.result.moments,
+                    regions=regions_by(session.answer, first),
                     against_others=_agreement(session.apart, 3),
                     stands_out=compared.stands_out == number - 1,
                 )
@@ -57,38 +58,57 @@ def comparison_document(compared: SessionComparison) -> Comparison:
             ],
             joint=compared.joint.result.centre_of_mass,
             precision=precisions,
-            mandel_h_limit=mandel_h_limit(len(compared.sessions)) if len(compared.sessions) >= LEAST_GROUPS else None,
+            mandel_h_limit=mandel_h_limit(len(compared.sessions))
+            if len(compared.sessions) >= MIN_GROUPS
+            else None,
         )
     )
 
 
-def regions_by(estimate: Estimate, first: Estimate) -> list[RegionResult]:
-    """Its regions in the order of the first session's, by its names: where the border points to the other side, the two inside change."""
-    regions = {region.name: region for region in estimate.result.regions.regions} if estimate.result.regions is not None else {}
-    if float(estimate.distribution.border_normal @ first.distribution.border_normal) >= 0:
+def regions_by(answer: Answer, first: Answer) -> list[RegionResult]:
+    """Regions under the first session's names: upper and lower swap where the dividing plane points to the
+    other side."""
+    found = answer.result.regions
+    regions = {} if found is None else {region.name: region for region in found.regions}
+    normal, first_normal = (each.estimate.distribution.dividing_plane_normal for each in (answer, first))
+    if float(normal @ first_normal) >= 0:
         return list(regions.values())
     return [regions[SIDES.get(name, name)].model_copy(update={"name": name}) for name in regions]
 
 
 def _agreement(found: Agreement, freedom: int) -> SessionsAgreement:
     squared = max(found.chi_squared, 0.0)
-    return SessionsAgreement(chi_squared=squared, freedom=freedom, chance=chance_of(squared, freedom), apart_m=found.apart)
+    return SessionsAgreement(
+        chi_squared=squared, freedom=freedom, chance=chance_of(squared, freedom), apart_m=found.largest_shift
+    )
 
 
 def _answers(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Of the sessions' answers: results of one set-up are a group."""
-    first, setups = compared.sessions[0].estimate, [session.setup for session in compared.sessions]
-    alone = [session.estimate.result for session in compared.sessions]
+    """Yield the precision of the sessions' answers; answers of one set-up form a group."""
+    first, setups = compared.sessions[0].answer, [session.setup for session in compared.sessions]
+    alone = [session.answer.result for session in compared.sessions]
     together = compared.joint.result
     for i, axis in enumerate("xyz"):
         answers = [_component(result.centre_of_mass, i) for result in alone]
-        yield _compared(f"centre of mass {axis}", "centre_of_mass", answers, setups, _component(together.centre_of_mass, i))
+        yield _compared(
+            f"centre of mass {axis}",
+            "centre_of_mass",
+            answers,
+            setups,
+            _component(together.centre_of_mass, i),
+        )
     joint_moments = {moment.axis_id: moment.i_com for moment in together.moments}
     for name, whole in joint_moments.items():
-        by_session = [next((moment.i_com for moment in result.moments if moment.axis_id == name), None) for result in alone]
+        by_session = [
+            next((moment.i_com for moment in result.moments if moment.axis_id == name), None)
+            for result in alone
+        ]
         yield from _if_compared(f"I {name}", "moment", by_session, setups, whole)
     joint_regions = {region.name: region.mass for region in regions_by(compared.joint, first)}
-    masses = [{region.name: region.mass for region in regions_by(session.estimate, first)} for session in compared.sessions]
+    masses = [
+        {region.name: region.mass for region in regions_by(session.answer, first)}
+        for session in compared.sessions
+    ]
     for name, whole in joint_regions.items():
         yield from _if_compared(name, "region", [each.get(name) for each in masses], setups, whole)
 
@@ -100,27 +120,42 @@ def _if_compared(
         yield _compared(name, kind, answers, setups, together)
 
 
-def _compared(name: str, kind: Kind, answers: Sequence[Quantity | None], setups: Sequence[int], together: Quantity) -> QuantityPrecision:
+def _compared(
+    name: str, kind: Kind, answers: Sequence[Quantity | None], setups: Sequence[int], together: Quantity
+) -> QuantityPrecision:
     rows: list[SessionValue] = []
     groups: dict[int, list[float]] = defaultdict(list)
     for number, (answer, setup) in enumerate(zip(answers, setups, strict=True), 1):
         if answer is not None and isinstance(answer.value, float):
-            rows.append(SessionValue(session=number, value=answer.value, interval95=_ends(answer), results=[answer.value]))
+            rows.append(
+                SessionValue(
+                    session=number, value=answer.value, interval95=_ends(answer), results=[answer.value]
+                )
+            )
             groups[setup].append(answer.value)
     return _row(name, kind, together.unit, "set-up", rows, list(groups.values()), together)
 
 
 def _angles(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Of phi by planned strike: repeats of one edge and heading within a session are a group. Only strikes that went over count."""
+    """Yield the precision of phi per edge and heading; repeats within a session form a group; only strikes
+    that tipped over count."""
     cells: dict[tuple[str, float], dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
     for number, session in enumerate(compared.sessions, 1):
-        for strike in session.estimate.result.strikes:
-            if strike.used and strike.verdict is Verdict.GOOD and strike.phi is not None and isinstance(strike.phi.value, float):
+        for strike in session.answer.result.strikes:
+            if (
+                strike.used
+                and strike.verdict is Verdict.GOOD
+                and strike.phi is not None
+                and isinstance(strike.phi.value, float)
+            ):
                 cells[strike.axis_id, strike.heading_rad][number].append(strike.phi.value)
     for (axis, heading), by_session in sorted(cells.items()):
         if sum(len(values) for values in by_session.values()) < 2:
             continue
-        rows = [SessionValue(session=number, value=float(np.mean(values)), results=values) for number, values in by_session.items()]
+        rows = [
+            SessionValue(session=number, value=float(np.mean(values)), results=values)
+            for number, values in by_session.items()
+        ]
         name = f"φ {axis}" if not heading else f"φ {axis} at {math.degrees(heading):.0f}°"
         yield _row(name, "phi", "rad", "session", rows, list(by_session.values()), None)
 
@@ -154,7 +189,7 @@ def _row(
 
 
 def _component(vector: Quantity, i: int) -> Quantity:
-    """One of three, as a quantity of its own."""
+    """One component of a vector quantity."""
     value, sd, ends = vector.value, vector.sd, vector.interval95
     return Quantity(value=value[i], sd=sd[i], interval95=ends[i], unit=vector.unit, frame=vector.frame)  # type: ignore[index, arg-type] - vectors
 
@@ -167,28 +202,30 @@ def _verdict(compared: SessionComparison, precisions: Sequence[QuantityPrecision
     count, odd = len(compared.sessions), compared.stands_out
     chance = f"χ² {compared.together.chi_squared:.1f} with {compared.freedom} degrees of freedom, {chance_text(compared.chance)}"
     if compared.may_join:
-        yield f"trust that all {count} sessions mean one centre of mass ({chance}): they may be joined"
+        yield f"trust that all {count} sessions have one centre of mass ({chance}): they may be merged"
     else:
-        apart = f"theirs lie up to {1e3 * compared.together.apart:.2g} mm apart"
-        yield f"doubt that the sessions are of one body: {apart}, more than their errors allow ({chance}); do not join them"
+        apart = f"centres of mass lie up to {1e3 * compared.together.largest_shift:.2g} mm apart"
+        yield f"doubt that the sessions are of one body: {apart}, more than their errors allow ({chance}); do not merge them"
     if odd is not None:
         session = compared.sessions[odd]
-        off = f"{1e3 * session.apart.apart:.2g} mm from all others' ({chance_text(session.chance)})"
+        off = f"{1e3 * session.apart.largest_shift:.2g} mm from all others' ({chance_text(session.chance)})"
         yield f"repeat session {odd + 1}, {session.head.path.name}: it stands out, its centre of mass is {off}{_without(compared, odd)}"
-    open_ones = [str(i) for i, session in enumerate(compared.sessions, 1) if not session.estimate.com.observed]
+    open_ones = [
+        str(i) for i, session in enumerate(compared.sessions, 1) if not session.answer.estimate.com.observed
+    ]
     if open_ones:
-        yield f"doubt the centre of mass of session {', '.join(open_ones)}: it leaves a direction open"
+        yield f"doubt the centre of mass of session {', '.join(open_ones)}: one direction is not observed"
     of_c = [each for each in precisions if each.kind == "centre_of_mass"]
     yield from _few("s_r", "sessions of one set-up", [each.freedom_r for each in of_c], of_c[0].s_r)
     yield from _few("s_R", "set-ups", [each.freedom_R for each in of_c], of_c[0].s_R)
 
 
 def _without(compared: SessionComparison, odd: int) -> str:
-    """How the others' centres of mass repeat."""
+    """Clause on how well the centres of mass of all other sessions repeat; "" where that is not known."""
     groups: dict[int, list[np.ndarray]] = defaultdict(list)
     for number, session in enumerate(compared.sessions):
         if number != odd:
-            groups[session.setup].append(session.estimate.com.position)
+            groups[session.setup].append(session.answer.estimate.com.position)
     found = [precision([[place[i] for place in group] for group in groups.values()]) for i in range(3)]
     for name, parts in (("s_r", [each.s_r for each in found]), ("s_R", [each.s_R for each in found])):
         known = [part for part in parts if part is not None]
@@ -197,17 +234,18 @@ def _without(compared: SessionComparison, odd: int) -> str:
     return ""
 
 
-def _few(name: str, of: str, freedoms: Sequence[int], value: float | None) -> Iterator[str]:
+def _few(name: str, groups: str, freedoms: Sequence[int], value: float | None) -> Iterator[str]:
     freedom = min(freedoms)
-    if value is not None and 0 < freedom < FEW:
-        yield f"doubt {name} of the answers: from so few {of} it may in truth be up to {upper_factor(freedom):.1f} times as large (95 %)"
+    if value is not None and 0 < freedom < MIN_FREEDOM:
+        yield f"doubt {name} of the answers: with so few {groups} it may truly be up to {upper_factor(freedom):.1f} times as large (95 %)"
 
 
 def upper_factor(freedom: int) -> float:
-    """By how much a standard deviation with so many degrees of freedom may be larger in truth, with 95 %."""
+    """Factor by which the true standard deviation may exceed one estimated with `freedom` degrees of freedom
+    (95 %)."""
     return math.sqrt(freedom / float(chdtri(freedom, 0.95)))
 
 
 def chance_text(chance: float) -> str:
-    """A probability, for people."""
+    """Probability in words: p = 0.02, or p < 0.0001."""
     return "p < 0.0001" if chance < 1e-4 else f"p = {chance:.2g}"

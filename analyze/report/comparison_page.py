@@ -7,25 +7,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.output_file import write_text
 from analyze.report.comparison_document import comparison_document
 from analyze.report.comparison_plots import angles_figure, forest_figure
 from analyze.report.csv_table import Cell, CsvTable
 from analyze.report.page import drawn, manifest_time, page_environment
 from analyze.report.summary import DEGREES, GRAM_CM2
 from schemas.document import canonical_json
+from schemas.output_file import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from analyze.pipeline.comparison import SessionComparison
+    from analyze.result.comparison import SessionComparison
     from schemas.comparison import Comparison, QuantityPrecision
 
 
 @dataclass(frozen=True)
 class _Shown:
-    """How a kind of quantity is written."""
+    """Title, unit, factor from SI and decimals of one kind of quantity."""
 
     title: str
     unit: str
@@ -42,12 +42,12 @@ SHOWN = {
 
 
 def comparison_json(compared: SessionComparison) -> str:
-    """What `analyze report --compare --json` prints: one line."""
+    """The Comparison document as one line of JSON."""
     return canonical_json(comparison_document(compared))
 
 
 def write_comparison(compared: SessionComparison, output: Path) -> None:
-    """Write the page; either whole or not at all.
+    """Write the page; the file appears there when it is complete.
 
     Raises:
         OutputError: the file cannot be written.
@@ -85,7 +85,7 @@ def render_comparison(compared: SessionComparison) -> str:
 
 
 def lead(document: Comparison) -> str:
-    """The answer in two sentences."""
+    """Agreement and repeatability in two sentences."""
     of_c = [each for each in document.precision if each.kind == "centre_of_mass"]
     s_r, s_R = _distance([each.s_r for each in of_c]), _distance([each.s_R for each in of_c])
     parts = [
@@ -95,31 +95,59 @@ def lead(document: Comparison) -> str:
     ]
     odd = next((number for number, session in enumerate(document.sessions, 1) if session.stands_out), None)
     agree = "agree" if document.may_join else "do not agree"
-    text = f"The {len(document.sessions)} sessions {agree}" + (f"; session {odd} stands out" if odd is not None else "")
+    text = f"The {len(document.sessions)} sessions {agree}" + (
+        f"; session {odd} stands out" if odd is not None else ""
+    )
     return f"{text}. The centre of mass repeats to {' and '.join(parts)}."
 
 
 def comparison_tables(compared: SessionComparison) -> list[CsvTable]:
-    """For other programs, SI throughout: sessions, precision, and every result that it stands on."""
+    """Tables for other programs, in SI units: sessions, precision, and the results behind it."""
     document = comparison_document(compared)
     sessions: list[Sequence[Cell]] = []
     for session in document.sessions:
-        told, com = session.against_others, session.centre_of_mass
+        against, com = session.against_others, session.centre_of_mass
         values, sd = np.array(com.value).tolist(), np.array(com.sd).tolist()
         recording = session.recording
         sessions.append(
             (
-                *(recording.number, " ".join(recording.files), recording.recording_id, recording.created, session.setup),
+                *(
+                    recording.number,
+                    " ".join(recording.files),
+                    recording.recording_id,
+                    recording.created,
+                    session.setup,
+                ),
                 *(session.strikes, session.strikes_used, *values, *sd),
-                *(told.chi_squared, told.freedom, told.chance, told.apart_m, session.stands_out),
+                *(against.chi_squared, against.freedom, against.chance, against.apart_m, session.stands_out),
             )
         )
     return [
         CsvTable(
             "sessions",
             [
-                *("session", "files", "recording_id", "created", "setup", "strikes", "strikes_used", "c_x_m", "c_y_m", "c_z_m"),
-                *("c_x_sd_m", "c_y_sd_m", "c_z_sd_m", "chi_squared", "freedom", "chance", "apart_m", "stands_out"),
+                *(
+                    "session",
+                    "files",
+                    "recording_id",
+                    "created",
+                    "setup",
+                    "strikes",
+                    "strikes_used",
+                    "c_x_m",
+                    "c_y_m",
+                    "c_z_m",
+                ),
+                *(
+                    "c_x_sd_m",
+                    "c_y_sd_m",
+                    "c_z_sd_m",
+                    "chi_squared",
+                    "freedom",
+                    "chance",
+                    "apart_m",
+                    "stands_out",
+                ),
             ],
             sessions,
         ),
@@ -127,7 +155,18 @@ def comparison_tables(compared: SessionComparison) -> list[CsvTable]:
             "precision",
             ["quantity", "kind", "unit", "grouped_by", "mean", "s_r", "freedom_r", "s_L", "s_R", "freedom_R"],
             [
-                (each.name, each.kind, each.unit, each.grouped_by, each.mean, each.s_r, each.freedom_r, each.s_L, each.s_R, each.freedom_R)
+                (
+                    each.name,
+                    each.kind,
+                    each.unit,
+                    each.grouped_by,
+                    each.mean,
+                    each.s_r,
+                    each.freedom_r,
+                    each.s_L,
+                    each.s_R,
+                    each.freedom_R,
+                )
                 for each in document.precision
             ],
         ),
@@ -144,11 +183,14 @@ def _results(quantity: QuantityPrecision) -> list[Sequence[Cell]]:
     for i, row in enumerate(quantity.sessions):
         low, high = row.interval95 or (None, None)
         h = None if quantity.mandel_h is None else quantity.mandel_h[i]
-        rows += [(quantity.name, quantity.kind, quantity.unit, row.session, result, low, high, h) for result in row.results]
+        rows += [
+            (quantity.name, quantity.kind, quantity.unit, row.session, result, low, high, h)
+            for result in row.results
+        ]
     return rows
 
 
 def _distance(parts: Sequence[float | None]) -> float | None:
-    """Of three components the root of the sum of squares; None where they are not told."""
+    """Root of the sum of squares of three components; None where one is not known."""
     known = [part for part in parts if part is not None]
     return float(np.linalg.norm(known)) if len(known) == len(parts) else None

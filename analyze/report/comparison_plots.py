@@ -21,7 +21,11 @@ COLUMNS = 3
 
 
 def forest_figure(
-    quantities: Sequence[QuantityPrecision], names: Sequence[str], factor: float, unit: str, odd: int | None = None
+    quantities: Sequence[QuantityPrecision],
+    names: Sequence[str],
+    factor: float,
+    unit: str,
+    odd: int | None = None,
 ) -> Figure:
     """Each session's answer with its 95 % interval, a panel per quantity; the band and the line are all strikes' together.
 
@@ -36,7 +40,9 @@ def forest_figure(
     columns = min(COLUMNS, len(quantities))
     count = len(names)
     with style():
-        figure = Figure(figsize=(9.4 if columns > 1 else 4.6, rows * (0.95 + 0.27 * (count + 1))), layout="constrained")
+        figure = Figure(
+            figsize=(9.4 if columns > 1 else 4.6, rows * (0.95 + 0.27 * (count + 1))), layout="constrained"
+        )
         panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
         for axes, quantity in zip(panels, quantities, strict=False):
             _forest(axes, quantity, factor, odd, count)
@@ -63,18 +69,32 @@ def _forest(axes: Axes, quantity: QuantityPrecision, factor: float, odd: int | N
         place, stands_out = row.session - 1, row.session - 1 == odd
         colour = RED if stands_out else INK
         if row.interval95 is not None:
-            axes.plot([factor * end for end in row.interval95], [place, place], color=colour, lw=1.6, solid_capstyle="butt")
-        axes.plot(factor * row.value, place, "s" if stands_out else "o", color=colour, ms=6 if stands_out else 5)
+            axes.plot(
+                [factor * end for end in row.interval95],
+                [place, place],
+                color=colour,
+                lw=1.6,
+                solid_capstyle="butt",
+            )
+        axes.plot(
+            factor * row.value, place, "s" if stands_out else "o", color=colour, ms=6 if stands_out else 5
+        )
 
 
-def angles_figure(quantities: Sequence[QuantityPrecision], names: Sequence[str], odd: int | None = None) -> Figure:
+def angles_figure(
+    quantities: Sequence[QuantityPrecision], names: Sequence[str], odd: int | None = None
+) -> Figure:
     """Phi of every strike that went over, less the mean of its edge, by session: a panel per planned strike."""
     rows = math.ceil(len(quantities) / COLUMNS)
     columns = min(COLUMNS, len(quantities))
     count = len(names)
-    reach = 1.15 * max(math.degrees(max(abs(v - q.mean) for row in q.sessions for v in row.results)) for q in quantities)
+    reach = 1.15 * max(
+        math.degrees(max(abs(v - q.mean) for row in q.sessions for v in row.results)) for q in quantities
+    )
     with style():
-        figure = Figure(figsize=(9.4 if columns > 1 else 4.6, rows * (0.8 + 0.24 * count) + 0.3), layout="constrained")
+        figure = Figure(
+            figsize=(9.4 if columns > 1 else 4.6, rows * (0.8 + 0.24 * count) + 0.3), layout="constrained"
+        )
         panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
         for axes, quantity in zip(panels, quantities, strict=False):
             axes.grid(visible=False, axis="y")
@@ -83,7 +103,15 @@ def angles_figure(quantities: Sequence[QuantityPrecision], names: Sequence[str],
                 stands_out = row.session - 1 == odd
                 off = np.degrees(np.array(row.results) - quantity.mean)
                 place = np.full(len(off), row.session - 1)
-                axes.plot(off, place, "s" if stands_out else "o", color=RED if stands_out else INK, ms=4.5, alpha=0.75, mew=0)
+                axes.plot(
+                    off,
+                    place,
+                    "s" if stands_out else "o",
+                    color=RED if stands_out else INK,
+                    ms=4.5,
+                    alpha=0.75,
+                    mew=0,
+                )
             axes.set_title(f"{quantity.name.removeprefix('φ ')}: {math.degrees(quantity.mean):.2f}°")
         for axes in panels[len(quantities) :]:
             axes.set_visible(False)

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from analyze.errors import OutputError
-from analyze.output_file import write_text
+from schemas.output_file import OutputError, write_text
 
 Cell = str | int | float | bool | None
 
@@ -42,7 +41,9 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(exist_ok=True)
     except FileNotFoundError:
-        raise OutputError(f"{folder}: cannot be made: there is no folder {folder.parent}: create it first") from None
+        raise OutputError(
+            f"{folder}: cannot be made: there is no folder {folder.parent}: create it first"
+        ) from None
     except FileExistsError:
         raise OutputError(f"{folder}: is a file: name a folder for the tables") from None
     except OSError as error:

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 @cache
 def page_environment() -> Environment:
     """Templates with the filters that they use; one for all pages, so that each template is compiled once."""
-    environment = Environment(loader=PackageLoader("analyze.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    environment = Environment(
+        loader=PackageLoader("analyze.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
     environment.filters.update(
         deg=_degrees,
         inertia=_inertia,

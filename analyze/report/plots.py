@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Polygon
 from scipy.spatial import ConvexHull
 
-from analyze.estimation.equiplane import raised
+from analyze.estimation.equiplane import balance_direction
 from analyze.report.style import BLUE, BODY, CYCLE, GREEN, INK, MUTED, ORANGE, PHASES, RED, plain, style
 from analyze.types import Array, EquiPlane, TipMotion
 
@@ -35,7 +35,9 @@ def strike_figure(motion: TipMotion, title: str) -> Figure:
     if motion.angle is None:
         raise ValueError(f"strike {motion.strike_id} has no angle to plot")
     angle, fit = motion.angle, motion.fit
-    time: Array = (angle.time_ns - (angle.time_ns[0] if fit is None else fit.time0_ns)).astype(np.float64) * 1e-9
+    time: Array = (angle.time_ns - (angle.time_ns[0] if fit is None else fit.time0_ns)).astype(
+        np.float64
+    ) * 1e-9
     with style():
         figure = Figure(figsize=(4.6, 3.3), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3.2, 1))
@@ -45,13 +47,28 @@ def strike_figure(motion: TipMotion, title: str) -> Figure:
         if fit is not None:
             start, stop = fit.window
             inside = slice(start, stop)
-            upper.plot(time[inside], np.degrees(angle.theta[inside] - fit.residual), color=BLUE, lw=1.6, label="fitted")
+            upper.plot(
+                time[inside],
+                np.degrees(angle.theta[inside] - fit.residual),
+                color=BLUE,
+                lw=1.6,
+                label="fitted",
+            )
             upper.axhline(np.degrees(fit.phi), color=RED, lw=0.9, ls=(0, (4, 3)))
             upper.annotate(
-                f"φ = {np.degrees(fit.phi):.2f}°", (0.015, np.degrees(fit.phi)), xycoords=("axes fraction", "data"), color=RED, va="bottom"
+                f"φ = {np.degrees(fit.phi):.2f}°",
+                (0.015, np.degrees(fit.phi)),
+                xycoords=("axes fraction", "data"),
+                color=RED,
+                va="bottom",
             )
             lower.fill_between(
-                time[inside], -2 * np.degrees(angle.sd[inside]), 2 * np.degrees(angle.sd[inside]), color=BLUE, alpha=0.12, lw=0
+                time[inside],
+                -2 * np.degrees(angle.sd[inside]),
+                2 * np.degrees(angle.sd[inside]),
+                color=BLUE,
+                alpha=0.12,
+                lw=0,
             )
             lower.plot(time[inside], np.degrees(fit.residual), ".", color=BLUE, ms=3)
             lower.set_xlim(time[max(0, start - 30)], time[min(len(time) - 1, stop + 30)])
@@ -60,7 +77,9 @@ def strike_figure(motion: TipMotion, title: str) -> Figure:
         upper.set_ylabel("θ [°]")
         lower.set_ylabel("residual [°]")
         lower.set_xlabel("time [s]")
-        upper.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2, handlelength=1.2)
+        upper.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2, handlelength=1.2
+        )
         figure.align_ylabels()
     return figure
 
@@ -87,11 +106,17 @@ def projection_figures(estimate: Estimate, com_true: Array | None = None) -> lis
     # The close-up shows the ellipse, the truth, and the planes passing by.
     widest = 3 * float(np.sqrt(np.diag(covariance)).max())
     off = 0.0 if com_true is None else 1.5 * float(np.abs(com_true - com).max())
-    reach = float(np.clip(max(widest, off, 1.3 * float(np.abs(estimate.com.residuals).max()), 5e-4), 0.0, 0.5 * extent.max()))
+    reach = float(
+        np.clip(
+            max(widest, off, 1.3 * float(np.abs(estimate.com.residuals).max()), 5e-4), 0.0, 0.5 * extent.max()
+        )
+    )
     return [_projection(estimate, com_true, reach, view, name) for *view, name in VIEWS]
 
 
-def _projection(estimate: Estimate, com_true: Array | None, reach: float, view: Sequence[int], name: str) -> Figure:
+def _projection(
+    estimate: Estimate, com_true: Array | None, reach: float, view: Sequence[int], name: str
+) -> Figure:
     i, j = view
     vertices = estimate.evidence.model.vertices
     com = estimate.com.position
@@ -109,7 +134,7 @@ def _projection(estimate: Estimate, com_true: Array | None, reach: float, view: 
                 axes.plot(*(1e3 * com_true[list(view)]), "x", color=RED, ms=7, mew=1.8, zorder=6)
             axes.set_xlabel(f"{'xyz'[i]} [mm]")
             axes.set_ylabel(f"{'xyz'[j]} [mm]")
-        close.plot(*(1e3 * estimate.com_paper.position[list(view)]), "D", color=ORANGE, ms=5, zorder=4)
+        close.plot(*(1e3 * estimate.paper.com.position[list(view)]), "D", color=ORANGE, ms=5, zorder=4)
         _axis_names(whole, estimate.planes, (i, j), com)
         close.set_aspect("equal")
         plain(whole)
@@ -131,7 +156,7 @@ def _planes(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int]) ->
         # Only planes seen nearly edge-on are lines in this view.
         if abs(plane.direction[depth]) < 0.9:
             continue
-        along = raised(plane.direction, plane.up, plane.phi)[list(view)]
+        along = balance_direction(plane.direction, plane.up, plane.phi)[list(view)]
         start = plane.point[list(view)]
         line = 1e3 * np.array([start, start + 0.6 * along])
         colour = CYCLE[names.index(plane.axis_id) % len(CYCLE)]
@@ -167,8 +192,21 @@ def _centre(axes: Axes, com: Array, covariance: Array, view: tuple[int, int]) ->
     values, vectors = np.linalg.eigh(covariance[np.ix_(rows, rows)])
     width, height = 2 * SIGMAS95_2D * 1e3 * np.sqrt(values)
     turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
-    axes.add_patch(Ellipse(tuple(1e3 * com[rows]), width, height, angle=turn, facecolor=INK, alpha=0.18, lw=0, zorder=4))
-    axes.add_patch(Ellipse(tuple(1e3 * com[rows]), width, height, angle=turn, facecolor="none", edgecolor=INK, lw=0.9, zorder=5))
+    axes.add_patch(
+        Ellipse(tuple(1e3 * com[rows]), width, height, angle=turn, facecolor=INK, alpha=0.18, lw=0, zorder=4)
+    )
+    axes.add_patch(
+        Ellipse(
+            tuple(1e3 * com[rows]),
+            width,
+            height,
+            angle=turn,
+            facecolor="none",
+            edgecolor=INK,
+            lw=0.9,
+            zorder=5,
+        )
+    )
     axes.plot(*(1e3 * com[rows]), "+", color=INK, ms=8, mew=1.6, zorder=6)
 
 
@@ -182,18 +220,36 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
         axes = figure.subplots()
         axes.barh(place, masses, height=0.5, color=BLUE, alpha=0.85)
         axes.errorbar(
-            masses, place, xerr=np.maximum([masses - low, high - masses], 0.0), fmt="none", ecolor=INK, elinewidth=1.2, capsize=3, zorder=4
+            masses,
+            place,
+            xerr=np.maximum([masses - low, high - masses], 0.0),
+            fmt="none",
+            ecolor=INK,
+            elinewidth=1.2,
+            capsize=3,
+            zorder=4,
         )
-        marks = {"surface": "s", "uniform": "o", "surface_and_uniform": "^"}
+        marks = {"shell": "s", "uniform": "o", "shell_and_uniform": "^"}
         for name, naive in sorted(distribution.baselines.items()):
             label = f"naive: {name.replace('_', ' ')}"
-            axes.plot(1e3 * naive, place + 0.36, marks.get(name, "v"), color=MUTED, mfc="white", ms=5, label=label)
-        if estimate.distribution_paper is not None:
-            axes.plot(1e3 * estimate.distribution_paper.masses, place + 0.36, "D", color=ORANGE, ms=5, label="the paper's")
+            axes.plot(
+                1e3 * naive, place + 0.36, marks.get(name, "v"), color=MUTED, mfc="white", ms=5, label=label
+            )
+        if estimate.paper.regions is not None:
+            axes.plot(
+                1e3 * estimate.paper.regions.masses,
+                place + 0.36,
+                "D",
+                color=ORANGE,
+                ms=5,
+                label="the paper's",
+            )
         if truth is not None:
             values = [1e3 * truth[name] for name in distribution.names]
             axes.plot(values, place, "|", color=RED, ms=24, mew=2.4, zorder=5)
-            axes.plot([], [], "|", color=RED, ms=9, mew=2.4, label="truth")  # in the legend no taller than a line
+            axes.plot(
+                [], [], "|", color=RED, ms=9, mew=2.4, label="truth"
+            )  # in the legend no taller than a line
         axes.set_yticks(place, distribution.names)
         axes.set_ylim(len(masses) - 0.45, -0.5)
         axes.set_xlim(left=0)
@@ -212,9 +268,18 @@ def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
         axes = figure.subplots()
         value = 1e7 * np.array([axis.i_com for axis in axes_of])
         spread = 1.96e7 * np.array([axis.i_com_sd for axis in axes_of])
-        axes.errorbar(value, place, xerr=spread, fmt="o", color=GREEN, ms=5, elinewidth=1.4, capsize=3, label="estimate")
+        axes.errorbar(
+            value, place, xerr=spread, fmt="o", color=GREEN, ms=5, elinewidth=1.4, capsize=3, label="estimate"
+        )
         if truth is not None:
-            axes.plot(1e7 * np.array([truth[axis.axis_id] for axis in axes_of]), place, "|", color=RED, ms=14, mew=2.2)
+            axes.plot(
+                1e7 * np.array([truth[axis.axis_id] for axis in axes_of]),
+                place,
+                "|",
+                color=RED,
+                ms=14,
+                mew=2.2,
+            )
             axes.plot([], [], "|", color=RED, ms=9, mew=2.2, label="truth")
         axes.set_yticks(place, [axis.axis_id for axis in axes_of])
         axes.set_ylim(len(axes_of) - 0.5, -0.5)

@@ -10,16 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analyze.calibration.plumb import PlumbLine
-from analyze.output_file import write_bytes
 from analyze.tracking.camera_model import distort
 from analyze.types import CameraModel
+from schemas.output_file import write_bytes
 
 COLOUR = (0, 159, 230)
 BESIDE_PX = 4
 """the string itself stays visible between two strokes"""
 
 
-def write_plumb_picture(image: NDArray[np.uint8], lines: Sequence[PlumbLine], camera: CameraModel, output: Path) -> None:
+def write_plumb_picture(
+    image: NDArray[np.uint8], lines: Sequence[PlumbLine], camera: CameraModel, output: Path
+) -> None:
     """Write a PNG, whole or not at all.
 
     Raises:
@@ -31,5 +33,7 @@ def write_plumb_picture(image: NDArray[np.uint8], lines: Sequence[PlumbLine], ca
         raw = distort(camera, line.bottom * (1 - share) + line.top * share)
         for side in (-BESIDE_PX, BESIDE_PX):
             stroke = np.round((raw + np.array([side, 0])) * 8).astype(np.int32)
-            cv2.polylines(picture, [stroke], isClosed=False, color=COLOUR, thickness=1, lineType=cv2.LINE_AA, shift=3)
+            cv2.polylines(
+                picture, [stroke], isClosed=False, color=COLOUR, thickness=1, lineType=cv2.LINE_AA, shift=3
+            )
     write_bytes(output, cv2.imencode(".png", picture)[1].tobytes())

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
+from analyze.estimation.intervals import SIGMAS_95
 from analyze.report.style import BLUE, INK, MUTED, RED, style
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from analyze.pipeline.prediction import ForetoldStrike
+    from analyze.pipeline.prediction import StrikePrediction
 
 COLUMNS = 3
 LINEAR_DEG = 0.2
@@ -24,17 +25,19 @@ LINEAR_DEG = 0.2
 TICKS = (0.2, 1.0, 5.0, 20.0)
 
 
-def foretold_figure(strikes: Sequence[ForetoldStrike]) -> Figure:
-    """Measured less foretold angle with its band of 1.96 sd, one panel per strike; those not foretold in red.
+def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
+    """Measured less predicted angle with its band of 1.96 sd, one panel per strike; strikes not predicted in red.
 
     Raises:
         ValueError: there is no strike.
     """
     if not strikes:
-        raise ValueError("no strike was foretold")
+        raise ValueError("no strike has a prediction")
     rows = math.ceil(len(strikes) / COLUMNS)
     columns = min(COLUMNS, len(strikes))
-    most = max(float(np.max(np.maximum(np.abs(each.motion.offset), 1.96 * each.motion.sd))) for each in strikes)
+    most = max(
+        float(np.max(np.maximum(np.abs(each.motion.offset), SIGMAS_95 * each.motion.sd))) for each in strikes
+    )
     limit = 1.15 * max(np.degrees(most), LINEAR_DEG)
     longest = max(float(each.motion.time[-1]) for each in strikes)
     with style():
@@ -48,7 +51,9 @@ def foretold_figure(strikes: Sequence[ForetoldStrike]) -> Figure:
         ticks = [tick for tick in TICKS if tick < limit]
         first.yaxis.set_major_locator(FixedLocator([*(-tick for tick in reversed(ticks)), 0.0, *ticks]))
         first.yaxis.set_minor_locator(NullLocator())
-        first.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:+g}".replace("-", "−") if value else "0"))
+        first.yaxis.set_major_formatter(
+            FuncFormatter(lambda value, _: f"{value:+g}".replace("-", "−") if value else "0")
+        )
         first.set_xlim(0.0, 1.02 * longest)
         for axes in panels[len(strikes) :]:
             axes.set_visible(False)
@@ -56,19 +61,25 @@ def foretold_figure(strikes: Sequence[ForetoldStrike]) -> Figure:
             lowest = panels[max(i for i in range(column, len(strikes), columns))]
             lowest.tick_params(labelbottom=True)
             lowest.set_xlabel("time [s]")
-        figure.supylabel("measured less foretold [°]", fontsize=8.5)
+        figure.supylabel("measured less predicted [°]", fontsize=8.5)
     return figure
 
 
-def _panel(axes: Axes, strike: ForetoldStrike) -> None:
+def _panel(axes: Axes, strike: StrikePrediction) -> None:
     motion = strike.motion
-    colour = BLUE if strike.holds else RED
-    offset, band = np.degrees(motion.offset), np.degrees(1.96 * motion.sd)
+    colour = BLUE if strike.consistent else RED
+    offset, band = np.degrees(motion.offset), np.degrees(SIGMAS_95 * motion.sd)
     axes.axvspan(0.0, float(motion.time[motion.start]), color=MUTED, alpha=0.1, lw=0, zorder=0)
     axes.axhline(0.0, color=INK, lw=0.6, zorder=1)
     axes.fill_between(motion.time, -band, band, color=colour, alpha=0.16, lw=0, zorder=2)
     axes.plot(motion.time, offset, ".-", color=colour, ms=2.6, lw=0.8, zorder=3)
-    sigmas = max(strike.told.sigmas, strike.motion_sigmas)
-    said = f"{sigmas:.1f} sd" if strike.holds else f"{sigmas:.1f} sd: not foretold"
-    axes.set_title(strike.told.strike_id, fontsize=8.5)
-    axes.set_title(said, loc="right", fontsize=8, fontweight="normal" if strike.holds else "bold", color=MUTED if strike.holds else RED)
+    sigmas = max(strike.left_out.sigmas, strike.motion_sigmas)
+    label = f"{sigmas:.1f} sd" if strike.consistent else f"{sigmas:.1f} sd: not predicted"
+    axes.set_title(strike.left_out.strike_id, fontsize=8.5)
+    axes.set_title(
+        label,
+        loc="right",
+        fontsize=8,
+        fontweight="normal" if strike.consistent else "bold",
+        color=MUTED if strike.consistent else RED,
+    )

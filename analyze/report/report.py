@@ -1,4 +1,4 @@
-"""One HTML file with the answer, its reasons and its plots: nothing is loaded from elsewhere, and it prints."""
+"""The report: one self-contained HTML file with the answer, its reasons and plots, ready to print."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
-from analyze.output_file import write_text
+from analyze.estimation.intervals import SIGMAS_95
 from analyze.reading.recording import open_recording
 from analyze.report.page import drawn, manifest_time, number, page_environment, signed
 from analyze.report.plots import moments_figure, projection_figures, regions_figure, strike_figure
-from analyze.report.prediction_plot import foretold_figure
+from analyze.report.prediction_plot import prediction_figure
 from analyze.report.sensitivity_plot import influence_figure, source_rows, sources_figure, told_in_words
 from analyze.report.summary import DEGREES, GRAM_CM2, filling_rows
 from analyze.report.truth import ShownTruth, shown_truth
@@ -25,10 +25,12 @@ from analyze.report.voxel_map import told_in_words as voxels_told_in_words
 from analyze.report.voxel_map import voxel_figure
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.tilt import tilt_lines
+from schemas.output_file import write_text
 from schemas.result import Quantity, StrikeResult, Verdict
 
 if TYPE_CHECKING:
     from analyze.pipeline.estimate import Estimate
+    from analyze.result.answer import Answer
     from analyze.types import MarkerTrack, MassDistribution
 
 JPEG_QUALITY = 88
@@ -36,34 +38,34 @@ JPEG_QUALITY = 88
 
 @dataclass(frozen=True)
 class Still:
-    """One image of a strike, with the marker's outline."""
+    """One image of a strike with the marker outlined."""
 
     axis_id: str
     caption: str
     data_url: str
 
 
-def write_report(estimate: Estimate, output: Path, score: Mapping[str, Any] | None = None) -> None:
-    """Write the report; either whole or not at all.
+def write_report(answer: Answer, output: Path, score: Mapping[str, Any] | None = None) -> None:
+    """Write the report; the file appears there when it is complete.
 
     Args:
-        estimate: its recordings are read again, for the stills.
+        answer: estimate and its result; its recordings are read again, for the stills.
         output: the HTML file.
-        score: from `score_estimate`, to show the truth beside the estimate.
+        score: errors against ground truth (`score_answer`); None if the recordings are not virtual.
 
     Raises:
         RecordingError: a recording cannot be read.
         OutputError: the file cannot be written.
     """
-    write_text(output, render_report(estimate, stills(estimate), score))
+    write_text(output, render_report(answer, stills(answer.estimate), score))
 
 
-def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
+def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] | None = None) -> str:
     """The report as HTML text."""
-    result = estimate.result
-    truth = None if score is None else shown_truth(score, estimate)
+    estimate, result = answer.estimate, answer.result
+    truth = None if score is None else shown_truth(score, answer)
     rows = source_rows(estimate.sensitivity, estimate.com.covariance)
-    half = 1.96 * float(np.sqrt(np.linalg.eigvalsh(estimate.com.covariance)[-1]))
+    half = SIGMAS_95 * float(np.sqrt(np.linalg.eigvalsh(estimate.com.covariance)[-1]))
     return (
         page_environment()
         .get_template("report.html")
@@ -71,26 +73,41 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
             name=estimate.evidence.spec.name,
             result=result,
             recordings=estimate.evidence.recordings,
-            verdict=verdict_in_words(estimate),
+            verdict=verdict_in_words(answer),
             com=_com_rows(result.centre_of_mass, truth),
             used=[strike for strike in result.strikes if strike.used],
             axes=len({plane.axis_id for plane in estimate.planes}),
-            reasons=[strike for strike in result.strikes if strike.reason and strike.verdict is not Verdict.GOOD],
+            reasons=[
+                strike for strike in result.strikes if strike.reason and strike.verdict is not Verdict.GOOD
+            ],
             stills=images,
-            created=list(dict.fromkeys(manifest_time(each.manifest.created) for each in estimate.evidence.recordings)),
+            created=list(
+                dict.fromkeys(manifest_time(each.manifest.created) for each in estimate.evidence.recordings)
+            ),
             truth=truth,
-            projections=[drawn(figure) for figure in projection_figures(estimate, None if truth is None else truth.com)],
-            regions=drawn(regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)),
+            projections=[
+                drawn(figure) for figure in projection_figures(estimate, None if truth is None else truth.com)
+            ],
+            regions=drawn(
+                regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)
+            ),
             voxels=drawn(voxel_figure(estimate.voxels)),
             voxels_told=voxels_told_in_words(estimate.voxels),
             moments=drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
-            foretold=drawn(foretold_figure(estimate.foretold)) if estimate.foretold else None,
-            foretold_count=sum(each.holds for each in estimate.foretold),
-            warnings=[each for each in result.warnings if not any(each.text in sentence for sentence in result.verdict or [])],
-            missed=[each for each in estimate.foretold if not each.holds],
+            predictions=drawn(prediction_figure(estimate.predictions)) if estimate.predictions else None,
+            consistent_count=sum(each.consistent for each in estimate.predictions),
+            warnings=[
+                each
+                for each in result.warnings
+                if not any(each.text in sentence for sentence in result.verdict or [])
+            ],
+            missed=[each for each in estimate.predictions if not each.consistent],
             filling=[] if result.filling is None else filling_rows(result.filling),
-            strikes=_strike_plots(estimate),
-            tilts=[*tilt_lines(result), *frame_time_lines(result.frame_times, len(estimate.evidence.recordings) > 1)],
+            strikes=_strike_plots(answer),
+            tilts=[
+                *tilt_lines(result),
+                *frame_time_lines(result.frame_times, len(estimate.evidence.recordings) > 1),
+            ],
             sources=drawn(sources_figure(rows, half)),
             sources_told=told_in_words(rows),
             influences=drawn(influence_figure(estimate.sensitivity)),
@@ -104,43 +121,53 @@ def render_report(estimate: Estimate, images: list[Still], score: Mapping[str, A
     )
 
 
-def verdict_in_words(estimate: Estimate) -> str:
-    """What was found, in two or three sentences."""
-    result, com = estimate.result, estimate.com
-    sd = 1.96e3 * np.sqrt(np.linalg.eigvalsh(com.covariance)[-1])
+def verdict_in_words(answer: Answer) -> str:
+    """Summary in two or three sentences: centre of mass, heaviest region, strikes used."""
+    estimate, result = answer.estimate, answer.result
+    com = estimate.com
+    half = 1e3 * SIGMAS_95 * np.sqrt(np.linalg.eigvalsh(com.covariance)[-1])
     axes = len({plane.axis_id for plane in estimate.planes})
     count = f"{len(estimate.planes)} of {len(result.strikes)} strikes on {axes} {'axis' if axes == 1 else 'axes'} were used."
     if not com.observed:
-        return f"{count} They leave one direction of the centre of mass open; the number given along it comes from the shape."
+        return f"{count} They do not determine the centre of mass along one direction; the number given along it comes from the shape."
     shift = com.position - estimate.evidence.model.centroid
     text = f"The centre of mass lies {1e3 * np.linalg.norm(shift):.1f}\u00a0mm from the middle of the volume"
-    text += f" and is known to {sd:.1f}\u00a0mm in its worst direction (95\u00a0%)."
+    text += f" and is known to {half:.1f}\u00a0mm in its worst direction (95\u00a0%)."
     return f"{text} {_heaviest_in_words(estimate.distribution)} {count}"
 
 
 def _heaviest_in_words(distribution: MassDistribution) -> str:
-    """Where most of the mass is, as far as the intervals tell."""
+    """Sentence on the heaviest region, as far as the intervals determine it."""
     mass = distribution.masses.sum()
     heaviest = int(np.argmax(distribution.masses))
     least, others = distribution.intervals[heaviest, 0], np.delete(distribution.intervals[:, 1], heaviest)
     if not distribution.explained or least < np.max(others, initial=0.0):
-        return "The strikes do not tell which part of it is the heaviest."
-    where = {"surface": "in the wall", "upper": "inside, above the border", "lower": "inside, below the border"}
+        return "The strikes do not determine which part of it is the heaviest."
+    where = {
+        "shell": "in the shell",
+        "upper": "inside, above the dividing plane",
+        "lower": "inside, below the dividing plane",
+    }
     place = where.get(distribution.names[heaviest], distribution.names[heaviest])
     part = "Most" if least > mass / 2 else "The largest part"
     return f"{part} of the mass ({100 * distribution.masses[heaviest] / mass:.0f}\u00a0%) sits {place}."
 
 
 def stills(estimate: Estimate) -> list[Still]:
-    """One image per pivot axis: the first strike used, when the object stands near its balance point, with the marker outlined."""
+    """One image per pivot axis, from the first strike used, near the balance point, with the marker
+    outlined."""
     found: list[Still] = []
     seen: set[str] = set()
     evidence = estimate.evidence
     with ExitStack() as stack:
-        opened = {head.content_id: stack.enter_context(open_recording(head.path)) for head in evidence.recordings}
+        opened = {
+            head.content_id: stack.enter_context(open_recording(head.path)) for head in evidence.recordings
+        }
         motions = {motion.strike_id: motion for motion in evidence.motions}
-        # Strikes that tipped over first: one that rocked back never stood at phi.
-        for plane in sorted(estimate.planes, key=lambda plane: motions[plane.strike_id].verdict is not Verdict.GOOD):
+        # Strikes that tipped over come first: one that rocked back never reaches phi.
+        for plane in sorted(
+            estimate.planes, key=lambda plane: motions[plane.strike_id].verdict is not Verdict.GOOD
+        ):
             report = evidence.tracking.get(plane.strike_id)
             motion = motions[plane.strike_id]
             if plane.axis_id in seen or report is None or not report.tracks or motion.angle is None:
@@ -148,16 +175,31 @@ def stills(estimate: Estimate) -> list[Still]:
             seen.add(plane.axis_id)
             nearest = int(np.argmin(np.abs(motion.angle.theta - plane.phi)))
             moment = int(motion.angle.time_ns[nearest])
-            caption = f"strike {plane.strike_id} at θ\u00a0=\u00a0{DEGREES * motion.angle.theta[nearest]:.1f}°"
+            caption = (
+                f"strike {plane.strike_id} at θ\u00a0=\u00a0{DEGREES * motion.angle.theta[nearest]:.1f}°"
+            )
             shown = _frame_at(report.tracks, moment)
-            frames = opened[evidence.recording_of(plane.strike_id).content_id].images(start_ns=shown, end_ns=shown)
-            found.extend(Still(plane.axis_id, caption, _outlined(frame.image, report.tracks, moment)) for frame in frames)
+            frames = opened[evidence.recording_of(plane.strike_id).content_id].images(
+                start_ns=shown, end_ns=shown
+            )
+            found.extend(
+                Still(plane.axis_id, caption, _outlined(frame.image, report.tracks, moment))
+                for frame in frames
+            )
     return found
 
 
 def _frame_at(tracks: tuple[MarkerTrack, ...], time_ns: int) -> int:
-    """Time of the image in which markers were seen at `time_ns`."""
-    return next((int(track.frame_ns[where[0]]) for track in tracks if len(where := np.flatnonzero(track.time_ns == time_ns))), time_ns)
+    """Time of the image that shows markers at `time_ns`: a rolling shutter's markers have times of their
+    own."""
+    return next(
+        (
+            int(track.frame_ns[where[0]])
+            for track in tracks
+            if len(where := np.flatnonzero(track.time_ns == time_ns))
+        ),
+        time_ns,
+    )
 
 
 def _outlined(image: Any, tracks: tuple[MarkerTrack, ...], time_ns: int) -> str:
@@ -166,25 +208,38 @@ def _outlined(image: Any, tracks: tuple[MarkerTrack, ...], time_ns: int) -> str:
         where = np.flatnonzero(track.time_ns == time_ns)
         if len(where):
             corners = np.round(track.corners_px[int(where[0])] * 8).astype(np.int32)
-            cv2.polylines(picture, [corners], isClosed=True, color=(0, 159, 230), thickness=2, lineType=cv2.LINE_AA, shift=3)
+            cv2.polylines(
+                picture,
+                [corners],
+                isClosed=True,
+                color=(0, 159, 230),
+                thickness=2,
+                lineType=cv2.LINE_AA,
+                shift=3,
+            )
     encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
     return f"data:image/jpeg;base64,{base64.b64encode(encoded.tobytes()).decode()}"
 
 
-def _strike_plots(estimate: Estimate) -> list[tuple[StrikeResult, Markup]]:
-    by_id = {strike.id: strike for strike in estimate.result.strikes}
+def _strike_plots(answer: Answer) -> list[tuple[StrikeResult, Markup]]:
+    by_id = {strike.id: strike for strike in answer.result.strikes}
     plots: list[tuple[StrikeResult, Markup]] = []
-    for motion in estimate.evidence.motions:
+    for motion in answer.estimate.evidence.motions:
         if motion.angle is None:
             continue
         strike = by_id[motion.strike_id]
-        plots.append((strike, drawn(strike_figure(motion, f"{strike.id}: {strike.verdict.value.replace('_', ' ')}"))))
+        plots.append(
+            (strike, drawn(strike_figure(motion, f"{strike.id}: {strike.verdict.value.replace('_', ' ')}")))
+        )
     return plots
 
 
 def _com_rows(com: Quantity, truth: ShownTruth | None) -> list[dict[str, str]]:
-    values, half = 1e3 * np.array(com.value), 1.96e3 * np.array(com.sd)
-    rows = [{"axis": axis, "value": number(v, 2), "half": number(h, 2)} for axis, v, h in zip("xyz", values, half, strict=True)]
+    values, half = 1e3 * np.array(com.value), 1e3 * SIGMAS_95 * np.array(com.sd)
+    rows = [
+        {"axis": axis, "value": number(v, 2), "half": number(h, 2)}
+        for axis, v, h in zip("xyz", values, half, strict=True)
+    ]
     if truth is not None:
         digits = 3 if half.max() < 0.2 else 2
         for row, value, spread, true in zip(rows, values, half, 1e3 * truth.com, strict=True):
@@ -202,7 +257,7 @@ def _inertia_rows(estimate: Estimate) -> list[list[dict[str, Any]]]:
         [
             {
                 "value": number(GRAM_CM2 * inertial.inertia[i, j], 0),
-                "half": f"{1.96 * GRAM_CM2 * inertial.inertia_sd[i, j]:.0f}",
+                "half": f"{SIGMAS_95 * GRAM_CM2 * inertial.inertia_sd[i, j]:.0f}",
                 "measured": bool(inertial.measured[i, j]),
             }
             for j in range(3)

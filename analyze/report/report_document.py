@@ -14,21 +14,25 @@ if TYPE_CHECKING:
 
     from analyze.pipeline.estimate import Estimate
     from analyze.pipeline.evidence import RecordingHead
+    from analyze.result.answer import Answer
 
 
-def report_json(estimate: Estimate, verdict: str, score: Mapping[str, Any] | None = None) -> str:
-    """What `analyze report --json` prints: one line.
+def report_json(answer: Answer, verdict: str, score: Mapping[str, Any] | None = None) -> str:
+    """The Report document as one line of JSON.
 
     Args:
-        estimate: the answer.
-        verdict: in words, as on the page.
-        score: from `score_estimate`, where the recordings are virtual.
+        answer: estimate and its result.
+        verdict: summary in words, as on the page.
+        score: errors against ground truth (`score_answer`); None if the recordings are not virtual.
     """
+    estimate = answer.estimate
     document = Report(
         object=estimate.evidence.spec.name,
         verdict=verdict,
-        recordings=[report_recording(number, head) for number, head in enumerate(estimate.evidence.recordings, 1)],
-        result=estimate.result,
+        recordings=[
+            report_recording(number, head) for number, head in enumerate(estimate.evidence.recordings, 1)
+        ],
+        result=answer.result,
         sensitivity=_sensitivity(estimate),
         score=None if score is None else dict(score),
     )
@@ -36,7 +40,7 @@ def report_json(estimate: Estimate, verdict: str, score: Mapping[str, Any] | Non
 
 
 def report_recording(number: int, head: RecordingHead) -> ReportRecording:
-    """Where a recording comes from."""
+    """Origin of one recording: files, ids, program, camera."""
     manifest = head.manifest
     camera = manifest.cameras[0]
     return ReportRecording(
@@ -67,7 +71,12 @@ def _sensitivity(estimate: Estimate) -> SensitivityResult:
             for each in estimate.sensitivity.strikes
         ],
         sources=[
-            ErrorShare(source=row.source.value, covariance=shares[row.source].tolist(), half95_worst_m=row.half, share_worst=row.share)
+            ErrorShare(
+                source=row.source.value,
+                covariance=shares[row.source].tolist(),
+                half95_worst_m=row.half,
+                share_worst=row.share,
+            )
             for row in source_rows(estimate.sensitivity, covariance)
         ],
     )

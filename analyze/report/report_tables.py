@@ -1,4 +1,5 @@
-"""The report's tables for other programs, SI throughout: answer, strikes, regions, sources of error, motions, recordings, warnings."""
+"""Tables of a report for other programs, in SI units: answer, strikes, regions, error sources, motions,
+recordings, warnings."""
 
 from __future__ import annotations
 
@@ -14,19 +15,20 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from analyze.pipeline.estimate import Estimate
+    from analyze.result.answer import Answer
     from analyze.types import TipMotion
 
 PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
 
 
-def report_tables(estimate: Estimate) -> list[CsvTable]:
+def report_tables(answer: Answer) -> list[CsvTable]:
     """All tables of one answer."""
-    result = estimate.result
-    answer = ["quantity", "value", "sd", "low95", "high95", "unit", "source", "observed"]
+    estimate, result = answer.estimate, answer.result
+    columns = ["quantity", "value", "sd", "low95", "high95", "unit", "source", "observed"]
     rows = source_rows(estimate.sensitivity, estimate.com.covariance)
     tables = [
-        CsvTable("answer", answer, list(answer_rows(result))),
-        _strikes(estimate),
+        CsvTable("answer", columns, list(answer_rows(result))),
+        _strikes(answer),
         CsvTable(
             "error_sources",
             ["source", "half95_worst_m", "share_of_variance"],
@@ -41,9 +43,20 @@ def report_tables(estimate: Estimate) -> list[CsvTable]:
         tables.append(
             CsvTable(
                 "regions",
-                ["region", "mass_kg", "sd_kg", "low95_kg", "high95_kg", *(f"naive_{name}_kg" for name in naive)],
                 [
-                    (region.name, *_scalar(region.mass), *(result.regions.baselines[name][i] for name in naive))
+                    "region",
+                    "mass_kg",
+                    "sd_kg",
+                    "low95_kg",
+                    "high95_kg",
+                    *(f"naive_{name}_kg" for name in naive),
+                ],
+                [
+                    (
+                        region.name,
+                        *_scalar(region.mass),
+                        *(result.regions.baselines[name][i] for name in naive),
+                    )
                     for i, region in enumerate(result.regions.regions)
                 ],
             )
@@ -52,18 +65,37 @@ def report_tables(estimate: Estimate) -> list[CsvTable]:
 
 
 def _recordings(estimate: Estimate) -> CsvTable:
-    """Where the strikes come from: of imported recordings (`container_pts`) the rate is what a file states, or a drop measured."""
+    """Recordings with their frame rates; for imported ones (`container_pts`) as a file states it, or as a
+    drop measured it."""
     rows: list[Sequence[Cell]] = []
     for number, head in enumerate(estimate.evidence.recordings, 1):
         manifest, camera = head.manifest, head.manifest.cameras[0]
         times = manifest.time_source.value, 1e-9 * manifest.time_source_sd_ns
-        rows.append((number, manifest.recording_id, manifest.created, camera.frame_rate_hz, camera.frame_rate_sd_hz, *times))
-    columns = ["recording", "recording_id", "created", "frame_rate_hz", "frame_rate_sd_hz", "time_source", "time_sd_s"]
+        rows.append(
+            (
+                number,
+                manifest.recording_id,
+                manifest.created,
+                camera.frame_rate_hz,
+                camera.frame_rate_sd_hz,
+                *times,
+            )
+        )
+    columns = [
+        "recording",
+        "recording_id",
+        "created",
+        "frame_rate_hz",
+        "frame_rate_sd_hz",
+        "time_source",
+        "time_sd_s",
+    ]
     return CsvTable("recordings", columns, rows)
 
 
 def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:
-    """Every quantity of an answer as one row: name, value, sd, ends of the 95 % interval, unit, source, whether it was observed."""
+    """Yield one row per quantity: name, value, sd, ends of the 95 % interval, unit, source, whether it was
+    observed."""
     yield _row("mass", result.mass)
     yield from _each("centre_of_mass", "xyz", result.centre_of_mass)
     for moment in result.moments:
@@ -77,14 +109,23 @@ def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:
             source = "measured" if measured[i][j] else "prior"
             low, high = ends[n] if isinstance(ends, list) else (None, None)  # type: ignore[misc] - a pair per entry here
             spread = sd[n] if isinstance(sd, list) else None
-            yield f"inertia_{'xyz'[i]}{'xyz'[j]}", float(values[n]), spread, low, high, "kg m^2", source, measured[i][j]
+            yield (
+                f"inertia_{'xyz'[i]}{'xyz'[j]}",
+                float(values[n]),
+                spread,
+                low,
+                high,
+                "kg m^2",
+                source,
+                measured[i][j],
+            )
     for region in result.regions.regions if result.regions is not None else []:
         yield _row(f"mass {region.name}", region.mass)
     for part in result.parts.parts if result.parts is not None else []:
         yield _row(f"mass {part.name}", part.mass)
         yield _row(f"density {part.name}", part.density)
     if result.filling is not None:
-        for name in ("level", "filled_share", "mass", "density", "wall"):
+        for name in ("level", "filled_share", "mass", "density", "shell"):
             yield _row(f"filling {name}", getattr(result.filling, name))
     for number, tilt in enumerate(result.table_tilt or [], 1):
         yield _row(f"table_tilt_x {number}", tilt.towards_x)
@@ -101,7 +142,7 @@ def _each(name: str, axes: str, vector: Quantity) -> Iterator[Sequence[Cell]]:
 
 
 def _scalar(quantity: Quantity | None) -> tuple[Cell, Cell, Cell, Cell]:
-    """Value, sd and the ends of the interval of a scalar; all empty where there is none."""
+    """Value, sd and interval ends of a scalar; all empty where there is none."""
     if quantity is None or isinstance(quantity.value, list):
         return None, None, None, None
     low, high = quantity.interval95 or (None, None)
@@ -109,24 +150,64 @@ def _scalar(quantity: Quantity | None) -> tuple[Cell, Cell, Cell, Cell]:
     return quantity.value, None if isinstance(sd, list) else sd, low, high  # type: ignore[return-value] - a scalar's here
 
 
-def _strikes(estimate: Estimate) -> CsvTable:
-    influences = {each.strike_id: each.by_phi.tolist() for each in estimate.sensitivity.strikes}
+def _strikes(answer: Answer) -> CsvTable:
+    influences = {each.strike_id: each.by_phi.tolist() for each in answer.estimate.sensitivity.strikes}
     rows: list[Sequence[Cell]] = []
-    for strike in estimate.result.strikes:
-        phi, k, i_edge, told = strike.phi, strike.k, strike.i_edge, strike.foretold
+    for strike in answer.result.strikes:
+        phi, k, i_edge, prediction = strike.phi, strike.k, strike.i_edge, strike.prediction
         rows.append(
             (
-                *(strike.id, strike.axis_id, strike.plane_id, strike.heading_rad, strike.verdict.value, strike.reason, strike.used),
-                *(strike.weight, strike.estimator, *_scalar(phi)[:2], *_scalar(k)[:2], *_scalar(i_edge)[:2], strike.energy_ratio),
-                *(strike.residual_rms_rad, strike.equiplane_residual_m, None if told is None else told.foretold),
+                *(
+                    strike.id,
+                    strike.axis_id,
+                    strike.plane_id,
+                    strike.heading_rad,
+                    strike.verdict.value,
+                    strike.reason,
+                    strike.used,
+                ),
+                *(
+                    strike.information_share,
+                    strike.estimator,
+                    *_scalar(phi)[:2],
+                    *_scalar(k)[:2],
+                    *_scalar(i_edge)[:2],
+                    strike.energy_ratio,
+                ),
+                *(
+                    strike.residual_rms_rad,
+                    strike.equiplane_residual_m,
+                    None if prediction is None else prediction.consistent,
+                ),
                 *influences.get(strike.id, (None, None, None)),
             )
         )
     return CsvTable(
         "strikes",
         [
-            *("strike", "axis", "plane", "heading_rad", "verdict", "reason", "used", "weight", "estimator", "phi_rad", "phi_sd_rad"),
-            *("k_rad_s2", "k_sd_rad_s2", "i_edge_kg_m2", "i_edge_sd_kg_m2", "energy_ratio", "residual_rms_rad", "off_plane_m", "foretold"),
+            *(
+                "strike",
+                "axis",
+                "plane",
+                "heading_rad",
+                "verdict",
+                "reason",
+                "used",
+                "information_share",
+                "estimator",
+                "phi_rad",
+                "phi_sd_rad",
+            ),
+            *(
+                "k_rad_s2",
+                "k_sd_rad_s2",
+                "i_edge_kg_m2",
+                "i_edge_sd_kg_m2",
+                "energy_ratio",
+                "residual_rms_rad",
+                "plane_residual_m",
+                "consistent",
+            ),
             *(f"com_{axis}_by_phi_m_rad" for axis in "xyz"),
         ],
         rows,
@@ -134,7 +215,7 @@ def _strikes(estimate: Estimate) -> CsvTable:
 
 
 def _motions(motions: Sequence[TipMotion]) -> CsvTable:
-    """Theta(t) of every strike, frame by frame; time from the start of the fit."""
+    """theta(t) of every strike, frame by frame; times count from the start of the fit."""
     rows: list[Sequence[Cell]] = []
     for motion in motions:
         angle, fit = motion.angle, motion.fit
@@ -144,11 +225,28 @@ def _motions(motions: Sequence[TipMotion]) -> CsvTable:
         start, stop = (0, 0) if fit is None else fit.window
         for i, moment in enumerate(angle.time_ns.tolist()):
             theta, inside = float(angle.theta[i]), start <= i < stop
-            residual = float(fit.residual[i - start]) if fit is not None and inside and len(fit.residual) else None
+            residual = (
+                float(fit.residual[i - start]) if fit is not None and inside and len(fit.residual) else None
+            )
             fitted = None if residual is None else theta - residual
             time_s = round((moment - zero) * 1e-9, 9)
-            rows.append((motion.strike_id, moment, time_s, _phase(motion, i), theta, float(angle.sd[i]), fitted, residual))
-    return CsvTable("motions", ["strike", "log_time_ns", "time_s", "phase", "theta_rad", "sd_rad", "fitted_rad", "residual_rad"], rows)
+            rows.append(
+                (
+                    motion.strike_id,
+                    moment,
+                    time_s,
+                    _phase(motion, i),
+                    theta,
+                    float(angle.sd[i]),
+                    fitted,
+                    residual,
+                )
+            )
+    return CsvTable(
+        "motions",
+        ["strike", "log_time_ns", "time_s", "phase", "theta_rad", "sd_rad", "fitted_rad", "residual_rad"],
+        rows,
+    )
 
 
 def _phase(motion: TipMotion, frame: int) -> str:

@@ -92,7 +92,14 @@ def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
         digits = 2 if values[0] >= 0.05 else 3
         for y, value, row in zip(place, values, [None, *shown], strict=True):
             share = "" if row is None else f"  {100 * row.share:.0f} %"
-            axes.annotate(f"±{value:.{digits}f}{share}", (value, y), (3, 0), textcoords="offset points", va="center", fontsize=8)
+            axes.annotate(
+                f"±{value:.{digits}f}{share}",
+                (value, y),
+                (3, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=8,
+            )
         axes.set_yticks(place, names)
         axes.set_ylim(len(names) - 0.5, -0.6)
         axes.set_xlim(0, 1.32 * values.max())

@@ -14,8 +14,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from analyze.errors import OutputError
-from analyze.output_file import write_bytes
+from schemas.output_file import OutputError, write_bytes
 
 INK = "#22262b"
 MUTED = "#7b848e"
@@ -33,9 +32,17 @@ BODY = "#f4f6f8"
 EMPTY, EMPTY_LINES = "#f4f5f6", "#c9ced3"
 """hatched: nothing is known there"""
 DENSITY_MAP = "Blues"
-GOOD_TO_BAD = LinearSegmentedColormap.from_list("good to bad", ["#0b6e4f", "#7cc6a4", "#f3f3e6", "#f0b27a", "#c0392b"])
+GOOD_TO_BAD = LinearSegmentedColormap.from_list(
+    "good to bad", ["#0b6e4f", "#7cc6a4", "#f3f3e6", "#f0b27a", "#c0392b"]
+)
 
-PHASES = {"rest": "#eef1f4", "strike": "#fbe3d3", "stage_one": "#e1eefb", "stage_two": "#e0f3ec", "landing": "#f4e9f1"}
+PHASES = {
+    "rest": "#eef1f4",
+    "strike": "#fbe3d3",
+    "stage_one": "#e1eefb",
+    "stage_two": "#e0f3ec",
+    "landing": "#f4e9f1",
+}
 """band colours behind a motion"""
 
 _SETTINGS: dict[Any, Any] = {

@@ -1,4 +1,4 @@
-"""The estimate as a few lines and tables for a terminal."""
+"""The answer as lines and tables for a terminal."""
 
 from __future__ import annotations
 
@@ -9,23 +9,28 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from analyze.estimation.intervals import SIGMAS_95
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.tilt import tilt_lines
 from schemas.result import Filling, Parts, Quantity, Result
 
 if TYPE_CHECKING:
-    from analyze.pipeline.estimate import Estimate
+    from analyze.result.answer import Answer
 
 DEGREES = 57.29577951308232
 GRAM_CM2 = 1e7
 
 
-def render_summary(estimate: Estimate, console: Console | None = None) -> None:
+def render_summary(answer: Answer, console: Console | None = None) -> None:
     """Print centre of mass, strikes, moments, regions and warnings."""
     console = console or Console(highlight=False)
-    result = estimate.result
+    estimate, result = answer.estimate, answer.result
     recordings = estimate.evidence.recordings
-    which = f"recording {result.inputs.recording_id}" if len(recordings) == 1 else f"{len(recordings)} recordings:"
+    which = (
+        f"recording {result.inputs.recording_id}"
+        if len(recordings) == 1
+        else f"{len(recordings)} recordings:"
+    )
     console.print(f"[bold]{estimate.evidence.spec.name}[/], {1e3 * estimate.inertial.mass:.1f} g, {which}")
     for number, recording in enumerate(recordings, 1):
         if len(recordings) > 1:
@@ -51,16 +56,18 @@ def render_summary(estimate: Estimate, console: Console | None = None) -> None:
 
 def com_text(com: Quantity) -> str:
     """Position with half-widths of the 95 % intervals, in mm."""
-    half = 1.96 * 1e3 * np.array(com.sd)
+    half = SIGMAS_95 * 1e3 * np.array(com.sd)
     values = [f"{1e3 * v:.1f} ± {h:.1f}" for v, h in zip(com.value or [], half, strict=True)]  # type: ignore[arg-type] - a vector here
-    return f"({', '.join(values)}) mm, 95 % interval" + ("" if com.observed else ", one direction not observed")
+    return f"({', '.join(values)}) mm, 95 % interval" + (
+        "" if com.observed else ", one direction not observed"
+    )
 
 
 def with_interval(quantity: Quantity | None, factor: float, digits: int, unit: str = "") -> str:
     """A scalar with the half-width of its 95 % interval."""
     if quantity is None or not isinstance(quantity.value, float):
         return "–"
-    spread = f" ± {1.96 * factor * quantity.sd:.{digits}f}" if isinstance(quantity.sd, float) else ""
+    spread = f" ± {SIGMAS_95 * factor * quantity.sd:.{digits}f}" if isinstance(quantity.sd, float) else ""
     return f"{factor * quantity.value:.{digits}f}{spread} {unit}".rstrip()
 
 
@@ -68,18 +75,18 @@ def _strikes(result: Result) -> Table:
     table = Table(title="Strikes, 95 %", title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     for name in ("strike", "axis", "verdict"):
         table.add_column(name, no_wrap=True)
-    for name in ("φ\n(°)", "I_edge\n(g cm²)", "off plane\n(mm)", "weight"):
+    for name in ("φ\n(°)", "I_edge\n(g cm²)", "plane residual\n(mm)", "information"):
         table.add_column(name, justify="right", no_wrap=True)
     for strike in result.strikes:
-        off = strike.equiplane_residual_m
+        residual = strike.equiplane_residual_m
         table.add_row(
             strike.id,
             strike.axis_id,
             strike.verdict.value,
             with_interval(strike.phi, DEGREES, 3),
             with_interval(strike.i_edge, GRAM_CM2, 0),
-            "–" if off is None else f"{1e3 * off:+.2f}",
-            f"{strike.weight:.0%}" if strike.used else "–",
+            "–" if residual is None else f"{1e3 * residual:+.2f}",
+            f"{strike.information_share:.0%}" if strike.used else "–",
             style=None if strike.used else "dim",
         )
     return table
@@ -87,10 +94,19 @@ def _strikes(result: Result) -> Table:
 
 def _moments(result: Result) -> Table:
     table = Table(
-        "axis", "about the edge", "about the centre of mass", title="Moments of inertia, 95 %", title_justify="left", box=SIMPLE_HEAD
+        "axis",
+        "about the edge",
+        "about the centre of mass",
+        title="Moments of inertia, 95 %",
+        title_justify="left",
+        box=SIMPLE_HEAD,
     )
     for moment in result.moments:
-        table.add_row(moment.axis_id, with_interval(moment.i_edge, GRAM_CM2, 0, "g cm²"), with_interval(moment.i_com, GRAM_CM2, 0, "g cm²"))
+        table.add_row(
+            moment.axis_id,
+            with_interval(moment.i_edge, GRAM_CM2, 0, "g cm²"),
+            with_interval(moment.i_com, GRAM_CM2, 0, "g cm²"),
+        )
     return table
 
 
@@ -103,36 +119,45 @@ def _regions(result: Result) -> Table:
         table.add_column(name, justify="left" if name == "region" else "right")
     for i, region in enumerate(result.regions.regions):
         estimate = f"{open_interval(region.mass, 1e3, 1)} g"
-        table.add_row(region.name, estimate, *(f"{1e3 * result.regions.baselines[item][i]:.1f} g" for item in naive))
+        table.add_row(
+            region.name, estimate, *(f"{1e3 * result.regions.baselines[item][i]:.1f} g" for item in naive)
+        )
     return table
 
 
 def _parts(parts: Parts) -> Table:
     table = Table(title="Labelled parts, 95 %", title_justify="left", box=SIMPLE_HEAD)
-    for name in ("part", "mass (g)", "density (g/cm³)", "of one density (g)"):
+    for name in ("part", "mass (g)", "density (g/cm³)", "if uniform (g)"):
         table.add_column(name, justify="left" if name == "part" else "right")
     for part, uniform in zip(parts.parts, parts.uniform, strict=True):
-        table.add_row(part.name, open_interval(part.mass, 1e3, 1), open_interval(part.density, 1e-3, 2), f"{1e3 * uniform:.1f}")
+        table.add_row(
+            part.name,
+            open_interval(part.mass, 1e3, 1),
+            open_interval(part.density, 1e-3, 2),
+            f"{1e3 * uniform:.1f}",
+        )
     return table
 
 
 def filling_rows(filling: Filling) -> list[tuple[str, str]]:
-    """Name and value with its interval of all that is said of a filling."""
+    """Rows of name and value with interval for a filling."""
     up = ", ".join(f"{value:.2f}" for value in filling.along)
     rows = [
         (f"level along ({up}) from the origin (mm)", open_interval(filling.level, 1e3, 1)),
-        ("filled, of the inside (%)", open_interval(filling.filled_share, 100, 0)),
+        ("filled share of the interior (%)", open_interval(filling.filled_share, 100, 0)),
         ("mass (g)", open_interval(filling.mass, 1e3, 1)),
         ("density (g/cm³)", open_interval(filling.density, 1e-3, 2)),
-        ("wall's mass (g)", open_interval(filling.wall, 1e3, 1)),
+        ("mass of the shell (g)", open_interval(filling.shell, 1e3, 1)),
     ]
     if filling.shell_thickness is not None:
-        rows.append(("wall's thickness (mm)", open_interval(filling.shell_thickness, 1e3, 1)))
+        rows.append(("thickness of the shell (mm)", open_interval(filling.shell_thickness, 1e3, 1)))
     return rows
 
 
 def _filling(filling: Filling) -> Table:
-    table = Table(title=f"Filled with {filling.name}, 95 %", title_justify="left", box=SIMPLE_HEAD, show_header=False)
+    table = Table(
+        title=f"Filled with {filling.name}, 95 %", title_justify="left", box=SIMPLE_HEAD, show_header=False
+    )
     table.add_column()
     table.add_column(justify="right")
     for row in filling_rows(filling):
@@ -141,7 +166,9 @@ def _filling(filling: Filling) -> Table:
 
 
 def open_interval(quantity: Quantity, factor: float, digits: int) -> str:
-    """Value and ends of an interval that need not be even; without the value where that was not observed."""
-    low, high = (factor * end for end in quantity.interval95 or [])  # type: ignore[union-attr, operator] - a scalar's here
+    """Value and ends of a possibly asymmetric interval; without the value where it was not observed."""
+    low, high = (factor * end for end in quantity.interval_ends())
     between = f"{low:.{digits}f} to {high:.{digits}f}"
-    return f"{factor * quantity.value:.{digits}f} ({between})" if quantity.observed else f"not observed ({between})"  # type: ignore[operator]
+    if not quantity.observed:
+        return f"not observed ({between})"
+    return f"{factor * quantity.as_scalar():.{digits}f} ({between})"

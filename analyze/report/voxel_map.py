@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from analyze.output_file import write_text
 from analyze.report.plots import VIEWS
 from analyze.report.style import DENSITY_MAP, style
+from schemas.output_file import write_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 _BINS = 24
 """along the longest side"""
-_SPREAD = np.stack(np.meshgrid((-0.375, -0.125, 0.125, 0.375), (-0.375, -0.125, 0.125, 0.375))).reshape(2, -1, 1)
+_SPREAD = np.stack(np.meshgrid((-0.375, -0.125, 0.125, 0.375), (-0.375, -0.125, 0.125, 0.375))).reshape(
+    2, -1, 1
+)
 """(2, n, 1): places in a cell, over its edge, at which it is drawn"""
 _UNEXPLAINED = 3.0
 """rms of residuals over their sd"""
@@ -35,7 +37,9 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
     for across, up, _ in VIEWS:
         edges = [np.arange(low[i] - step / 2, high[i] + step, step) for i in (across, up)]
         # A cell is as wide as its cube: as a point it would leave bins between cells empty.
-        places = [(1e3 * (voxels.points[:, i] + _SPREAD[j] * size)).ravel() for j, i in enumerate((across, up))]
+        places = [
+            (1e3 * (voxels.points[:, i] + _SPREAD[j] * size)).ravel() for j, i in enumerate((across, up))
+        ]
         mass, *_ = np.histogram2d(*places, bins=edges, weights=np.tile(masses, len(_SPREAD[0])))
         volume, *_ = np.histogram2d(*places, bins=edges, weights=np.tile(voxels.volumes, len(_SPREAD[0])))
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -76,6 +80,10 @@ def write_voxels(voxels: VoxelMap, output: Path) -> None:
         OutputError: the file cannot be written.
     """
     text = io.StringIO()
-    text.write(f"# {told_in_words(voxels)}\n# place in the object's frame [m], volume [m^3], density [kg/m^3]\nx,y,z,volume,density\n")
-    np.savetxt(text, np.column_stack([voxels.points, voxels.volumes, voxels.density]), fmt="%.9g", delimiter=",")
+    text.write(
+        f"# {told_in_words(voxels)}\n# place in the object's frame [m], volume [m^3], density [kg/m^3]\nx,y,z,volume,density\n"
+    )
+    np.savetxt(
+        text, np.column_stack([voxels.points, voxels.volumes, voxels.density]), fmt="%.9g", delimiter=","
+    )
     write_text(output, text.getvalue())

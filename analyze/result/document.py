@@ -1,57 +1,175 @@
-"""From estimates to the Result document: units, intervals, what was not observed, and the same bytes for the same file."""
+"""The Result document of an estimate: units, 95 % intervals, what was not observed, and the same bytes for
+the same recording."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from analyze.estimation.inertia import edge_inertia
-from analyze.estimation.paper import PaperCentre, PaperRegions
-from analyze.estimation.part_masses import PartMasses
-from analyze.estimation.stated import Scale
-from analyze.pipeline.prediction import ForetoldStrike
-from analyze.types import Array, CentreOfMass, EquiPlane, InertialParameters, MassDistribution, MotionFit, TipMotion
-from schemas.document import Document, canonical_json
+from analyze.estimation.intervals import SIGMAS_95
+from analyze.pipeline.filling import filling_label
+from analyze.result.assessment import assessment
+from analyze.result.filling import filling_document, filling_warnings
+from analyze.result.frame_times import frame_times_documents
+from analyze.result.tilt import table_tilts
+from analyze.result.warnings import result_warnings
+from schemas.document import Document, canonical_json, sha256_text
 from schemas.result import (
     AlternativeFit,
     AxisMoment,
-    Filling,
-    ForetoldResult,
-    FrameTimes,
+    JoinedRecording,
     PartResult,
     Parts,
+    PredictionResult,
     Quantity,
     RegionResult,
     Regions,
     Result,
     ResultInputs,
-    ResultWarning,
     StrikeResult,
-    TableTilt,
     Verdict,
 )
-from schemas.strike_plan import PlannedStrike
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from analyze.estimation.paper import PaperRegions
+    from analyze.estimation.part_masses import PartMasses
+    from analyze.estimation.priors import Scale
+    from analyze.pipeline.estimate import Estimate, EstimateOptions
+    from analyze.pipeline.evidence import Evidence, RecordingHead
+    from analyze.pipeline.prediction import StrikePrediction
+    from analyze.types import (
+        Array,
+        CentreOfMass,
+        EquiPlane,
+        InertialParameters,
+        MassDistribution,
+        MotionFit,
+        TipMotion,
+    )
+    from schemas.strike_plan import PlannedStrike
 
 D = TypeVar("D", bound=Document)
-SIGMAS95 = 1.96
 SIGNIFICANT_DIGITS = 10
-"""Of every number in a Result: the same on every run, whatever order the linear algebra library adds in."""
+"""significant digits of every number in a Result, so that it does not depend on the order of sums in the
+linear algebra library"""
+
+
+def build(estimate: Estimate) -> Result:
+    """Write an estimate as its Result document; the same estimate gives the same bytes."""
+    evidence, inertial = estimate.evidence, estimate.inertial
+    frame_times = frame_times_documents(estimate.frame_rates)
+    label = filling_label(evidence)
+    filling = (
+        None if estimate.filling is None or label is None else filling_document(label.name, estimate.filling)
+    )
+    mass = inertial.mass
+    return rounded(
+        Result(
+            inputs=_inputs(evidence, estimate.options),
+            warnings=[*result_warnings(estimate, frame_times), *filling_warnings(filling)],
+            strikes=_strike_rows(estimate),
+            mass=Quantity(
+                value=mass,
+                sd=inertial.mass_sd,
+                unit="kg",
+                interval95=[mass - SIGMAS_95 * inertial.mass_sd, mass + SIGMAS_95 * inertial.mass_sd],
+                source="given",
+            ),
+            centre_of_mass=com_quantity(inertial.com),
+            centre_of_mass_paper=Quantity(value=estimate.paper.com.position.tolist(), unit="m", frame="O"),
+            moments=axis_moments(inertial),
+            inertia=inertia_quantity(inertial),
+            inertia_measured=inertial.measured.tolist(),
+            regions=regions_document(estimate.distribution),
+            regions_paper=_paper_regions(estimate.distribution, estimate.paper.regions),
+            table_tilt=table_tilts(inertial.com, evidence),
+            verdict=assessment(estimate, frame_times),
+            parameters_covariance=inertial.covariance.tolist(),
+            parts=None if estimate.parts is None else parts_document(estimate.parts),
+            filling=filling,
+            frame_times=frame_times or None,
+        )
+    )
+
+
+def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
+    """One row per strike, in the order of the recordings; excluded strikes keep their verdict as the
+    reason."""
+    evidence, planes = estimate.evidence, estimate.fitted_planes
+    index = {plane.strike_id: i for i, plane in enumerate(planes)}
+    predictions = {each.left_out.strike_id: prediction_document(each) for each in estimate.predictions}
+    rows: list[StrikeResult] = []
+    for motion in evidence.motions:
+        row = strike_result(
+            motion,
+            evidence.planned(motion),
+            planes,
+            index.get(motion.strike_id),
+            estimate.com,
+            estimate.solved_scale,
+        )
+        row = row.model_copy(update={"prediction": predictions.get(row.id)})
+        if row.id in estimate.options.exclude:
+            row = row.model_copy(
+                update={"verdict": Verdict.EXCLUDED, "reason": f"left out on request ({row.verdict.value})"}
+            )
+        rows.append(row)
+    return rows
+
+
+def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:
+    settings = f"{sorted(options.exclude)} {options.estimator} {options.seed}"
+    recordings = evidence.recordings
+    one = recordings[0]
+    plans = sorted({each.manifest.plan_sha256 for each in recordings})
+    return ResultInputs(
+        recording_id=" + ".join(each.manifest.recording_id for each in recordings),
+        content_id=one.content_id
+        if len(recordings) == 1
+        else sha256_text("\n".join(sorted(each.content_id for each in recordings))),
+        object_sha256=evidence.object_sha256,
+        plan_sha256=plans[0] if len(plans) == 1 else sha256_text("\n".join(plans)),
+        configuration_sha256=sha256_text(settings),
+        software=evidence.software,
+        recordings=None
+        if len(recordings) == 1
+        else [_merged_recording(i + 1, each) for i, each in enumerate(recordings)],
+    )
+
+
+def _merged_recording(number: int, head: RecordingHead) -> JoinedRecording:
+    manifest = head.manifest
+    return JoinedRecording(
+        number=number,
+        recording_id=manifest.recording_id,
+        content_id=head.content_id,
+        created=manifest.created,
+        plan_sha256=manifest.plan_sha256,
+    )
 
 
 def quantity(value: float, sd: float, unit: str, lowest: float | None = None) -> Quantity:
-    """A scalar with its 95 % interval; `lowest` cuts the interval off where the quantity cannot lie (a mass below 0)."""
-    low = value - SIGMAS95 * sd
+    """A scalar with its 95 % interval, cut off at `lowest` where the quantity cannot lie below (a mass below
+    0)."""
+    low = value - SIGMAS_95 * sd
     return Quantity(
-        value=value, sd=sd, unit=unit, interval95=[low if lowest is None else max(low, lowest), value + SIGMAS95 * sd], observed=True
+        value=value,
+        sd=sd,
+        unit=unit,
+        interval95=[low if lowest is None else max(low, lowest), value + SIGMAS_95 * sd],
+        observed=True,
     )
 
 
 def com_quantity(com: CentreOfMass) -> Quantity:
-    """Centre of mass in O with covariance; an unobserved direction is named."""
+    """Centre of mass in O [m] with its covariance (3, 3) [m²] and, if there is one, the unobserved
+    direction."""
     sd = np.sqrt(np.diag(com.covariance))
     direction = com.unobserved_direction
     return Quantity(
@@ -59,7 +177,10 @@ def com_quantity(com: CentreOfMass) -> Quantity:
         unit="m",
         sd=sd.tolist(),
         covariance=com.covariance.tolist(),
-        interval95=[[c - SIGMAS95 * s, c + SIGMAS95 * s] for c, s in zip(com.position.tolist(), sd.tolist(), strict=True)],
+        interval95=[
+            [c - SIGMAS_95 * s, c + SIGMAS_95 * s]
+            for c, s in zip(com.position.tolist(), sd.tolist(), strict=True)
+        ],
         frame="O",
         observed=com.observed,
         unobserved_direction=None if direction is None else direction.tolist(),
@@ -67,7 +188,8 @@ def com_quantity(com: CentreOfMass) -> Quantity:
 
 
 def inertia_quantity(parameters: InertialParameters) -> Quantity:
-    """Tensor about c, axes of O. `observed`, and measured by its source, only if every entry was; the sd is per entry, rows joined."""
+    """Inertia tensor about c, axes of O [kg m²]; observed only if every entry was measured; sd per entry, row
+    by row."""
     sd = parameters.inertia_sd
     every = bool(parameters.measured.all())
     return Quantity(
@@ -75,7 +197,7 @@ def inertia_quantity(parameters: InertialParameters) -> Quantity:
         unit="kg m^2",
         sd=sd.ravel().tolist(),
         interval95=[
-            [v - SIGMAS95 * s, v + SIGMAS95 * s]
+            [v - SIGMAS_95 * s, v + SIGMAS_95 * s]
             for v, s in zip(_clean(parameters.inertia).ravel().tolist(), sd.ravel().tolist(), strict=True)
         ],
         frame="O",
@@ -85,7 +207,7 @@ def inertia_quantity(parameters: InertialParameters) -> Quantity:
 
 
 def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
-    """Per pivot axis, in the order of their names."""
+    """Moments of inertia per pivot axis, in the order of their ids."""
     return [
         AxisMoment(
             axis_id=axis.axis_id,
@@ -98,27 +220,35 @@ def axis_moments(parameters: InertialParameters) -> list[AxisMoment]:
 
 
 def regions_document(distribution: MassDistribution) -> Regions:
-    """Region masses with intervals, border plane and naive answers."""
+    """Region masses with intervals, dividing plane and naive answers."""
     sd = np.sqrt(np.diag(distribution.covariance))
     return Regions(
         regions=[
             RegionResult(
                 name=name,
                 mass=Quantity(
-                    value=float(distribution.masses[i]), sd=float(sd[i]), unit="kg", interval95=distribution.intervals[i].tolist()
+                    value=float(distribution.masses[i]),
+                    sd=float(sd[i]),
+                    unit="kg",
+                    interval95=distribution.intervals[i].tolist(),
                 ),
                 limits_kg=distribution.limits[i].tolist(),
             )
             for i, name in enumerate(distribution.names)
         ],
-        border_normal=distribution.border_normal.tolist(),
-        border_offset_m=distribution.border_offset,
-        border_offset_interval95_m=list(distribution.border_offset_interval),
+        dividing_plane_normal=distribution.dividing_plane_normal.tolist(),
+        dividing_plane_offset_m=distribution.dividing_plane_offset,
+        dividing_plane_offset_interval95_m=list(distribution.dividing_plane_offset_interval),
         baselines={name: masses.tolist() for name, masses in distribution.baselines.items()},
         explained=distribution.explained,
         shell_thickness=None
-        if distribution.wall is None
-        else Quantity(value=distribution.wall.value, sd=distribution.wall.sd, unit="m", interval95=list(distribution.wall.interval)),
+        if distribution.shell is None
+        else Quantity(
+            value=distribution.shell.value,
+            sd=distribution.shell.sd,
+            unit="m",
+            interval95=list(distribution.shell.interval),
+        ),
     )
 
 
@@ -136,89 +266,39 @@ def parts_document(found: PartMasses) -> Parts:
         )
 
     rows = [
-        PartResult(name=name, mass=quantities(i, "kg", 1.0), volume_m3=float(volume), density=quantities(i, "kg/m^3", float(volume)))
+        PartResult(
+            name=name,
+            mass=quantities(i, "kg", 1.0),
+            volume_m3=float(volume),
+            density=quantities(i, "kg/m^3", float(volume)),
+        )
         for i, (name, volume) in enumerate(zip(found.names, found.volumes, strict=True))
     ]
     return Parts(parts=rows, uniform=found.uniform.tolist(), misfit=found.misfit)
 
 
-def build_result(
-    inputs: ResultInputs,
-    motions: Sequence[TipMotion],
-    planned: Sequence[PlannedStrike],
-    excluded: frozenset[str],
-    planes: Sequence[EquiPlane],
-    inertial: InertialParameters,
-    scale: Scale,
-    distribution: MassDistribution,
-    com_paper: PaperCentre,
-    distribution_paper: PaperRegions | None,
-    warnings: Sequence[ResultWarning],
-    table_tilt: list[TableTilt] | None = None,
-    verdict: list[str] | None = None,
-    parts: PartMasses | None = None,
-    foretold: Sequence[ForetoldStrike] = (),
-    filling: Filling | None = None,
-    frame_times: list[FrameTimes] | None = None,
-) -> Result:
-    """The Result document. `planned` goes with `motions`; `planes` are of the strikes used, in the same order."""
-    place = {plane.strike_id: index for index, plane in enumerate(planes)}
-    rows = [
-        strike_result(motion, strike, planes, place.get(motion.strike_id), inertial.com, scale)
-        for motion, strike in zip(motions, planned, strict=True)
-    ]
-    by_others = {each.told.strike_id: foretold_result(each) for each in foretold}
-    rows = [row.model_copy(update={"foretold": by_others.get(row.id)}) for row in rows]
-    rows = [
-        row.model_copy(update={"verdict": Verdict.EXCLUDED, "reason": f"left out on request ({row.verdict.value})"})
-        if row.id in excluded
-        else row
-        for row in rows
-    ]
-    return rounded(
-        Result(
-            inputs=inputs,
-            warnings=list(warnings),
-            strikes=rows,
-            mass=Quantity(
-                value=inertial.mass,
-                sd=inertial.mass_sd,
-                unit="kg",
-                interval95=[inertial.mass - SIGMAS95 * inertial.mass_sd, inertial.mass + SIGMAS95 * inertial.mass_sd],
-                source="given",
-            ),
-            centre_of_mass=com_quantity(inertial.com),
-            centre_of_mass_paper=Quantity(value=com_paper.position.tolist(), unit="m", frame="O"),
-            moments=axis_moments(inertial),
-            inertia=inertia_quantity(inertial),
-            inertia_measured=inertial.measured.tolist(),
-            regions=regions_document(distribution),
-            regions_paper=None if distribution_paper is None else _paper_regions(distribution, distribution_paper),
-            table_tilt=table_tilt,
-            verdict=verdict,
-            parameters_covariance=inertial.covariance.tolist(),
-            parts=None if parts is None else parts_document(parts),
-            filling=filling,
-            frame_times=frame_times,
-        )
-    )
-
-
-def _paper_regions(distribution: MassDistribution, paper: PaperRegions) -> Regions:
+def _paper_regions(distribution: MassDistribution, paper: PaperRegions | None) -> Regions | None:
+    if paper is None:
+        return None
     return Regions(
         regions=[
             RegionResult(name=name, mass=Quantity(value=float(mass), unit="kg"))
             for name, mass in zip(distribution.names, paper.masses, strict=True)
         ],
-        border_normal=_clean(paper.border_normal).tolist(),
-        border_offset_m=paper.border_offset,
+        dividing_plane_normal=_clean(paper.dividing_plane_normal).tolist(),
+        dividing_plane_offset_m=paper.dividing_plane_offset,
     )
 
 
 def strike_result(
-    motion: TipMotion, planned: PlannedStrike, planes: Sequence[EquiPlane], index: int | None, com: CentreOfMass, scale: Scale
+    motion: TipMotion,
+    planned: PlannedStrike,
+    planes: Sequence[EquiPlane],
+    index: int | None,
+    com: CentreOfMass,
+    scale: Scale,
 ) -> StrikeResult:
-    """One row of the table. `index` is the strike's place in `com`'s arrays, None where it was not used."""
+    """Outcome of one strike; `index` is its place in `com`'s arrays, None if it was not used."""
     fit = motion.fit
     values: dict[str, Any] = {}
     if fit is not None:
@@ -253,27 +333,27 @@ def strike_result(
         verdict=motion.verdict,
         reason=motion.reason,
         used=index is not None,
-        weight=0.0 if index is None else float(com.weights[index]),
+        information_share=0.0 if index is None else float(com.weights[index]),
         energy_ratio=motion.energy_ratio,
         alternatives=[_alternative(other) for other in motion.alternatives],
         **values,
     )
 
 
-def foretold_result(strike: ForetoldStrike) -> ForetoldResult:
-    """What the others foretell of a strike; k as it is where the strike was made."""
-    told, motion, worst = strike.told, strike.motion, strike.motion.worst
-    phi_sd, k_sd = np.sqrt(np.diag(told.by_others))
-    return ForetoldResult(
-        phi=quantity(told.phi, float(phi_sd), "rad"),
+def prediction_document(prediction: StrikePrediction) -> PredictionResult:
+    """Leave-one-out prediction of a strike, with k as gravity was where the strike was made."""
+    left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
+    phi_sd, k_sd = np.sqrt(np.diag(left_out.by_others))
+    return PredictionResult(
+        phi=quantity(left_out.phi, float(phi_sd), "rad"),
         k=quantity(motion.k, float(motion.k * k_sd), "rad/s^2", lowest=0.0),
-        sigmas=told.sigmas,
-        motion_sigmas=strike.motion_sigmas,
-        foretold=strike.holds,
+        sigmas=left_out.sigmas,
+        motion_sigmas=prediction.motion_sigmas,
+        consistent=prediction.consistent,
         frames=len(motion.time) - motion.start,
         start_frames=motion.start,
         worst_offset_rad=float(motion.offset[worst]),
-        worst_band_rad=float(SIGMAS95 * motion.sd[worst]),
+        worst_band_rad=float(SIGMAS_95 * motion.sd[worst]),
         outside_share=motion.outside,
     )
 
@@ -293,12 +373,12 @@ def _alternative(fit: MotionFit) -> AlternativeFit:
 
 
 def rounded(document: D) -> D:
-    """The same document with every number cut to SIGNIFICANT_DIGITS."""
+    """The same document with every number rounded to SIGNIFICANT_DIGITS."""
     return type(document).model_validate(_round(json.loads(canonical_json(document))))
 
 
 def result_json(result: Result) -> str:
-    """What `analyze estimate --json` prints: one line, sorted keys, the same bytes for the same recording."""
+    """The document as one line of JSON with sorted keys; the same recording gives the same bytes."""
     return canonical_json(result)
 
 
@@ -313,5 +393,5 @@ def _round(value: Any) -> Any:
 
 
 def _clean(matrix: Array, fraction: float = 1e-9) -> Array:
-    """Rounding noise off: entries below `fraction` of the largest become 0."""
+    """Set entries below `fraction` of the largest to 0, which removes rounding noise."""
     return np.where(np.abs(matrix) < fraction * np.abs(matrix).max(), 0.0, matrix)

@@ -1,72 +1,105 @@
-"""Frame times that a file states and no clock of ours gave, in words: what they are, and whether the strikes bear them out."""
+"""Frame times from a file's time stamps, as the result document holds them and in sentences."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from analyze.estimation.intervals import SIGMAS_95
+from schemas.result import FrameTimes, Quantity
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from schemas.result import FrameTimes, Quantity
+    from analyze.pipeline.frame_rate import FrameRate
 
-SIGMAS95 = 1.96
 DROP_TEST = "film a drop: analyze calibrate --drop"
 
 
+def frame_times_documents(rates: Sequence[FrameRate]) -> list[FrameTimes]:
+    """Checked frame rates as the result document holds them."""
+    return [_document(each) for each in rates]
+
+
+def _document(rate: FrameRate) -> FrameTimes:
+    check = rate.check
+    return FrameTimes(
+        recording=rate.recording,
+        source=rate.time_source.value,
+        sd_s=rate.time_sd_s,
+        frame_rate_hz=rate.stated_hz,
+        frame_rate_sd_hz=rate.stated_sd_hz,
+        contact_sd_s=rate.contact_sd_s,
+        rate_limits=None if check is None else [check.low, check.high],
+        rate_ratio=None
+        if check is None or check.estimate is None
+        else _ratio(check.estimate.ratio, check.estimate.sd),
+        possible=rate.possible,
+        likely_rate_hz=rate.likely_hz,
+    )
+
+
+def _ratio(value: float, sd: float) -> Quantity:
+    return Quantity(value=value, sd=sd, unit="1", interval95=[value - SIGMAS_95 * sd, value + SIGMAS_95 * sd])
+
+
 def wrong_text(times: FrameTimes) -> str:
-    """Why the stated rate cannot be, and what to do."""
-    rate, limits, told = times.frame_rate_hz, times.rate_limits or [0.0, 0.0], times.rate_ratio
-    if limits[0] <= 1 <= limits[1] and told is not None:
-        why = f"edges at different distances from the centre of mass mean {_told(told)} times the {rate:g} frames a second stated"
+    """Reason why the stated frame rate is impossible, and the remedy."""
+    rate, limits, ratio = times.frame_rate_hz, times.rate_limits or [0.0, 0.0], times.rate_ratio
+    if limits[0] <= 1 <= limits[1] and ratio is not None:
+        why = f"edges at different distances from the centre of mass give {_ratio_text(ratio)} times the stated {rate:g} frames a second"
     else:
         low, high = limits
-        why = f"nothing of this shape tips so at the {rate:g} frames a second stated, but at {_times(low)} to {_times(high)} times that"
-        if told is not None:
-            why += f", whatever fills it; by edges at different distances {_told(told)}"
+        why = f"no body of this shape tips so at the stated {rate:g} frames a second, only at {_times(low)} to {_times(high)} times that"
+        if ratio is not None:
+            why += f", whatever its filling; edges at different distances give {_ratio_text(ratio)}"
     if times.likely_rate_hz is None:
-        return f"{why}: import again with the true rate (--capture-fps); where nobody knows it, {DROP_TEST}"
-    ratio = times.likely_rate_hz / rate
-    say = f"{ratio:g} times" if ratio >= 1 else f"1/{1 / ratio:g} of it"
-    return f"{why}: probably {times.likely_rate_hz:g} ({say}): import again with --capture-fps {times.likely_rate_hz:g}"
+        return f"{why}: import again with the true rate (--capture-fps); if it is unknown, {DROP_TEST}"
+    likely = times.likely_rate_hz / rate
+    multiple = f"{likely:g} times" if likely >= 1 else f"1/{1 / likely:g} of it"
+    return f"{why}: probably {times.likely_rate_hz:g} ({multiple}): import again with --capture-fps {times.likely_rate_hz:g}"
 
 
 def unchecked_text(times: FrameTimes) -> str:
-    """That nothing tells the rate closely, and what would."""
+    """Statement that the strikes do not determine the frame rate closely, with the remedy."""
     if times.rate_limits is None:
-        return f"the frame rate is not checkable from these strikes: {DROP_TEST}"
+        return f"these strikes cannot check the frame rate: {DROP_TEST}"
     low, high = times.rate_limits
     return (
-        f"the frame rate is not checkable from these strikes, but that it lies between {_times(low)} and {_times(high)} times the "
-        f"{times.frame_rate_hz:g} a second stated; k goes with its square: {DROP_TEST}"
+        f"these strikes only show that the frame rate lies between {_times(low)} and {_times(high)} times the stated "
+        f"{times.frame_rate_hz:g} a second; k is proportional to its square: {DROP_TEST}"
     )
 
 
 def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[str]:
-    """What the times are, a line or two per recording."""
+    """Origin and check of frame times, one or two lines per recording."""
     found: list[str] = []
     for each in times or []:
         whose = f" of recording {each.recording}" if several else ""
-        contact = "" if each.contact_sd_s is None else f"; contact from the motion's onset, ± {1e3 * SIGMAS95 * each.contact_sd_s:.1f} ms"
+        contact = (
+            ""
+            if each.contact_sd_s is None
+            else f"; contact from the motion's onset, ± {1e3 * SIGMAS_95 * each.contact_sd_s:.1f} ms"
+        )
         sd = each.frame_rate_sd_hz
-        known = "as stated" if sd is None else f"± {SIGMAS95 * sd:.2g} as measured"
+        known = "as stated" if sd is None else f"± {SIGMAS_95 * sd:.2g} as measured"
         found.append(
-            f"time source{whose}: container time stamps (± {1e3 * SIGMAS95 * each.sd_s:.2g} ms), {each.frame_rate_hz:g} frames a second "
+            f"time source{whose}: container time stamps (± {1e3 * SIGMAS_95 * each.sd_s:.2g} ms), {each.frame_rate_hz:g} frames a second "
             f"{known}{contact}"
         )
         if not each.possible:
             found.append(f"frame rate{whose}: not as stated")
         elif each.rate_ratio is not None:
             found.append(
-                f"frame rate{whose}: {_told(each.rate_ratio)} times as stated, by edges at different distances from the centre of mass"
+                f"frame rate{whose}: {_ratio_text(each.rate_ratio)} times as stated, by edges at different distances from the centre of mass"
             )
         elif sd is None:
             found.append(f"frame rate{whose}: not checked closely by these strikes: {DROP_TEST}")
     return found
 
 
-def _told(ratio: Quantity) -> str:
+def _ratio_text(ratio: Quantity) -> str:
     value, sd = (each if isinstance(each, float) else 0.0 for each in (ratio.value, ratio.sd))
-    return f"{value:.3f} ± {SIGMAS95 * sd:.3f}"
+    return f"{value:.3f} ± {SIGMAS_95 * sd:.3f}"
 
 
 def _times(ratio: float) -> str:

@@ -1,4 +1,5 @@
-"""The table's tilt against gravity, as results say it: measured by the strikes, given by a level, or only assumed."""
+"""Tilt of the table against gravity in the result document: measured by the strikes, given by a level, or
+assumed."""
 
 from __future__ import annotations
 
@@ -6,7 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from analyze.pipeline.merge import levels_of
+from analyze.estimation.intervals import SIGMAS_95
+from analyze.pipeline.merge import levelling_indices
 from schemas.result import Quantity, Result, TableTilt
 
 if TYPE_CHECKING:
@@ -14,8 +16,7 @@ if TYPE_CHECKING:
     from analyze.types import CentreOfMass
 
 MEASURED_FRACTION = 0.5
-"""a lean whose sd is below this part of the prior's was measured by the strikes"""
-SIGMAS95 = 1.96
+"""fraction of the prior's sd below which a tilt counts as measured by the strikes"""
 TILT_REMEDY = (
     "strike one edge again with the object turned by 180° (`analyze plan --gravity`), hang a plumb line in view (`analyze gravity`), or "
     "write what a level shows into the rig file's [level]"
@@ -23,8 +24,8 @@ TILT_REMEDY = (
 
 
 def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
-    """One per levelling of the table."""
-    levels = levels_of(evidence.recordings)
+    """Tilts of the table, one per levelling."""
+    levels = levelling_indices(evidence.recordings)
     found: list[TableTilt] = []
     for level, tilt in enumerate(com.tilts):
         parts = [
@@ -32,7 +33,7 @@ def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
                 value=float(value),
                 sd=float(sd),
                 unit="rad",
-                interval95=[float(value - SIGMAS95 * sd), float(value + SIGMAS95 * sd)],
+                interval95=[float(value - SIGMAS_95 * sd), float(value + SIGMAS_95 * sd)],
                 frame="W",
                 observed=source != "prior",
                 source=source,
@@ -45,14 +46,21 @@ def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
 
 
 def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
-    """Largest sd [rad] of a lean towards x that neither strikes nor a level told; 0 where there is none, or it is exact."""
-    assumed = [float(tilt.prior_sd[0]) for level, tilt in enumerate(com.tilts) if _sources(com, evidence, level)[0] == "prior"]
+    """Largest sd [rad] of an assumed tilt towards x, neither measured nor read from a level; 0 if there is
+    none."""
+    assumed = [
+        float(tilt.prior_sd[0])
+        for level, tilt in enumerate(com.tilts)
+        if _sources(com, evidence, level)[0] == "prior"
+    ]
     return max(assumed, default=0.0)
 
 
-def _sources(com: CentreOfMass, evidence: Evidence, level: int) -> list[Literal["measured", "given", "prior"]]:
+def _sources(
+    com: CentreOfMass, evidence: Evidence, level: int
+) -> list[Literal["measured", "given", "prior"]]:
     tilt = com.tilts[level]
-    read = evidence.recordings[levels_of(evidence.recordings).index(level)].manifest.level
+    read = evidence.recordings[levelling_indices(evidence.recordings).index(level)].manifest.level
     given = [read is not None, read is not None and read.towards_y_sd_rad is not None]
     return [
         "measured" if sd < MEASURED_FRACTION * before else "given" if stated else "prior"
@@ -61,13 +69,22 @@ def _sources(com: CentreOfMass, evidence: Evidence, level: int) -> list[Literal[
 
 
 def tilt_lines(result: Result) -> list[str]:
-    """How the table slopes, a line per levelling."""
+    """Tilt of the table in words, one line per levelling."""
     tilts = result.table_tilt or []
-    return [_line(tilt, f"table of recording {', '.join(map(str, tilt.recordings))}" if len(tilts) > 1 else "table") for tilt in tilts]
+    return [
+        _line(
+            tilt, f"table of recording {', '.join(map(str, tilt.recordings))}" if len(tilts) > 1 else "table"
+        )
+        for tilt in tilts
+    ]
 
 
 def _line(tilt: TableTilt, what: str) -> str:
-    how = {"measured": "measured by the strikes", "given": "by the rig file's level reading", "prior": "not measured"}
+    how = {
+        "measured": "measured by the strikes",
+        "given": "by the rig file's level reading",
+        "prior": "not measured",
+    }
     x = tilt.towards_x
     value, sd = (float(np.degrees(each)) if isinstance(each, float) else 0.0 for each in (x.value, x.sd))
-    return f"{what} rises by {value:+.3f} ± {SIGMAS95 * sd:.3f}° towards +x (95 % interval), {how[x.source]}"
+    return f"{what} rises by {value:+.3f} ± {SIGMAS_95 * sd:.3f}° towards +x (95 % interval), {how[x.source]}"

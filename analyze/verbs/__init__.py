@@ -1,1 +1,1 @@
-"""The verbs of `analyze`, by what they are of: options in, and over to the module that does the work."""
+"""The verbs of `analyze`, a file or folder each: options, work, and the tables that are printed."""

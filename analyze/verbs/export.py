@@ -1,4 +1,4 @@
-"""`analyze export`."""
+"""`analyze export`: an estimated body written as a simulator's file."""
 
 from __future__ import annotations
 
@@ -20,17 +20,28 @@ from analyze.verbs.options import files_argument, one_line, with_estimate_option
     "wanted",
     type=click.Choice([each.value for each in Format]),
     required=True,
-    help="What reads it; a scan lies as a mesh (.obj) beside the file, in USD within it.",
+    help="Format of the file. A scanned shape becomes a mesh file (.obj) beside it; USD contains the mesh.",
 )
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), help="The file to write.")
-@click.option("--measured-only", is_flag=True, help="Refuse what is the shape's guess; says which strikes would measure it.")
+@click.option(
+    "--measured-only",
+    is_flag=True,
+    help="Refuse values that come from the shape alone, and name the strikes that would measure them.",
+)
 @one_line
 def export(
-    files: Sequence[Path], wanted: str, output: Path, measured_only: bool, object_file: Path | None, exclude: tuple[str, ...]
+    files: Sequence[Path],
+    wanted: str,
+    output: Path,
+    measured_only: bool,
+    object_file: Path | None,
+    exclude: tuple[str, ...],
 ) -> None:
-    """The body for a simulator: shape, mass, centre of mass and inertia, each file read back and compared before it is left.
+    """Write the body for a simulator: shape, mass, centre of mass and inertia.
 
-    FILE: recordings of one object, or what `analyze estimate --json` printed together with --object.
+    Each file is read back and compared before it is put in place.
+
+    FILE: recordings of one object, or the output of `analyze estimate --json` together with --object.
     """
     from analyze.export.body import Body, inertial_of
     from analyze.export.measured_only import refuse_prior
@@ -38,28 +49,33 @@ def export(
     from analyze.export.read_back import refuse_without_reader
     from analyze.export.source import is_result, read_source
     from analyze.export.write import write_body
-    from analyze.output_file import refuse_unwritable
-    from analyze.progress import StrikeProgress
-    from analyze.reading.file_series import row_of
+    from analyze.progress import ProgressBar
+    from analyze.reading.file_series import find_series_files
+    from schemas.output_file import refuse_unwritable
     from schemas.software import software_version
 
     kind = Format(wanted)
-    read = files if is_result(files) else [part for file in files for part in row_of(file).files]
-    refuse_unwritable(output, *read, *([] if object_file is None else [object_file]))
+    inputs = files if is_result(files) else [part for file in files for part in find_series_files(file).files]
+    refuse_unwritable(output, *inputs, *([] if object_file is None else [object_file]))
     if (reason := why_misnamed(output, kind)) is not None:
         raise ExportError(reason)
     refuse_without_reader(kind)
-    with StrikeProgress() as progress:
+    with ProgressBar() as progress:
         source = read_source(files, object_file, frozenset(exclude), progress)
     name = ", ".join(map(str, files))
     if measured_only:
         refuse_prior(source.result, source.spec, source.model, name)
     inertial = inertial_of(source.result, name)
-    body = Body(source.spec.name, source.model, inertial, provenance(source.result, source.spec.name, software_version()))
-    written = write_body(body, kind, output)
+    origin = provenance(source.result, source.spec.name, software_version())
+    written = write_body(Body(source.spec.name, source.model, inertial, origin), kind, output)
     if not source.result.centre_of_mass.observed:
-        click.echo("note: the strikes do not tell all of the centre of mass; the file says along which direction", err=True)
+        click.echo(
+            "note: the strikes do not determine the centre of mass in all directions; the file names the "
+            "one missing",
+            err=True,
+        )
     if prior := prior_entries(source.result):
-        click.echo(f"note: from the shape, not from strikes: {', '.join(map(entry_name, prior))}; the file says so too", err=True)
+        entries = ", ".join(map(entry_name, prior))
+        click.echo(f"note: from the shape, not from strikes: {entries}; the file marks them", err=True)
     beside = "".join(f", with {path.name} beside it" for path in written[1:])
     click.echo(f"{kind.value.upper()}: {written[0]}{beside}; read back: the same ten parameters")

@@ -1,26 +1,61 @@
-"""`analyze import`."""
+"""`analyze import`.
+
+Videos, image folders, MCAP files and ROS 2 bags of other cameras, made into a recording.
+"""
 
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from analyze.verbs.options import one_line
+from analyze.verbs.options import one_line, pass_options
 from schemas.command_line import NumberRange
+
+if TYPE_CHECKING:
+    from analyze.importing.prepare import ImportOptions
+
+
+@dataclass(frozen=True)
+class _ImportArguments:
+    """Arguments and options of `analyze import`."""
+
+    sources: tuple[Path, ...]
+    object_path: Path
+    plan_path: Path
+    camera_path: Path | None
+    output: Path | None
+    strikes: tuple[str, ...]
+    capture_fps: float | None
+    capture_fps_sd: float | None
+    times: Path | None
+    topic: str | None
+    whole: bool
+    yes: bool
+    dry_run: bool
 
 
 @click.command("import")
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--object", "object_path", required=True, type=click.Path(path_type=Path), help="The object file (TOML).")
-@click.option("--plan", "plan_path", required=True, type=click.Path(path_type=Path), help="What was struck: `analyze plan` makes it.")
+@click.option(
+    "--object", "object_path", required=True, type=click.Path(path_type=Path), help="The object file (TOML)."
+)
+@click.option(
+    "--plan",
+    "plan_path",
+    required=True,
+    type=click.Path(path_type=Path),
+    help="The plan that was struck, made by `analyze plan`.",
+)
 @click.option(
     "--camera",
     "camera_path",
     type=click.Path(path_type=Path),
-    help="The lens: what `analyze calibrate -o` wrote, a rig file, or a calibration of OpenCV, Kalibr or ROS (YAML, JSON).  "
-    "[default: the calibration in the MCAP file or bag]",
+    help="The lens: a file of `analyze calibrate -o`, a rig file, or a calibration of OpenCV, Kalibr or ROS "
+    "(YAML, JSON).  [default: the calibration in the MCAP file or bag]",
 )
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="The recording to write (.mcap).")
 @click.option(
@@ -28,72 +63,99 @@ from schemas.command_line import NumberRange
     "strikes",
     multiple=True,
     metavar="ID",
-    help="Which planned strike a source is, or a tip in the only source; once for each, - leaves one out.  [default: the plan's order]",
+    help="Planned strike that a source shows, once per source; with a single source, once per strike in it; "
+    "- leaves one out.  [default: the plan's order]",
 )
 @click.option(
     "--capture-fps",
     type=NumberRange(1, 1_000_000),
-    help="Slow motion: frames per second at which it was captured.  [default: as the file says, else as it plays]",
+    help="For slow motion: frames per second at which it was captured.  "
+    "[default: the rate that the file states, else the rate at which it plays]",
 )
 @click.option(
     "--capture-fps-sd",
     type=NumberRange(0, 100_000, min_open=True),
     metavar="HZ",
-    help="How well the frame rate is known, 1 sigma, as `analyze calibrate --drop` says.  [default: 0.2 % of it]",
+    help="Standard deviation of the frame rate, as `analyze calibrate --drop` measures it.  [default: 0.2 "
+    "% of it]",
 )
 @click.option(
-    "--times", type=click.Path(path_type=Path), metavar="CSV", help="Of a folder of images: columns name,time_s.  [default: the one in it]"
+    "--times",
+    type=click.Path(path_type=Path),
+    metavar="CSV",
+    help="For a folder of images: CSV with columns name,time_s.  [default: the one in the folder]",
 )
-@click.option("--topic", metavar="NAME", help="Of an MCAP file or ROS 2 bag: the topic of images.  [default: the only one]")
-@click.option("--whole", is_flag=True, help="Each source is one strike from its first to its last image: look for nothing.")
-@click.option("--yes", is_flag=True, help="Write without asking where one source was split into strikes.")
-@click.option("--dry-run", is_flag=True, help="Show what would become which strike, and write nothing.")
+@click.option(
+    "--topic",
+    metavar="NAME",
+    help="For an MCAP file or ROS 2 bag: topic of the images.  [default: the only one]",
+)
+@click.option(
+    "--whole", is_flag=True, help="Take each source as one strike, from its first to its last image."
+)
+@click.option(
+    "--yes", is_flag=True, help="Write without confirmation where one source was split into strikes."
+)
+@click.option("--dry-run", is_flag=True, help="Show which part would become which strike, and write nothing.")
 @one_line
-def import_(
-    sources: tuple[Path, ...],
-    object_path: Path,
-    plan_path: Path,
-    camera_path: Path | None,
-    output: Path | None,
-    strikes: tuple[str, ...],
-    capture_fps: float | None,
-    capture_fps_sd: float | None,
-    times: Path | None,
-    topic: str | None,
-    whole: bool,
-    yes: bool,
-    dry_run: bool,
-) -> None:
-    """Make a recording of what another camera filmed: videos, folders of images with a CSV of their times, MCAP files and ROS 2 bags.
+@pass_options(_ImportArguments)
+def import_(arguments: _ImportArguments) -> None:
+    """Make a recording from another camera's images.
 
-    One source for each strike, or one for the whole session: it is split where a tag that rested begins to tip.
+    SOURCE: videos, folders of images with a CSV of their times, MCAP files or ROS 2 bags; one for each
+    strike, or one for the whole session, which is split where a tag at rest begins to tip.
     """
-    from analyze.importing.run import ImportOptions, prepare
+    from analyze.importing.prepare import prepare
     from analyze.importing.table import render_import, render_written
     from analyze.importing.write_recording import write
-    from analyze.importing.writer import refuse_taken
-    from analyze.output_file import refuse_unwritable
-    from analyze.progress import StrikeProgress
-    from analyze.sources.open_source import SourceOptions
+    from analyze.progress import ProgressBar
 
-    if output is None and not dry_run:
-        raise click.UsageError("-o FILE.mcap says where to write the recording (or --dry-run)")
-    if output is not None:
-        refuse_unwritable(output, *sources, object_path, plan_path, *([] if camera_path is None else [camera_path]))
-        refuse_taken(output)
-    how = SourceOptions(capture_fps, times, topic)
-    aside = None if output is None or dry_run else output.parent
-    options = ImportOptions(sources, object_path, plan_path, camera_path, strikes, whole, how, capture_fps_sd, aside)
-    with StrikeProgress() as progress:
+    options = _import_options(arguments)
+    with ProgressBar() as progress:
         prepared = prepare(options, progress)
     with prepared:
-        said = render_import(prepared)
-        if dry_run or output is None:
+        shown = render_import(prepared)
+        if arguments.dry_run or arguments.output is None:
             return
-        if prepared.was_split and not yes:
-            if not sys.stdin.isatty():
-                raise click.UsageError("nobody is there to say whether these are the strikes: look at them with --dry-run, then give --yes")
-            click.confirm("Are these the strikes?", abort=True, err=True)
-        with StrikeProgress() as progress:
-            written = write(prepared, output, progress)
-        render_written(written, said)
+        if prepared.was_split and not arguments.yes:
+            _confirm_strikes()
+        with ProgressBar() as progress:
+            written = write(prepared, arguments.output, progress)
+        render_written(written, shown)
+
+
+def _import_options(arguments: _ImportArguments) -> ImportOptions:
+    from analyze.importing.prepare import ImportOptions
+    from analyze.importing.writer import refuse_taken
+    from analyze.sources.open_source import SourceOptions
+    from schemas.output_file import refuse_unwritable
+
+    output, camera = arguments.output, arguments.camera_path
+    if output is None and not arguments.dry_run:
+        raise click.UsageError(
+            "no output is named: give the recording to write with -o FILE.mcap, or --dry-run"
+        )
+    if output is not None:
+        inputs = (*arguments.sources, arguments.object_path, arguments.plan_path)
+        refuse_unwritable(output, *inputs, *([] if camera is None else [camera]))
+        refuse_taken(output)
+    return ImportOptions(
+        arguments.sources,
+        arguments.object_path,
+        arguments.plan_path,
+        camera,
+        arguments.strikes,
+        arguments.whole,
+        SourceOptions(arguments.capture_fps, arguments.times, arguments.topic),
+        arguments.capture_fps_sd,
+        None if output is None or arguments.dry_run else output.parent,
+    )
+
+
+def _confirm_strikes() -> None:
+    if not sys.stdin.isatty():
+        raise click.UsageError(
+            "the strikes found cannot be confirmed without a terminal: look at them with --dry-run, then "
+            "add --yes"
+        )
+    click.confirm("Are these the strikes?", abort=True, err=True)

@@ -1,49 +1,66 @@
-"""What the verbs share: how a problem is told, and the options of those that estimate."""
+"""Options and decorators that several verbs share."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeVar
 
 import click
 
 from analyze.errors import AnalyzeError
 from schemas.command_line import one_line_errors
 
-if TYPE_CHECKING:
-    from analyze.pipeline.comparison import SessionComparison
-    from analyze.pipeline.estimate import Estimate
+Options = TypeVar("Options")
 
 one_line = one_line_errors("analyze", AnalyzeError)
-files_argument = click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path))
+files_argument = click.argument(
+    "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+results_folder_option = click.option(
+    "--out",
+    "output",
+    type=click.Path(path_type=Path),
+    default=Path("results"),
+    show_default=True,
+    help="Folder of the results.",
+)
 _estimate_options = [
-    click.option("--object", "object_file", type=click.Path(path_type=Path), help="Use this object file instead of the recording's."),
-    click.option("--exclude", multiple=True, metavar="STRIKE", help="Leave a strike out (id as in the report); may be repeated."),
+    click.option(
+        "--object",
+        "object_file",
+        type=click.Path(path_type=Path),
+        help="Use this object file instead of the recording's.",
+    ),
+    click.option(
+        "--exclude",
+        multiple=True,
+        metavar="STRIKE",
+        help="Leave out a strike, by its id in the report; may be repeated.",
+    ),
 ]
 
 
 def with_estimate_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """--object and --exclude."""
+    """Add --object and --exclude to a verb."""
     for option in reversed(_estimate_options):
         function = option(function)
     return function
 
 
-def estimated(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> Estimate:
-    """What the files tell, with a bar that shows how far it is."""
-    from analyze.pipeline.estimate import EstimateOptions, estimate_recordings
-    from analyze.progress import StrikeProgress
+def pass_options(kind: type[Options]) -> Callable[[Callable[[Options], None]], Callable[..., None]]:
+    """Decorator of a verb with many options: pass them as one value.
 
-    with StrikeProgress() as progress:
-        return estimate_recordings(files, EstimateOptions(object_path=object_file, exclude=frozenset(exclude)), progress)
+    Args:
+        kind: a frozen dataclass with a field per parameter of the command line.
+    """
 
+    def decorate(verb: Callable[[Options], None]) -> Callable[..., None]:
+        @wraps(verb)
+        def call(**options: Any) -> None:
+            verb(kind(**options))
 
-def compared(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> SessionComparison:
-    """What each file tells by itself, and how they agree, with a bar that shows how far it is."""
-    from analyze.pipeline.comparison import compare_recordings
-    from analyze.pipeline.estimate import EstimateOptions
-    from analyze.progress import StrikeProgress
+        return call
 
-    with StrikeProgress() as progress:
-        return compare_recordings(files, EstimateOptions(object_path=object_file, exclude=frozenset(exclude)), progress)
+    return decorate

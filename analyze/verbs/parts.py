@@ -1,13 +1,23 @@
-"""An object's shape: `analyze parts`."""
+"""`analyze parts`: the closed bodies of an object's mesh, numbered as its labels refer to them."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from analyze.errors import ShapeError
 from analyze.verbs.options import one_line
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from analyze.geometry.bodies import Body
+    from analyze.reading.object_file import ObjectFiles
+
+_MILLI, _CUBIC_CM = 1e3, 1e6
 
 
 @click.command()
@@ -15,11 +25,82 @@ from analyze.verbs.options import one_line
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
 def parts(object_file: Path, as_json: bool) -> None:
-    """The closed bodies in an object's mesh, with the numbers by which its labels name them."""
-    from analyze.verbs.parts_table import bodies_in, bodies_json, render_bodies
-
-    files, bodies = bodies_in(object_file)
+    """List the closed bodies in an object's mesh, with the numbers that its labels use."""
+    files, bodies = read_bodies(object_file)
     if as_json:
         click.echo(json.dumps(bodies_json(files, bodies), allow_nan=False))
     else:
         render_bodies(files, bodies)
+
+
+def read_bodies(path: Path) -> tuple[ObjectFiles, list[Body]]:
+    """Closed bodies of the object file's mesh, largest first.
+
+    Raises:
+        ShapeError: the object file or its shape cannot be used, or a label names a body that does not exist.
+    """
+    from analyze.geometry.bodies import bodies_of
+    from analyze.reading.object_file import read_object_files
+
+    files = read_object_files(path)
+    bodies = bodies_of(files.spec, files.shape_bytes, files.shape_name)
+    for label in files.spec.labels or []:
+        if beyond := [number for number in label.bodies if number > len(bodies)]:
+            raise ShapeError(
+                f"{path}: part {label.name!r} names body {beyond[0]}, but {files.shape_name} has "
+                f"{len(bodies)}"
+            )
+    return files, bodies
+
+
+def render_bodies(files: ObjectFiles, bodies: list[Body], console: Console | None = None) -> None:
+    """Print the bodies with volume, centroid, size and the part that each is labelled as."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    console = console or Console(highlight=False)
+    part_of = _part_of_body(files)
+    table = Table(title=f"Bodies of {files.shape_name}", title_justify="left", box=SIMPLE_HEAD)
+    for name in ("body", "volume (cm³)", "middle x, y, z (mm)", "size (mm)", "part"):
+        table.add_column(name, justify="left" if name == "part" else "right", no_wrap=True)
+    for number, body in enumerate(bodies, 1):
+        corners = body.vertices[body.faces].reshape(-1, 3)
+        size = corners.max(axis=0) - corners.min(axis=0)
+        table.add_row(
+            str(number),
+            f"{_CUBIC_CM * body.properties.volume:.3f}",
+            ", ".join(f"{_MILLI * value:.1f}" for value in body.properties.centroid),
+            " x ".join(f"{_MILLI * value:.0f}" for value in size),
+            part_of.get(number, "–") + (f" (open at {body.open_edges} edges)" if body.open_edges else ""),
+        )
+    console.print(table)
+    if len(bodies) < 2:
+        console.print(
+            "one body: its parts can only be the wall and layers (`wall = true`, `between_m` in the object "
+            "file's labels)"
+        )
+    elif not part_of:
+        console.print("label them in the object file, bodies of one material together:")
+        console.print('  [[labels]]\n  name = "handle"\n  bodies = [1]', markup=False)
+
+
+def bodies_json(files: ObjectFiles, bodies: list[Body]) -> list[dict[str, object]]:
+    """The bodies as JSON values, in SI units and the object's frame O."""
+    part_of = _part_of_body(files)
+    return [
+        {
+            "body": number,
+            "volume_m3": body.properties.volume,
+            "centroid_m": body.properties.centroid.tolist(),
+            "unit_inertia_m2": body.properties.unit_inertia.tolist(),
+            "open_edges": body.open_edges,
+            "part": part_of.get(number),
+        }
+        for number, body in enumerate(bodies, 1)
+    ]
+
+
+def _part_of_body(files: ObjectFiles) -> dict[int, str]:
+    """Name of the part that each labelled body belongs to, by the body's number."""
+    return {number: label.name for label in files.spec.labels or [] for number in label.bodies}

@@ -1,4 +1,4 @@
-"""`analyze reproduce`."""
+"""`analyze reproduce`: published results computed again."""
 
 from __future__ import annotations
 
@@ -13,27 +13,34 @@ from analyze.verbs.options import one_line
 
 @click.group()
 def reproduce() -> None:
-    """Published data and results, computed again."""
+    """Compute published results again."""
 
 
 @reproduce.command("cube-tosses")
-@click.option("--data", type=click.Path(path_type=Path), help="The packed tosses (.npz).  [default: ../shared/data/contactnets_tosses.npz]")
-@click.option("--plot", type=click.Path(path_type=Path), help="Write the figure (.png, .svg or .pdf).")
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path),
+    help="File of the tosses (.npz).  [default: ../shared/data/contactnets_tosses.npz]",
+)
+@click.option("--plot", type=click.Path(path_type=Path), help="The figure to write (.png, .svg or .pdf).")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
 def cube_tosses(data: Path | None, plot: Path | None, as_json: bool) -> None:
-    """A real cube's centre of mass and inertia from flight, from edge contact and from corner contact, each on its own."""
-    from analyze.output_file import refuse_unwritable
-    from analyze.progress import StrikeProgress
+    """Estimate a real cube's centre of mass and inertia from published tosses.
+
+    Flight, edge contact and corner contact each give an estimate of their own.
+    """
+    from analyze.progress import ProgressBar
     from analyze.report.style import write_figure
     from analyze.reproduce.cube_tosses import DEFAULT_DATA, analyse_tosses, answer_json, read_tosses
     from analyze.reproduce.cube_tosses_figure import cube_figure, render_cube
+    from schemas.output_file import refuse_unwritable
 
     source = data or DEFAULT_DATA
     if plot is not None:
         refuse_unwritable(plot, source)
     tosses = read_tosses(source)
-    with StrikeProgress() as progress:
+    with ProgressBar() as progress:
         answer = analyse_tosses(tosses, progress)
     if as_json:
         click.echo(json.dumps(answer_json(answer), allow_nan=False))
@@ -52,31 +59,35 @@ def cube_tosses(data: Path | None, plot: Path | None, as_json: bool) -> None:
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("recordings/reproduce"),
     show_default=True,
-    help="Folder of the page (index.html), its CSV files, and what each session gave (sessions/), which is kept.",
+    help="Folder of the page (index.html), its CSV files, and the results of each session (sessions/), "
+    "which are kept.",
 )
 @one_line
 def paper(recordings: tuple[Path, ...], out: Path) -> None:
-    """The paper's tables and figures made again, beside ours, from sessions of the virtual rig (`make reproduce` records them).
+    """Make the paper's tables and figures again, beside ours, from sessions of the virtual rig.
 
-    RECORDINGS join the sessions that the folder holds already; their images are not needed afterwards. With none, the page is drawn anew.
+    `make reproduce` records the sessions. RECORDINGS are added to the sessions in the folder; their images
+    are not needed afterwards. Without RECORDINGS the page is only drawn again.
     """
-    from analyze.output_file import write_text
-    from analyze.progress import StrikeProgress
+    from analyze.progress import ProgressBar
     from analyze.reproduce.paper.page import summary, write_page
     from analyze.reproduce.paper.read import read_session
     from analyze.reproduce.paper.record import read_records
     from analyze.reproduce.paper.targets import targets_table
     from analyze.reproduce.paper.terminal import render_table
+    from schemas.output_file import write_text
 
     folder = out / "sessions"
     folder.mkdir(parents=True, exist_ok=True)
-    with StrikeProgress() as progress:
+    with ProgressBar() as progress:
         for path in recordings:
             record = read_session(path, progress)
             write_text(folder / f"{record.name}.json", record.model_dump_json())
     records = read_records(folder)
     if not records:
-        raise EstimationError(f"{folder}: holds no session: name recordings of `acquire demo`, or run `make reproduce`")
+        raise EstimationError(
+            f"{folder}: contains no session: name recordings of `acquire demo`, or run `make reproduce`"
+        )
     page = write_page(records, out)
     render_table(targets_table(records))
     click.echo(summary(records))

@@ -13,14 +13,17 @@ from tests.places import RECORDINGS
 @pytest.fixture(scope="session", autouse=True)
 def samples_are_tracked_once() -> Iterator[None]:
     """Many tests look at the committed sample: a strike of it is tracked once for the same markers and object. A copy is another file."""
-    from analyze.pipeline.estimate import evidence
+    from analyze.pipeline import evidence
 
     track, known = evidence._strike, {}
 
     def remembered(recording, struck, markers, record):
         if recording.path.resolve().parent != RECORDINGS:
             return track(recording, struck, markers, record)
-        places = tuple((m.id, m.size, None if m.T_object_marker is None else m.T_object_marker.tobytes()) for m in markers)
+        places = tuple(
+            (m.id, m.size, None if m.T_object_marker is None else m.T_object_marker.tobytes())
+            for m in markers
+        )
         key = (recording.path.name, record.strike_id, places, struck.sha256, struck.overridden)
         if key not in known:
             known[key] = track(recording, struck, markers, record)
@@ -34,7 +37,7 @@ def samples_are_tracked_once() -> Iterator[None]:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """For what a report says beside its plots: making and drawing them is nine tenths of its time."""
-    for figure in ("regions", "voxel", "moments", "foretold", "sources", "influence", "strike"):
+    for figure in ("regions", "voxel", "moments", "prediction", "sources", "influence", "strike"):
         monkeypatch.setattr(f"analyze.report.report.{figure}_figure", lambda *_: None)
     monkeypatch.setattr("analyze.report.report.projection_figures", lambda *_: [None] * 3)
     monkeypatch.setattr("analyze.report.report.drawn", lambda _: Markup("<svg></svg>"))

@@ -1,97 +1,140 @@
-"""`analyze calibrate`."""
+"""The command `analyze calibrate`."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from analyze.verbs.calibrate.drop_command import measure, refuse_mixed, with_drop_options
+from analyze.verbs.calibrate.drop_command import measure_frame_rate, refuse_mixed, with_drop_options
 from analyze.verbs.options import one_line
 from schemas.command_line import NumberRange
+
+if TYPE_CHECKING:
+    from analyze.cameras.calibrate import CalibrateOptions, CalibrationAnswer
+
+_DEFAULT_MODEL, _DEFAULT_MARK = "pinhole", "0,0,0"
+
+
+@dataclass(frozen=True)
+class _LensArguments:
+    """Arguments and options of `analyze calibrate` without --drop."""
+
+    inputs: tuple[Path, ...]
+    output: Path | None
+    model: str
+    squares: str | None
+    square_mm: float | None
+    family: str | None
+    table: Path | None
+    upright: bool
+    mark_mm: str
+    rig: Path | None
+    write: bool
+    picture: Path | None
+
+    def named(self) -> list[str]:
+        """Options that were given on the command line, by their names."""
+        given = {
+            "-o": self.output,
+            "--squares": self.squares,
+            "--square-mm": self.square_mm,
+            "--family": self.family,
+            "--table": self.table,
+            "--rig": self.rig,
+            "--upright": self.upright,
+            "--write": self.write,
+            "--picture": self.picture,
+            "--model": self.model != _DEFAULT_MODEL,
+            "--mark-mm": self.mark_mm != _DEFAULT_MARK,
+        }
+        return [name for name, value in given.items() if value]
 
 
 @click.command()
 @click.argument("inputs", metavar="IMAGE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Where to write the rig file's [camera.calibration] (TOML).")
-@click.option("--model", type=click.Choice(["pinhole", "fisheye"]), default="pinhole", show_default=True, help="How the lens draws.")
-@click.option("--squares", metavar="CxR", help="Of the board, as printed: columns x rows.  [default: 7x9]")
-@click.option("--square-mm", type=NumberRange(0, 1000, min_open=True), help="Of the board: edge of a square, as measured.  [default: 22]")
-@click.option("--family", help="Of the board's tags.  [default: 5x5_100]")
 @click.option(
-    "--table", type=click.Path(path_type=Path), metavar="IMAGE", help="The board on the table, its mark on W's origin: where the camera is."
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="The calibration to write: the rig file's [camera.calibration] (TOML).",
 )
 @click.option(
-    "--upright", is_flag=True, help="With --table: it stands on its lower edge and faces the camera.  [default: it lies, face up]"
+    "--model",
+    type=click.Choice(["pinhole", "fisheye"]),
+    default=_DEFAULT_MODEL,
+    show_default=True,
+    help="Lens model.",
+)
+@click.option(
+    "--squares", metavar="CxR", help="Squares of the board as printed: columns x rows.  [default: 7x9]"
+)
+@click.option(
+    "--square-mm",
+    type=NumberRange(0, 1000, min_open=True),
+    help="Edge of the board's squares in mm, as measured on the print.  [default: 22]",
+)
+@click.option("--family", help="Tag family of the board.  [default: 5x5_100]")
+@click.option(
+    "--table",
+    type=click.Path(path_type=Path),
+    metavar="IMAGE",
+    help="Image of the board on the table, its mark at W's origin, to measure the camera's pose.",
+)
+@click.option(
+    "--upright",
+    is_flag=True,
+    help="With --table: the board stands on its lower edge and faces the camera.  [default: it lies face up]",
 )
 @click.option(
     "--mark-mm",
     metavar="X,Y,Z",
-    default="0,0,0",
+    default=_DEFAULT_MARK,
     show_default=True,
-    help="With --table: where the mark is in W; Z is the plate's thickness.",
+    help="With --table: position of the board's mark in W; Z is the board's thickness.",
 )
-@click.option("--rig", type=click.Path(path_type=Path), help="The rig file: its region must be the images', its T_world_camera is kept.")
-@click.option("--write", is_flag=True, help="Put the calibration into the rig file.")
-@click.option("--picture", type=click.Path(path_type=Path), help="Coverage, precision and residuals (PNG).  [default: with -o, beside it]")
+@click.option(
+    "--rig",
+    type=click.Path(path_type=Path),
+    help="The rig file: its image region must be the images', its T_world_camera is kept.",
+)
+@click.option("--write", is_flag=True, help="Write the calibration into the rig file.")
+@click.option(
+    "--picture",
+    type=click.Path(path_type=Path),
+    help="Plot of coverage, precision and residuals to write (PNG).  [default: with -o, beside it]",
+)
 @with_drop_options
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
-def calibrate(
-    inputs: tuple[Path, ...],
-    output: Path | None,
-    model: str,
-    squares: str | None,
-    square_mm: float | None,
-    family: str | None,
-    table: Path | None,
-    upright: bool,
-    mark_mm: str,
-    rig: Path | None,
-    write: bool,
-    picture: Path | None,
-    drop: bool,
-    as_json: bool,
-    **dropped: Any,
-) -> None:
+def calibrate(*, drop: bool, as_json: bool, **given: Any) -> None:
     """Calibrate a camera from views of a ChArUco board: images, folders, patterns in quotes, recordings.
 
-    The board is what `analyze print-tags --board charuco` prints; take 15 views or more, tilted by 20 to 45 degrees to all sides, and
-    reaching into all corners of the image.
+    Print the board with `analyze print-tags --board charuco`. Take 15 views or more, tilted by 20 to 45
+    degrees to all sides, and reaching into all corners of the image.
 
-    With --drop: how fast a video's frames truly come, from a film of a tag in free fall.
+    With --drop: measure a video's true frame rate from a tag in free fall.
     """
-    lens = {"-o": output, "--squares": squares, "--square-mm": square_mm, "--family": family, "--table": table, "--rig": rig}
-    lens |= {"--upright": upright, "--write": write, "--picture": picture, "--model": model != "pinhole", "--mark-mm": mark_mm != "0,0,0"}
-    refuse_mixed(drop, dropped, [name for name, given in lens.items() if given])
+    lens = _LensArguments(**{name: given.pop(name) for name in _LensArguments.__dataclass_fields__})
+    refuse_mixed(drop, given, lens.named())
     if drop:
-        measure(inputs, dropped, as_json)
-        return
-    from analyze.cameras.calibrate import CalibrateOptions, calibrate_camera
-    from analyze.cameras.rig_file import default_picture, parse_mark, refuse_unplaced, write_calibration, write_into_rig
-    from analyze.output_file import refuse_unwritable
-    from analyze.progress import StrikeProgress
-    from analyze.report.calibration_plot import write_picture
-    from analyze.tags.printing import BoardOptions, parse_board
-    from analyze.verbs.calibrate.table import calibration_json, render_calibration
-    from schemas.session_manifest import LensModel
+        measure_frame_rate(lens.inputs, given, as_json)
+    else:
+        _calibrate_lens(lens, as_json)
 
-    if write and rig is None:
-        raise click.UsageError("--write needs --rig RIG.toml: which file to write into")
-    if table is None and (upright or mark_mm != "0,0,0"):
-        raise click.UsageError("--upright and --mark-mm are of the board on the table: add --table IMAGE")
-    if write and rig is not None and table is None:
-        refuse_unplaced(rig)
-    plain = BoardOptions()
-    board = parse_board(BoardOptions(family, squares or plain.squares, plain.square_mm if square_mm is None else square_mm))
-    options = CalibrateOptions(inputs, board, LensModel(model), table, upright, parse_mark(mark_mm), rig)
-    picture = picture or (None if output is None else default_picture(output))
-    for path in (output, picture):
-        if path is not None:
-            refuse_unwritable(path, *inputs, *(each for each in (rig, table) if each is not None))
-    with StrikeProgress() as progress:
+
+def _calibrate_lens(arguments: _LensArguments, as_json: bool) -> None:
+    from analyze.cameras.calibrate import calibrate_camera
+    from analyze.progress import ProgressBar
+    from analyze.report.calibration_plot import write_picture
+    from analyze.verbs.calibrate.table import calibration_json, render_calibration
+
+    options = _calibrate_options(arguments)
+    picture = _picture_path(arguments)
+    with ProgressBar() as progress:
         answer = calibrate_camera(options, progress)
     if picture is not None:
         write_picture(answer.calibration, picture)
@@ -101,9 +144,75 @@ def calibrate(
     answer.refuse_undetermined()
     if not as_json:
         render_calibration(answer)
-    if output is not None:
-        write_calibration(answer, output)
-        click.echo(f"calibration: {output}: the rig file's [camera.calibration] (or --rig RIG.toml --write)", err=as_json)
-    if write and rig is not None:
-        write_into_rig(answer, rig)
-        click.echo(f"written to {rig}: start the daemon anew, and plan anew", err=True)
+    _write_files(answer, arguments, as_json)
+
+
+def _calibrate_options(arguments: _LensArguments) -> CalibrateOptions:
+    from analyze.cameras.calibrate import CalibrateOptions
+    from analyze.cameras.calibration_toml import refuse_unplaced
+    from analyze.tags.printing import BoardOptions, parse_board
+    from schemas.session_manifest import LensModel
+
+    if arguments.write and arguments.rig is None:
+        raise click.UsageError("--write needs a rig file to write into: add --rig RIG.toml")
+    if arguments.table is None and (arguments.upright or arguments.mark_mm != _DEFAULT_MARK):
+        raise click.UsageError("--upright and --mark-mm describe the board on the table: add --table IMAGE")
+    if arguments.write and arguments.rig is not None and arguments.table is None:
+        refuse_unplaced(arguments.rig)
+    default = BoardOptions()
+    size = default.square_mm if arguments.square_mm is None else arguments.square_mm
+    board = parse_board(BoardOptions(arguments.family, arguments.squares or default.squares, size))
+    return CalibrateOptions(
+        arguments.inputs,
+        board,
+        LensModel(arguments.model),
+        arguments.table,
+        arguments.upright,
+        parse_mark(arguments.mark_mm),
+        arguments.rig,
+    )
+
+
+def parse_mark(text: str) -> tuple[float, float, float]:
+    """Position x, y, z [m] of the board's mark, from millimetres as "x,y,z".
+
+    Raises:
+        CalibrationError: the text is not understood.
+    """
+    from analyze.errors import CalibrationError
+
+    try:
+        x, y, z = (float(part) / 1000 for part in text.split(","))
+    except ValueError:
+        x = y = z = float("nan")
+    if not all(abs(each) < 2.0 for each in (x, y, z)):
+        raise CalibrationError(f"--mark-mm {text}: not understood: write x,y,z in millimetres, as 0,0,3")
+    return x, y, z
+
+
+def _picture_path(arguments: _LensArguments) -> Path | None:
+    """Path of the plot; None if none is written."""
+    from schemas.output_file import refuse_unwritable
+
+    output = arguments.output
+    picture = arguments.picture or (None if output is None else output.with_suffix(".png"))
+    for path in (output, picture):
+        if path is not None:
+            others = (each for each in (arguments.rig, arguments.table) if each is not None)
+            refuse_unwritable(path, *arguments.inputs, *others)
+    return picture
+
+
+def _write_files(answer: CalibrationAnswer, arguments: _LensArguments, as_json: bool) -> None:
+    from analyze.cameras.calibration_toml import write_calibration, write_into_rig
+
+    if arguments.output is not None:
+        write_calibration(answer, arguments.output)
+        click.echo(
+            f"calibration: {arguments.output}: the rig file's [camera.calibration] (or --rig RIG.toml "
+            "--write)",
+            err=as_json,
+        )
+    if arguments.write and arguments.rig is not None:
+        write_into_rig(answer, arguments.rig)
+        click.echo(f"written to {arguments.rig}: restart the daemon, and plan anew", err=True)

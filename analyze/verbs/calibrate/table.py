@@ -1,4 +1,4 @@
-"""A calibration on the terminal, and as JSON."""
+"""A camera calibration as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -10,49 +10,72 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.calibration.verdict import where
-from analyze.cameras.calibrate import CalibrationAnswer, spec_of
+from analyze.cameras.calibrate import CalibrationAnswer
+from analyze.cameras.calibration_toml import calibration_spec
 from schemas.document import SCHEMA_VERSION
 
-MOST_NAMED = 4
-"""images left out that are named; more are counted"""
+MAX_NAMED = 4
+"""largest number of images named; more are counted"""
 
 
 def render_calibration(answer: CalibrationAnswer, console: Console | None = None) -> None:
-    """Print it."""
+    """Print the calibration as a table, with doubts and notes."""
     console = console or Console()
     found = answer.calibration
     lens = found.lens
     table = Table(
-        title=f"{lens.model.value}, {lens.width} x {lens.height} px, {len(found.shots)} views", title_justify="left", show_header=False
+        title=f"{lens.model.value}, {lens.width} x {lens.height} px, {len(found.shots)} views",
+        title_justify="left",
+        show_header=False,
     )
     table.add_column()
     table.add_column()
     numbers = {name: (value, sd) for name, value, sd in zip(lens.names, lens.numbers, found.sd, strict=True)}
-    table.add_row("focal length", "  ".join(f"{name} {numbers[name][0]:.2f} ± {numbers[name][1]:.2f}" for name in ("fx", "fy")) + " px")
-    table.add_row("middle", "  ".join(f"{name} {numbers[name][0]:.2f} ± {numbers[name][1]:.2f}" for name in ("cx", "cy")) + " px")
-    bend = "  ".join(f"{name} {_told(*numbers[name])}" for name in lens.names[4:])
+    table.add_row(
+        "focal length",
+        "  ".join(f"{name} {numbers[name][0]:.2f} ± {numbers[name][1]:.2f}" for name in ("fx", "fy")) + " px",
+    )
+    table.add_row(
+        "principal point",
+        "  ".join(f"{name} {numbers[name][0]:.2f} ± {numbers[name][1]:.2f}" for name in ("cx", "cy")) + " px",
+    )
+    bend = "  ".join(f"{name} {_with_sd(*numbers[name])}" for name in lens.names[4:])
     table.add_row("distortion", bend)
     many = sum(len(shot.view.place) for shot in found.shots)
-    table.add_row("corners", f"{many}, off by {found.rms_px:.3f} px (rms), over {100 * found.covered.share:.0f} % of the image")
+    table.add_row(
+        "corners",
+        f"{many}, {found.rms_px:.3f} px rms residual, over {100 * found.covered.share:.0f} % of the image",
+    )
     table.add_row(
         "a direction's pixel",
-        f"± {found.pixels.median:.3f} px in the median, ± {found.pixels.worst:.3f} px at worst ({where(lens, *found.pixels.worst_at)})",
+        f"± {found.pixels.median:.3f} px in the median, ± {found.pixels.worst:.3f} px at worst "
+        f"({where(lens, *found.pixels.worst_at)})",
     )
-    table.add_row("board tilted by", f"{math.degrees(min(found.tilts)):.0f}-{math.degrees(max(found.tilts)):.0f} degrees")
+    table.add_row(
+        "board tilted by",
+        f"{math.degrees(min(found.tilts)):.0f}-{math.degrees(max(found.tilts)):.0f} degrees",
+    )
     if answer.place is not None:
         x, y, z = answer.place.T_world_camera[:3, 3]
         sx, sy, sz = 1000 * answer.place.position_sd
         turns = ", ".join(f"{sd:.3f}" for sd in np.degrees(answer.place.turn_sd))
-        table.add_row("camera in W", f"({x:.4f}, {y:.4f}, {z:.4f}) m ± ({sx:.2f}, {sy:.2f}, {sz:.2f}) mm; turns ± ({turns}) degrees")
+        table.add_row(
+            "camera in W",
+            f"({x:.4f}, {y:.4f}, {z:.4f}) m ± ({sx:.2f}, {sy:.2f}, {sz:.2f}) mm; turns ± ({turns}) degrees",
+        )
     console.print(table)
     if answer.alike:
-        console.print(f"{answer.alike} of {answer.looked_at} images show the board where another does: not used", highlight=False)
+        console.print(
+            f"{answer.alike} of {answer.looked_at} images show the board in the same place as another: not "
+            "used",
+            highlight=False,
+        )
     if answer.without_board:
-        console.print(f"no board in {_listed(answer.without_board)}", highlight=False)
-    for left in answer.dropped[:MOST_NAMED]:
+        console.print(f"no board in {_names(answer.without_board)}", highlight=False)
+    for left in answer.dropped[:MAX_NAMED]:
         console.print(f"left out: {left.name}: {left.reason}", highlight=False)
-    if len(answer.dropped) > MOST_NAMED:
-        console.print(f"left out: {len(answer.dropped) - MOST_NAMED} more; --json names all", highlight=False)
+    if len(answer.dropped) > MAX_NAMED:
+        console.print(f"left out: {len(answer.dropped) - MAX_NAMED} more; --json names all", highlight=False)
     for doubt in answer.doubts:
         console.print(f"doubt: {doubt}", highlight=False)
     for note in notes(answer):
@@ -60,27 +83,33 @@ def render_calibration(answer: CalibrationAnswer, console: Console | None = None
 
 
 def notes(answer: CalibrationAnswer) -> list[str]:
-    """What a calibration cannot know."""
-    said: list[str] = []
+    """Lines on what the calibration does not determine."""
+    lines: list[str] = []
     if answer.place is not None:
-        said.append(
-            f"the camera's distance rests on squares of {answer.options.board.square_mm:g} mm: no image shows a print that is not to "
-            "scale, so measure both rulers; how well the board was laid is not in the sd"
+        lines.append(
+            f"the camera's distance depends on squares of {answer.options.board.square_mm:g} mm, which no "
+            "image can check: measure "
+            "both rulers on the print; errors in placing the board are not in the sd"
         )
     elif answer.rig_place is not None:
-        said.append("where the camera stands is the rig file's, found with the lens as it was: --table IMAGE measures it with this one")
+        lines.append(
+            "the camera's pose is the rig file's, found with the previous lens: --table IMAGE measures it "
+            "with this one"
+        )
     else:
         or_kept = "" if answer.rig is not None else ", or --rig RIG.toml to keep the rig's"
-        said.append(f"where the camera stands (T_world_camera) was not measured: give --table IMAGE{or_kept}")
+        lines.append(f"the camera's pose (T_world_camera) was not measured: give --table IMAGE{or_kept}")
     level = "" if answer.rig is None else f" ({answer.rig.gravity_tilt_sd_rad:g} rad)"
-    said.append(f"a board shows the table, not the vertical: the rig's gravity_tilt_sd_rad{level} stays as it is")
-    return said
+    lines.append(
+        f"a board shows the table, not the vertical: the rig's gravity_tilt_sd_rad{level} is unchanged"
+    )
+    return lines
 
 
 def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
-    """Everything, ready for JSON."""
+    """The calibration as JSON values."""
     found = answer.calibration
-    lens, place, spec = found.lens, answer.place, spec_of(answer)
+    lens, place, spec = found.lens, answer.place, calibration_spec(answer)
     units = {"fx": "px", "fy": "px", "cx": "px", "cy": "px"}
     board = answer.options.board
     views = [
@@ -98,7 +127,12 @@ def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
         "model": lens.model.value,
         "width": lens.width,
         "height": lens.height,
-        "board": {"family": board.family, "columns": board.columns, "rows": board.rows, "square_m": board.square_mm / 1000},
+        "board": {
+            "family": board.family,
+            "columns": board.columns,
+            "rows": board.rows,
+            "square_m": board.square_mm / 1000,
+        },
         "numbers": {
             name: {"value": float(value), "sd": float(sd), "unit": units.get(name, "")}
             for name, value, sd in zip(lens.names, lens.numbers, found.sd, strict=True)
@@ -116,7 +150,10 @@ def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
             "worst_at_px": list(found.pixels.worst_at),
             "column_px": found.pixels.column.tolist(),
             "row_px": found.pixels.row.tolist(),
-            "px": [[None if math.isnan(value) else round(value, 5) for value in row] for row in found.pixels.value.tolist()],
+            "px": [
+                [None if math.isnan(value) else round(value, 5) for value in row]
+                for row in found.pixels.value.tolist()
+            ],
         },
         "coverage": {"share": found.covered.share, "corners": found.covered.count.astype(int).tolist()},
         "views": views,
@@ -139,10 +176,14 @@ def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
     }
 
 
-def _told(value: float, sd: float) -> str:
+def _with_sd(value: float, sd: float) -> str:
     digits = max(0, 1 - math.floor(math.log10(max(sd, 1e-9))))
     return f"{value:.{digits}f} ± {sd:.{digits}f}"
 
 
-def _listed(names: tuple[str, ...]) -> str:
-    return ", ".join(names) if len(names) <= MOST_NAMED else f"{', '.join(names[:MOST_NAMED])} and {len(names) - MOST_NAMED} more"
+def _names(names: tuple[str, ...]) -> str:
+    return (
+        ", ".join(names)
+        if len(names) <= MAX_NAMED
+        else f"{', '.join(names[:MAX_NAMED])} and {len(names) - MAX_NAMED} more"
+    )

@@ -1,4 +1,4 @@
-"""`analyze gravity`."""
+"""The command `analyze gravity`."""
 
 from __future__ import annotations
 
@@ -13,35 +13,52 @@ from schemas.command_line import NumberRange
 
 @click.command()
 @click.argument("inputs", metavar="IMAGE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--rig", type=click.Path(path_type=Path), help="The rig file: its camera took the images.  [default: a recording's own]")
+@click.option(
+    "--rig",
+    type=click.Path(path_type=Path),
+    help="The rig file of the camera that took the images.  [default: the recording's camera]",
+)
 @click.option(
     "--camera-sd-deg",
     type=NumberRange(0, 10, min_open=True),
     default=0.1,
     show_default=True,
-    help="How well the camera's turn against the table (T_world_camera) is known, 1 sigma.",
+    help="Standard deviation of the camera's rotation against the table (T_world_camera), in degrees.",
 )
-@click.option("--write", is_flag=True, help="Put the reading into the rig file's [level].")
-@click.option("--picture", type=click.Path(path_type=Path), help="The first image with the strings that were found (PNG).")
+@click.option("--write", is_flag=True, help="Write the reading into the rig file's [level].")
+@click.option(
+    "--picture",
+    type=click.Path(path_type=Path),
+    help="Picture of the first image with the strings found, to write (PNG).",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
-def gravity(inputs: tuple[Path, ...], rig: Path | None, camera_sd_deg: float, write: bool, picture: Path | None, as_json: bool) -> None:
-    """How the table slopes, from images or a recording of a plumb line: a string with a weight that hangs in the camera's view.
+def gravity(
+    inputs: tuple[Path, ...],
+    rig: Path | None,
+    camera_sd_deg: float,
+    write: bool,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
+    """Measure the table's tilt from images or a recording of a plumb line.
 
-    One string tells the rise across the camera's view, which is what tips feel; two or more, far apart in the image, tell both rises.
+    A plumb line is a string with a weight in the camera's view. One string determines the tilt across the
+    camera's view, which affects tips; two or more, far apart in the image, determine both tilts.
     """
     from math import radians
 
-    from analyze.output_file import refuse_unwritable
-    from analyze.progress import StrikeProgress
+    from analyze.progress import ProgressBar
     from analyze.report.plumb_picture import write_plumb_picture
-    from analyze.verbs.gravity.images import GravityOptions, gravity_json, gravity_text, read_gravity, write_level
+    from analyze.verbs.gravity.level import GravityOptions, read_gravity, write_level
+    from analyze.verbs.gravity.table import gravity_json, gravity_text
+    from schemas.output_file import refuse_unwritable
 
     if write and rig is None:
-        raise click.UsageError("--write needs --rig RIG.toml: which file to write into")
+        raise click.UsageError("--write needs a rig file to write into: add --rig RIG.toml")
     if picture is not None:
         refuse_unwritable(picture, *inputs, *([] if rig is None else [rig]))
-    with StrikeProgress() as progress:
+    with ProgressBar() as progress:
         answer = read_gravity(GravityOptions(inputs, rig, radians(camera_sd_deg)), progress)
     if picture is not None:
         write_plumb_picture(answer.first, answer.lines, answer.camera, picture)
@@ -53,4 +70,4 @@ def gravity(inputs: tuple[Path, ...], rig: Path | None, camera_sd_deg: float, wr
     answer.refuse_undetermined()
     if write and rig is not None:
         write_level(answer, rig)
-        click.echo(f"written to {rig}: start the daemon anew", err=True)
+        click.echo(f"written to {rig}: restart the daemon", err=True)

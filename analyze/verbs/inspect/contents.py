@@ -1,4 +1,4 @@
-"""What is told of every MCAP file, whoever wrote it, ready for JSON: topics with rates and gaps, times, compression, health."""
+"""Contents of any MCAP file as JSON values: topics with rates and gaps, times, compression, health."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from analyze.reading.mcap_contents import McapContents
 
-REAL_CLOCK_NS = 946_684_800_000_000_000
-"""2000-01-01: earlier times are simulated, or those of a computer without a clock"""
+EARLIEST_REAL_TIME_NS = 946_684_800_000_000_000
+"""2000-01-01; earlier times are simulated, or from a computer without a clock"""
 
 
 def inspect_contents(contents: McapContents) -> dict[str, Any]:
-    """The part of `analyze inspect --json` that any file has."""
+    """Part of `analyze inspect --json` that any MCAP file has."""
     topics = [_topic(contents, name) for name in contents.topics()]
     begins = [topic["first_ns"] for topic in topics if topic["count"]]
     ends = [topic["last_ns"] for topic in topics if topic["count"]]
@@ -32,7 +32,11 @@ def inspect_contents(contents: McapContents) -> dict[str, Any]:
         "topics": topics,
         "indexed": contents.indexed,
         "compression": {
-            name: {"chunks": packed.chunks, "stored_bytes": packed.stored_bytes, "unpacked_bytes": packed.unpacked_bytes}
+            name: {
+                "chunks": packed.chunks,
+                "stored_bytes": packed.stored_bytes,
+                "unpacked_bytes": packed.unpacked_bytes,
+            }
             for name, packed in sorted(contents.compression.items())
         },
         "publish_delay_s": float(np.median(contents.delays_ns) * 1e-9) if contents.delays_ns else None,
@@ -43,7 +47,7 @@ def inspect_contents(contents: McapContents) -> dict[str, Any]:
 
 
 def time_table(times: NDArray[np.int64]) -> dict[str, Any]:
-    """Count, first, last, rate and gaps of messages at these log times [ns], (n,), in any order."""
+    """Count, first, last, rate and gaps of messages from their log times [ns], (n,), in any order."""
     times = np.sort(times)
     gaps = np.diff(times) * 1e-9
     longest = int(gaps.argmax()) if len(gaps) else None
@@ -60,7 +64,9 @@ def time_table(times: NDArray[np.int64]) -> dict[str, Any]:
 
 def _topic(contents: McapContents, name: str) -> dict[str, Any]:
     channels = contents.channels_of(name)
-    found = [contents.schemas[channel.schema_id] for channel in channels if channel.schema_id in contents.schemas]
+    found = [
+        contents.schemas[channel.schema_id] for channel in channels if channel.schema_id in contents.schemas
+    ]
     times = contents.times(name)
     return {
         "name": name,
@@ -69,30 +75,41 @@ def _topic(contents: McapContents, name: str) -> dict[str, Any]:
         "encoding": ", ".join(dict.fromkeys(channel.encoding for channel in channels)),
         "channels": len(channels),
         **time_table(times),
-        # Several publishers' messages come one after the other here: of one channel only can it be told.
+        # The times of several channels are listed one channel after the other: only one has an order to
+        # check.
         "out_of_order": int((np.diff(times) < 0).sum()) if len(channels) == 1 else None,
     }
 
 
-def disorder(topics: list[dict[str, Any]]) -> list[str]:
-    """Topics whose messages do not stand in the order of their times, a line each; where several programs write one, that is no fault."""
+def out_of_order_lines(topics: list[dict[str, Any]]) -> list[str]:
+    """A line per topic whose messages are not in the order of their times.
+
+    Several publishers of one topic may interleave, which is no fault.
+    """
     text = "{name}: {out_of_order} messages are older than the one before them"
     return [text.format(**topic) for topic in topics if topic["out_of_order"]]
 
 
 def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
-    """What is wrong, a line each."""
+    """Lines of problems."""
     recover = f"`acquire recover {contents.path} -o NEW.mcap`"
     found: list[str] = []
     if not contents.finished:
-        found.append(f"cut short, or damaged: {contents.unread_bytes} bytes at its end belong to no whole record: {recover} saves the rest")
+        found.append(
+            f"cut short or damaged: the last {contents.unread_bytes} bytes are no complete record: "
+            f"{recover} saves the rest"
+        )
     elif contents.compression and not contents.indexed:
-        found.append(f"no index: readers must walk all of it: {recover} writes one")
+        found.append(f"no index, so that readers must read all of it: {recover} writes one")
     found += [f"damaged: {text}: {recover} saves what can be read" for text in dict.fromkeys(contents.damage)]
     if contents.stated_messages not in {None, contents.messages}:
-        found.append(f"{contents.messages} messages are there, its statistics count {contents.stated_messages}")
+        found.append(
+            f"{contents.messages} messages were found, its statistics state {contents.stated_messages}"
+        )
     if contents.nameless:
         found.append(f"{contents.nameless} messages are on channels that the file does not describe")
-    if any(topic["count"] and topic["first_ns"] < REAL_CLOCK_NS for topic in topics):
-        found.append("times begin before the year 2000: simulated, or of a computer whose clock was not set")
+    if any(topic["count"] and topic["first_ns"] < EARLIEST_REAL_TIME_NS for topic in topics):
+        found.append(
+            "times begin before the year 2000: simulated, or from a computer whose clock was not set"
+        )
     return found

@@ -1,4 +1,4 @@
-"""What is in a recording, and how healthy it is: topics, rates, gaps, frames lost, clocks, session, strikes."""
+"""Contents and health of a recording: topics, rates, gaps, frames lost, clocks, session, strikes."""
 
 from __future__ import annotations
 
@@ -8,35 +8,36 @@ from typing import Any
 import numpy as np
 
 from analyze.errors import RecordingCut, RecordingError
-from analyze.reading.file_series import missing_text
-from analyze.reading.mcap_contents import Progress, read_contents
+from analyze.progress import Progress
+from analyze.reading.file_series import missing_files_text
+from analyze.reading.mcap_contents import read_contents
 from analyze.reading.planned_strikes import PlannedStrikes, planned_strikes
 from analyze.reading.recording import Recording, TopicInfo, open_partial, open_recording
-from analyze.verbs.inspect.contents import disorder, inspect_contents, time_table
+from analyze.verbs.inspect.contents import inspect_contents, out_of_order_lines, time_table
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import MANIFEST_NAME
 
-GAP_PERIODS = 1.5
-"""a frame is missing where two images in a window are farther apart than this many frame periods"""
+MIN_GAP_PERIODS = 1.5
+"""interval between two images of a window, in frame periods, above which a frame is missing"""
 
 
 def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str, Any]:
-    """Everything about a file, ready for JSON: of any MCAP file what it holds, of a recording how the session went besides.
+    """Inspect a file, ready for JSON: the contents of any MCAP file, and the session of a recording.
 
-    One that is cut short is inspected as far as it goes.
+    A file that is cut short is inspected as far as it goes.
 
     Args:
         path: the file.
-        progress: called with bytes walked and bytes in all.
+        progress: called with a text, bytes read and bytes in all.
 
     Raises:
-        RecordingError: it is missing, no MCAP file, or a damaged recording.
+        RecordingError: the file is missing, not MCAP, or a damaged recording.
     """
     contents = read_contents(path, progress)
     general = inspect_contents(contents)
     if MANIFEST_NAME not in contents.metadata:
-        return general | {"health": general["health"] + disorder(general["topics"])}
+        return general | {"health": general["health"] + out_of_order_lines(general["topics"])}
     try:
         with open_recording(path) as recording:
             return general | _describe(recording, general, complete=True)
@@ -54,7 +55,10 @@ def _describe(recording: Recording, general: dict[str, Any], *, complete: bool) 
     session = {
         "kind": "percuss",
         "bytes": sum(part.path.stat().st_size for part in recording.parts),
-        "files": [{"path": str(part.path), "bytes": part.path.stat().st_size, "content_id": part.content_id} for part in recording.parts],
+        "files": [
+            {"path": str(part.path), "bytes": part.path.stat().st_size, "content_id": part.content_id}
+            for part in recording.parts
+        ],
         "missing_files": list(recording.missing_parts),
         "complete": complete,
         "damaged_chunks": recording.damaged_chunks,
@@ -102,36 +106,50 @@ def _topic(recording: Recording, topic: TopicInfo) -> dict[str, Any]:
 
 
 def _health(session: dict[str, Any]) -> list[str]:
-    """What went wrong in the session, a line each."""
+    """Lines of problems in the session."""
     path = session["files"][0]["path"]
     found: list[str] = []
     cut = [Path(file["path"]).name for file in session["files"] if file["content_id"] is None]
     if len(session["files"]) > 1 and cut:
-        found.append(f"cut short: {', '.join(cut)}: `acquire recover` makes each whole again")
+        found.append(f"cut short: {', '.join(cut)}: restore each with `acquire recover`")
     if session["missing_files"]:
-        found.append(f"not here: {missing_text(session['missing_files'])}")
+        found.append(f"not here: {missing_files_text(session['missing_files'])}")
     if session["damaged_chunks"]:
         found.append(f"{session['damaged_chunks']} damaged chunks are left out")
     for camera in session["cameras"]:
         if camera["lost"]:
-            found.append(f"camera {camera['name']}: {camera['lost']} of {camera['frames'] + camera['lost']} frames were lost")
+            found.append(
+                f"camera {camera['name']}: {camera['lost']} of {camera['frames'] + camera['lost']} frames "
+                "were lost"
+            )
         if camera["meta_missing"]:
-            found.append(f"camera {camera['name']}: of {camera['meta_missing']} frames between its first and last nothing is kept")
-    missing = {strike["strike_id"]: strike["images_missing"] for strike in session["strikes"] if strike["images_missing"]}
+            found.append(
+                f"camera {camera['name']}: {camera['meta_missing']} frames between its first and last left "
+                "no record"
+            )
+    missing = {
+        strike["strike_id"]: strike["images_missing"]
+        for strike in session["strikes"]
+        if strike["images_missing"]
+    }
     if missing:
         found.append("images missing: " + ", ".join(f"{count} of {name}" for name, count in missing.items()))
     found += [f"striker fault: {fault['text']}" for fault in session["faults"]]
     plan = session["plan"]
     if plan is not None and plan["missing"]:
         done = PlannedStrikes(tuple(plan["planned"]), tuple(plan["missing"]))
-        found.append(f"{done.text()}: `analyze plan OBJECT.toml --given {Path(path).name}` plans what is worth adding")
+        found.append(
+            f"{done.text()}: `analyze plan OBJECT.toml --given {Path(path).name}` plans the strikes worth "
+            "adding"
+        )
     return found
 
 
 def _camera(recording: Recording, name: str, rate_hz: float) -> dict[str, Any]:
-    """Frames by their meta: the camera's own account, whether or not images were kept.
+    """Frame counts and rates of a camera from its frame metadata, whether or not images were kept.
 
-    Where the camera's process ended between two files, the numbers of the frames begin anew, and the time between counts what was lost.
+    Where the camera's process restarted between two files, its frame numbers begin anew, and the elapsed time
+    gives the number of frames lost.
     """
     found = list(recording.timed_frame_meta(name))
     metas = [meta for _, meta in found]
@@ -152,7 +170,11 @@ def _camera(recording: Recording, name: str, rate_hz: float) -> dict[str, Any]:
         "nominal_rate_hz": rate_hz,
         "rate_hz": float(1.0 / np.median(intervals)) if len(intervals) else None,
         "longest_interval_s": float(intervals.max()) if len(intervals) else None,
-        "arrival_delay_s": float(np.median([meta.host_time_ns - meta.mid_exposure_host_ns for meta in metas]) * 1e-9) if metas else None,
+        "arrival_delay_s": float(
+            np.median([meta.host_time_ns - meta.mid_exposure_host_ns for meta in metas]) * 1e-9
+        )
+        if metas
+        else None,
         "mapping_sd_ns": int(np.median([meta.mapping_sd_ns for meta in metas])) if metas else None,
     }
 
@@ -170,7 +192,7 @@ def _clock(samples: list[pb.ClockSample]) -> dict[str, Any]:
     after = np.array([sample.host_after_ns for sample in samples], dtype=np.int64)
     host = before + (after - before) // 2
     span = float(host[-1] - host[0])
-    # Between first and last: a figure for people; frame times were mapped when they were recorded.
+    # From the first and last sample, only to be shown: frame times were mapped when they were recorded.
     drift = ((device[-1] - device[0]) / span - 1.0) * 1e6 if span > 0 else None
     return {
         "samples": len(samples),
@@ -185,7 +207,7 @@ def _strike(recording: Recording, record: pb.StrikeRecord) -> dict[str, Any]:
     inside = times[(times >= record.window_start_ns) & (times <= record.window_end_ns)]
     period_ns = 1e9 / camera.frame_rate_hz
     gaps = np.diff(inside)
-    missing = np.rint(gaps[gaps > GAP_PERIODS * period_ns] / period_ns - 1.0)
+    missing = np.rint(gaps[gaps > MIN_GAP_PERIODS * period_ns] / period_ns - 1.0)
     return {
         "strike_id": record.strike_id,
         "plan_strike_id": record.plan_strike_id,
@@ -203,7 +225,7 @@ def _strike(recording: Recording, record: pb.StrikeRecord) -> dict[str, Any]:
 
 
 def _plan(recording: Recording) -> dict[str, Any] | None:
-    """Which planned strikes were struck; None where the recording holds no plan that can be read."""
+    """Planned and missing strikes; None if the recording contains no readable plan."""
     try:
         done = planned_strikes(recording.plan, (record.plan_strike_id for record in recording.strikes))
     except RecordingError:

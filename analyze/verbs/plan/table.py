@@ -1,4 +1,4 @@
-"""A plan on the terminal: the strikes, what they will tell, what was left out and why."""
+"""A plan on the terminal: strikes, expected accuracy, and what was left out and why."""
 
 from __future__ import annotations
 
@@ -15,29 +15,41 @@ NOT_DETERMINED = "not determined"
 
 
 def render_plan(plan: StrikePlan, console: Console | None = None) -> None:
-    """Print the plan."""
+    """Print the plan as tables."""
     console = console or Console()
     console.print(_strike_table(plan))
     if plan.prediction is not None:
         console.print(_prediction_table(plan, plan.prediction))
         console.print(f"advice: {plan.prediction.advice}", highlight=False)
     elif plan.predicted_com_sd_m is not None:
-        console.print(f"predicted: centre of mass to {1000 * plan.predicted_com_sd_m:.2f} mm (root mean square distance)", highlight=False)
+        console.print(
+            f"predicted: centre of mass to {1000 * plan.predicted_com_sd_m:.2f} mm (root mean square "
+            "distance)",
+            highlight=False,
+        )
     for warning in plan.warnings:
         console.print(f"note: {warning}", highlight=False)
     if plan.rejected and plan.method is PlanMethod.PAPER:
         for problem in plan.rejected:
             console.print(f"{problem.axis_id}: {problem.code}: {problem.text}", highlight=False)
     elif plan.rejected:
-        console.print(f"left out: {counted(plan.rejected)}; the plan file says why, with numbers", highlight=False)
+        console.print(
+            f"left out: {counted(plan.rejected)}; the plan file gives the reasons, with numbers",
+            highlight=False,
+        )
 
 
 def _strike_table(plan: StrikePlan) -> Table:
-    how = ", the paper's way" if plan.method is PlanMethod.PAPER else ""
-    table = Table(title=f"{plan.object_name}: {_strikes(len(plan.strikes))}{how}", title_justify="left", padding=(0, 0), pad_edge=False)
+    how = ", by the paper's method" if plan.method is PlanMethod.PAPER else ""
+    table = Table(
+        title=f"{plan.object_name}: {_strikes(len(plan.strikes))}{how}",
+        title_justify="left",
+        padding=(0, 0),
+        pad_edge=False,
+    )
     table.add_column("strikes", no_wrap=True)
     table.add_column("axis", no_wrap=True)
-    for heading in ("tips at", "height", "speed", "E", "needs µ", "tag", "φ told to", "I_edge to"):
+    for heading in ("tips at", "height", "speed", "E", "needs µ", "tag", "φ to", "I_edge to"):
         table.add_column(heading, justify="right", no_wrap=True)
     for _, group in groupby(plan.strikes, key=lambda strike: (strike.axis_id, strike.heading_rad)):
         same = list(group)
@@ -69,11 +81,14 @@ def _relative(strike: PlannedStrike) -> str:
 
 
 def _prediction_table(plan: StrikePlan, prediction: Prediction) -> Table:
-    table = Table(title="what they will tell (1 sigma)", title_justify="left", show_header=False)
+    table = Table(title="expected accuracy (1 sigma)", title_justify="left", show_header=False)
     table.add_column()
     table.add_column()
     each = " × ".join(f"±{1000 * sd:.2f}" for sd in prediction.com_sd_m)
-    table.add_row("centre of mass, x × y × z", f"{each} mm; {1000 * prediction.com_rms_m:.2f} mm root mean square distance")
+    table.add_row(
+        "centre of mass, x × y × z",
+        f"{each} mm; {1000 * prediction.com_rms_m:.2f} mm root mean square distance",
+    )
     seen: set[str] = set()
     for moment in prediction.moments:
         strike = next(entry for entry in plan.strikes if entry.axis_id == moment.axis_id)
@@ -87,13 +102,19 @@ def _prediction_table(plan: StrikePlan, prediction: Prediction) -> Table:
     sd = np.array(prediction.inertia_sd_kg_m2)
     names = ("xx", "yy", "zz", "xy", "xz", "yz")
     entries = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    told = ", ".join(
+    tensor_text = ", ".join(
         f"{name} ±{1e6 * sd[entry]:.2f}" if tensor[entry] else f"{name} {NOT_DETERMINED}"
         for name, entry in zip(names, entries, strict=True)
     )
-    table.add_row("inertia tensor [kg mm²]", told)
+    table.add_row("inertia tensor [kg mm²]", tensor_text)
     for region in prediction.regions:
-        table.add_row(f"mass, {region.name}", f"±{1000 * region.mass_sd_kg:.1f} g" if region.determined else NOT_DETERMINED)
+        table.add_row(
+            f"mass, {region.name}",
+            f"±{1000 * region.mass_sd_kg:.1f} g" if region.determined else NOT_DETERMINED,
+        )
     curve = ", ".join(f"{step.strikes}: {1000 * step.com_rms_m:.2f}" for step in prediction.curve)
-    table.add_row("centre of mass by number of strikes [mm]", f"{curve}; any number on these axes: {1000 * prediction.floor_m:.2f}")
+    table.add_row(
+        "centre of mass by number of strikes [mm]",
+        f"{curve}; limit for many on these axes: {1000 * prediction.floor_m:.2f}",
+    )
     return table

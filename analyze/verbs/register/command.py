@@ -1,4 +1,4 @@
-"""`analyze register`."""
+"""The command `analyze register`."""
 
 from __future__ import annotations
 
@@ -14,10 +14,24 @@ from analyze.verbs.options import files_argument, one_line, with_estimate_option
 @click.command()
 @files_argument
 @with_estimate_options
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Write the object file with the places found (TOML).")
-@click.option("--table", "find_table", is_flag=True, help="Find the table's tilt and height too: no board was seen on it.")
-@click.option("--rig", type=click.Path(path_type=Path), help="With --table and --write: the rig file of the recording.")
-@click.option("--write", is_flag=True, help="With --table: put the T_world_camera found into the rig file.")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="The object file to write, with the estimated marker poses (TOML).",
+)
+@click.option(
+    "--table",
+    "find_table",
+    is_flag=True,
+    help="Estimate the table's tilt and height too, if no board was measured on it.",
+)
+@click.option(
+    "--rig", type=click.Path(path_type=Path), help="With --table and --write: the recording's rig file."
+)
+@click.option(
+    "--write", is_flag=True, help="With --table: write the estimated T_world_camera into the rig file."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @one_line
 def register(
@@ -30,11 +44,13 @@ def register(
     write: bool,
     as_json: bool,
 ) -> None:
-    """Where the markers are glued, found from recorded strikes: how the object rested, and over which edges it tipped."""
-    from analyze.output_file import refuse_unwritable
-    from analyze.progress import StrikeProgress
-    from analyze.reading.file_series import row_of
-    from analyze.verbs.register.recordings import (
+    """Estimate where the markers are glued, from recorded strikes.
+
+    The object's resting pose and the edges that it tipped over determine the markers' poses.
+    """
+    from analyze.progress import ProgressBar
+    from analyze.reading.file_series import find_series_files
+    from analyze.verbs.register.marker_poses import (
         RegisterOptions,
         level_note,
         refuse_undetermined,
@@ -43,13 +59,23 @@ def register(
         write_table,
     )
     from analyze.verbs.register.table import registration_json, render_registration
+    from schemas.output_file import refuse_unwritable
 
     if write != (rig is not None) or (write and not find_table):
-        raise click.UsageError("--table --rig RIG.toml --write belong together: the table found, and the rig file to write it into")
+        raise click.UsageError(
+            "--table, --rig RIG.toml and --write must be given together, to write the table's pose into the "
+            "rig file"
+        )
     if output is not None:
-        refuse_unwritable(output, *(part for file in files for part in row_of(file).files), *([] if rig is None else [rig]))
-    with StrikeProgress() as progress:
-        answer = register_recordings(files, RegisterOptions(object_file, frozenset(exclude), find_table, rig), progress)
+        refuse_unwritable(
+            output,
+            *(part for file in files for part in find_series_files(file).files),
+            *([] if rig is None else [rig]),
+        )
+    with ProgressBar() as progress:
+        answer = register_recordings(
+            files, RegisterOptions(object_file, frozenset(exclude), find_table, rig), progress
+        )
     if as_json:
         click.echo(json.dumps(registration_json(answer), allow_nan=False))
     refuse_undetermined(answer)
@@ -58,7 +84,10 @@ def register(
     if output is not None:
         written = write_object(answer, output)
         named = ", ".join(map(str, written))
-        click.echo(f"object: {output}: places of markers {named}; estimate and report with --object {output}", err=as_json)
+        click.echo(
+            f"object: {output}: poses of markers {named}; use it with estimate and report: --object {output}",
+            err=as_json,
+        )
     if rig is not None:
         write_table(answer, rig)
-        click.echo(f"written to {rig}: start the daemon anew, and plan anew{level_note(rig)}", err=True)
+        click.echo(f"written to {rig}: restart the daemon, and plan anew{level_note(rig)}", err=True)

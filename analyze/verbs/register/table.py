@@ -1,4 +1,4 @@
-"""Places of markers on the terminal, and as JSON."""
+"""Estimated marker poses as a table and as JSON."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from rich.table import Table
 from analyze.geometry.rotations import vector_from_matrix
 from analyze.registration.register import MarkerPlace, TablePlace
 from analyze.types import Array
-from analyze.verbs.register.recordings import RegisterAnswer, doubted, pose_toml
+from analyze.verbs.register.marker_poses import RegisterAnswer, is_implausible, pose_toml
 from schemas.document import SCHEMA_VERSION
 
 
 def render_registration(answer: RegisterAnswer, console: Console | None = None) -> None:
-    """Print it."""
+    """Print the marker poses, the table's pose, and the strikes not used."""
     console = console or Console(highlight=False)
     found, given = answer.registration, answer.given
     used = {strike for place in found.markers for strike in place.strikes}
@@ -29,7 +29,8 @@ def render_registration(answer: RegisterAnswer, console: Console | None = None) 
         "± (deg)",
         "left (px)",
         "strikes",
-        title=f"{answer.evidence.spec.name}: {len(found.markers)} markers from {len(used)} strikes, 1 sigma along the worst direction",
+        title=f"{answer.evidence.spec.name}: {len(found.markers)} markers from {len(used)} strikes, 1 "
+        "sigma along the worst direction",
         title_justify="left",
         box=SIMPLE_HEAD,
     )
@@ -38,15 +39,18 @@ def render_registration(answer: RegisterAnswer, console: Console | None = None) 
     for place in found.markers:
         row = [str(place.marker_id), *_place_cells(place), ", ".join(place.strikes)]
         if given:
-            row.append(_against(place, given.get(place.marker_id)))
+            row.append(_difference_text(place, given.get(place.marker_id)))
         table.add_row(*row)
     console.print(table)
     for place in found.markers:
         if place.undetermined:
-            console.print(f"marker {place.marker_id}: not determined: {'; '.join(place.undetermined)}: {place.remedy}")
+            console.print(
+                f"marker {place.marker_id}: not determined: {'; '.join(place.undetermined)}: {place.remedy}"
+            )
         elif not place.on_surface:
             console.print(
-                f"marker {place.marker_id}: does not lie on the surface: its place rests on the strikes alone (is the shape right?)"
+                f"marker {place.marker_id}: not on the surface: its pose comes from the strikes alone: "
+                "check the shape"
             )
     for table_place in found.tables:
         console.print(_table_text(answer, table_place))
@@ -68,15 +72,17 @@ def _place_cells(place: MarkerPlace) -> list[str]:
     ]
 
 
-def difference(T: Array, other: Array) -> tuple[float, float]:
-    """Angle [rad] and distance [m] between two poses."""
-    return float(np.linalg.norm(vector_from_matrix(T[:3, :3] @ other[:3, :3].T))), float(np.linalg.norm(T[:3, 3] - other[:3, 3]))
+def pose_difference(T: Array, other: Array) -> tuple[float, float]:
+    """Angle [rad] and distance [m] between two poses (4, 4)."""
+    return float(np.linalg.norm(vector_from_matrix(T[:3, :3] @ other[:3, :3].T))), float(
+        np.linalg.norm(T[:3, 3] - other[:3, 3])
+    )
 
 
-def _against(place: MarkerPlace, given: Array | None) -> str:
+def _difference_text(place: MarkerPlace, given: Array | None) -> str:
     if given is None or place.undetermined:
         return ""
-    turn, distance = difference(place.T_object_marker, given)
+    turn, distance = pose_difference(place.T_object_marker, given)
     return f"{1000 * distance:.2f} mm, {math.degrees(turn):.2f} deg"
 
 
@@ -84,16 +90,20 @@ def _table_text(answer: RegisterAnswer, table: TablePlace) -> str:
     several = f" of recording {table.setup + 1}" if len(answer.registration.tables) > 1 else ""
     tilts, sds = np.degrees(table.offset[:2]), np.degrees(table.sd[:2])
     text = (
-        f"the table{several} against the recorded T_world_camera: tilts {tilts[0]:+.3f} ± {sds[0]:.3f} and {tilts[1]:+.3f} ± {sds[1]:.3f} "
+        f"the table{several} against the recorded T_world_camera: tilts {tilts[0]:+.3f} ± {sds[0]:.3f} and "
+        f"{tilts[1]:+.3f} ± {sds[1]:.3f} "
         f"deg about W's x and y, height {1000 * table.offset[2]:+.3f} ± {1000 * table.sd[2]:.3f} mm"
     )
-    if doubted(table) and not answer.options.find_table:
-        text += ": more than a board laid by hand would be off: was the camera moved? --table finds it from the strikes alone"
+    if is_implausible(table) and not answer.options.find_table:
+        text += (
+            ": more than the error of a board laid by hand: if the camera was moved, "
+            "--table estimates it from the strikes alone"
+        )
     return text
 
 
 def registration_json(answer: RegisterAnswer) -> dict[str, Any]:
-    """Everything, ready for JSON."""
+    """The poses as JSON values."""
     found, given = answer.registration, answer.given
     markers: list[dict[str, Any]] = []
     for place in found.markers:
@@ -112,7 +122,7 @@ def registration_json(answer: RegisterAnswer) -> dict[str, Any]:
             "on_surface": place.on_surface,
         }
         if known and place.marker_id in given:
-            turn, distance = difference(place.T_object_marker, given[place.marker_id])
+            turn, distance = pose_difference(place.T_object_marker, given[place.marker_id])
             entry |= {"against_file": {"turn_rad": turn, "distance_m": distance}}
         markers.append(entry)
     return {
@@ -123,7 +133,11 @@ def registration_json(answer: RegisterAnswer) -> dict[str, Any]:
             {
                 "recording": table.setup + 1,
                 "observed": not table.undetermined,
-                "offset": {"tilt_x_rad": table.offset[0], "tilt_y_rad": table.offset[1], "height_m": table.offset[2]},
+                "offset": {
+                    "tilt_x_rad": table.offset[0],
+                    "tilt_y_rad": table.offset[1],
+                    "height_m": table.offset[2],
+                },
                 "sd": {"tilt_x_rad": table.sd[0], "tilt_y_rad": table.sd[1], "height_m": table.sd[2]},
                 "T_world_camera": table.T_world_camera.tolist(),
                 "undetermined": list(table.undetermined),

@@ -70,8 +70,16 @@ def test_a_rounding_measured_afterwards_moves_the_centre_of_mass(answer, tmp_pat
     with open_recording(SAMPLE) as recording:
         own = recording.attachments["object.toml"].decode()
     assert "edge_radius_m = 0.001\n" in own
-    (tmp_path / "o.toml").write_text(own.replace("edge_radius_m = 0.001\n", "edge_radius_m = 0.002\n"), encoding="utf-8")
-    before, after = json.loads(answer), json.loads(run("estimate", SAMPLE, "--json", "--object", tmp_path / "o.toml"))
-    moved = max(abs(a - b) for a, b in zip(after["centre_of_mass"]["value"], before["centre_of_mass"]["value"], strict=True))
+    (tmp_path / "o.toml").write_text(
+        own.replace("edge_radius_m = 0.001\n", "edge_radius_m = 0.002\n"), encoding="utf-8"
+    )
+    before, after = (
+        json.loads(answer),
+        json.loads(run("estimate", SAMPLE, "--json", "--object", tmp_path / "o.toml")),
+    )
+    moved = max(
+        abs(a - b)
+        for a, b in zip(after["centre_of_mass"]["value"], before["centre_of_mass"]["value"], strict=True)
+    )
     assert 1e-4 < moved < 2e-3
     assert "object_overridden" in {warning["code"] for warning in after["warnings"]}

@@ -6,8 +6,10 @@ import pytest
 from rich.console import Console
 
 from analyze.errors import EstimationError
-from analyze.pipeline.estimate import EstimateOptions, estimate_evidence, render_summary
-from analyze.pipeline.score import score_estimate, tip_truth
+from analyze.pipeline.estimate import EstimateOptions
+from analyze.report.summary import render_summary
+from analyze.result.answer import answer_evidence
+from analyze.result.score import score_answer, tip_truth
 from analyze.types import RollingContact, TipMotion
 from schemas.proto import percuss_pb2 as pb
 from schemas.result import Result, Verdict, WarningCode
@@ -24,7 +26,7 @@ def evidence():
 
 @pytest.fixture(scope="module")
 def estimate(evidence):
-    return estimate_evidence(evidence)
+    return answer_evidence(evidence)
 
 
 def truth_body():
@@ -43,28 +45,31 @@ def codes(estimate):
 
 
 def test_a_simulated_session_is_met_within_the_targets(estimate):
-    assert np.linalg.norm(estimate.com.position - BODY.com) < 1e-3
+    assert np.linalg.norm(estimate.estimate.com.position - BODY.com) < 1e-3
     for moment in estimate.result.moments:
         truth = np.array(moment.direction) @ BODY.inertia @ moment.direction
         assert moment.i_com.value == pytest.approx(truth, rel=0.08)
-    assert np.abs(estimate.distribution.masses - BODY.regions).mean() / BODY.mass < 0.04
+    assert np.abs(estimate.estimate.distribution.masses - BODY.regions).mean() / BODY.mass < 0.04
 
 
 def test_a_wall_of_unknown_thickness_is_swept_and_widens_the_masses(evidence, estimate):
     spec = evidence.spec.model_copy(update={"shell_thickness_m": None})
-    found = estimate_evidence(replace(evidence, spec=spec))
+    found = answer_evidence(replace(evidence, spec=spec))
     low, high = found.result.regions.shell_thickness.interval95
     assert low < BODY.pitch < high
-    assert high < found.distribution.wall.swept[1] / 2, "the moments say something of it"
-    assert np.all(found.distribution.intervals[:, 0] < BODY.regions)
-    assert np.all(found.distribution.intervals[:, 1] > BODY.regions)
-    assert np.ptp(found.distribution.intervals, axis=1).sum() > np.ptp(estimate.distribution.intervals, axis=1).sum()
+    assert high < found.estimate.distribution.shell.swept[1] / 2, "the moments say something of it"
+    assert np.all(found.estimate.distribution.intervals[:, 0] < BODY.regions)
+    assert np.all(found.estimate.distribution.intervals[:, 1] > BODY.regions)
+    assert (
+        np.ptp(found.estimate.distribution.intervals, axis=1).sum()
+        > np.ptp(estimate.estimate.distribution.intervals, axis=1).sum()
+    )
     assert estimate.result.regions.shell_thickness is None
     assert "shell_thickness" not in json.loads(estimate.json())["regions"]
 
 
 def test_the_same_evidence_gives_the_same_bytes(evidence, estimate):
-    assert estimate_evidence(evidence).json() == estimate.json()
+    assert answer_evidence(evidence).json() == estimate.json()
 
 
 def test_the_json_is_a_valid_result(estimate):
@@ -72,30 +77,38 @@ def test_the_json_is_a_valid_result(estimate):
     assert Result.model_validate(data) == estimate.result
     assert "NaN" not in estimate.json()
     assert data["centre_of_mass"]["frame"] == "O"
-    assert sum(strike["weight"] for strike in data["strikes"]) == pytest.approx(1)
+    assert sum(strike["information_share"] for strike in data["strikes"]) == pytest.approx(1)
 
 
 def test_an_excluded_strike_is_left_out_and_said_so(evidence):
     name = evidence.motions[0].strike_id
-    found = estimate_evidence(evidence, EstimateOptions(exclude=frozenset({name})))
+    found = answer_evidence(evidence, EstimateOptions(exclude=frozenset({name})))
     row = found.result.strikes[0]
-    assert (row.verdict, row.used, row.weight) == (Verdict.EXCLUDED, False, 0)
+    assert (row.verdict, row.used, row.information_share) == (Verdict.EXCLUDED, False, 0)
     assert WarningCode.STRIKES_EXCLUDED in codes(found)
-    assert len(found.planes) == len(evidence.motions) - 1
+    assert len(found.estimate.planes) == len(evidence.motions) - 1
 
 
 def test_a_bad_strike_is_listed_with_its_reason_and_not_used(evidence):
     lost = TipMotion(
-        evidence.motions[2].strike_id, evidence.motions[2].plan_strike_id, Verdict.MARKER_LOST, "hidden", None, None, None, (), None
+        evidence.motions[2].strike_id,
+        evidence.motions[2].plan_strike_id,
+        Verdict.MARKER_LOST,
+        "hidden",
+        None,
+        None,
+        None,
+        (),
+        None,
     )
-    found = estimate_evidence(replace(evidence, motions=(*evidence.motions[:2], lost, *evidence.motions[3:])))
+    found = answer_evidence(replace(evidence, motions=(*evidence.motions[:2], lost, *evidence.motions[3:])))
     assert found.result.strikes[2].reason == "hidden"
     assert not found.result.strikes[2].used
 
 
 def test_strikes_that_were_planned_and_not_made_are_named(evidence, estimate):
     assert WarningCode.RECORDING_INCOMPLETE not in codes(estimate)
-    found = estimate_evidence(replace(evidence, motions=evidence.motions[:-2]))
+    found = answer_evidence(replace(evidence, motions=evidence.motions[:-2]))
     text = next(each.text for each in found.result.warnings if each.code is WarningCode.RECORDING_INCOMPLETE)
     missing = ", ".join(motion.plan_strike_id for motion in evidence.motions[-2:])
     assert text == f"10 of 12 planned strikes were struck; missing: {missing}"
@@ -103,29 +116,40 @@ def test_strikes_that_were_planned_and_not_made_are_named(evidence, estimate):
 
 def test_too_few_strikes_are_refused_with_count_and_remedy(evidence):
     with pytest.raises(EstimationError, match=r"^2 good strikes of 2, 3 are needed.*strike again$"):
-        estimate_evidence(replace(evidence, motions=evidence.motions[:2]))
+        answer_evidence(replace(evidence, motions=evidence.motions[:2]))
 
 
 def test_strikes_excluded_on_request_are_named_apart_from_those_that_went_wrong(evidence):
     four = evidence.motions[:4]
     slid = replace(four[3], verdict=Verdict.SLID, fit=None)
     names = [motion.strike_id for motion in four]
-    found = replace(evidence, motions=(*four[:3], slid), plan=evidence.plan.model_copy(update={"strikes": evidence.plan.strikes[:4]}))
+    found = replace(
+        evidence,
+        motions=(*four[:3], slid),
+        plan=evidence.plan.model_copy(update={"strikes": evidence.plan.strikes[:4]}),
+    )
     with pytest.raises(EstimationError) as caught:
-        estimate_evidence(found, EstimateOptions(exclude=frozenset(names[:2])))
+        answer_evidence(found, EstimateOptions(exclude=frozenset(names[:2])))
     assert str(caught.value) == (
         f"1 good strike of 4, 3 are needed (excluded on request: {names[0]}, {names[1]}; not usable: {names[3]} slid): exclude fewer"
     )
     both = found.plan.model_copy(update={"strikes": evidence.plan.strikes[:2]})
-    with pytest.raises(EstimationError, match=r"^0 good strikes of 2, 3 are needed \(excluded on request: [^;]*\): strike again$"):
-        estimate_evidence(replace(found, motions=four[:2], plan=both), EstimateOptions(exclude=frozenset(names[:2])))
-    with pytest.raises(EstimationError, match=r"2 of 12 planned strikes were struck; missing: .*: strike again$"):
-        estimate_evidence(replace(evidence, motions=evidence.motions[:2]))
+    with pytest.raises(
+        EstimationError,
+        match=r"^0 good strikes of 2, 3 are needed \(excluded on request: [^;]*\): strike again$",
+    ):
+        answer_evidence(
+            replace(found, motions=four[:2], plan=both), EstimateOptions(exclude=frozenset(names[:2]))
+        )
+    with pytest.raises(
+        EstimationError, match=r"2 of 12 planned strikes were struck; missing: .*: strike again$"
+    ):
+        answer_evidence(replace(evidence, motions=evidence.motions[:2]))
 
 
 def test_parallel_axes_end_in_a_result_that_names_the_open_direction(evidence):
     along_y = tuple(motion for motion in evidence.motions if motion.strike_id.startswith(("z-/x", "x-/z")))
-    found = estimate_evidence(replace(evidence, motions=along_y))
+    found = answer_evidence(replace(evidence, motions=along_y))
     com = found.result.centre_of_mass
     assert not com.observed
     assert abs(com.unobserved_direction[1]) > 0.99
@@ -135,8 +159,8 @@ def test_parallel_axes_end_in_a_result_that_names_the_open_direction(evidence):
 def test_the_papers_estimator_stands_beside(estimate):
     assert estimate.result.centre_of_mass_paper is not None
     assert estimate.result.strikes[0].alternatives[0].estimator == "sign_change"
-    by_paper = estimate_evidence(estimate.evidence, EstimateOptions(estimator="sign_change"))
-    ours, theirs = (np.linalg.norm(found.com.position - BODY.com) for found in (estimate, by_paper))
+    by_paper = answer_evidence(estimate.estimate.evidence, EstimateOptions(estimator="sign_change"))
+    ours, theirs = (np.linalg.norm(found.estimate.com.position - BODY.com) for found in (estimate, by_paper))
     assert ours < theirs
 
 
@@ -155,24 +179,32 @@ def test_the_verdict_says_what_to_trust_and_which_strike_to_repeat(evidence, est
     assert len([each for each in words if "the region masses" in each]) == 1
     every = np.array(estimate.result.inertia_measured).all()
     assert estimate.result.inertia.source == ("measured" if every else "prior")
-    assert all(each.holds for each in estimate.foretold)
+    assert all(each.consistent for each in estimate.estimate.predictions)
     # Of one strike's frames many may be outside at once: they share the error of its phi.
-    assert np.mean([each.motion.outside for each in estimate.foretold]) < 0.15
-    assert [strike.foretold.foretold for strike in estimate.result.strikes] == [True] * len(evidence.motions)
+    assert np.mean([each.motion.outside for each in estimate.estimate.predictions]) < 0.15
+    assert [strike.prediction.consistent for strike in estimate.result.strikes] == [True] * len(
+        evidence.motions
+    )
     assert np.array(estimate.result.parameters_covariance).shape == (10, 10)
     odd = evidence.motions[3]
     off = replace(odd, fit=replace(odd.fit, phi=odd.fit.phi + np.radians(2)))
-    found = estimate_evidence(replace(evidence, motions=(*evidence.motions[:3], off, *evidence.motions[4:])))
-    assert next(each for each in found.result.verdict if each.startswith("repeat")).startswith(f"repeat strike {odd.strike_id}: φ is +")
-    assert WarningCode.STRIKE_NOT_FORETOLD in codes(found)
-    assert [strike.id for strike in found.result.strikes if not strike.foretold.foretold] == [odd.strike_id]
+    found = answer_evidence(replace(evidence, motions=(*evidence.motions[:3], off, *evidence.motions[4:])))
+    assert next(each for each in found.result.verdict if each.startswith("repeat")).startswith(
+        f"repeat strike {odd.strike_id}: φ differs by +"
+    )
+    assert WarningCode.STRIKE_NOT_PREDICTED in codes(found)
+    assert [strike.id for strike in found.result.strikes if not strike.prediction.consistent] == [
+        odd.strike_id
+    ]
 
 
 def test_the_score_holds_the_agreed_keys(estimate, monkeypatch, tmp_path):
-    monkeypatch.setattr("analyze.pipeline.score.read_truth", lambda path: type("Truth", (), {"body": truth_body()}))
-    score = score_estimate(tmp_path / "r.mcap", estimate)
+    monkeypatch.setattr(
+        "analyze.result.score.read_truth", lambda path: type("Truth", (), {"body": truth_body()})
+    )
+    score = score_answer(tmp_path / "r.mcap", estimate)
     assert score["centre_of_mass_error_m"] < 1e-3
-    assert len(score["phi_error_rad"]) == len(score["i_edge_relative_error"]) == len(estimate.planes)
+    assert len(score["phi_error_rad"]) == len(score["i_edge_relative_error"]) == len(estimate.estimate.planes)
     assert np.abs(score["phi_error_rad"]).max() < np.radians(0.3)
     assert np.abs(score["i_edge_relative_error"]).max() < 0.03
     assert score["region_mass_error_relative"] < 0.04
@@ -187,27 +219,31 @@ def test_the_summary_names_the_answer(estimate):
     console.file.close()
     assert "centre of mass (x, y, z)" in text
     assert "95 % interval" in text
-    assert "surface" in text
+    assert "shell" in text
 
 
 def _rolling_texts(evidence, options=None):
-    found = estimate_evidence(evidence, options)
+    found = answer_evidence(evidence, options)
     return [warning.text for warning in found.result.warnings if warning.code is WarningCode.ROLLING_CONTACT]
 
 
 def test_what_rolling_leaves_open_is_said_and_no_more(evidence):
     assert not _rolling_texts(evidence)
     axis = evidence.plan.strikes[0].axis_id
-    strikes = [strike.model_copy(update={"rolls": strike.axis_id == axis}) for strike in evidence.plan.strikes]
+    strikes = [
+        strike.model_copy(update={"rolls": strike.axis_id == axis}) for strike in evidence.plan.strikes
+    ]
     (text,) = _rolling_texts(replace(evidence, plan=evidence.plan.model_copy(update={"strikes": strikes})))
     assert axis in text
-    assert "in the intervals" in text
+    assert "intervals include" in text
 
     def on_a_flank(motion, radius_sd):
         hinge = replace(motion.fit, violated=("it rolls",))
         rolling = RollingContact(0.0, 0.0, 0.02, 5e-5, 1.05, of_shape=True, radius_sd=radius_sd)
         return replace(
-            motion, fit=replace(motion.fit, estimator="rolling_fit", rolling=rolling), alternatives=(*motion.alternatives, hinge)
+            motion,
+            fit=replace(motion.fit, estimator="rolling_fit", rolling=rolling),
+            alternatives=(*motion.alternatives, hinge),
         )
 
     def with_flank(radius_sd):
@@ -217,4 +253,4 @@ def test_what_rolling_leaves_open_is_said_and_no_more(evidence):
     (text,) = _rolling_texts(with_flank(4e-3))
     assert "±20%" in text
     (text,) = _rolling_texts(with_flank(2e-4), EstimateOptions(estimator="pivot_fit"))
-    assert "pivot_fit leaves out" in text
+    assert "which pivot_fit does not model" in text

@@ -47,9 +47,13 @@ def test_two_sessions_are_estimated_as_one(folder: Path, tmp_path: Path) -> None
     whole, joint = answer("estimate", SAMPLE, "--json"), answer("estimate", a, b, "--json")
     assert answer("estimate", b, a, "--json") == joint
     assert math.dist(whole["centre_of_mass"]["value"], joint["centre_of_mass"]["value"]) < 1e-9
-    assert np.allclose(whole["centre_of_mass"]["covariance"], joint["centre_of_mass"]["covariance"], rtol=1e-6)
+    assert np.allclose(
+        whole["centre_of_mass"]["covariance"], joint["centre_of_mass"]["covariance"], rtol=1e-6
+    )
     assert [each["recording_id"] for each in joint["inputs"]["recordings"]] == ["one", "two"]
-    assert [each["id"].partition(":")[2] for each in joint["strikes"]] == [each["id"] for each in whole["strikes"]]
+    assert [each["id"].partition(":")[2] for each in joint["strikes"]] == [
+        each["id"] for each in whole["strikes"]
+    ]
     told = run("estimate", b, a, "--exclude", joint["strikes"][0]["id"])
     assert told.exit_code == 0
     assert "2 recordings" in told.stdout
@@ -75,9 +79,13 @@ def test_a_plan_goes_on_from_both(folder: Path, tmp_path: Path) -> None:
     assert any("4 strikes so far" in warning for warning in both["warnings"])
     (tmp_path / "r.json").write_text(run("estimate", a, b, "--json").stdout, encoding="utf-8")
     # A result does not tell on which rig it was made.
-    from_result = answer("plan", thing, "--given", tmp_path / "r.json", "--rig", folder / "rig.toml", "--strikes", 2, "--json")
+    from_result = answer(
+        "plan", thing, "--given", tmp_path / "r.json", "--rig", folder / "rig.toml", "--strikes", 2, "--json"
+    )
     assert from_result["predicted_com_sd_m"] == pytest.approx(both["predicted_com_sd_m"], rel=1e-6)
-    assert [each["axis_id"] for each in from_result["strikes"]] == [each["axis_id"] for each in both["strikes"]]
+    assert [each["axis_id"] for each in from_result["strikes"]] == [
+        each["axis_id"] for each in both["strikes"]
+    ]
     twice = run("plan", thing, "--given", a, "--given", b, "--given", tmp_path / "r.json", "--strikes", 2)
     assert twice.exit_code == 1
     assert "are of the same recording: no strike may count twice, give one of them" in twice.stderr
@@ -95,7 +103,7 @@ def test_what_does_not_belong_together_is_refused_before_the_work(folder: Path, 
     assert "no strike 's77.1' to exclude: its strikes are 1:" in done.stderr
     done = run("report", a, b)
     assert done.exit_code == 2
-    assert "say where with -o" in done.stderr
+    assert "name it with -o" in done.stderr
     done = run("replay", a, b)
     assert done.exit_code == 2
     assert not list(tmp_path.iterdir())
@@ -105,9 +113,7 @@ def test_another_objects_recording_is_refused_by_name(folder: Path, tmp_path: Pa
     other = _described(folder / "b.mcap", tmp_path / "c.mcap", mass_kg=0.05)
     done = run("estimate", folder / "a.mcap", other)
     assert done.exit_code == 1
-    text = (
-        f"{folder / 'a.mcap'} and {other} describe their object differently (mass_kg): if it is one, give what holds for both with --object"
-    )
+    text = f"{folder / 'a.mcap'} and {other} describe their object differently (mass_kg): if it is one, give what holds for both with --object"
     assert text in done.stderr
 
 

@@ -37,9 +37,15 @@ def test_marker_masses_are_part_of_what_tips_and_taken_off_the_answer(tmp_path):
     sample = RECORDINGS / f"sample-{SCHEMA_VERSION}.mcap"
     with open_recording(sample) as recording:
         own = recording.attachments["object.toml"].decode()
-    weighed = own.replace("mass_includes_markers = true", "mass_includes_markers = false").replace("id = 0\n", "id = 0\nmass_kg = 0.002\n")
+    weighed = own.replace("mass_includes_markers = true", "mass_includes_markers = false").replace(
+        "id = 0\n", "id = 0\nmass_kg = 0.002\n"
+    )
     (tmp_path / "o.toml").write_text(weighed, encoding="utf-8")
-    done = CliRunner().invoke(analyze, ["estimate", str(sample), "--json", "--object", str(tmp_path / "o.toml")], catch_exceptions=False)
+    done = CliRunner().invoke(
+        analyze,
+        ["estimate", str(sample), "--json", "--object", str(tmp_path / "o.toml")],
+        catch_exceptions=False,
+    )
     result = Result.model_validate_json(done.stdout)
     assert result.mass.value == pytest.approx(0.044), "46 g tipped"
     assert "markers_subtracted" in {warning.code.value for warning in result.warnings}
@@ -55,7 +61,11 @@ def test_rerun_opens_a_sample_as_it_is(sample, tmp_path):
         "print(json.dumps([str(column) for column in RrdReader(sys.argv[2]).store().schema().component_columns()]))\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program, str(sample), str(tmp_path / "s.rrd")], capture_output=True, text=True, check=False, timeout=60
+        [sys.executable, "-c", program, str(sample), str(tmp_path / "s.rrd")],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
     )
     assert done.returncode == 0, done.stderr
     columns = " ".join(json.loads(done.stdout))

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analyze.errors import OutputError
-from analyze.pipeline.estimate import estimate_evidence
-from analyze.pipeline.score import score_estimate
 from analyze.report.page import manifest_time, number, signed
 from analyze.report.report import Still, render_report, verdict_in_words, write_report
 from analyze.report.truth import shown_truth
+from analyze.result.answer import answer_evidence
 from analyze.result.document import quantity
+from analyze.result.score import score_answer
+from schemas.output_file import OutputError
 from schemas.proto import percuss_pb2 as pb
 from schemas.result import ResultWarning, WarningCode
 from tests.analyze.balanced_html import Balanced
@@ -22,14 +22,14 @@ STILL = Still("z-/x+", "strike 1", "data:image/jpeg;base64,AAAA")
 
 @pytest.fixture(scope="module")
 def estimate():
-    return estimate_evidence(session(carton(), np.random.default_rng(3), repeats=1))
+    return answer_evidence(session(carton(), np.random.default_rng(3), repeats=1))
 
 
 @pytest.fixture(scope="module")
 def short():
     """Of three strikes: half as many plots to draw."""
     evidence = session(carton(), np.random.default_rng(3), repeats=1)
-    return estimate_evidence(replace(evidence, motions=evidence.motions[:3]))
+    return answer_evidence(replace(evidence, motions=evidence.motions[:3]))
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,9 @@ def test_it_is_whole_and_loads_nothing_from_elsewhere(html):
     parser = Balanced()
     parser.feed(html)
     assert parser.open == []
-    assert parser.tags.count("svg") == 9 + 3  # three views, sources, influences, regions, voxels, moments, foretold; a plot per strike
+    assert (
+        parser.tags.count("svg") == 9 + 3
+    )  # three views, sources, influences, regions, voxels, moments, foretold; a plot per strike
     assert "script" not in parser.tags
     assert "link" not in parser.tags
     assert not re.search(r'(?:src|href)="(?!data:|#)', html)
@@ -49,7 +51,7 @@ def test_it_is_whole_and_loads_nothing_from_elsewhere(html):
 
 def test_it_holds_the_numbers(estimate, undrawn):
     html = render_report(estimate, [STILL])
-    for value in estimate.com.position:
+    for value in estimate.estimate.com.position:
         assert number(1e3 * value, 2) in html
     for region in estimate.result.regions.regions:
         assert f"{1e3 * region.mass.value:.1f}" in html
@@ -63,31 +65,51 @@ def test_it_holds_the_numbers(estimate, undrawn):
 @pytest.mark.parametrize(
     ("intervals", "said"),
     [
-        ([(0.011, 0.044), (0, 0.03), (0, 0.03)], "The strikes do not tell which part of it is the heaviest."),
-        ([(0.020, 0.0215), (0.01, 0.012), (0.011, 0.012)], "The largest part of the mass (48\u00a0%) sits in the wall."),
-        ([(0.030, 0.032), (0.004, 0.006), (0.006, 0.008)], "Most of the mass (72\u00a0%) sits in the wall."),
+        (
+            [(0.011, 0.044), (0, 0.03), (0, 0.03)],
+            "The strikes do not determine which part of it is the heaviest.",
+        ),
+        (
+            [(0.020, 0.0215), (0.01, 0.012), (0.011, 0.012)],
+            "The largest part of the mass (48\u00a0%) sits in the shell.",
+        ),
+        ([(0.030, 0.032), (0.004, 0.006), (0.006, 0.008)], "Most of the mass (72\u00a0%) sits in the shell."),
     ],
 )
 def test_where_most_of_the_mass_is_is_said_where_it_is_known(estimate, intervals, said):
     ends = np.array(intervals)
-    names = ("surface", "upper", "lower")
-    told = replace(estimate.distribution, names=names, masses=ends.mean(axis=1), intervals=ends, explained=True)
-    assert said in verdict_in_words(replace(estimate, distribution=told))
-    unexplained = verdict_in_words(replace(estimate, distribution=replace(told, explained=False)))
-    assert "The strikes do not tell which part of it is the heaviest." in unexplained
-
-
-def test_a_strike_that_is_not_foretold_is_marked_and_said_once(short, undrawn):
-    first, *others = short.foretold
-    missed = replace(first, told=replace(first.told, sigmas=6.3))
-    said = f"strike {first.told.strike_id}: φ is -1.50° off"
-    result = short.result.model_copy(
-        update={"verdict": [f"repeat {said}"], "warnings": [ResultWarning(code=WarningCode.STRIKE_NOT_FORETOLD, text=said)]}
+    names = ("shell", "upper", "lower")
+    told = replace(
+        estimate.estimate.distribution, names=names, masses=ends.mean(axis=1), intervals=ends, explained=True
     )
-    page = render_report(replace(short, foretold=(missed, *others), result=result), [STILL])
-    assert f"<b>{first.told.strike_id}</b> is not foretold" in page
-    assert f'<span class="tag repeat">repeat</span><span>strike {first.told.strike_id}: φ is −1.50° off</span>' in page
-    assert page.count("φ is −1.50° off") == 1
+    answer = replace(estimate, estimate=replace(estimate.estimate, distribution=told))
+    assert said in verdict_in_words(answer)
+    unexplained = verdict_in_words(
+        replace(answer, estimate=replace(estimate.estimate, distribution=replace(told, explained=False)))
+    )
+    assert "The strikes do not determine which part of it is the heaviest." in unexplained
+
+
+def test_a_strike_that_is_not_predicted_is_marked_and_said_once(short, undrawn):
+    first, *others = short.estimate.predictions
+    missed = replace(first, left_out=replace(first.left_out, sigmas=6.3))
+    said = f"strike {first.left_out.strike_id}: φ differs by -1.50°"
+    result = short.result.model_copy(
+        update={
+            "verdict": [f"repeat {said}"],
+            "warnings": [ResultWarning(code=WarningCode.STRIKE_NOT_PREDICTED, text=said)],
+        }
+    )
+    page = render_report(
+        replace(short, estimate=replace(short.estimate, predictions=(missed, *others)), result=result),
+        [STILL],
+    )
+    assert f"<b>{first.left_out.strike_id}</b> is not as predicted" in page
+    assert (
+        f'<span class="tag repeat">repeat</span><span>strike {first.left_out.strike_id}: φ differs by −1.50°</span>'
+        in page
+    )
+    assert page.count("φ differs by −1.50°") == 1
 
 
 def test_the_same_estimate_gives_the_same_page(short, html):
@@ -97,8 +119,10 @@ def test_the_same_estimate_gives_the_same_page(short, html):
 @pytest.fixture(scope="module")
 def score(short):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("analyze.pipeline.score.read_truth", lambda path: type("Truth", (), {"body": truth_body()}))
-        return score_estimate(Path("r.mcap"), short)
+        patch.setattr(
+            "analyze.result.score.read_truth", lambda path: type("Truth", (), {"body": truth_body()})
+        )
+        return score_answer(Path("r.mcap"), short)
 
 
 def truth_body():
@@ -120,9 +144,15 @@ def test_true_values_stand_beside_the_estimates(short, score, undrawn):
     assert parser.open == []
     shown = re.findall(r'<td class="n true">([^<]*)</td>', page)
     digits = 3 if 1.96e3 * max(score["centre_of_mass_sd_m"]) < 0.2 else 2
-    com, phi = [number(1e3 * v, digits) for v in score["centre_of_mass_true_m"]], [number(np.degrees(v), 3) for v in score["phi_true_rad"]]
+    com, phi = (
+        [number(1e3 * v, digits) for v in score["centre_of_mass_true_m"]],
+        [number(np.degrees(v), 3) for v in score["phi_true_rad"]],
+    )
     edge = [number(1e7 * v, 0) for v in score["i_edge_true_kg_m2"]]
-    about_c = [number(1e7 * float(axis.direction @ carton().inertia @ axis.direction), 0) for axis in short.inertial.axes]
+    about_c = [
+        number(1e7 * float(axis.direction @ carton().inertia @ axis.direction), 0)
+        for axis in short.estimate.inertial.axes
+    ]
     masses = [number(1e3 * v, 1) for v in score["region_mass_true_kg"]]
     assert len(shown) == 3 + 2 * 3 + 3 + 2 * 3
     assert sorted(shown) == sorted([*com, *phi, *edge, *masses, *edge, *about_c])
@@ -137,11 +167,13 @@ def test_without_a_truth_no_column_speaks_of_one(html):
 
 def test_the_truth_of_the_interior_goes_by_the_estimates_names(short, score):
     """The score names upper and lower by the truth's border; an estimate whose border points to the other side names them the other way."""
-    names = short.distribution.names
+    names = short.estimate.distribution.names
     wall, upper, lower = score["region_mass_true_kg"]
-    same = shown_truth(score | {"region_mass_kg": short.distribution.masses.tolist()}, short)
+    same = shown_truth(score | {"region_mass_kg": short.estimate.distribution.masses.tolist()}, short)
     assert same.regions == dict(zip(names, (wall, upper, lower), strict=True))
-    other = shown_truth(score | {"region_mass_kg": short.distribution.masses[[0, 2, 1]].tolist()}, short)
+    other = shown_truth(
+        score | {"region_mass_kg": short.estimate.distribution.masses[[0, 2, 1]].tolist()}, short
+    )
     assert other.regions == dict(zip(names, (wall, lower, upper), strict=True))
 
 
@@ -153,14 +185,17 @@ def test_numbers_are_set_as_people_write_them():
 
 
 def test_a_name_cannot_break_the_page(short, undrawn):
-    spec = short.evidence.spec.model_copy(update={"name": "<script>x</script>"})
-    evil = render_report(replace(short, evidence=replace(short.evidence, spec=spec)), [])
+    spec = short.estimate.evidence.spec.model_copy(update={"name": "<script>x</script>"})
+    evidence = replace(short.estimate.evidence, spec=spec)
+    evil = render_report(replace(short, estimate=replace(short.estimate, evidence=evidence)), [])
     assert "<script>" not in evil
 
 
 def test_nothing_half_written_is_left(short, undrawn, tmp_path, monkeypatch):
     monkeypatch.setattr("analyze.report.report.stills", lambda *_: [])
-    monkeypatch.setattr("analyze.output_file.os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "disk full")))
+    monkeypatch.setattr(
+        "schemas.output_file.os.fsync", lambda _: (_ for _ in ()).throw(OSError(28, "disk full"))
+    )
     with pytest.raises(OutputError, match="cannot be written: disk full"):
         write_report(short, tmp_path / "r.html")
     assert list(tmp_path.iterdir()) == []

@@ -11,22 +11,22 @@ import pytest
 from click.testing import CliRunner, Result
 
 from analyze.cli import main as analyze
-from analyze.pipeline.estimate import estimate_evidence
 from analyze.report.report_document import report_json
 from analyze.report.sensitivity_plot import source_rows, told_in_words
+from analyze.result.answer import answer_evidence
 from schemas.report import Report
 from tests.analyze.simulated_session import carton, session
 
 
 @pytest.fixture(scope="module")
 def estimate():
-    return estimate_evidence(session(carton(), np.random.default_rng(3), repeats=1))
+    return answer_evidence(session(carton(), np.random.default_rng(3), repeats=1))
 
 
 @pytest.fixture
 def run(estimate, tmp_path, monkeypatch):
-    monkeypatch.setattr("analyze.verbs.estimate.estimated", lambda *_: estimate)
-    monkeypatch.setattr("analyze.pipeline.score.score_if_virtual", lambda *_: None)
+    monkeypatch.setattr("analyze.verbs.report.estimate_files", lambda *_: estimate)
+    monkeypatch.setattr("analyze.result.score.score_if_virtual", lambda *_: None)
     monkeypatch.setattr("analyze.report.report.render_report", lambda *_: "<page>")
     monkeypatch.setattr("analyze.report.report.stills", lambda *_: [])
     (tmp_path / "r.mcap").touch()
@@ -49,9 +49,11 @@ def test_json_goes_to_standard_output_and_nothing_is_written(estimate, run, tmp_
     assert found.result == estimate.result
     assert [path.name for path in tmp_path.iterdir()] == ["r.mcap"]
     whole = np.sum([each.covariance for each in found.sensitivity.sources], axis=0)
-    assert np.allclose(whole, estimate.com.covariance, rtol=1e-6, atol=1e-15)
+    assert np.allclose(whole, estimate.estimate.com.covariance, rtol=1e-6, atol=1e-15)
     assert sum(each.share_worst for each in found.sensitivity.sources) == pytest.approx(1.0)
-    assert [each.strike_id for each in found.sensitivity.strikes] == [plane.strike_id for plane in estimate.planes]
+    assert [each.strike_id for each in found.sensitivity.strikes] == [
+        plane.strike_id for plane in estimate.estimate.planes
+    ]
 
 
 def test_the_same_answer_gives_the_same_bytes(estimate):
@@ -80,30 +82,42 @@ def test_tables_hold_the_answer(estimate, run, tmp_path):
         "regions",
     }
     (recorded,) = table(folder / "recordings.csv")
-    assert (recorded["recording_id"], recorded["time_source"], recorded["frame_rate_hz"]) == ("r1", "device_mapped", "120.0")
+    assert (recorded["recording_id"], recorded["time_source"], recorded["frame_rate_hz"]) == (
+        "r1",
+        "device_mapped",
+        "120.0",
+    )
     answer = {row["quantity"]: row for row in table(folder / "answer.csv")}
     result = estimate.result
     for i, axis in enumerate("xyz"):
         row = answer[f"centre_of_mass_{axis}"]
-        assert [float(row["value"]), float(row["sd"]), row["unit"]] == [result.centre_of_mass.value[i], result.centre_of_mass.sd[i], "m"]
+        assert [float(row["value"]), float(row["sd"]), row["unit"]] == [
+            result.centre_of_mass.value[i],
+            result.centre_of_mass.sd[i],
+            "m",
+        ]
         assert [float(row["low95"]), float(row["high95"])] == result.centre_of_mass.interval95[i]
     assert float(answer["inertia_xz"]["value"]) == result.inertia.value[0][2]
     assert answer["inertia_xz"]["source"] == ("measured" if result.inertia_measured[0][2] else "prior")
     strikes = table(folder / "strikes.csv")
     assert [float(row["phi_rad"]) for row in strikes] == [strike.phi.value for strike in result.strikes]
     moved = [[float(row[f"com_{axis}_by_phi_m_rad"]) for axis in "xyz"] for row in strikes]
-    assert np.allclose(moved, [each.by_phi for each in estimate.sensitivity.strikes], rtol=1e-9)
+    assert np.allclose(moved, [each.by_phi for each in estimate.estimate.sensitivity.strikes], rtol=1e-9)
     masses = [float(row["mass_kg"]) for row in table(folder / "regions.csv")]
     assert masses == [region.mass.value for region in result.regions.regions]
-    assert len(table(folder / "motions.csv")) == sum(len(motion.angle.theta) for motion in estimate.evidence.motions)
+    assert len(table(folder / "motions.csv")) == sum(
+        len(motion.angle.theta) for motion in estimate.estimate.evidence.motions
+    )
 
 
 def test_a_frame_of_a_motion_is_fitted_plus_residual(estimate, run, tmp_path):
     run("--csv", tmp_path / "tables")
     fitted = [row for row in table(tmp_path / "tables" / "motions.csv") if row["fitted_rad"]]
-    assert len(fitted) == sum(len(motion.fit.residual) for motion in estimate.evidence.motions)
+    assert len(fitted) == sum(len(motion.fit.residual) for motion in estimate.estimate.evidence.motions)
     for row in fitted[::50]:
-        assert float(row["fitted_rad"]) + float(row["residual_rad"]) == pytest.approx(float(row["theta_rad"]), abs=1e-12)
+        assert float(row["fitted_rad"]) + float(row["residual_rad"]) == pytest.approx(
+            float(row["theta_rad"]), abs=1e-12
+        )
         assert row["phase"] in {"strike", "stage_one", "stage_two"}
 
 
@@ -118,7 +132,7 @@ def test_a_folder_that_has_no_place_is_refused_before_the_work(run, tmp_path):
 
 
 def test_the_largest_source_is_said_with_its_remedy(estimate):
-    rows = source_rows(estimate.sensitivity, estimate.com.covariance)
+    rows = source_rows(estimate.estimate.sensitivity, estimate.estimate.com.covariance)
     assert [row.share for row in rows] == sorted((row.share for row in rows), reverse=True)
     text = told_in_words(rows)
     assert text.startswith(f"{100 * rows[0].share:.0f} % of the variance is {rows[0].source.value}")

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from analyze.pipeline.estimate import estimate_evidence
 from analyze.report.report import Still, render_report
+from analyze.result.answer import answer_evidence
 from tests.analyze.simulated_session import carton, session
 from tests.analyze.watched_page import A4_PX, DESKTOP, PHONE, watched
 
@@ -28,7 +28,9 @@ def still(name: str) -> Still:
 @pytest.fixture(scope="module")
 def report(tmp_path_factory) -> Path:
     evidence = session(carton(), np.random.default_rng(3), repeats=1)
-    page = render_report(estimate_evidence(replace(evidence, motions=evidence.motions[:3])), [still("a"), still("b")])
+    page = render_report(
+        answer_evidence(replace(evidence, motions=evidence.motions[:3])), [still("a"), still("b")]
+    )
     path = tmp_path_factory.mktemp("report") / "r.html"
     path.write_text(page, encoding="utf-8")
     return path
@@ -51,9 +53,13 @@ def test_it_prints_without_cutting_anything_off(chromium, report):
         shown.page.emulate_media(media="print")
         shown.page.goto(report.as_uri())
         assert shown.overflowing(scrolls=False) == []
-        tall = shown.page.evaluate("[...document.querySelectorAll('figure')].map(each => each.getBoundingClientRect().height)")
+        tall = shown.page.evaluate(
+            "[...document.querySelectorAll('figure')].map(each => each.getBoundingClientRect().height)"
+        )
         assert max(tall) < A4_PX[1]
-        kept = shown.page.evaluate("[...document.querySelectorAll('figure')].map(each => getComputedStyle(each).breakInside)")
+        kept = shown.page.evaluate(
+            "[...document.querySelectorAll('figure')].map(each => getComputedStyle(each).breakInside)"
+        )
         assert set(kept) == {"avoid"}
         printed = shown.page.pdf(format="A4")
         assert printed.startswith(b"%PDF")
@@ -71,7 +77,8 @@ def test_it_prints_without_cutting_anything_off(chromium, report):
 def test_what_goes_wrong_is_seen(chromium, tmp_path, broken, problem):
     path = tmp_path / "broken.html"
     path.write_text(
-        f"<!DOCTYPE html><main>{broken}<svg width='300' height='200'></svg><div style='width: 3000px'>x</div></main>", encoding="utf-8"
+        f"<!DOCTYPE html><main>{broken}<svg width='300' height='200'></svg><div style='width: 3000px'>x</div></main>",
+        encoding="utf-8",
     )
     with watched(chromium) as shown:
         shown.page.goto(path.as_uri())

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from analyze.pipeline.estimate import estimate_evidence, render_summary, systematic_errors
+from analyze.pipeline.estimate import systematic_errors
 from analyze.pipeline.evidence import Evidence
-from analyze.pipeline.merge import levels_of
+from analyze.pipeline.merge import levelling_indices
+from analyze.report.summary import render_summary
+from analyze.result.answer import answer_evidence
 from schemas.document import canonical_json
 from schemas.result import Result, WarningCode
 from schemas.session_manifest import LevelReading
@@ -32,7 +34,9 @@ def with_turned(evidence: Evidence, which: int = 0) -> Evidence:
     motion = evidence.motions[which]
     fit = replace(motion.fit, phi=motion.fit.phi - 2 * RISE)
     return replace(
-        evidence, plan=plan, motions=(*evidence.motions, replace(motion, strike_id="turned.1", plan_strike_id="turned", fit=fit))
+        evidence,
+        plan=plan,
+        motions=(*evidence.motions, replace(motion, strike_id="turned.1", plan_strike_id="turned", fit=fit)),
     )
 
 
@@ -48,31 +52,35 @@ def warnings_of(estimate):
 
 def test_an_assumed_level_is_said_with_the_remedy(rising):
     few = replace(rising, motions=tuple(rising.motions[i] for i in (0, 2, 8, 10)))
-    found = estimate_evidence(few)
+    found = answer_evidence(few)
     assert "analyze plan --gravity" in warnings_of(found)[WarningCode.GRAVITY_ASSUMED]
     (tilt,) = found.result.table_tilt
-    assert (tilt.towards_x.source, tilt.towards_x.observed, tilt.towards_y.source) == ("prior", False, "prior")
+    assert (tilt.towards_x.source, tilt.towards_x.observed, tilt.towards_y.source) == (
+        "prior",
+        False,
+        "prior",
+    )
     console = Console(record=True, width=140, file=io.StringIO())
     render_summary(found, console)
     assert "towards +x (95 % interval), not measured" in console.export_text()
 
 
 def test_a_turned_strike_measures_it(rising):
-    found = estimate_evidence(with_turned(rising))
+    found = answer_evidence(with_turned(rising))
     (tilt,) = found.result.table_tilt
     assert tilt.towards_x.source == "measured"
     assert tilt.towards_x.value == pytest.approx(RISE, abs=3 * tilt.towards_x.sd)
     assert tilt.towards_x.sd < np.radians(0.04)
     assert tilt.towards_y.source == "prior"
     assert WarningCode.GRAVITY_ASSUMED not in warnings_of(found)
-    assert np.linalg.norm(found.com.position - BODY.com) < 0.5e-3
+    assert np.linalg.norm(found.estimate.com.position - BODY.com) < 0.5e-3
     assert json.loads(found.json())["table_tilt"][0]["recordings"] == [1]
 
 
 def test_a_level_read_beforehand_is_given(rising):
     level = LevelReading(towards_x_rad=float(RISE), towards_x_sd_rad=2e-4)
     few = replace(on_table(rising, level=level), motions=tuple(rising.motions[i] for i in (0, 2, 8, 10)))
-    found = estimate_evidence(few)
+    found = answer_evidence(few)
     (tilt,) = found.result.table_tilt
     assert (tilt.towards_x.source, tilt.towards_y.source) == ("given", "prior")
     assert WarningCode.GRAVITY_ASSUMED not in warnings_of(found)
@@ -83,12 +91,14 @@ def test_a_level_read_beforehand_is_given(rising):
 
 def test_another_reading_is_another_levelling(rising):
     level = LevelReading(towards_x_rad=0.001, towards_x_sd_rad=2e-4)
-    heads = [each.recordings[0] for each in (rising, on_table(rising, level=level), on_table(rising, level=level))]
-    assert levels_of(heads) == [0, 1, 1]
+    heads = [
+        each.recordings[0] for each in (rising, on_table(rising, level=level), on_table(rising, level=level))
+    ]
+    assert levelling_indices(heads) == [0, 1, 1]
 
 
 def test_results_of_before_keep_their_bytes(rising):
-    data = json.loads(estimate_evidence(rising).json())
+    data = json.loads(answer_evidence(rising).json())
     del data["table_tilt"]
     before = json.dumps(data, sort_keys=True, separators=(",", ":"))
     assert canonical_json(Result.model_validate(data)) == before

@@ -1,4 +1,4 @@
-"""A table of answers, printed or written."""
+"""Answers of `analyze query`, printed as a table, CSV or JSON, or written to a file."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.errors import ArchiveError
-from analyze.output_file import write_bytes
+from schemas.output_file import write_bytes
 
-_DIGITS = 6
-_NO_EDGE = 10_000
+SIGNIFICANT_DIGITS = 6
+UNLIMITED_WIDTH = 10_000
 
 
 def print_answer(answer: pa.Table, form: str) -> None:
-    """Print as "table", "csv" or "json" (a line per row)."""
+    """Print the answer as "table", "csv" or "json" (one line per row)."""
     if form == "json":
         for row in answer.to_pylist():
             sys.stdout.write(json.dumps(_finite(row), default=str, ensure_ascii=False) + "\n")
@@ -35,24 +35,28 @@ def print_answer(answer: pa.Table, form: str) -> None:
     for name in answer.column_names:
         table.add_column(name, overflow="fold")
     for row in answer.to_pylist():
-        table.add_row(*(_shown(value) for value in row.values()))
+        table.add_row(*(_cell(value) for value in row.values()))
     console = plain_console()
     console.print(table)
     console.print(f"{answer.num_rows} {'row' if answer.num_rows == 1 else 'rows'}")
 
 
 def plain_console() -> Console:
-    """Shows text as it is, brackets and colons too; as wide as it must be where nobody sees its edge."""
+    """Console without markup, as wide as its terminal, or of unlimited width where output is redirected."""
     console = Console(highlight=False, markup=False, emoji=False)
-    return console if console.is_terminal else Console(highlight=False, markup=False, emoji=False, width=_NO_EDGE)
+    return (
+        console
+        if console.is_terminal
+        else Console(highlight=False, markup=False, emoji=False, width=UNLIMITED_WIDTH)
+    )
 
 
 def save_answer(answer: pa.Table, path: Path) -> None:
-    """Write as the name's suffix says.
+    """Write the answer in the format of the path's suffix.
 
     Raises:
-        ArchiveError: another suffix than .parquet and .csv.
-        OutputError: it cannot be written.
+        ArchiveError: the suffix is neither .parquet nor .csv.
+        OutputError: the file cannot be written.
     """
     if path.suffix == ".parquet":
         buffer = BytesIO()
@@ -61,7 +65,7 @@ def save_answer(answer: pa.Table, path: Path) -> None:
     elif path.suffix == ".csv":
         write_bytes(path, _csv(answer))
     else:
-        raise ArchiveError(f"{path}: is neither .parquet nor .csv: name it so")
+        raise ArchiveError(f"{path}: unknown file type {path.suffix!r}: use .parquet or .csv")
 
 
 def _csv(answer: pa.Table) -> bytes:
@@ -72,10 +76,13 @@ def _csv(answer: pa.Table) -> bytes:
 
 
 def _flat(column: pa.ChunkedArray) -> Any:
-    """Lists and structures as JSON, intervals and bytes as text: a CSV file has none of them."""
+    """The column as CSV can hold it: lists and structures as JSON, intervals and bytes as text."""
     if pa.types.is_nested(column.type):
         return pa.array(
-            [None if value is None else json.dumps(_finite(value), default=str, ensure_ascii=False) for value in column.to_pylist()],
+            [
+                None if value is None else json.dumps(_finite(value), default=str, ensure_ascii=False)
+                for value in column.to_pylist()
+            ],
             pa.string(),
         )
     if pa.types.is_interval(column.type) or pa.types.is_binary(column.type):
@@ -84,7 +91,7 @@ def _flat(column: pa.ChunkedArray) -> Any:
 
 
 def _finite(value: Any) -> Any:
-    """With null for what is no number: JSON has no NaN."""
+    """The value with None in place of numbers that are not finite, which JSON cannot represent."""
     if isinstance(value, dict):
         return {name: _finite(each) for name, each in value.items()}
     if isinstance(value, list):
@@ -92,9 +99,11 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _shown(value: object) -> str:
+def _cell(value: object) -> str:
     if value is None:
         return "–"
     if isinstance(value, float):
-        return f"{value:.{_DIGITS}g}"
-    return json.dumps(value, default=str, ensure_ascii=False) if isinstance(value, list | dict) else str(value)
+        return f"{value:.{SIGNIFICANT_DIGITS}g}"
+    return (
+        json.dumps(value, default=str, ensure_ascii=False) if isinstance(value, list | dict) else str(value)
+    )

@@ -1,4 +1,4 @@
-"""Truth beside estimate, for virtual recordings. The only reader of /truth/."""
+"""Errors of an estimate against the ground truth of a virtual recording. The only reader of /truth/."""
 
 from __future__ import annotations
 
@@ -19,22 +19,24 @@ from schemas.strike_plan import PlannedStrike
 
 if TYPE_CHECKING:
     from analyze.pipeline.estimate import Estimate
+    from analyze.result.answer import Answer
 
 
 @dataclass(frozen=True)
 class TipTruth:
-    """What a strike about the planned pivot should show, if the object is as the world made it."""
+    """True balance angle and moment of one strike about its planned pivot."""
 
     phi: float
-    """rad, angle at which c stands above the rounding's centre line"""
+    """balance angle [rad]: c stands above the centre line of the edge's rounding"""
     i_edge: float
-    """kg m^2, m*g*R/k = I_c,l + m*(R + rho)^2"""
+    """moment of inertia about the contact line at balance [kg m²], m*g*R/k = I_c,l + m*(R + rho)²"""
     distance: float
-    """R, m"""
+    """distance R of c from that centre line [m]"""
 
 
 def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
-    """True phi and I_edge for a rounded edge, about the planned pivot's centre line (METHOD section 3)."""
+    """True phi and I_edge about the centre line of the planned edge's rounding (docs/explanation/method.md,
+    section 3)."""
     direction = np.array(planned.pivot.direction)
     direction = direction / np.linalg.norm(direction)
     up = np.array(planned.R_world_object)[2]
@@ -46,18 +48,19 @@ def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
     return TipTruth(float(standing_angle(com, direction, up, point)), i_edge, distance)
 
 
-def score_estimate(path: Path, estimate: Estimate) -> dict[str, Any]:
-    """Errors of `estimate` against the truth in the recording at `path`; JSON-ready.
+def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
+    """Errors of an answer against the ground truth in the recording at `path`, ready for JSON.
 
-    Lists run over the strikes used (`strike_ids`). Region errors: paper's metric, mean over regions of |dm| / M, and the mass in the wrong
-    region, sum |dm| / 2M. "Upper" is the truth's side of its border plane; the estimate's two interior names are swapped where its plane
-    points to the other side.
+    Lists run over the strikes used (`strike_ids`). Region errors are the paper's metric, the mean over
+    regions of |dm| / M, and the mass in the wrong region, sum |dm| / 2M. "Upper" is the true side of the
+    dividing plane; the two interior names of the estimate are swapped where its plane points to the other
+    side.
 
     Raises:
         RecordingError: the recording holds no truth.
     """
     body = read_truth(path).body
-    result = estimate.result
+    estimate, result = answer.estimate, answer.result
     by_plan = {strike.id: strike for strike in estimate.evidence.plan.strikes}
     used = [strike for strike in result.strikes if strike.used and strike.phi is not None]
     truths = [tip_truth(by_plan[strike.plan_strike_id], body) for strike in used]
@@ -69,16 +72,22 @@ def score_estimate(path: Path, estimate: Estimate) -> dict[str, Any]:
         "centre_of_mass_error_vector_m": error.tolist(),
         "centre_of_mass_sd_m": sd.tolist(),
         "centre_of_mass_true_m": com_true.tolist(),
-        "centre_of_mass_paper_error_m": float(np.linalg.norm(estimate.com_paper.position - com_true)),
+        "centre_of_mass_paper_error_m": float(np.linalg.norm(estimate.paper.com.position - com_true)),
         "strike_ids": [strike.id for strike in used],
         "phi_true_rad": [truth.phi for truth in truths],
-        "phi_error_rad": [_scalar(strike.phi) - truth.phi for strike, truth in zip(used, truths, strict=True)],
+        "phi_error_rad": [
+            _scalar(strike.phi) - truth.phi for strike, truth in zip(used, truths, strict=True)
+        ],
         "i_edge_true_kg_m2": [truth.i_edge for truth in truths],
         "i_edge_relative_error": [
-            _scalar(strike.i_edge) / truth.i_edge - 1 for strike, truth in zip(used, truths, strict=True) if strike.i_edge is not None
+            _scalar(strike.i_edge) / truth.i_edge - 1
+            for strike, truth in zip(used, truths, strict=True)
+            if strike.i_edge is not None
         ],
         "i_com_relative_error": {
-            axis.axis_id: axis.i_com / float(axis.direction @ np.array(body.inertia_com).reshape(3, 3) @ axis.direction) - 1
+            axis.axis_id: axis.i_com
+            / float(axis.direction @ np.array(body.inertia_com).reshape(3, 3) @ axis.direction)
+            - 1
             for axis in estimate.inertial.axes
         },
     }
@@ -86,8 +95,8 @@ def score_estimate(path: Path, estimate: Estimate) -> dict[str, Any]:
     return table
 
 
-def score_if_virtual(paths: Sequence[Path], estimate: Estimate) -> dict[str, Any] | None:
-    """The score, or None unless all recordings are of the virtual world.
+def score_if_virtual(paths: Sequence[Path], answer: Answer) -> dict[str, Any] | None:
+    """Score of an answer; None unless all recordings are virtual.
 
     Raises:
         RecordingError: their truths differ.
@@ -95,18 +104,20 @@ def score_if_virtual(paths: Sequence[Path], estimate: Estimate) -> dict[str, Any
     if not all(_holds_truth(path) for path in paths):
         return None
     refuse_without_truth(paths)
-    return score_estimate(paths[0], estimate)
+    return score_answer(paths[0], answer)
 
 
 def refuse_without_truth(paths: Sequence[Path]) -> None:
-    """Say so before the work, not after it.
+    """Raise RecordingError unless all recordings hold one ground truth; called before the work.
 
     Raises:
         RecordingError: a recording holds no truth, or another than the first, or cannot be read.
     """
     for path in paths:
         if not _holds_truth(path):
-            raise RecordingError(f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored")
+            raise RecordingError(
+                f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored"
+            )
     first = read_truth(paths[0]).body
     for path in paths[1:]:
         if _hidden(read_truth(path).body) != _hidden(first):
@@ -116,7 +127,7 @@ def refuse_without_truth(paths: Sequence[Path]) -> None:
 
 
 def _hidden(body: pb.TruthBody) -> list[float]:
-    """What of the truth is the object's, not the rig's or the session's."""
+    """Ground truth of the object itself, without that of rig and session."""
     own = (body.com_object, body.inertia_com, body.region_mass_kg, body.region_plane)
     return [body.mass_kg, body.edge_radius_m, *(value for part in own for value in part)]
 
@@ -132,24 +143,28 @@ def _regions(estimate: Estimate, body: pb.TruthBody) -> dict[str, Any]:
     truth = np.array(body.region_mass_kg)
     normal = np.array(body.region_plane[:3])
 
-    def aligned(masses: Array, border_normal: Array) -> Array:
-        return masses if border_normal @ normal >= 0 else masses[[0, 2, 1]]
+    def aligned(masses: Array, normal_found: Array) -> Array:
+        return masses if normal_found @ normal >= 0 else masses[[0, 2, 1]]
 
     distribution = estimate.distribution
-    masses = aligned(distribution.masses, distribution.border_normal)
+    masses = aligned(distribution.masses, distribution.dividing_plane_normal)
     found: dict[str, Any] = {
         "region_names": list(distribution.names),
         "region_mass_true_kg": truth.tolist(),
         "region_mass_kg": masses.tolist(),
         "region_mass_error_relative": _relative(masses, truth),
         "mass_in_wrong_region": float(np.abs(masses - truth).sum() / 2 / truth.sum()),
-        "region_border_error_rad": float(np.arccos(np.clip(abs(distribution.border_normal @ normal), -1, 1))),
+        "dividing_plane_error_rad": float(
+            np.arccos(np.clip(abs(distribution.dividing_plane_normal @ normal), -1, 1))
+        ),
         "region_mass_error_relative_baselines": {
-            name: _relative(aligned(naive, distribution.border_normal), truth) for name, naive in sorted(distribution.baselines.items())
+            name: _relative(aligned(naive, distribution.dividing_plane_normal), truth)
+            for name, naive in sorted(distribution.baselines.items())
         },
     }
-    if estimate.distribution_paper is not None:
-        paper = aligned(estimate.distribution_paper.masses, estimate.distribution_paper.border_normal)
+    by_paper = estimate.paper.regions
+    if by_paper is not None:
+        paper = aligned(by_paper.masses, by_paper.dividing_plane_normal)
         found["region_mass_error_relative_paper"] = _relative(paper, truth)
     return found
 
@@ -170,13 +185,28 @@ def render_score(score: dict[str, Any]) -> None:
 
     console = Console(highlight=False)
     strikes = Table(
-        "strike", "true phi", "phi error", "I_edge error", title="Strikes against the truth", title_justify="left", box=SIMPLE_HEAD
+        "strike",
+        "true phi",
+        "phi error",
+        "I_edge error",
+        title="Strikes against the truth",
+        title_justify="left",
+        box=SIMPLE_HEAD,
     )
     moments = score["i_edge_relative_error"] + [None] * len(score["strike_ids"])
-    for name, phi, wrong, moment in zip(score["strike_ids"], score["phi_true_rad"], score["phi_error_rad"], moments, strict=False):
-        strikes.add_row(name, f"{np.degrees(phi):.2f} deg", f"{np.degrees(wrong):+.3f} deg", "" if moment is None else f"{moment:+.2%}")
+    for name, phi, wrong, moment in zip(
+        score["strike_ids"], score["phi_true_rad"], score["phi_error_rad"], moments, strict=False
+    ):
+        strikes.add_row(
+            name,
+            f"{np.degrees(phi):.2f} deg",
+            f"{np.degrees(wrong):+.3f} deg",
+            "" if moment is None else f"{moment:+.2%}",
+        )
     console.print(strikes)
-    true, off = (1e3 * np.array(score[key]) for key in ("centre_of_mass_true_m", "centre_of_mass_error_vector_m"))
+    true, off = (
+        1e3 * np.array(score[key]) for key in ("centre_of_mass_true_m", "centre_of_mass_error_vector_m")
+    )
     x, y, z = off
     console.print(
         f"centre of mass in truth ({', '.join(f'{v:.2f}' for v in true)}) mm, estimated ({', '.join(f'{v:.2f}' for v in true + off)}) mm:"
@@ -185,7 +215,10 @@ def render_score(score: dict[str, Any]) -> None:
     )
     if score["region_mass_error_relative"] is not None:
         naive = min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
-        masses = ", ".join(f"{n} {1e3 * m:.1f} g" for n, m in zip(score["region_names"], score["region_mass_true_kg"], strict=True))
+        masses = ", ".join(
+            f"{n} {1e3 * m:.1f} g"
+            for n, m in zip(score["region_names"], score["region_mass_true_kg"], strict=True)
+        )
         console.print(
             f"region masses in truth {masses}; estimates off by [bold]{score['region_mass_error_relative']:.1%}[/] of the total"
             f" ({score['mass_in_wrong_region']:.1%} in the wrong region); best naive answer ({naive[0].replace('_', ' ')}): {naive[1]:.1%}"

@@ -1,4 +1,4 @@
-"""What a run shows: a bar with rate, remaining time and failures while it goes on, and what came of it at the end."""
+"""Progress of a batch run on the terminal, and its report at the end."""
 
 from __future__ import annotations
 
@@ -7,17 +7,30 @@ from pathlib import Path
 from types import TracebackType
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
-from analyze.batch.request import Outcome
 from analyze.batch.run import Report
+from analyze.batch.worker_messages import Outcome
 
-_SPEED_OF_S = 3600
-"""a recording may take minutes: a rate of the last half minute, as is usual, would have none to count"""
+SPEED_PERIOD_S = 3600
+"""period over which the rate is estimated.
+
+Recordings may take minutes each, so rich's usual 30 s are too short
+"""
 
 
 class BatchProgress:
-    """Call with what became of a recording, how many are done, how many there are. On standard error; a line per failure in any case."""
+    """Progress bar on standard error with rate, remaining time and failures.
+
+    Each failure is printed as a line.
+    """
 
     def __init__(self, total: int) -> None:
         self._console = Console(stderr=True)
@@ -33,16 +46,24 @@ class BatchProgress:
             TextColumn("[red]{task.fields[failures]}"),
             console=self._console,
             transient=True,
-            speed_estimate_period=_SPEED_OF_S,
+            speed_estimate_period=SPEED_PERIOD_S,
             disable=not self._console.is_terminal,
         )
         self._task = self._progress.add_task("analysing", total=max(total, 1), rate="", failures="")
 
     def __call__(self, outcome: Outcome, done: int, total: int) -> None:
-        """Take in one more."""
+        """Add one recording's outcome.
+
+        Args:
+            outcome: of the recording.
+            done: number of recordings done.
+            total: number of recordings in all.
+        """
         if outcome.failure:
             self._failures += 1
-            self._console.print(f"{outcome.failure}: {outcome.reason}", markup=False, highlight=False, soft_wrap=True)
+            self._console.print(
+                f"{outcome.failure}: {outcome.reason}", markup=False, highlight=False, soft_wrap=True
+            )
         speed = self._progress.tasks[0].finished_speed or self._progress.tasks[0].speed
         self._progress.update(
             self._task,
@@ -56,22 +77,28 @@ class BatchProgress:
         self._progress.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._progress.stop()
 
 
 def render_report(report: Report, output: Path) -> None:
-    """Print what came of a run, in a few lines."""
+    """Print the outcome of a run in a few lines."""
     console = Console(highlight=False, soft_wrap=True)
     done = [outcome for outcome in report.outcomes if not outcome.failure]
     known = sum(outcome.known for outcome in done)
     text = f"{len(done) - known} analysed, {report.unchanged} unchanged"
     if known:
-        text += f", {known} of known content"
+        text += f", {known} with content analysed before"
     console.print(f"{text}, {len(report.failures)} failed: {output}", markup=False)
     for kind, many in Counter(outcome.failure for outcome in report.failures).most_common():
         console.print(f"  {kind}: {many}", markup=False)
     if report.failed_before:
-        console.print(f"{len(report.failed_before)} that failed before were not tried again: --only-failed does", markup=False)
+        console.print(
+            f"{len(report.failed_before)} that failed before were not tried again: add --only-failed to try "
+            "them",
+            markup=False,
+        )
     if report.interrupted:
-        console.print("interrupted: what was finished stays; the same command goes on", markup=False)
+        console.print("interrupted: finished results stay; repeat the same command to continue", markup=False)

@@ -13,9 +13,9 @@ from click.testing import CliRunner
 
 from analyze.cli import main as analyze
 from analyze.errors import EstimationError, JoinError
-from analyze.pipeline.comparison import SessionComparison, compare_evidence
 from analyze.report.comparison_document import comparison_document, upper_factor
 from analyze.report.comparison_page import comparison_json, lead
+from analyze.result.comparison import SessionComparison, compare_evidence
 from schemas.comparison import Comparison
 from tests.analyze.balanced_html import Balanced
 from tests.analyze.estimation.bodies import box_body
@@ -30,8 +30,14 @@ ELSEWHERE = {"rig": {"name": "another"}}
 def one(number: int, body=None, **manifest: object):
     """Session `number` (1, 2, ...) of what passes for one object."""
     plain = session(carton(), np.random.default_rng(3), repeats=1)
-    made = plain if body is None and number == 1 else session(body or carton(), np.random.default_rng(20 + number), repeats=1)
-    told = replace(made, spec=plain.spec, model=plain.model, plan=plain.plan, object_sha256=plain.object_sha256)
+    made = (
+        plain
+        if body is None and number == 1
+        else session(body or carton(), np.random.default_rng(20 + number), repeats=1)
+    )
+    told = replace(
+        made, spec=plain.spec, model=plain.model, plan=plain.plan, object_sha256=plain.object_sha256
+    )
     head = plain.recordings[0].manifest
     return recording(told, "r" * number, object=head.object, object_sha256=head.object_sha256, **manifest)
 
@@ -62,24 +68,29 @@ def test_sessions_of_one_body_agree(alike):
     assert [each.recording.recording_id for each in found.sessions] == ["r", "rr", "rrr"]
     assert [each.setup for each in found.sessions] == [1, 1, 2]
     assert not any(each.stands_out for each in found.sessions)
-    assert found.verdict[0].startswith("trust that all 3 sessions mean one centre of mass")
+    assert found.verdict[0].startswith("trust that all 3 sessions have one centre of mass")
 
 
 def test_precision_is_that_of_the_answers(alike):
     found = comparison_document(alike)
     for i, axis in enumerate("xyz"):
         (row,) = [each for each in found.precision if each.name == f"centre of mass {axis}"]
-        a, b, _ = (each.estimate.com.position[i] for each in alike.sessions)
+        a, b, _ = (each.answer.estimate.com.position[i] for each in alike.sessions)
         assert row.s_r == pytest.approx(abs(a - b) / np.sqrt(2), rel=1e-6)
         assert row.s_R is not None
         assert row.s_R >= row.s_r
         assert (row.freedom_r, row.freedom_R) == (1, 1)
         assert row.together is not None
-        assert row.together.value == pytest.approx(alike.joint.com.position[i], rel=1e-6)
+        assert row.together.value == pytest.approx(alike.joint.estimate.com.position[i], rel=1e-6)
         # No more than the intervals say.
-        assert row.s_R < 2 * np.sqrt(alike.sessions[0].estimate.com.covariance[i, i])
+        assert row.s_R < 2 * np.sqrt(alike.sessions[0].answer.estimate.com.covariance[i, i])
     kinds = [each.kind for each in found.precision]
-    assert {kind: kinds.count(kind) for kind in kinds} == {"centre_of_mass": 3, "moment": 6, "region": 3, "phi": 6}
+    assert {kind: kinds.count(kind) for kind in kinds} == {
+        "centre_of_mass": 3,
+        "moment": 6,
+        "region": 3,
+        "phi": 6,
+    }
     for row in found.precision:
         if row.kind == "phi":
             assert row.grouped_by == "session"
@@ -102,7 +113,9 @@ def test_json_reads_back(alike):
 
 
 def test_different_objects_are_refused():
-    other = session(box_body((0.09, 0.06, 0.15), (0.026, 0.014, 0.004), 0.005), np.random.default_rng(1), repeats=1)
+    other = session(
+        box_body((0.09, 0.06, 0.15), (0.026, 0.014, 0.004), 0.005), np.random.default_rng(1), repeats=1
+    )
     with pytest.raises(JoinError, match="are of different shapes: estimate each by itself"):
         compare_evidence([one(1), recording(other, "rr")])
 
@@ -123,9 +136,11 @@ def test_the_page_and_tables_from_the_command_line(odd, tmp_path, monkeypatch):
     files = [tmp_path / name for name in ("a.mcap", "b.mcap")]
     for file in files:
         file.touch()
-    monkeypatch.setattr("analyze.pipeline.comparison.compare_recordings", lambda *_: odd)
+    monkeypatch.setattr("analyze.result.comparison.compare_recordings", lambda *_: odd)
     page, tables = tmp_path / "c.html", tmp_path / "tables"
-    done = CliRunner().invoke(analyze, ["report", "--compare", *map(str, files), "--json", "--csv", str(tables), "-o", str(page)])
+    done = CliRunner().invoke(
+        analyze, ["report", "--compare", *map(str, files), "--json", "--csv", str(tables), "-o", str(page)]
+    )
     assert done.exit_code == 0, done.stderr
     assert json.loads(done.stdout)["may_join"] is False
     assert f"report: {page}" in done.stderr
@@ -140,10 +155,12 @@ def test_the_page_and_tables_from_the_command_line(odd, tmp_path, monkeypatch):
     assert sorted(path.name for path in tables.iterdir()) == ["precision.csv", "results.csv", "sessions.csv"]
     with (tables / "sessions.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [float(row["c_x_m"]) for row in rows] == pytest.approx([each.estimate.com.position[0] for each in odd.sessions])
+    assert [float(row["c_x_m"]) for row in rows] == pytest.approx(
+        [each.answer.estimate.com.position[0] for each in odd.sessions]
+    )
 
 
 def test_one_file_is_nothing_to_compare(tmp_path: Path):
     done = CliRunner().invoke(analyze, ["report", "--compare", str(tmp_path / "a.mcap")])
     assert done.exit_code == 2
-    assert "--compare takes two recordings or more" in done.stderr
+    assert "--compare needs two recordings or more" in done.stderr

@@ -1,4 +1,4 @@
-"""`analyze register`: recordings of strikes become the places of the object's markers, or one line that says what is missing."""
+"""`analyze register`: marker poses on the object, and the table's pose, estimated from recorded strikes."""
 
 from __future__ import annotations
 
@@ -8,83 +8,103 @@ from pathlib import Path
 
 import numpy as np
 
-from analyze.cameras.calibrate import read_rig
-from analyze.errors import CalibrationError, EstimationError, OutputError
-from analyze.output_file import write_text
-from analyze.pipeline.evidence import Evidence, Progress, RecordingHead, read_evidence, read_head, unplaced_markers
-from analyze.pipeline.merge import in_order, join, paths_text, refuse_apart, strikes_to_leave_out
+from analyze.cameras.rig_file import PLUMB_LINE, read_rig
+from analyze.errors import CalibrationError, EstimationError
+from analyze.pipeline.evidence import (
+    Evidence,
+    RecordingHead,
+    read_evidence,
+    read_head,
+    unplaced_markers,
+)
+from analyze.pipeline.merge import (
+    by_start_time,
+    merge_evidence,
+    paths_text,
+    refuse_unmergeable,
+    resolve_exclusions,
+)
 from analyze.pipeline.sections import section_of
+from analyze.progress import Progress
 from analyze.reading.recording import open_recording
 from analyze.registration.register import LeftOut, Registration, TablePlace, register
 from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from analyze.registration.views import StrikeView, strike_view
 from analyze.tracking.camera_model import camera_from_spec
 from analyze.types import Array
-from analyze.verbs.gravity.images import READ_BY as PLUMB_LINE
 from schemas.object_spec import parse_object_spec, read_object_spec
+from schemas.output_file import OutputError, write_text
 from schemas.session_manifest import OBJECT_ATTACHMENT
 from schemas.toml_table import with_entry, with_entry_in_each
 
-_ROTATION_DIGITS, _PLACE_DIGITS = 9, 6
+ROTATION_DIGITS, POSITION_DIGITS = 9, 6
 CALIBRATION, CAMERA_POSE = "camera.calibration", "T_world_camera"
-_SAME_POSE = 1e-6
-"""of its entries: rad, m"""
+POSE_TOLERANCE = 1e-6
+"""largest difference of two equal poses' entries [rad, m]"""
 
 
 @dataclass(frozen=True)
 class RegisterOptions:
-    """What the user asks for."""
+    """The user's choices."""
 
     object_path: Path | None = None
-    """use this object file instead of the recording's"""
+    """object file to use instead of the recording's"""
     exclude: frozenset[str] = frozenset()
     """ids of strikes to leave out"""
     find_table: bool = False
-    """the recorded T_world_camera says nothing of the table's tilt and height: find them too"""
+    """True if the table's tilt and height against T_world_camera are unknown and estimated too"""
     rig: Path | None = None
-    """rig file that the T_world_camera found shall be written into"""
+    """rig file to write the estimated T_world_camera into"""
 
 
 @dataclass(frozen=True)
 class RegisterAnswer:
-    """What was found, and from what."""
+    """Estimated poses, and the strikes that they come from."""
 
     registration: Registration
     evidence: Evidence
     object_toml: str
     """text of the object file that was used"""
     unused: tuple[LeftOut, ...]
-    """strikes that show nothing of it, and those left out"""
+    """strikes that do not show a marker at rest, and those left out"""
     options: RegisterOptions
 
     @property
     def given(self) -> dict[int | str, Array]:
-        """T_object_marker as the object file has it; nothing was made of it."""
-        return {marker.name: np.array(marker.T_object_marker) for marker in self.evidence.spec.marker if marker.T_object_marker is not None}
+        """T_object_marker (4, 4) of the object file by marker, for comparison only."""
+        return {
+            marker.name: np.array(marker.T_object_marker)
+            for marker in self.evidence.spec.marker
+            if marker.T_object_marker is not None
+        }
 
 
-def register_recordings(paths: Sequence[Path], options: RegisterOptions, progress: Progress | None = None) -> RegisterAnswer:
-    """Find where the markers are.
+def register_recordings(
+    paths: Sequence[Path], options: RegisterOptions, progress: Progress | None = None
+) -> RegisterAnswer:
+    """Estimate the marker poses.
 
     Args:
         paths: recordings (MCAP) of one object.
-        options: what the user asks for.
+        options: the user's choices.
         progress: called with (text, done, total).
 
     Raises:
         RecordingError: a file cannot be read.
         JoinError: the recordings are not of one object, or one is named twice.
         ShapeError: the object's shape cannot be used.
-        EstimationError: strikes contradict each other, or determine no marker's place.
-        CalibrationError: what will be found cannot be written into the rig file.
+        EstimationError: strikes contradict each other, or determine no marker's pose.
+        CalibrationError: the result could not be written into the rig file.
     """
-    heads = in_order([read_head(path) for path in paths])
+    heads = by_start_time([read_head(path) for path in paths])
     if options.rig is not None:
         _refuse_other_place(heads, options.rig)
     if len(heads) > 1:
-        refuse_apart(heads, options.object_path is not None)
-    exclude = strikes_to_leave_out(heads, options.exclude)
-    evidence = join([read_evidence(head, options.object_path, progress, unplaced_markers) for head in heads])
+        refuse_unmergeable(heads, options.object_path is not None)
+    exclude = resolve_exclusions(heads, options.exclude)
+    evidence = merge_evidence(
+        [read_evidence(head, options.object_path, progress, unplaced_markers) for head in heads]
+    )
     views, unused = _views(evidence, exclude)
     spec = evidence.spec
     try:
@@ -97,49 +117,60 @@ def register_recordings(paths: Sequence[Path], options: RegisterOptions, progres
         )
     except EstimationError as error:
         raise EstimationError(f"{paths_text(heads)}: {error}") from None
-    return RegisterAnswer(found, evidence, _object_toml(heads[0], options), (*unused, *found.left_out), options)
+    return RegisterAnswer(
+        found, evidence, _object_toml(heads[0], options), (*unused, *found.left_out), options
+    )
 
 
 def refuse_undetermined(answer: RegisterAnswer) -> None:
-    """Raise EstimationError where no marker's place is determined, or the table's was asked for and is not."""
+    """Raise EstimationError if no marker's pose is determined, or the table's is not but was asked for."""
     name = paths_text(answer.evidence.recordings)
     found = answer.registration
     if all(place.undetermined for place in found.markers):
         first = found.markers[0]
         raise EstimationError(
-            f"{name}: the strikes do not determine where marker {first.marker_id} is ({'; '.join(first.undetermined)}): {first.remedy}"
+            f"{name}: the strikes do not determine where marker {first.marker_id} is "
+            f"({'; '.join(first.undetermined)}): {first.remedy}"
         )
     for table in found.tables:
         if answer.options.find_table and table.undetermined:
             raise EstimationError(
-                f"{name}: the strikes do not determine the table's {', '.join(table.undetermined)}: add strikes over other edges of the "
+                f"{name}: the strikes do not determine the table's {', '.join(table.undetermined)}: add "
+                "strikes over other edges of the "
                 "faces that were struck, and on another resting face"
             )
 
 
 def write_object(answer: RegisterAnswer, output: Path) -> tuple[int | str, ...]:
-    """Write the object file with the places found; every other line stays as it is. Returns the markers written.
+    """Write the object file with the estimated poses, and return the markers written.
+
+    Every other line stays as it is.
 
     Raises:
-        OutputError: the file cannot be written, or its markers are not written as [[marker]].
+        OutputError: the file cannot be written, or its markers are not plain [[marker]] tables.
     """
     numbers = {marker.name: number for number, marker in enumerate(answer.evidence.spec.marker)}
     known = [place for place in answer.registration.markers if not place.undetermined]
     rows = {numbers[place.marker_id]: pose_toml(place.T_object_marker) for place in known}
     text = with_entry_in_each(answer.object_toml, "marker", "T_object_marker", rows)
     if text is None:
-        raise OutputError(f"{output}: the object file has no plain [[marker]] tables to write in: take the poses that --json prints")
+        raise OutputError(
+            f"{output}: the object file has no plain [[marker]] tables to write into: copy the poses that "
+            "--json prints"
+        )
     parse_object_spec(text, str(output))
     write_text(output, text)
     return tuple(place.marker_id for place in known)
 
 
 def write_table(answer: RegisterAnswer, rig: Path) -> None:
-    """Put T_world_camera, in the W whose z = 0 is the table as found, into the rig file; every other line stays as it is.
+    """Write T_world_camera, with z = 0 of W on the estimated table, into the rig file.
+
+    Every other line stays as it is.
 
     Raises:
         EstimationError: the strikes do not determine the table.
-        CalibrationError: the file has no plain table to write in.
+        CalibrationError: the file has no plain table to write into.
         OutputError: the file cannot be written.
     """
     refuse_undetermined(answer)
@@ -147,43 +178,52 @@ def write_table(answer: RegisterAnswer, rig: Path) -> None:
     pose = pose_toml(found.T_world_camera)
     text = with_entry(rig.read_text(encoding="utf-8"), CALIBRATION, CAMERA_POSE, pose)
     if text is None:
-        raise CalibrationError(f"{rig}: has no plain table [{CALIBRATION}] to write in: put there by hand {CAMERA_POSE} = {pose}")
+        raise CalibrationError(
+            f"{rig}: has no plain table [{CALIBRATION}] to write into: add by hand {CAMERA_POSE} = {pose}"
+        )
     write_text(rig, text)
 
 
 def level_note(rig: Path) -> str:
-    """What of the rig file no longer holds when its T_world_camera is another; empty: all does."""
+    """Note that the rig file's level reading must be repeated with its new T_world_camera, or empty."""
     level = read_rig(rig)[0].level
     if level is None or level.read_by != PLUMB_LINE:
         return ""
-    return "; [level] in it was read by the camera as it was taken to stand: analyze gravity reads it anew"
+    return "; its [level] was read with the previous camera pose: repeat analyze gravity"
 
 
 def _refuse_other_place(heads: Sequence[RecordingHead], rig: Path) -> None:
-    """What is found is how the table lies against the T_world_camera of the recording: the rig file must have the same."""
+    """Refuse a rig file whose T_world_camera differs from the recording's.
+
+    The table is estimated relative to the recording's T_world_camera.
+    """
     _, place = read_rig(rig)
     if len(heads) > 1:
-        raise CalibrationError(f"{rig}: {paths_text(heads)} have a table each: write that of one recording by itself")
-    recorded = heads[0].manifest.cameras[0].calibration.T_world_camera
-    if place is None or not np.allclose(place, recorded, rtol=0.0, atol=_SAME_POSE):
         raise CalibrationError(
-            f"{rig}: its T_world_camera is not the one that {heads[0].path} was recorded with, and the camera may have been moved since: "
-            "write by hand what is printed without --write, or record with this file"
+            f"{rig}: {paths_text(heads)} have a table each: register one recording by itself to write its "
+            "table"
+        )
+    recorded = heads[0].manifest.cameras[0].calibration.T_world_camera
+    if place is None or not np.allclose(place, recorded, rtol=0.0, atol=POSE_TOLERANCE):
+        raise CalibrationError(
+            f"{rig}: its T_world_camera differs from that of {heads[0].path}, and the camera may have been "
+            "moved since: "
+            "copy by hand what is printed without --write, or record with this file"
         )
 
 
 def pose_toml(T: Array) -> str:
-    """A pose as TOML."""
+    """A pose (4, 4) as TOML."""
 
     def row(values: Array) -> str:
-        turn = ", ".join(f"{value + 0.0:.{_ROTATION_DIGITS}f}" for value in values[:3])
-        return f"[{turn}, {values[3] + 0.0:.{_PLACE_DIGITS}f}]"
+        turn = ", ".join(f"{value + 0.0:.{ROTATION_DIGITS}f}" for value in values[:3])
+        return f"[{turn}, {values[3] + 0.0:.{POSITION_DIGITS}f}]"
 
     return "[" + ", ".join([*(row(T[i]) for i in range(3)), "[0, 0, 0, 1]"]) + "]"
 
 
-def doubted(table: TablePlace) -> bool:
-    """The table lies elsewhere than a board laid by hand would be off."""
+def is_implausible(table: TablePlace) -> bool:
+    """True if the table's offset is larger than a board laid by hand would explain."""
     usual = np.array([LAID_BOARD.tilt_sd, LAID_BOARD.tilt_sd, LAID_BOARD.height_sd])
     return bool(np.any(np.abs(table.offset) > 2 * usual + 2 * table.sd))
 
@@ -199,14 +239,25 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
             continue
         planned = evidence.planned(motion)
         if planned.heading_rad:
-            unused.append(LeftOut(motion.strike_id, "turned on the table: the table's tilt is felt the other way"))
+            unused.append(
+                LeftOut(motion.strike_id, "turned on the table: the table's tilt acts the other way")
+            )
             continue
         report = evidence.tracking.get(motion.strike_id)
         setup = evidence.recorded_in.get(motion.strike_id, 0)
         section = section_of(evidence.model, planned)
-        view = None if report is None else strike_view(report.tracks, markers, cameras[setup], planned, motion, setup, section)
+        view = (
+            None
+            if report is None
+            else strike_view(report.tracks, markers, cameras[setup], planned, motion, setup, section)
+        )
         if view is None:
-            unused.append(LeftOut(motion.strike_id, f"shows no marker surely at rest: {motion.verdict.value}: {motion.reason}"))
+            unused.append(
+                LeftOut(
+                    motion.strike_id,
+                    f"shows no marker surely at rest: {motion.verdict.value}: {motion.reason}",
+                )
+            )
         else:
             views.append(view)
     return views, unused

@@ -1,0 +1,256 @@
+"""Rows of results: the table's schema (SI units), a row per recording, and its Parquet files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from analyze.errors import ArchiveError
+from schemas.output_file import write_bytes
+from schemas.result import Quantity, Result
+
+if TYPE_CHECKING:
+    from analyze.result.answer import Answer
+
+_F, _S, _I, _B = pa.float64(), pa.string(), pa.int64(), pa.bool_()
+_STRIKE = pa.struct(
+    [
+        ("id", _S),
+        ("plan_strike", _S),
+        ("axis", _S),
+        ("verdict", _S),
+        ("used", _B),
+        ("reason", _S),
+        ("phi_rad", _F),
+        ("phi_sd_rad", _F),
+        ("k_per_s2", _F),
+        ("k_sd_per_s2", _F),
+        ("energy_ratio", _F),
+        ("residual_rms_rad", _F),
+    ]
+)
+_AXIS = pa.struct(
+    [("axis", _S), ("i_edge_kg_m2", _F), ("i_edge_sd_kg_m2", _F), ("i_com_kg_m2", _F), ("i_com_sd_kg_m2", _F)]
+)
+_REGION = pa.struct([("name", _S), ("mass_kg", _F), ("sd_kg", _F), ("low_kg", _F), ("high_kg", _F)])
+_WARNING = pa.struct([("code", _S), ("text", _S)])
+TENSOR_NAMES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+TENSOR_INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+SCHEMA = pa.schema(
+    [
+        ("url", _S),
+        ("files", pa.list_(_S)),
+        ("size_bytes", _I),
+        ("source_id", _S),
+        ("status", _S),
+        ("failure", _S),
+        ("reason", _S),
+        ("key", _S),
+        ("content_id", _S),
+        ("analysis_version", _S),
+        ("settings", _S),
+        ("recording_id", _S),
+        ("created", _S),
+        ("object", _S),
+        ("object_sha256", _S),
+        ("plan_sha256", _S),
+        ("recorded_by", _S),
+        ("estimated_by", _S),
+        ("time_source", _S),
+        ("camera", _S),
+        ("frames_lost", _I),
+        ("strikes_recorded", _I),
+        ("strikes_used", _I),
+        ("axes_used", _I),
+        ("mass_kg", _F),
+        *((f"com_{axis}_m", _F) for axis in "xyz"),
+        *((f"com_sd_{axis}_m", _F) for axis in "xyz"),
+        ("com_observed", _B),
+        *((f"{name}_kg_m2", _F) for name in TENSOR_NAMES),
+        *((f"{name}_sd_kg_m2", _F) for name in TENSOR_NAMES),
+        *((f"{name}_measured", _B) for name in TENSOR_NAMES),
+        ("regions_explained", _B),
+        ("regions", pa.list_(_REGION)),
+        ("moments", pa.list_(_AXIS)),
+        ("strikes", pa.list_(_STRIKE)),
+        ("verdict", pa.list_(_S)),
+        ("warnings", pa.list_(_WARNING)),
+        ("result_json", _S),
+        ("seconds", _F),
+        ("peak_memory_bytes", _I),
+        ("analysed_at", _S),
+    ]
+)
+"""columns of a recording's row, in SI units and radians.
+
+The tensor about the centre of mass, both in the frame O
+"""
+STAMPS = ("seconds", "peak_memory_bytes", "analysed_at", "estimated_by", "result_json")
+"""columns that may differ between two analyses of the same recording.
+
+`result_json` names the program's commit
+"""
+
+
+def answer_columns(answer: Answer) -> dict[str, Any]:
+    """Columns that a recording's estimate fills in."""
+    evidence, result = answer.estimate.evidence, answer.result
+    manifest = evidence.manifest
+    centre, tensor = _numbers(result.centre_of_mass.value), result.inertia
+    values, spread = _matrix(tensor.value), _matrix(tensor.sd)
+    measured = result.inertia_measured or [[None] * 3] * 3
+    return {
+        "files": list(evidence.recordings[0].files),
+        "content_id": evidence.recordings[0].content_id,
+        "recording_id": manifest.recording_id,
+        "created": manifest.created,
+        "object": evidence.spec.name,
+        "object_sha256": evidence.object_sha256,
+        "plan_sha256": manifest.plan_sha256,
+        "recorded_by": manifest.software,
+        "estimated_by": result.inputs.software,
+        "time_source": manifest.time_source.value,
+        "camera": f"{manifest.cameras[0].vendor} {manifest.cameras[0].model}".strip(),
+        "frames_lost": sum(evidence.frames_lost.values()),
+        "strikes_recorded": len(result.strikes),
+        "strikes_used": sum(strike.used for strike in result.strikes),
+        "axes_used": len({plane.axis_id for plane in answer.estimate.planes}),
+        "mass_kg": _one(result.mass.value),
+        **{f"com_{axis}_m": value for axis, value in zip("xyz", centre, strict=True)},
+        **{
+            f"com_sd_{axis}_m": value
+            for axis, value in zip("xyz", _numbers(result.centre_of_mass.sd), strict=True)
+        },
+        "com_observed": result.centre_of_mass.observed,
+        **{f"{name}_kg_m2": values[i][j] for name, (i, j) in zip(TENSOR_NAMES, TENSOR_INDICES, strict=True)},
+        **{
+            f"{name}_sd_kg_m2": spread[i][j]
+            for name, (i, j) in zip(TENSOR_NAMES, TENSOR_INDICES, strict=True)
+        },
+        **{
+            f"{name}_measured": measured[i][j]
+            for name, (i, j) in zip(TENSOR_NAMES, TENSOR_INDICES, strict=True)
+        },
+        "regions_explained": None if result.regions is None else result.regions.explained,
+        "regions": _regions(result),
+        "moments": [
+            {
+                "axis": each.axis_id,
+                "i_edge_kg_m2": _one(each.i_edge.value),
+                "i_edge_sd_kg_m2": _one(each.i_edge.sd),
+                "i_com_kg_m2": _one(each.i_com.value),
+                "i_com_sd_kg_m2": _one(each.i_com.sd),
+            }
+            for each in result.moments
+        ],
+        "strikes": [
+            {
+                "id": each.id,
+                "plan_strike": each.plan_strike_id,
+                "axis": each.axis_id,
+                "verdict": each.verdict.value,
+                "used": each.used,
+                "reason": each.reason,
+                "phi_rad": _value(each.phi),
+                "phi_sd_rad": _sd(each.phi),
+                "k_per_s2": _value(each.k),
+                "k_sd_per_s2": _sd(each.k),
+                "energy_ratio": each.energy_ratio,
+                "residual_rms_rad": each.residual_rms_rad,
+            }
+            for each in result.strikes
+        ],
+        "verdict": list(result.verdict or []),
+        "warnings": [{"code": each.code.value, "text": each.text} for each in result.warnings],
+        "result_json": answer.json(),
+    }
+
+
+def write_row(row: Mapping[str, Any], path: Path) -> None:
+    """Write a table of one row; columns that it does not name are null.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    write_rows(pa.Table.from_pylist([dict(row)], schema=SCHEMA), path)
+
+
+def write_rows(rows: pa.Table, path: Path) -> None:
+    """Write rows into one file.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    buffer = BytesIO()
+    pq.write_table(rows, buffer, compression="zstd")
+    write_bytes(path, buffer.getvalue())
+
+
+def read_rows(paths: Sequence[Path]) -> pa.Table:
+    """Rows of all files as one table.
+
+    Raises:
+        ArchiveError: a file is damaged.
+    """
+    tables = [_read(path) for path in paths]
+    return pa.concat_tables(tables) if tables else SCHEMA.empty_table()
+
+
+def _read(path: Path) -> pa.Table:
+    try:
+        return pq.read_table(path, schema=SCHEMA)
+    except pa.ArrowException:
+        raise ArchiveError(
+            f"{path}: damaged: remove it, then run `analyze batch` again to make it anew"
+        ) from None
+
+
+def _regions(result: Result) -> list[dict[str, Any]]:
+    if result.regions is None:
+        return []
+    rows: list[dict[str, Any]] = []
+    for region in result.regions.regions:
+        low, high = _numbers(region.mass.interval95, 2)
+        rows.append(
+            {
+                "name": region.name,
+                "mass_kg": _one(region.mass.value),
+                "sd_kg": _one(region.mass.sd),
+                "low_kg": low,
+                "high_kg": high,
+            }
+        )
+    return rows
+
+
+def _value(quantity: Quantity | None) -> float | None:
+    return None if quantity is None else _one(quantity.value)
+
+
+def _sd(quantity: Quantity | None) -> float | None:
+    return None if quantity is None else _one(quantity.sd)
+
+
+def _one(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) and math.isfinite(value) else None
+
+
+def _numbers(value: object, count: int = 3) -> list[float | None]:
+    return [_one(each) for each in value] if isinstance(value, list) else [None] * count
+
+
+def _matrix(value: object) -> list[list[float | None]]:
+    """Rows of a 3 x 3 matrix, from three rows or from nine numbers row by row (a result's sd)."""
+    if not isinstance(value, list):
+        return [[None] * 3] * 3
+    return [
+        _numbers(row)
+        for row in (value if isinstance(value[0], list) else (value[0:3], value[3:6], value[6:9]))
+    ]

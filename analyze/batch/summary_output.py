@@ -1,0 +1,174 @@
+"""Summaries of an archive, printed or written as HTML, CSV or Parquet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, fields
+from io import BytesIO
+from itertools import groupby
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.csv as pc
+import pyarrow.parquet as pq
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from analyze.batch.query_output import plain_console
+from analyze.batch.summary import Repeated, Summary
+from analyze.errors import ArchiveError
+from analyze.report.page import page_environment
+from schemas.output_file import write_bytes, write_text
+
+SUFFIXES = (".html", ".csv", ".parquet")
+_TYPES = {"str": pa.string(), "int": pa.int64(), "float": pa.float64()}
+_REPEATED = [(each.name, _TYPES[str(each.type)]) for each in fields(Repeated)]
+_OBJECTS = [
+    ("object", pa.string()),
+    ("object_sha256", pa.string()),
+    *((name, pa.int64()) for name in ("sessions", "strikes", "used", "stated_times")),
+]
+_FAILURES = [("failure", pa.string()), ("recordings", pa.int64()), ("example", pa.string())]
+
+
+MAX_SHOWN = 20
+"""lines printed of quantities that stand out; files contain all"""
+
+
+def render_summary(summary: Summary) -> None:
+    """Print the summary."""
+    console = plain_console()
+    if summary.standing_out:
+        _print_standing_out(console, summary)
+    objects = Table(title="Objects", title_justify="left")
+    for heading in ("object", "", "sessions", "strikes", "used", "stated times"):
+        objects.add_column(heading, justify="left" if heading in {"object", ""} else "right")
+    for name, sha256, sessions, strikes, used, stated in summary.objects:
+        objects.add_row(name, sha256[:8], str(sessions), str(strikes), str(used), str(stated or ""))
+    console.print(objects)
+    for name, sha256, sessions, _, _, stated in summary.objects:
+        if 0 < stated < sessions:
+            console.print(
+                f"{name} ({sha256[:8]}): in {stated} of {sessions} sessions the frame times come from no "
+                "rig's clock (time_source)"
+            )
+    if summary.repeated:
+        console.print("\nRepeatability from session to session (n sessions; scatter and stated: 1 sd)")
+    for (name, sha256), rows in groupby(summary.repeated, key=lambda each: (each.object, each.object_sha256)):
+        repeated = Table(
+            title=f"{name} ({sha256[:8]})",
+            title_justify="left",
+            box=SIMPLE_HEAD,
+            show_edge=False,
+            padding=(0, 1, 0, 0),
+        )
+        for heading in ("quantity", "n", "mean", "scatter", "stated", "chi²/dof", "drift/day"):
+            repeated.add_column(heading, justify="left" if heading == "quantity" else "right", no_wrap=True)
+        for each in rows:
+            *others, drift = cells(each)
+            repeated.add_row(each.quantity, str(each.sessions), *others, drift.removesuffix(f" {each.unit}"))
+        console.print(repeated)
+        console.print()
+    _print_failures(console, summary)
+
+
+def _print_standing_out(console: Console, summary: Summary) -> None:
+    table = Table(
+        title="What stands out",
+        title_justify="left",
+        box=SIMPLE_HEAD,
+        show_edge=False,
+        padding=(0, 1, 0, 0),
+        width=78,
+    )
+    for heading in ("object", "quantity", ""):
+        table.add_column(heading, overflow="fold")
+    for each in summary.standing_out[:MAX_SHOWN]:
+        table.add_row(f"{each.object} ({each.object_sha256[:8]})", each.quantity, stands_out_text(each))
+    console.print(table)
+    if len(summary.standing_out) > MAX_SHOWN:
+        console.print(f"... and {len(summary.standing_out) - MAX_SHOWN} more: --save summary.html shows all")
+    console.print()
+
+
+def _print_failures(console: Console, summary: Summary) -> None:
+    """Print the recordings without a result, by kind of failure."""
+    if not summary.failures:
+        console.print(f"{summary.recordings} recordings, none failed")
+        return
+    table = Table(title="No result", title_justify="left")
+    table.add_column("why")
+    table.add_column("recordings", justify="right")
+    table.add_column("for example", overflow="fold")
+    for kind, many, example in summary.failures:
+        table.add_row(kind, str(many), example)
+    console.print(table)
+
+
+def cells(each: Repeated) -> tuple[str, str, str, str, str]:
+    """Mean, scatter, stated sd, chi-square and drift as text; – where there is none."""
+    digits = 3 if each.unit == "mm" else 1
+    drift = (
+        "–"
+        if math.isnan(each.drift)
+        else f"{each.drift:+.{digits}f} ± {each.drift_half:.{digits}f} {each.unit}"
+    )
+    return (
+        f"{each.mean:.{digits}f} {each.unit}",
+        _number(each.scatter, digits),
+        _number(each.stated, digits),
+        _number(each.chi_square, 1),
+        drift,
+    )
+
+
+def stands_out_text(each: Repeated) -> str:
+    """Text of why a quantity stands out, with its figures."""
+    _, scatter, stated, _, drift = cells(each)
+    drifts = f" by {drift} a day" if each.stands_out.endswith("drifts") else ""
+    return (
+        f"{each.stands_out}{drifts} (scatter {scatter}, stated {stated} {each.unit}, "
+        f"{each.sessions} sessions)"
+    )
+
+
+def save_summary(summary: Summary, path: Path) -> list[Path]:
+    """Write the summary in the format of the path's suffix, and return the paths written.
+
+    As CSV or Parquet, the tables of objects and failures go beside that of repeatability, named after it.
+
+    Raises:
+        ArchiveError: the suffix is unknown.
+        OutputError: a file cannot be written.
+    """
+    if path.suffix not in SUFFIXES:
+        raise ArchiveError(f"{path}: unknown file type {path.suffix!r}: use {', '.join(SUFFIXES)}")
+    if path.suffix == ".html":
+        write_text(
+            path,
+            page_environment()
+            .get_template("archive.html")
+            .render(found=summary, cells=cells, stands_out_text=stands_out_text),
+        )
+        return [path]
+    written: list[Path] = []
+    for name, columns, rows in (
+        ("", _REPEATED, [asdict(each) for each in summary.repeated]),
+        ("-objects", _OBJECTS, [dict(zip(dict(_OBJECTS), row, strict=True)) for row in summary.objects]),
+        ("-failures", _FAILURES, [dict(zip(dict(_FAILURES), row, strict=True)) for row in summary.failures]),
+    ):
+        # An empty table is written too, so that an earlier summary's file is not mistaken for this one's.
+        place = path.with_name(f"{path.stem}{name}{path.suffix}")
+        table, buffer = pa.Table.from_pylist(rows, pa.schema(columns)), BytesIO()
+        if path.suffix == ".csv":
+            pc.write_csv(table, buffer)
+        else:
+            pq.write_table(table, buffer)
+        write_bytes(place, buffer.getvalue())
+        written.append(place)
+    return written
+
+
+def _number(value: float, digits: int) -> str:
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"

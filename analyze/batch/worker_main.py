@@ -1,0 +1,54 @@
+"""Main program of a worker process: requests on standard input, answers on standard output, a line each.
+
+A separate process can be stopped and limited in memory whatever a file makes it do. It ends when its parent
+does. The lines are JSON, not pickles, so that a worker compromised by a file cannot compromise its parent.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import threading
+import time
+from pathlib import Path
+
+import cv2
+
+from analyze.batch.analysis import analyse
+from analyze.batch.worker_messages import Request
+from analyze.errors import AnalyzeError
+from schemas.output_file import OutputError
+
+PARENT_CHECK_INTERVAL_S = 0.5
+
+
+def main() -> None:
+    """Serve requests: `python -m analyze.batch.worker_main SCRATCH MEMORY_LIMIT_BYTES PARENT_PID`."""
+    scratch, limit, parent = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+    # Standard output is for answers alone: what libraries print goes to standard error.
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    threading.Thread(target=_exit_with, args=(parent,), daemon=True).start()
+    cv2.setNumThreads(1)
+    if limit:
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    for line in sys.stdin:
+        try:
+            answer = analyse(Request.from_fields(json.loads(line)), scratch).json()
+        except (AnalyzeError, OutputError) as error:
+            answer = {"error": str(error)}
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+
+
+def _exit_with(parent: int) -> None:
+    """End this process as soon as its parent has ended."""
+    while os.getppid() == parent:
+        time.sleep(PARENT_CHECK_INTERVAL_S)
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,217 @@
+"""Comparison of repeated sessions of one object: each session's answer, agreement of all, outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import chdtrc
+
+from analyze.errors import EstimationError
+from analyze.estimation.agreement import Agreement, agreement
+from analyze.estimation.priors import ComPrior
+from analyze.pipeline.estimate import (
+    Estimate,
+    EstimateOptions,
+    equiplanes,
+    estimate_evidence,
+    systematic_errors,
+)
+from analyze.pipeline.evidence import Evidence, read_evidence, read_head
+from analyze.pipeline.merge import (
+    by_start_time,
+    merge_evidence,
+    merged_axis_ids,
+    refuse_unmergeable,
+    resolve_exclusions,
+)
+from analyze.result.answer import Answer, answer_evidence
+from schemas.document import canonical_json
+
+if TYPE_CHECKING:
+    from analyze.pipeline.evidence import RecordingHead
+    from analyze.progress import Progress
+
+OUTLIER_CHANCE = 1e-3
+"""probability below which one of the sessions counts as an outlier"""
+
+
+@dataclass(frozen=True)
+class Session:
+    """Answer of one session, and its agreement with all others."""
+
+    head: RecordingHead
+    answer: Answer
+    """answer from this session alone; axis ids as in the joint estimate, strike ids as recorded"""
+    setup: int
+    """number of the set-up, from 0: rig, level and camera calibration"""
+    apart: Agreement
+    """agreement with all other sessions taken as one"""
+
+    @property
+    def chance(self) -> float:
+        """Probability of such a difference from all others, or a larger one, under one common centre of
+        mass."""
+        return chance_of(self.apart.chi_squared, 3)
+
+
+@dataclass(frozen=True)
+class SessionComparison:
+    """Two or more sessions of one object, by themselves and together."""
+
+    sessions: tuple[Session, ...]
+    """sessions by start time"""
+    together: Agreement
+    """agreement of all sessions"""
+    joint: Answer
+    """joint answer from all strikes"""
+
+    @property
+    def chance(self) -> float:
+        """Probability of sessions as far apart, or farther, under one common centre of mass."""
+        return chance_of(self.together.chi_squared, self.freedom)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the sessions' chi squared."""
+        return 3 * (len(self.sessions) - 1)
+
+    @property
+    def stands_out(self) -> int | None:
+        """Index of the session that differs from the others beyond chance; None if there is none, or only two
+        sessions."""
+        chances = [session.chance for session in self.sessions]
+        worst = int(np.argmin(chances))
+        return worst if len(chances) > 2 and chances[worst] < OUTLIER_CHANCE / len(chances) else None
+
+    @property
+    def may_join(self) -> bool:
+        """True if one centre of mass fits all sessions, so that their recordings may be merged."""
+        return self.together.holds
+
+
+def compare_recordings(
+    paths: Sequence[Path], options: EstimateOptions | None = None, progress: Progress | None = None
+) -> SessionComparison:
+    """Estimate each recording by itself and all together, and test their agreement.
+
+    Args:
+        paths: two or more recordings (MCAP) of one object.
+        options: choices of the user.
+        progress: called with (text, done, total) before each strike and each estimate.
+
+    Raises:
+        RecordingError: a file cannot be read.
+        JoinError: the recordings are not of one object, or one is named twice.
+        EstimationError: a session has too few good strikes for an answer of its own.
+    """
+    options = options or EstimateOptions()
+    heads = by_start_time([read_head(path) for path in paths])
+    refuse_unmergeable(heads, options.object_path is not None)
+    options = replace(options, exclude=resolve_exclusions(heads, options.exclude))
+    strikes = sum(len(head.strike_ids) for head in heads)
+    total, done = strikes + len(heads) + 1, 0
+
+    def report(text: str, more: int = 0) -> None:
+        if progress is not None:
+            progress(text, done + more, total)
+
+    read: list[Evidence] = []
+    for head in heads:
+        name = head.path.name
+        read.append(
+            read_evidence(
+                head, options.object_path, lambda text, of, _, name=name: report(f"{name}, {text}", of)
+            )
+        )
+        done += len(head.strike_ids)
+    return compare_evidence(read, options, lambda text, of, _: report(text, of))
+
+
+def compare_evidence(
+    read: Sequence[Evidence], options: EstimateOptions | None = None, progress: Progress | None = None
+) -> SessionComparison:
+    """Compare sessions from fitted motions; `options.exclude` holds merged strike ids (`2:s3.1`).
+
+    Raises:
+        JoinError: the recordings are not of one object.
+        EstimationError: a session has too few good strikes for an answer of its own.
+    """
+    options = options or EstimateOptions()
+    evidence = merge_evidence(read)
+    ordered = [
+        next(each for each in read if each.recordings[0].content_id == head.content_id)
+        for head in evidence.recordings
+    ]
+    steps = len(ordered) + 1
+    alone: list[Answer] = []
+    for number, (each, names) in enumerate(zip(ordered, merged_axis_ids(ordered), strict=True), 1):
+        head = each.recordings[0]
+        if progress is not None:
+            progress(f"{head.path.name}, its answer", number - 1, steps)
+        plan = each.plan.model_copy(
+            update={
+                "strikes": [
+                    strike.model_copy(update={"axis_id": names[strike.axis_id]})
+                    for strike in each.plan.strikes
+                ]
+            }
+        )
+        own = frozenset(name.partition(":")[2] for name in options.exclude if name.startswith(f"{number}:"))
+        try:
+            alone.append(answer_evidence(replace(each, plan=plan), replace(options, exclude=own)))
+        except EstimationError as error:
+            raise EstimationError(
+                f"{head.path}: {error}: leave this recording out of the comparison"
+            ) from None
+    if progress is not None:
+        progress("all together", steps - 1, steps)
+    joint = estimate_evidence(evidence, options)
+    numbers = [evidence.recorded_in[plane.strike_id] for plane in joint.planes]
+    setups = _setups(evidence.recordings)
+    sessions = tuple(
+        Session(
+            each.recordings[0],
+            answer,
+            setups[i],
+            _separate_centres(joint, [int(number == i) for number in numbers]),
+        )
+        for i, (each, answer) in enumerate(zip(ordered, alone, strict=True))
+    )
+    return SessionComparison(sessions, _separate_centres(joint, numbers), Answer.from_estimate(joint))
+
+
+def chance_of(chi_squared: float, freedom: int) -> float:
+    """Probability of such a chi squared or a larger one with `freedom` degrees of freedom."""
+    return float(chdtrc(freedom, max(chi_squared, 0.0)))
+
+
+def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
+    """Gain in fit if each group of strikes (`numbers`, one per strike used) has a centre of mass of its
+    own."""
+    evidence = joint.evidence
+    motions = {motion.strike_id: motion for motion in evidence.motions}
+    planes = equiplanes(evidence, [motions[plane.strike_id] for plane in joint.planes])
+    return agreement(
+        planes,
+        numbers,
+        joint.com_struck,
+        systematic_errors(evidence),
+        ComPrior.from_bounds(*evidence.model.bounds),
+    )
+
+
+def _setups(heads: Sequence[RecordingHead]) -> list[int]:
+    """Number of the set-up of each session, in order of appearance; equal rig name, level and calibration
+    make one set-up."""
+    found: list[tuple[str, ...]] = []
+    for head in heads:
+        manifest = head.manifest
+        level = "" if manifest.level is None else canonical_json(manifest.level)
+        cameras = [canonical_json(camera.calibration) for camera in manifest.cameras]
+        found.append((str(manifest.rig.get("name", "")), str(manifest.gravity_tilt_sd_rad), level, *cameras))
+    kinds = list(dict.fromkeys(found))
+    return [kinds.index(each) for each in found]

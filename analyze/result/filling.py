@@ -1,0 +1,67 @@
+"""A filling's level, mass and density as the result document holds them, with their warnings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from schemas.result import Filling, Quantity, ResultWarning, WarningCode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from analyze.estimation.fill_level import FillLevel, Marginal
+
+MAX_MISFIT = 2.5
+"""rms of the residuals over their sd, above which a filling does not explain the moments"""
+
+
+def filling_document(name: str, found: FillLevel) -> Filling:
+    """Filling as the result document holds it."""
+    return Filling(
+        name=name,
+        along=found.along.tolist(),
+        level=_quantity(found.level, "m", frame="O"),
+        filled_share=_quantity(found.filled, "1"),
+        mass=_quantity(found.mass, "kg"),
+        density=_quantity(found.density, "kg/m^3"),
+        shell=_quantity(found.shell_mass, "kg"),
+        shell_thickness=None if found.thickness is None else _quantity(found.thickness, "m"),
+        misfit=found.misfit,
+    )
+
+
+def filling_warnings(filling: Filling | None) -> Iterator[ResultWarning]:
+    """Warnings about a filling: its assumption, quantities that the moments leave open, a misfit."""
+    if filling is None:
+        return
+    text = f"{filling.name} is taken to turn with the object (powder that does not run; frozen, set or viscous): a free liquid sloshes"
+    yield ResultWarning(code=WarningCode.FILLING_ASSUMED_RIGID, text=f"{text}, and none of this holds for it")
+    if filling.misfit > MAX_MISFIT:
+        text = f"a shell and {filling.name} up to a level do not explain the moments ({filling.misfit:.1f} times their sd)"
+        yield ResultWarning(
+            code=WarningCode.FILLING_UNEXPLAINED, text=f"{text}: look at `along`; or there is more inside"
+        )
+    numbers = {
+        "level": filling.level,
+        "mass": filling.mass,
+        "density": filling.density,
+        "shell's mass": filling.shell,
+        "shell's thickness": filling.shell_thickness,
+    }
+    if open_ones := [name for name, number in numbers.items() if number is not None and not number.observed]:
+        text = f"of {filling.name} the moments leave open: {', '.join(open_ones)}"
+        yield ResultWarning(
+            code=WarningCode.REGIONS_UNCERTAIN,
+            text=f"{text}; its density (density_kg_m3), if it is known, would help",
+        )
+
+
+def _quantity(found: Marginal, unit: str, frame: str | None = None) -> Quantity:
+    return Quantity(
+        value=found.value,
+        sd=found.sd,
+        unit=unit,
+        interval95=list(found.interval),
+        observed=found.observed,
+        frame=frame,
+    )

@@ -1,0 +1,189 @@
+"""The table's tilt from images of plumb lines, as the rig file's level reading."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analyze.calibration.plumb import (
+    APART_PX,
+    DETERMINED,
+    PlumbedTable,
+    PlumbLine,
+    find_plumb_lines,
+    plumbed_table,
+    together,
+    upright,
+)
+from analyze.cameras.board_images import RECORDING, Image, read_images, resolve_inputs
+from analyze.cameras.rig_file import PLUMB_LINE, read_rig
+from analyze.errors import CalibrationError
+from analyze.pipeline.evidence import read_head
+from analyze.progress import Progress, no_progress
+from analyze.tracking.camera_model import camera_from_spec
+from analyze.types import Array, CameraModel
+from schemas.output_file import write_text
+from schemas.toml_table import with_table
+
+TABLE = "level"
+MAX_IMAGES = 60
+
+
+@dataclass(frozen=True)
+class GravityOptions:
+    """The user's choices."""
+
+    inputs: tuple[Path, ...]
+    rig: Path | None = None
+    """rig file; None for the recording's camera and level"""
+    camera_turn_sd: float = float(np.radians(0.1))
+    """standard deviation of T_world_camera's rotation about each axis of W [rad]"""
+
+
+@dataclass(frozen=True)
+class GravityAnswer:
+    """The table's tilt, and the strings that it was read from."""
+
+    table: PlumbedTable
+    lines: tuple[PlumbLine, ...]
+    """one line per string"""
+    seen_in: tuple[int, ...]
+    """number of images that show each string"""
+    looked_at: int
+    first: Image
+    camera: CameraModel
+    options: GravityOptions
+
+    @property
+    def places_px(self) -> list[float]:
+        """Column of each string at the middle of its visible length [ideal px]."""
+        return [float((line.bottom + line.top)[0] / 2) for line in self.lines]
+
+    def refuse_undetermined(self) -> None:
+        """Raise CalibrationError if the strings do not determine the tilt towards +x, which affects tips."""
+        if self.table.prior_sd == 0:
+            raise CalibrationError(
+                "gravity_tilt_sd_rad is 0: the table is stated to be exactly level, which no string can "
+                "change: state its uncertainty"
+            )
+        if not self.table.determined[0]:
+            x, before = np.degrees([self.table.sd[0], self.table.prior_sd])
+            camera = np.degrees(self.options.camera_turn_sd)
+            raise CalibrationError(
+                f"the strings do not determine the table's tilt towards +x: ±{x:.2f}°, from ±{before:.2f}° "
+                "before; "
+                f"{DETERMINED * before:.2f}° is needed: use a camera that looks along y, with a pose known "
+                "better than "
+                f"±{camera:.2f}° against the table (calibrate --table; then --camera-sd-deg)"
+            )
+
+
+def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> GravityAnswer:
+    """Find the strings, and the direction of gravity from them.
+
+    Raises:
+        CalibrationError: an image cannot be read or has another size, no camera is given, or no string is
+            seen.
+        RecordingError: a recording cannot be read.
+        DocumentError: the rig file cannot be used.
+    """
+    files = resolve_inputs(options.inputs)
+    camera, prior_sd = _camera(files, options)
+    seen: list[PlumbLine] = []
+    of_image: list[int] = []
+    slanted, looked_at = 0, 0
+    first: Image | None = None
+    for name, image in read_images(files, progress):
+        height, width = image.shape
+        if (width, height) != (camera.width, camera.height):
+            raise CalibrationError(
+                f"{name} has {width} x {height} px, the camera's calibration {camera.width} x "
+                f"{camera.height}: take it with the rig's "
+                "region, uncropped and unscaled"
+            )
+        if looked_at == MAX_IMAGES:
+            break
+        first = image if first is None else first
+        lines = find_plumb_lines(image, camera)
+        plumb = upright(lines, camera)
+        slanted += len(lines) - len(plumb)
+        seen += plumb
+        of_image += [looked_at] * len(plumb)
+        looked_at += 1
+    if first is None or not seen:
+        off = f" ({slanted} straight lines are more than 5° off W's vertical)" if slanted else ""
+        raise CalibrationError(
+            f"no plumb line is seen in {looked_at} image{'' if looked_at == 1 else 's'}{off}: hang a thin "
+            "string with a weight before a "
+            "uniform background, dark on bright or bright on dark, over half the image's height or more, "
+            "and wait until it is still"
+        )
+    groups = _same_string(seen)
+    lines = tuple(together([seen[i] for i in group]) for group in groups)
+    seen_in = tuple(len({of_image[i] for i in group}) for group in groups)
+    return GravityAnswer(
+        plumbed_table(lines, camera, prior_sd, options.camera_turn_sd),
+        lines,
+        seen_in,
+        looked_at,
+        first,
+        camera,
+        options,
+    )
+
+
+def _camera(files: Sequence[Path], options: GravityOptions) -> tuple[CameraModel, float]:
+    if options.rig is not None:
+        rig, place = read_rig(options.rig)
+        if place is None:
+            raise CalibrationError(
+                f"{options.rig}: has no camera pose (T_world_camera): measure it with analyze calibrate "
+                "--table IMAGE"
+            )
+        return camera_from_spec(rig.camera.calibration), rig.gravity_tilt_sd_rad
+    recording = next((path for path in files if path.suffix == RECORDING), None)
+    if recording is None:
+        raise CalibrationError(
+            "the images' camera is unknown: give --rig RIG.toml with its [camera.calibration]"
+        )
+    manifest = read_head(recording).manifest
+    return camera_from_spec(manifest.cameras[0].calibration), manifest.gravity_tilt_sd_rad
+
+
+def _same_string(lines: Sequence[PlumbLine]) -> list[list[int]]:
+    """Indices of the lines that show one string, grouped, from left to right in the image."""
+    middles: Array = np.array([(line.bottom + line.top)[0] / 2 for line in lines])
+    groups: list[list[int]] = []
+    for i in np.argsort(middles, kind="stable").tolist():
+        if groups and middles[i] - middles[groups[-1][-1]] < APART_PX:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    return groups
+
+
+def level_entries(answer: GravityAnswer) -> dict[str, str]:
+    """Entries of the rig file's [level] that are determined: TOML values by key."""
+    (x, y), (x_sd, y_sd) = answer.table.lean.tolist(), answer.table.sd.tolist()
+    entries = {"towards_x_rad": f"{x:.6f}", "towards_x_sd_rad": f"{x_sd:.6f}"}
+    if answer.table.determined[1]:
+        entries |= {"towards_y_rad": f"{y:.6f}", "towards_y_sd_rad": f"{y_sd:.6f}"}
+    return entries | {"read_by": f'"{PLUMB_LINE}"'}
+
+
+def write_level(answer: GravityAnswer, rig: Path) -> None:
+    """Write the reading into the rig file; every other line stays as it is.
+
+    Raises:
+        CalibrationError: the tilt is not determined, or the file has no plain table [level].
+        OutputError: the file cannot be written.
+    """
+    answer.refuse_undetermined()
+    text = with_table(rig.read_text(encoding="utf-8"), TABLE, level_entries(answer))
+    if text is None:
+        lines = "; ".join(f"{key} = {value}" for key, value in level_entries(answer).items())
+        raise CalibrationError(f"{rig}: has no plain table [{TABLE}] to write into: add by hand {lines}")
+    write_text(rig, text)

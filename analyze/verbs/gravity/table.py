@@ -1,0 +1,85 @@
+"""The table's tilt from plumb lines, as text and JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from analyze.estimation.intervals import SIGMAS_95
+from analyze.verbs.gravity.level import GravityAnswer, level_entries
+from schemas.document import SCHEMA_VERSION
+
+
+def gravity_text(answer: GravityAnswer) -> list[str]:
+    """Lines of text for the terminal."""
+    table = answer.table
+    lines: list[str] = []
+    for line, place, many in zip(answer.lines, answer.places_px, answer.seen_in, strict=True):
+        length = float(np.linalg.norm(line.top - line.bottom))
+        kind = "dark" if line.dark else "bright"
+        lines.append(
+            f"{kind} string at column {place:.0f}, {length:.0f} px long, in {many} of {answer.looked_at} "
+            "images"
+        )
+    for i, towards in enumerate(("+x, where objects tip", "+y, away from the camera")):
+        value, sd = np.degrees([table.lean[i], SIGMAS_95 * table.sd[i]])
+        text = (
+            f"{value:+.3f} ± {sd:.3f}° (95 % interval)"
+            if table.determined[i]
+            else f"not determined (± {sd:.2f}°)"
+        )
+        lines.append(f"the table rises towards {towards}: {text}")
+    if not table.determined[1]:
+        lines.append(
+            "note: strings far apart in the image would determine the second; tips, also turned by 180°, do "
+            "not depend on it"
+        )
+    sd = float(np.degrees(answer.options.camera_turn_sd))
+    lines.append(
+        f"note: the camera's rotation against the table is taken as known to {sd:.2g}° (1 sigma; "
+        "--camera-sd-deg), which the intervals include"
+    )
+    if table.unlikely:
+        shown, known = float(np.degrees(np.max(np.abs(table.shown)))), float(np.degrees(table.prior_sd))
+        lines.append(
+            f"doubt: the strings lean by {shown:.2f}°, the table is stated level to ±{known:.2f}° "
+            "(gravity_tilt_sd_rad), and the answer is "
+            "in between: level the table, state a larger uncertainty, or measure T_world_camera anew"
+        )
+    if table.scatter > 2:
+        lines.append(
+            f"doubt: the strings disagree by {table.scatter:.1f} times their noise: one was swinging or is "
+            "not a string: look at --picture"
+        )
+    return lines
+
+
+def gravity_json(answer: GravityAnswer) -> dict[str, Any]:
+    """The tilt and its strings as JSON values."""
+    table = answer.table
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "lean_rad": table.lean.tolist(),
+        "sd_rad": table.sd.tolist(),
+        "covariance_rad2": table.covariance.tolist(),
+        "determined": list(table.determined),
+        "prior_sd_rad": table.prior_sd,
+        "camera_turn_sd_rad": answer.options.camera_turn_sd,
+        "scatter": table.scatter,
+        "images": answer.looked_at,
+        "strings": [
+            {
+                "bottom_px": line.bottom.tolist(),
+                "top_px": line.top.tolist(),
+                "end_sd_px": line.end_sd,
+                "dark": line.dark,
+                "images": many,
+                "residual_rad": residual,
+            }
+            for line, many, residual in zip(
+                answer.lines, answer.seen_in, table.residual.tolist(), strict=True
+            )
+        ],
+        "level": level_entries(answer) if table.determined[0] else None,
+    }

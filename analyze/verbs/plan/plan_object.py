@@ -1,0 +1,163 @@
+"""A plan from the object file, the rig file and results so far.
+
+The planning itself is in `analyze.planning`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from analyze.errors import PlanError
+from analyze.estimation.cells import cells_from_voxels, shell_thickness
+from analyze.geometry.object_model import ObjectModel, load_object_model
+from analyze.geometry.voxels import voxelise
+from analyze.planning import view
+from analyze.planning.examine import Bench
+from analyze.planning.fillings import Pieces
+from analyze.planning.given import Given
+from analyze.planning.impact import StrikerModel
+from analyze.planning.information import Errors
+from analyze.planning.paper_strikes import paper_strike_plan
+from analyze.planning.plan import Request, finish, prepare
+from analyze.planning.striker_taught import taught
+from analyze.progress import Progress, no_progress
+from analyze.reading.object_file import ObjectFiles, read_object_files
+from analyze.types import CameraModel
+from analyze.verbs.plan.rig import PlannedRig, planned_rig, rig_from_text
+from schemas.object_spec import ObjectSpec
+from schemas.output_file import write_text
+from schemas.session_manifest import RIG_ATTACHMENT
+from schemas.strike_plan import PlanMethod, StrikePlan
+
+CELLS = 800
+"""number of voxels for the prediction of region masses"""
+STRIKES = 9
+"""default number of strikes"""
+MOST_STRIKES = 200
+STEPS = 7
+"""steps of the progress bar; the last draws the cards"""
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """The user's choices beside the object."""
+
+    rig_path: Path | None = None
+    strikes: int = STRIKES
+    target_com_mm: float | None = None
+    given: tuple[Path, ...] = ()
+    """recordings and results of strikes already made"""
+    method: PlanMethod = PlanMethod.OURS
+    gravity: bool = False
+    """one additional strike, turned by 180 degrees, to determine the table's tilt"""
+    most_axes: int | None = None
+    """largest number of different axes; None for no limit"""
+
+
+@dataclass(frozen=True)
+class PlannedObject:
+    """A plan with the object and camera that it was made for."""
+
+    plan: StrikePlan
+    model: ObjectModel
+    spec: ObjectSpec
+    camera: CameraModel
+
+
+def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no_progress) -> PlannedObject:
+    """Plan the strikes for an object file.
+
+    Raises:
+        DocumentError, ShapeError: the object file or its shape cannot be used.
+        RecordingError, JoinError, EstimationError: the recordings given cannot be used.
+        PlanError: the rig file or a result cannot be used, or no set of strikes determines the centre of
+            mass. Its notes
+            (`__notes__`) are the warnings about the shape.
+    """
+    progress("reading the files", 0, STEPS)
+    rig, notes = _rig_of(options)
+    files = read_object_files(object_path)
+    progress("reading the shape", 1, STEPS)
+    model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
+    view.refuse_off_surface(model, files.spec)
+    given, bench = None, rig.bench
+    if options.given:
+        from analyze.result.given_results import read_given
+
+        progress("reading the results so far", 2, STEPS)
+        so_far = read_given(options.given, files.sha256, files.spec.mass_kg, rig.config)
+        given = so_far.given
+        if so_far.touches:
+            bench = replace(bench, striker=taught(bench.striker, so_far.touches))
+            notes.append(_note_on_striker(bench.striker, len(so_far.touches)))
+    try:
+        plan = _plan_of(files, model, bench, rig.errors, given, options, progress)
+    except PlanError as error:
+        for note in model.warnings:
+            error.add_note(note)
+        raise
+    return PlannedObject(
+        plan.model_copy(update={"warnings": [*plan.warnings, *notes]}), model, files.spec, bench.camera
+    )
+
+
+def _plan_of(
+    files: ObjectFiles,
+    model: ObjectModel,
+    bench: Bench,
+    errors: Errors,
+    given: Given | None,
+    options: PlanOptions,
+    progress: Progress,
+) -> StrikePlan:
+    progress("examining the axes", 3, STEPS)
+    prepared = prepare(model, files.spec, bench, errors, given)
+    if options.method is PlanMethod.PAPER:
+        return paper_strike_plan(prepared, files.sha256, options.strikes)
+    progress("dividing the body into voxels", 4, STEPS)
+    cells = _pieces(model, shell_thickness(files.spec, model))
+    progress("choosing the strikes", 5, STEPS)
+    target = None if options.target_com_mm is None else options.target_com_mm / 1000
+    return finish(
+        prepared, files.sha256, Request(options.strikes, target, options.gravity, options.most_axes), cells
+    )
+
+
+def _rig_of(options: PlanOptions) -> tuple[PlannedRig, list[str]]:
+    """The rig of the rig file, else of the latest recording (which is noted), else the nominal rig."""
+    from analyze.result.given_results import RECORDING_SUFFIX
+
+    recordings = [path for path in options.given if path.suffix == RECORDING_SUFFIX]
+    if options.rig_path is None and recordings:
+        from analyze.pipeline.evidence import read_head  # slow to import, and only such plans need it
+        from analyze.pipeline.merge import by_start_time
+
+        latest = by_start_time([read_head(path) for path in recordings])[-1]
+        if latest.rig_toml is not None:
+            note = f"planned for the rig of {latest.path}: for another rig give its file with --rig"
+            return rig_from_text(latest.rig_toml, f"{latest.path}: {RIG_ATTACHMENT}"), [note]
+    return planned_rig(options.rig_path), []
+
+
+def _pieces(model: ObjectModel, wall: float) -> Pieces:
+    cells = cells_from_voxels(voxelise(model, (model.volume / CELLS) ** (1 / 3), wall))
+    return Pieces(cells.points, cells.shell, cells.interior, cells.own_inertia, cells.pitch)
+
+
+def write_plan(plan: StrikePlan, path: Path) -> None:
+    """Write the plan as JSON, complete or not at all.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    write_text(path, plan.model_dump_json(indent=1) + "\n")
+
+
+def _note_on_striker(striker: StrikerModel, strikes: int) -> str:
+    many = "1 strike" if strikes == 1 else f"{strikes} strikes"
+    mass, mass_sd = 1000 * striker.effective_mass_kg, 1000 * striker.effective_mass_sd_kg
+    return (
+        f"speeds are for the striker as estimated from {many}: effective mass {mass:.0f} ± {mass_sd:.0f} g, "
+        f"restitution {striker.restitution:.2f} ± {striker.restitution_sd:.2f}"
+    )

@@ -1,0 +1,114 @@
+"""The rig that a plan is made for.
+
+Camera, striker, friction and gravity of a rig file, or the nominal ones.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analyze.errors import PlanError
+from analyze.planning import view
+from analyze.planning.examine import Bench
+from analyze.planning.impact import StrikerModel
+from analyze.planning.information import Errors
+from analyze.planning.plan import FRICTION
+from analyze.types import CameraModel
+from schemas.document import DocumentError, validate
+from schemas.rig import RigConfig, StrikerConfig
+
+
+@dataclass(frozen=True)
+class PlannedRig:
+    """The rig that a plan is made for."""
+
+    bench: Bench
+    errors: Errors
+    config: RigConfig | None = None
+    """content of the rig file; None for the nominal rig"""
+
+
+def planned_rig(path: Path | None) -> PlannedRig:
+    """The rig of a rig file; without one, the nominal rig.
+
+    Raises:
+        PlanError: the file cannot be read, or see `rig_from_text`.
+    """
+    if path is None:
+        return PlannedRig(Bench(StrikerModel(), view.default_camera(), FRICTION), Errors())
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise PlanError(f"{path}: no such rig file: check the path") from None
+    except OSError as error:
+        raise PlanError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise PlanError(f"{path}: not valid TOML: {error}") from None
+    return rig_from_text(text, str(path))
+
+
+def rig_from_text(text: str, name: str) -> PlannedRig:
+    """The rig from the text of a rig file, which must be valid for `acquire` too.
+
+    Only the camera's address may be missing: planning uses no device.
+
+    Args:
+        text: content of the rig file.
+        name: of the file, for messages.
+
+    Raises:
+        PlanError: `acquire` would refuse it, or its striker has no possible speed.
+    """
+    try:
+        data: dict[str, Any] = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # not TOML, nested too deep
+        raise PlanError(f"{name}: not valid TOML: {error}") from None
+    camera = data.get("camera")
+    if isinstance(camera, dict):
+        camera.setdefault("address", "none")
+    try:
+        rig = validate(RigConfig, data, name)
+    except DocumentError as error:
+        raise PlanError(str(error)) from None
+    striker = striker_model(rig.striker)
+    if striker.slowest_m_s > striker.fastest_m_s:
+        raise PlanError(
+            f"{name}: its striker can swing at no speed: its least is {striker.slowest_m_s:.3g} m/s, but "
+            "velocity_limit_rad_s and "
+            f"cocked_angle_rad limit it to {striker.fastest_m_s:.3g} m/s: raise them"
+        )
+    seen = rig.camera.calibration
+    lens = CameraModel(
+        seen.width,
+        seen.height,
+        np.array(seen.K),
+        np.array(seen.distortion),
+        np.array(seen.T_world_camera),
+        seen.model,
+    )
+    tilt = rig.gravity_tilt_sd_rad if rig.level is None else rig.level.towards_x_sd_rad
+    errors = Errors(tilt=max(tilt, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
+    return PlannedRig(
+        Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors, rig
+    )
+
+
+def striker_model(striker: StrikerConfig) -> StrikerModel:
+    """The planner's model of a rig file's striker; an sd of 0 is raised to a small value."""
+    speeds = striker.tip_speeds()
+    lowest, highest = striker.reach_m
+    return StrikerModel(
+        effective_mass_kg=striker.effective_mass_kg,
+        restitution=striker.restitution,
+        effective_mass_sd_kg=max(striker.effective_mass_sd_kg, 1e-4),
+        restitution_sd=max(striker.restitution_sd, 1e-3),
+        slowest_m_s=speeds.slowest_m_s,
+        fastest_m_s=speeds.fastest_m_s,
+        lowest_m=lowest,
+        highest_m=highest,
+    )

@@ -1,0 +1,127 @@
+"""`analyze report`: the estimate, or a comparison of sessions, as one HTML page with its tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from analyze.verbs.estimate_files import compare_files, estimate_files
+from analyze.verbs.options import files_argument, one_line, with_estimate_options
+
+if TYPE_CHECKING:
+    from analyze.report.csv_table import CsvTable
+
+
+@click.command()
+@files_argument
+@with_estimate_options
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    help="The page to write; default: FILE with .html; required for several files.",
+)
+@click.option(
+    "--compare",
+    is_flag=True,
+    help="Compare repeated sessions of one object: how well they repeat, and whether they agree.",
+)
+@click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="Print the page's content as JSON; the page itself is written only with -o.",
+)
+@click.option(
+    "--csv",
+    "csv_folder",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    help="Also write the page's tables as CSV files into FOLDER.",
+)
+@one_line
+def report(
+    files: Sequence[Path],
+    object_file: Path | None,
+    exclude: tuple[str, ...],
+    output: Path | None,
+    compare: bool,
+    as_json: bool,
+    csv_folder: Path | None,
+) -> None:
+    """Write one HTML page with the answer, its reasons and plots.
+
+    Several recordings give one answer together, or with --compare one answer each.
+    """
+    from analyze.reading.file_series import find_series_files
+    from analyze.report.csv_table import make_folder, write_tables
+    from schemas.output_file import refuse_unwritable
+
+    output = _page_path(files, output, compare, as_json)
+    if output is not None:
+        refuse_unwritable(output, *(part for file in files for part in find_series_files(file).files))
+    if csv_folder is not None:
+        make_folder(csv_folder)
+    page = _comparison(files, object_file, exclude) if compare else _answer(files, object_file, exclude)
+    if output is not None:
+        page.write(output)
+        click.echo(f"report: {output}", err=as_json)
+    if csv_folder is not None:
+        tables = page.tables()
+        write_tables(tables, csv_folder)
+        click.echo(f"tables: {csv_folder}: {', '.join(table.name for table in tables)}", err=as_json)
+    if as_json:
+        click.echo(page.json())
+
+
+def _page_path(files: Sequence[Path], output: Path | None, compare: bool, as_json: bool) -> Path | None:
+    """Path of the page to write; None if only JSON is printed."""
+    if compare and len(files) < 2:
+        raise click.UsageError(
+            "--compare needs two recordings or more: name them all, as in --compare a.mcap b.mcap -o "
+            "compared.html"
+        )
+    if output is None and not as_json:
+        if len(files) > 1:
+            raise click.UsageError("several recordings make one report: name it with -o, as in -o joint.html")
+        return files[0].with_suffix(".html")
+    return output
+
+
+@dataclass(frozen=True)
+class _Page:
+    """Ways to write one report."""
+
+    write: Callable[[Path], None]
+    tables: Callable[[], list[CsvTable]]
+    json: Callable[[], str]
+
+
+def _answer(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
+    from analyze.report.report import verdict_in_words, write_report
+    from analyze.report.report_document import report_json
+    from analyze.report.report_tables import report_tables
+    from analyze.result.score import score_if_virtual
+
+    answer = estimate_files(files, object_file, exclude)
+    score = score_if_virtual(files, answer)
+    return _Page(
+        lambda output: write_report(answer, output, score),
+        lambda: report_tables(answer),
+        lambda: report_json(answer, verdict_in_words(answer), score),
+    )
+
+
+def _comparison(files: Sequence[Path], object_file: Path | None, exclude: tuple[str, ...]) -> _Page:
+    from analyze.report.comparison_page import comparison_json, comparison_tables, write_comparison
+
+    found = compare_files(files, object_file, exclude)
+    return _Page(
+        lambda output: write_comparison(found, output),
+        lambda: comparison_tables(found),
+        lambda: comparison_json(found),
+    )

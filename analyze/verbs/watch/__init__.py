@@ -1,0 +1,1 @@
+"""`analyze watch`: a recording followed while it grows."""

@@ -1,0 +1,207 @@
+"""`analyze watch`: follow a growing recording, report what is in view, and judge strikes.
+
+Requests, events and verdicts are JSON lines. It runs as a child of the daemon on a core that it shares with
+the capture: it is single-threaded, looks at twelve images a second at most, and decodes no others. Images of
+a strike are kept as references until the strike is judged.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Protocol
+
+import cv2
+
+from analyze.pipeline.sections import MeshSections
+from analyze.reading.followed_series import FollowedSeries
+from analyze.tracking.camera_model import camera_from_spec
+from analyze.verbs.watch.observer import Observer, markers_of
+from schemas import topics
+from schemas.document import DocumentError, canonical_json, validate
+from schemas.result import Verdict
+from schemas.watch_lines import JudgeRequest, StrikeVerdict, WatchEvent
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from typing import TextIO
+
+    from analyze.reading.indexed_file import RecordedMessage
+
+FRESH_NS = 1_000_000_000
+"""age before the newest image up to which an image is looked at.
+
+A watcher that starts late or lags skips the rest
+"""
+POLL_INTERVAL_S = 0.04
+MAX_WAIT_FOR_IMAGES_S = 3.0
+"""time after which a strike is judged even if the end of its window is not in the file"""
+
+
+class WatchClock(Protocol):
+    """Clock that `watch_recording` uses."""
+
+    def monotonic(self) -> float:
+        """Monotonic time [s]."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Wait."""
+        ...
+
+
+class SystemWatchClock:
+    """The machine's clock."""
+
+    def monotonic(self) -> float:
+        """Monotonic time [s]."""
+        return time.monotonic()
+
+    def sleep(self, seconds: float) -> None:
+        """Wait."""
+        time.sleep(seconds)
+
+
+def _read_lines(stream: TextIO, lines: queue.SimpleQueue[str | None]) -> None:
+    try:
+        for line in stream:
+            lines.put(line)
+    except (OSError, ValueError):
+        pass  # the stream was closed, which ends it as well
+    lines.put(None)
+
+
+def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock | None = None) -> None:
+    """Follow a recording, and the files that continue it, until `stdin` ends.
+
+    Images recorded before the start are not looked at.
+
+    Args:
+        path: the growing recording; it may not exist yet.
+        stdin: JudgeRequest lines.
+        stdout: WatchEvent and StrikeVerdict lines.
+        clock: for pauses and timeouts; the machine's by default.
+
+    Raises:
+        RecordingError: the file is no recording, or did not appear while `stdin` was open.
+    """
+    clock = clock or SystemWatchClock()
+    cv2.setNumThreads(1)
+    lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+    reader = threading.Thread(target=_read_lines, args=(stdin, lines), name="watch-stdin", daemon=True)
+    reader.start()
+    recording = FollowedSeries(path)
+    try:
+        _Watcher(recording, lines, stdout, clock).run()
+    finally:
+        recording.close()
+
+
+class _ReaderGoneError(Exception):
+    """Nobody reads the output any more."""
+
+
+class _Watcher:
+    """One recording while it is followed."""
+
+    def __init__(
+        self,
+        recording: FollowedSeries,
+        lines: queue.SimpleQueue[str | None],
+        stdout: TextIO,
+        clock: WatchClock,
+    ) -> None:
+        self._recording = recording
+        self._lines = lines
+        self._stdout = stdout
+        self._clock = clock
+        self._observer: Observer | None = None
+        self._image_topic = ""
+        self._expected_strike = ""
+        self._pending: deque[tuple[float, JudgeRequest]] = deque()
+        """requests with the time until which they may wait for images"""
+
+    def run(self) -> None:
+        """Follow the recording until the requests end or nobody reads the output."""
+        try:
+            while True:
+                ended = self._take_requests()
+                messages = self._recording.poll()
+                if self._observer is None:
+                    self._observer = self._make_observer()
+                self._observe([message for message in messages if message.topic == self._image_topic])
+                self._judge(ended)
+                if ended:
+                    self._recording.refuse_missing()
+                    return
+                self._clock.sleep(POLL_INTERVAL_S)
+        except _ReaderGoneError:
+            return
+
+    def _take_requests(self) -> bool:
+        """Take the lines that have arrived; True if no more will come."""
+        while not self._lines.empty():
+            line = self._lines.get()
+            if line is None:
+                return True
+            try:
+                request = validate(JudgeRequest, json.loads(line), "standard input")
+            except (DocumentError, ValueError, RecursionError):
+                continue  # a line for somebody else
+            if request.kind == "expect":
+                self._expected_strike = request.plan_strike_id
+                if self._observer is not None:
+                    self._observer.expect(self._expected_strike)
+            else:
+                self._pending.append((self._clock.monotonic() + MAX_WAIT_FOR_IMAGES_S, request))
+        return False
+
+    def _make_observer(self) -> Observer | None:
+        """Observer of this recording; None until its manifest and plan have been read."""
+        recording = self._recording
+        if recording.manifest is None or (plan := recording.plan) is None:
+            return None
+        camera = recording.manifest.cameras[0]
+        self._image_topic = topics.raw_image(camera.name).name
+        spec = recording.manifest.object
+        sections = MeshSections(spec, lambda: recording.shape_bytes)
+        lens = camera_from_spec(camera.calibration)
+        observer = Observer(lens, markers_of(spec), plan, recording.image, sections)
+        observer.expect(self._expected_strike)
+        return observer
+
+    def _observe(self, images: list[RecordedMessage]) -> None:
+        if self._observer is None or not images:
+            return
+        fresh_ns = images[-1].log_time_ns - FRESH_NS
+        for image in images:
+            if image.log_time_ns < fresh_ns:
+                self._observer.keep(image)
+            elif (event := self._observer.add(image)) is not None:
+                self._write(event)
+
+    def _judge(self, ended: bool) -> None:
+        """Judge the strikes whose windows are in the file, and those that have waited long enough."""
+        observer = self._observer
+        while self._pending:
+            deadline, request = self._pending[0]
+            complete = observer is not None and observer.newest_ns >= request.window_end_ns
+            if not complete and not ended and self._clock.monotonic() < deadline:
+                break
+            self._pending.popleft()
+            self._write(_no_images(request) if observer is None else observer.judge(request))
+
+    def _write(self, document: WatchEvent | StrikeVerdict) -> None:
+        try:
+            self._stdout.write(canonical_json(document) + "\n")
+            self._stdout.flush()
+        except (OSError, ValueError):
+            raise _ReaderGoneError from None
+
+
+def _no_images(request: JudgeRequest) -> StrikeVerdict:
+    reason = "the recording contains no images yet: is the capture running?"
+    return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=reason)

@@ -1,0 +1,206 @@
+"""The observer of a growing recording: markers in view, placement, rest, and verdicts on strikes."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from analyze.errors import AnalyzeError
+from analyze.geometry.station import turned_camera
+from analyze.motion.contact_time import contact_time
+from analyze.motion.scene import at_rest, check_placement, read_scene
+from analyze.motion.strike import StrikeTask, analyse_strike, verdict_of
+from analyze.pipeline.sections import MeshSections
+from analyze.tracking.camera_model import pixel_map
+from analyze.tracking.marker import families_of
+from analyze.tracking.track import track_markers
+from analyze.types import Marker
+from schemas.result import Verdict
+from schemas.tags import name_order
+from schemas.watch_lines import JudgeRequest, SeenMarker, StrikeVerdict, WatchEvent
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from typing import Any
+
+    from analyze.motion.scene import Scene
+    from analyze.types import CameraModel, ImageFrame
+    from schemas.object_spec import ObjectSpec
+    from schemas.strike_plan import PlannedStrike, StrikePlan
+
+LOOK_INTERVAL_NS = 83_000_000
+"""shortest time between two images that are decoded: at most twelve a second"""
+KEPT_NS = 12_000_000_000
+"""time for which images are kept for a verdict"""
+REST_BEFORE_NS = 600_000_000
+TIP_AFTER_NS = 1_800_000_000
+"""part of a strike's window that a verdict uses, around the contact.
+
+The slowest tip over the top takes about 1 s
+"""
+MOVED_PX = 3.0
+"""distance of a corner from its place at rest from which on the marker moves.
+
+Hands near the object move it less
+"""
+
+
+class StoredImage(Protocol):
+    """Image message as stored in the file."""
+
+    @property
+    def log_time_ns(self) -> int:
+        """Mid-exposure time [ns]."""
+        ...
+
+
+def markers_of(spec: ObjectSpec) -> list[Marker]:
+    """Markers of an object, as the trackers take them."""
+    return [
+        Marker(
+            m.name, m.size_m, None if m.T_object_marker is None else np.array(m.T_object_marker, dtype=float)
+        )
+        for m in spec.marker
+    ]
+
+
+class Observer:
+    """Observer of one recording's images; feed them in the order of their times.
+
+    Args:
+        camera: the camera's model.
+        markers: markers of the object.
+        plan: the planned strikes.
+        decode: decodes an image message; called only for images that are looked at.
+        sections: sections of the object's mesh; None without a shape.
+    """
+
+    def __init__(
+        self,
+        camera: CameraModel,
+        markers: list[Marker],
+        plan: StrikePlan,
+        decode: Callable[[Any], ImageFrame],
+        sections: MeshSections | None = None,
+    ) -> None:
+        self._camera = camera
+        self._decode = decode
+        self._sections = sections
+        self._markers = markers
+        self._by_id = {marker.id: marker for marker in markers}
+        self._families = families_of(self._by_id)
+        self._strikes: dict[str, PlannedStrike] = {strike.id: strike for strike in plan.strikes}
+        self._expected: PlannedStrike | None = None
+        self._scenes: deque[Scene] = deque(maxlen=12)
+        self._seen: deque[Scene] = deque()
+        """scenes of the images that are kept"""
+        self._images: deque[StoredImage] = deque()
+        self._last_look_ns = 0
+        pixel_map(camera)
+
+    @property
+    def newest_ns(self) -> int:
+        """Log time of the newest image [ns]; 0 before the first."""
+        return self._images[-1].log_time_ns if self._images else 0
+
+    def expect(self, plan_strike_id: str) -> None:
+        """Compare the placement with this planned strike from now on."""
+        self._expected = self._strikes.get(plan_strike_id)
+
+    def keep(self, image: StoredImage) -> None:
+        """Keep an image for verdicts without looking at it."""
+        self._images.append(image)
+        while image.log_time_ns - self._images[0].log_time_ns > KEPT_NS:
+            self._images.popleft()
+
+    def add(self, image: StoredImage) -> WatchEvent | None:
+        """Keep an image, and look at it if it is time; the event of that look, else None."""
+        self.keep(image)
+        if 0 <= image.log_time_ns - self._last_look_ns < LOOK_INTERVAL_NS:
+            return None
+        self._last_look_ns = image.log_time_ns
+        scene = read_scene(self._decode(image), self._camera, self._families)
+        self._scenes.append(scene)
+        self._seen.append(scene)
+        while scene.time_ns - self._seen[0].time_ns > KEPT_NS:
+            self._seen.popleft()
+        seen = [
+            SeenMarker(id=i, corners_px=np.round(corners, 2).tolist())
+            for i, corners in sorted(scene.corners.items(), key=lambda item: name_order(item[0]))
+        ]
+        still = at_rest(self._scenes)
+        error, text = None, ""
+        if self._expected is not None:
+            check = check_placement(
+                scene, self._by_id, turned_camera(self._camera, self._expected.heading_rad), self._expected
+            )
+            error, text = check.error, check.text
+        return WatchEvent(
+            time_ns=image.log_time_ns,
+            markers=seen,
+            at_rest=still,
+            saturated_fraction=scene.saturated_fraction,
+            placement_error_rad=error,
+            text=text,
+        )
+
+    def judge(self, request: JudgeRequest) -> StrikeVerdict:
+        """Verdict on a strike whose images are here; unreadable data give a verdict, not an exception."""
+        planned = self._strikes.get(request.plan_strike_id)
+        if planned is None:
+            known = ", ".join(self._strikes) or "none"
+            return StrikeVerdict(
+                strike_id=request.strike_id,
+                code=Verdict.UNREADABLE,
+                reason=f"the plan has no strike {request.plan_strike_id!r}: it has {known}",
+            )
+        try:
+            camera = turned_camera(self._camera, planned.heading_rad)
+            report = track_markers(self._window(request), camera, self._markers, planned.visible_markers)
+            section = None if self._sections is None else self._sections.of(planned)
+            landing_angle_rad = None if self._sections is None else self._sections.landing_angle_rad(planned)
+            task = StrikeTask(
+                request.strike_id,
+                planned,
+                request.contact_time_ns,
+                report.images_end_ns,
+                section,
+                landing_angle_rad,
+                report.unmarked_ns,
+            )
+            motion = analyse_strike(report.tracks, self._markers, camera, task)
+        except AnalyzeError as error:
+            return StrikeVerdict(strike_id=request.strike_id, code=Verdict.UNREADABLE, reason=str(error))
+        contact = contact_time(motion.fit) if motion.fit else None
+        timed = {"contact_time_ns": contact.time_ns, "contact_time_sd_ns": contact.sd_ns} if contact else {}
+        return verdict_of(motion).model_copy(update=timed)
+
+    def _judged_span(self, request: JudgeRequest) -> tuple[int, int]:
+        """Start and end [ns] of the images used: the rest before the contact, and the tip after it."""
+        start, end = request.window_start_ns, request.window_end_ns or self.newest_ns
+        contact = request.contact_time_ns or self._last_rest_ns(start, end)
+        if contact:
+            start, end = max(start, contact - REST_BEFORE_NS), min(end, contact + TIP_AFTER_NS)
+        return start, end
+
+    def _last_rest_ns(self, start: int, end: int) -> int:
+        """Time [ns] of the last look that saw a marker at its place of rest; 0 if none moved.
+
+        Locates a contact that the striker did not measure. A strike by hand may take seconds: following the
+        marker through all of its images would take longer than a verdict may.
+        """
+        rest: dict[int | str, Any] = {}
+        before = 0
+        for scene in self._seen:
+            if start <= scene.time_ns <= end:
+                for marker, corners in scene.corners.items():
+                    if np.abs(corners - rest.setdefault(marker, corners)).max() > MOVED_PX:
+                        return before
+                    before = scene.time_ns
+        return before
+
+    def _window(self, request: JudgeRequest) -> Iterator[ImageFrame]:
+        start, end = self._judged_span(request)
+        return (self._decode(image) for image in list(self._images) if start <= image.log_time_ns <= end)
