@@ -14,7 +14,7 @@ OBJECT ?= carton
 SEED ?= 1
 DEMO_FILE ?= recordings/demo-$(OBJECT)-$(SEED).mcap
 
-.PHONY: help setup demo test test-slow lint format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-checks bench-batch bench-import protos lock clean
+.PHONY: help setup demo test test-slow lint docs format coverage reproduce bench-sessions bench-faults bench-capture bench-clock soak-capture bench-energy bench-plan bench-plan-feasibility bench-plan-input bench-calibrate bench-striker bench-tags bench-motion bench-registration bench-rolling bench-tools bench-estimate bench-replay bench-checks bench-batch bench-import protos lock clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -46,7 +46,7 @@ $(VENV)/.ready: $(VENV)/.debian requirements.lock pyproject.toml
 
 setup: $(VENV)/.ready  ## Debian packages and the local environment
 
-demo: setup  ## a whole session on the virtual rig, and its answer beside the truth (OBJECT=carton|spray|juice|salt|parcel SEED=1)
+demo: setup  ## a whole session on the virtual rig, and its answer compared with ground truth (OBJECT=carton|spray|juice|salt|parcel SEED=1)
 	@$(BIN)/acquire demo --object $(OBJECT) --seed $(SEED) -o $(DEMO_FILE) --force || [ $$? = 3 ]  # 3: frames were lost; it said so
 	@$(BIN)/analyze estimate $(DEMO_FILE)
 	@$(BIN)/analyze score $(DEMO_FILE)
@@ -54,7 +54,7 @@ demo: setup  ## a whole session on the virtual rig, and its answer beside the tr
 	@$(BIN)/analyze replay $(DEMO_FILE) --save $(DEMO_FILE:.mcap=.rrd)
 
 # What only computes runs on all cores. What keeps time with devices mostly waits for them. Long files first (tests/conftest.py), lest one worker ends alone.
-COMPUTING := tests/analyze tests/schemas tests/test_architecture.py
+COMPUTING := tests/analyze tests/schemas tests/docs tests/test_architecture.py
 TIMED := tests/system tests/contracts tests/acquire
 
 # Where the environment forbids bytecode every worker compiles the tests anew and every program that a test starts itself: 40 s of CPU.
@@ -72,6 +72,12 @@ lint: setup  ## format, lint, types
 	@$(BIN)/ruff check .
 	@$(BIN)/basedpyright
 
+docs: setup  ## the documentation as a site in site/, readable from disk; a warning is an error
+	@PYTHONPATH=. $(BIN)/python docs/drawing.py
+	@$(BIN)/python -m sphinx -q -W --keep-going -b html -d site/.doctrees docs site
+	@$(BIN)/python docs/offline.py site
+	@echo "open site/index.html"
+
 format: setup  ## let ruff rewrite the files
 	@$(BIN)/ruff format .
 	@$(BIN)/ruff check --fix .
@@ -86,7 +92,7 @@ SOAK_SECONDS ?= 600
 soak-capture: setup  ## a virtual camera at gigabit line rate into a ring of 2 GB files, every frame checked (SOAK_SECONDS=600)
 	@PYTHONPATH=. $(BIN)/python tests/benchmarks/soak.py --seconds $(SOAK_SECONDS)
 
-bench-faults: setup  ## every fault there is a test for; writes the table in docs/faults.md (five minutes)
+bench-faults: setup  ## every fault there is a test for; writes the table in docs/reference/faults.md (five minutes)
 	@$(BIN)/python -m tests.benchmarks.faults
 
 TOOLS ?= ../shared/data/workshop_tools

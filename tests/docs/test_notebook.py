@@ -1,7 +1,7 @@
-"""The notebook in docs/ runs from top to bottom on the committed sample, and every figure that it shows can be drawn.
+"""The notebook runs from top to bottom on the committed sample, and every figure that it shows can be drawn.
 
-A notebook is JSON whose code cells are Python: they are run here as they stand, without a Jupyter of fifty packages. It is committed
-without outputs, which would grow old unseen: this test makes them anew every time.
+A notebook is JSON whose code cells are Python: they run here as they stand, without Jupyter's fifty packages.
+It is committed without outputs, which would become stale unnoticed: this test produces them anew every time.
 """
 
 from __future__ import annotations
@@ -48,7 +48,9 @@ def test_every_cell_runs_and_every_figure_is_drawn_in_the_one_style(results):
     figures = [(value, colour) for value, colour in results if isinstance(value, Figure)]
     assert len(figures) == 5
     for figure, colour in figures:
-        assert colour == MUTED, "ticks get their colours when they are drawn, after the function that made the figure"
+        assert colour == MUTED, (
+            "ticks get their colours when they are drawn, after the function that made the figure"
+        )
         picture = io.BytesIO()
         FigureCanvasAgg(figure).print_png(picture)
         assert len(picture.getvalue()) > 5000
@@ -61,5 +63,7 @@ def test_what_it_ends_with_is_the_document(results):
 def test_it_is_committed_without_outputs_and_with_few_words():
     for cell in json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]:
         assert cell["cell_type"] != "code" or (cell["outputs"], cell["execution_count"]) == ([], None)
-    assert all("%" not in source.removeprefix(MAGIC).replace(" % ", "") or 'f"' in source for source in cells("code"))
+    assert all(
+        "%" not in source.removeprefix(MAGIC).replace(" % ", "") or 'f"' in source for source in cells("code")
+    )
     assert sum(len(text.split()) for text in cells("markdown")) < 400

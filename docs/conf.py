@@ -1,0 +1,91 @@
+"""Configuration of the documentation site: Sphinx, MyST Markdown, the Furo theme; readable from disk.
+
+Build with `make docs`. The choice of tools is docs/decisions/0029-documentation-site.md.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from importlib.metadata import version as installed_version
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "docs")]
+
+import command_tables  # noqa: E402 - these two stand beside this file
+import drawing  # noqa: E402
+
+project = "Percuss"
+author = "the Percuss authors"
+project_copyright = f"2026 {author}"
+version = release = installed_version("percuss")
+language = "en"
+
+extensions = ["mathml", "myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+source_suffix = {".md": "markdown"}
+exclude_patterns = ["decisions/TEMPLATE.md"]
+
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 4
+myst_links_external_new_tab = False
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+autoclass_content = "class"
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_use_rtype = False
+python_maximum_signature_line_length = 88
+# Docstrings write code in single backticks, as Markdown does.
+default_role = "code"
+
+html_theme = "furo"
+html_title = "Percuss"
+html_static_path = ["_static"]
+html_css_files = ["percuss.css"]
+html_copy_source = False
+html_show_sourcelink = False
+html_math_renderer = "mathml"
+html_theme_options = {
+    "light_css_variables": {
+        "color-brand-primary": "#1f5fa8",
+        "color-brand-content": "#1f5fa8",
+        "font-stack": "system-ui, -apple-system, 'Segoe UI', 'Noto Sans', 'DejaVu Sans', sans-serif",
+        "font-stack--monospace": "ui-monospace, 'DejaVu Sans Mono', Menlo, Consolas, monospace",
+    },
+    "dark_css_variables": {"color-brand-primary": "#8ab8f0", "color-brand-content": "#8ab8f0"},
+}
+
+MARKUP_OF_RST = re.compile(r"(``.*?``|`[^`]*`)|([|*_\\])")
+
+
+def _plain_docstring(
+    _app: Any, _kind: str, _name: str, _object: Any, _options: Any, lines: list[str]
+) -> None:
+    """Escape reStructuredText's markup: |theta'|, *.mcap and name_ are plain text in the docstrings."""
+    for number, line in enumerate(lines):
+        if not line.lstrip().startswith((":", "..")):
+            lines[number] = MARKUP_OF_RST.sub(lambda found: found[1] or "\\" + found[2], line)
+
+
+GENERATED = {
+    "reference/modules": ("<!-- modules -->", drawing.module_tables),
+    "reference/commands": ("<!-- options -->", command_tables.option_tables),
+}
+"""Page to the mark that its generated part replaces."""
+
+
+def _generated_tables(_app: Any, name: str, source: list[str]) -> None:
+    """Fill in the tables that are read from the code."""
+    if name in GENERATED:
+        mark, tables = GENERATED[name]
+        source[0] = source[0].replace(mark, tables())
+
+
+def setup(app: Any) -> None:
+    """Connect the two hooks above."""
+    app.connect("autodoc-process-docstring", _plain_docstring)
+    app.connect("source-read", _generated_tables)

@@ -1,0 +1,159 @@
+"""Every page, unbuilt: links and anchors lead somewhere, commands exist, snippets are valid."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import click
+import pytest
+
+from schemas.object_spec import ObjectSpec
+from schemas.rig import RigConfig
+from tests.places import ROOT
+
+DOCS = ROOT / "docs"
+PROJECT_PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "recordings/README.md")
+PAGES = sorted(DOCS.rglob("*.md")) + [ROOT / name for name in PROJECT_PAGES]
+FENCE = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)|^```\{(?:image|figure|include)\} (\S+)$", re.MULTILINE)
+SPAN = re.compile(r"`((?:analyze|acquire|make) [^`]+)`")
+HEADING = re.compile(r"^#{1,6} (.+)$", re.MULTILINE)
+TARGET = re.compile(r"^\(([\w-]+)\)=$", re.MULTILINE)
+ids = [page.relative_to(ROOT).as_posix() for page in PAGES]
+
+
+@cache
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def prose_of(page: Path) -> str:
+    """A page without its fenced code."""
+    return FENCE.sub(lambda fence: fence[0] if "{" in fence[0].split("\n")[0] else "", text_of(page))
+
+
+@cache
+def anchors_of(page: Path) -> set[str]:
+    """Anchors of a page's headings, as GitHub and MyST make them, and its own targets."""
+    plain = [re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading) for heading in HEADING.findall(prose_of(page))]
+    slugs = {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in plain}
+    return slugs | set(TARGET.findall(text_of(page)))
+
+
+def snippets(page: Path, language: str) -> list[str]:
+    return [body for kind, body in FENCE.findall(text_of(page)) if kind == language]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_links_lead_to_files_and_headings_that_exist(page: Path):
+    wrong = []
+    for address, image in LINK.findall(prose_of(page)):
+        path, _, anchor = (address or image).partition("#")
+        if re.match(r"\w+:", path):
+            continue
+        file = (page.parent / path).resolve() if path else page
+        if not file.exists():
+            wrong.append(f"{address or image}: no such file")
+        elif anchor and file.suffix == ".md" and anchor not in anchors_of(file):
+            wrong.append(f"{address}: no such heading in {file.name}")
+    assert not wrong
+
+
+@cache
+def commands() -> dict[str, click.Command]:
+    sys.path.insert(0, str(DOCS))
+    try:
+        import command_tables
+    finally:
+        sys.path.remove(str(DOCS))
+    return dict(command_tables.commands())
+
+
+def unknown_parts(line: str) -> list[str]:
+    """Verbs and options of a shell line that its command has not."""
+    try:
+        words = shlex.split(line, comments=True)
+    except ValueError:
+        return [f"not to be parsed: {line}"]
+    if len(words) < 2 or words[0] not in {"analyze", "acquire"}:
+        return []
+    name = next((" ".join(words[:n]) for n in (3, 2) if " ".join(words[:n]) in commands()), None)
+    if name is None:
+        group = " ".join(words[:2])
+        known = group.startswith("--") or any(full.startswith(group + " ") for full in commands())
+        return [] if known or words[1].startswith("-") else [f"no such command: {line}"]
+    known_options = {"--help", "-h"}
+    for parameter in commands()[name].params:
+        known_options |= set(parameter.opts) | set(parameter.secondary_opts)
+    options = [word.split("=")[0] for word in words[2:] if re.match(r"--?[a-z]", word)]
+    return [f"{name} has no {option}" for option in options if option not in known_options]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_commands_and_their_options_exist(page: Path):
+    lines = [line.strip() for body in snippets(page, "sh") for line in body.replace("\\\n", " ").splitlines()]
+    spans = [span.replace("\\|", "|").split(" ...")[0] for span in SPAN.findall(prose_of(page))]
+    assert not [part for line in lines + spans for part in unknown_parts(line)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_shell_snippets_are_valid_and_make_targets_exist(page: Path):
+    targets = set(re.findall(r"^([a-z][\w-]*):", text_of(ROOT / "Makefile"), re.MULTILINE))
+    for body in snippets(page, "sh"):
+        checked = subprocess.run(["bash", "-n"], input=body, text=True, capture_output=True, check=False)
+        assert checked.returncode == 0, checked.stderr
+    lines = "\n".join(snippets(page, "sh") + re.findall(r"`make [^`]*`", prose_of(page)))
+    named = re.findall(r"(?:^|`)make ([a-z][\w-]*)(?=[`\s])", lines, re.MULTILINE)
+    assert set(named) <= targets
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_toml_and_python_snippets_are_valid(page: Path):
+    for body in snippets(page, "python"):
+        ast.parse(body)
+    for body in snippets(page, "toml"):
+        found = tomllib.loads(body)
+        if "camera" in found:
+            RigConfig.model_validate(found)
+        elif "shape" in found:
+            ObjectSpec.model_validate(found)
+        else:
+            assert set(found) <= set(ObjectSpec.model_fields) | set(RigConfig.model_fields) | {"marker"}
+
+
+def test_every_page_is_in_a_table_of_contents():
+    listed = {DOCS / "index.md"}
+    for page in sorted(DOCS.rglob("index.md")):
+        for body in re.findall(r"^```\{toctree\}\n(.*?)^```$", text_of(page), re.MULTILINE | re.DOTALL):
+            for name in (line for line in body.splitlines() if line and not line.startswith(":")):
+                listed |= set(page.parent.glob(f"{name}.md"))
+    assert not set(DOCS.rglob("*.md")) - listed
+
+
+def test_the_drawing_of_the_packages_is_that_of_the_code():
+    sys.path.insert(0, str(DOCS))
+    try:
+        import drawing
+    finally:
+        sys.path.remove(str(DOCS))
+    assert drawing.PICTURE.read_text(encoding="utf-8") == drawing.svg(), "run `make docs`: an import changed"
+
+
+def test_pages_are_wrapped():
+    """Tables, links, code spans and pictures' texts cannot be broken."""
+    unbreakable = re.compile(r"\s*\||:alt:|.*\]\(|.*`|.*\\")
+    long = [
+        f"{page.relative_to(ROOT)}: {line}"
+        for page in PAGES
+        if "decisions" not in page.parts
+        for line in prose_of(page).splitlines()
+        if len(line) > 110 and not unbreakable.match(line)
+    ]
+    assert not long
