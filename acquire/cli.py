@@ -119,7 +119,8 @@ def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_js
     from acquire.console.session import ConsoleOperator, SessionProgress
     from acquire.daemon.api import DaemonClient
     from acquire.recorder.atomic import refuse_unwritable
-    from acquire.session.runner import SessionInput, SessionRunner
+    from acquire.session.runner import SessionRunner
+    from acquire.session.session_input import SessionInput
 
     refuse_unwritable(output)
     given = SessionInput(object_file, plan)

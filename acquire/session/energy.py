@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import log_ndtr
 
-from schemas.impact_law import inverse_impact_mass
+from acquire.session.energy_model import EnergyModel
 from schemas.result import Verdict
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from schemas.watch_lines import StrikeVerdict
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-LOG_ENERGY_MODEL_SD = 0.08
-"""standard deviation of the model error of ln E, one per axis (0.02 to 0.17 in the virtual rig)"""
 LOG_ENERGY_SD = 0.03
 """standard deviation of ln E between strikes on one axis"""
 LOG_ENERGY_SD_DISTURBED = 0.25
@@ -49,23 +47,14 @@ BOUND_SD = 0.05
 """softness of the bounds on ln E that "tipped over" and "fell back" give"""
 MAX_ENERGY_UNMOVED = 0.4
 """largest energy ratio of a strike that turned the object by less than half a degree"""
-SWING_RATIO_SD = 0.02
-"""relative prior standard deviation of reached over commanded tip speed, common to all strikes"""
 TIP_SPEED_SD = 0.012
 """relative standard deviation of one measured tip speed"""
-INERTIA_SCALE_SD = 0.2
-"""relative prior standard deviation of the common scale of the moments of inertia about c"""
-STRIKER_MASS_KG, STRIKER_MASS_REL_SD = 0.2, 0.25
-RESTITUTION, RESTITUTION_SD = 0.4, 0.15
-"""prior of the striker where the plan has no hypothesis"""
 DRAW_COUNT, DRAW_SEED = 600, 20070601
 REGION_HALF_EDGE_SDS = 2.0
 """half edge of the hypothesis region in standard deviations of c"""
 MAX_ITERATIONS, UNWEIGHTED_ITERATIONS = 14, 4
 DIFFERENCE_STEP, CONVERGED_STEP = 1e-4, 1e-3
 STEP_FRACTIONS = (1.0, 0.5, 0.25, 0.1)
-MIN_RISE_M = 1e-4
-"""smallest rise of c up to the balance point; a body with less does not stand"""
 _DISTURBED = frozenset(
     {Verdict.SLID, Verdict.ROLLED, Verdict.TWISTED, Verdict.AIRBORNE, Verdict.STRUCK_TWICE}
 )
@@ -169,7 +158,7 @@ class EnergyLearner:
             axis_id: i for i, axis_id in enumerate(dict.fromkeys(each.axis_id for each in plan.strikes))
         }
         first = {strike.axis_id: strike for strike in reversed(plan.strikes)}
-        self._model = _Model(plan, [first[axis_id] for axis_id in self._axes])
+        self._model = EnergyModel(plan, [first[axis_id] for axis_id in self._axes])
         self._observations: list[_Observation] = []
         self._mode = np.zeros(self._model.size)
         self._covariance = np.eye(self._model.size)
@@ -330,115 +319,6 @@ def _energy_bounds(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[
     if top is not None and top > 0:
         found.append(_Observation(axis, _Quantity.TOP_ANGLE, top, LOG_ENERGY_SD_FROM_TOP, log_speed))
     return found
-
-
-class _Model:
-    """Physics as a function of the state z, whose prior is N(0, 1) in every entry.
-
-    Entries: position of c (3), scale of the moments, m_s, 1 + e, swing ratio, then one model error per axis.
-    """
-
-    def __init__(self, plan: StrikePlan, strikes: list[PlannedStrike]) -> None:
-        hypothesis = plan.hypothesis
-        self.size = 7 + len(strikes)
-        self._known = hypothesis is not None
-        self._log_rebound, self._log_rebound_sd = (
-            math.log(1 + RESTITUTION),
-            RESTITUTION_SD / (1 + RESTITUTION),
-        )
-        self._log_mass, self._log_mass_sd = math.log(STRIKER_MASS_KG), STRIKER_MASS_REL_SD
-        self._com, self._com_root, self._weight, self._mass = np.zeros(3), np.zeros((3, 3)), 0.0, 0.0
-        if hypothesis is not None:
-            values, vectors = np.linalg.eigh(np.array(hypothesis.com_covariance_m2))
-            self._com, self._com_root = np.array(hypothesis.com_m), vectors * np.sqrt(np.maximum(values, 0.0))
-            self._mass, self._weight = hypothesis.mass_kg, hypothesis.mass_kg * hypothesis.g_m_s2
-            tip = hypothesis.striker
-            self._log_rebound, self._log_rebound_sd = (
-                math.log1p(tip.restitution),
-                tip.restitution_sd / (1 + tip.restitution),
-            )
-            self._log_mass = math.log(tip.effective_mass_kg)
-            self._log_mass_sd = tip.effective_mass_sd_kg / tip.effective_mass_kg
-        self._axes = [_AxisModel.from_plan(strike, self._com, self._mass) for strike in strikes]
-        self._axis_sd = [
-            LOG_ENERGY_MODEL_SD
-            if self._known
-            else math.hypot(LOG_ENERGY_MODEL_SD, _log_energy_spread(strike))
-            for strike in strikes
-        ]
-
-    def log_striker_mass(self, z: Array) -> Array:
-        """Logarithm ln m_s (k,) for states z (k, d); m_s in kg."""
-        return self._log_mass + self._log_mass_sd * z[:, 4]
-
-    def log_rebound(self, z: Array) -> Array:
-        """Logarithm ln (1 + e) (k,) for states z (k, d)."""
-        return self._log_rebound + self._log_rebound_sd * z[:, 5]
-
-    def log_swing_ratio(self, z: Array) -> Array:
-        """Logarithm of reached over commanded tip speed (k,) for states z (k, d)."""
-        return SWING_RATIO_SD * z[:, 6]
-
-    def log_energy_and_phi(self, z: Array, axis: int) -> tuple[Array, Array]:
-        """Logarithm ln E (k,) at a tip speed of 1 m/s, and balance angle phi (k,) [rad], for states z (k, d).
-
-        Without a hypothesis phi is the plan's prediction.
-        """
-        at = self._axes[axis]
-        model_error = self._axis_sd[axis] * z[:, 7 + axis]
-        if not self._known:
-            rebound = self.log_rebound(z) - self._log_rebound
-            return model_error + at.log_energy + 2 * rebound, np.full(len(z), at.phi)
-        arm = self._com + z[:, :3] @ self._com_root.T - at.point
-        up, forward = arm @ at.up, -(arm @ at.tip)
-        distance = np.hypot(up, forward)
-        rise = np.maximum(distance - up, MIN_RISE_M)
-        i_edge = at.i_com * np.exp(INERTIA_SCALE_SD * z[:, 3]) + self._mass * (distance + at.radius) ** 2
-        inverse_mass = inverse_impact_mass(np.exp(-self.log_striker_mass(z)), at.height, i_edge)
-        log_impulse = self.log_rebound(z) - np.log(inverse_mass)
-        log_energy = (
-            model_error + 2 * (log_impulse + math.log(at.height)) - np.log(2 * i_edge * self._weight * rise)
-        )
-        return log_energy, np.arctan2(forward, up)
-
-
-@dataclass(frozen=True)
-class _AxisModel:
-    """Geometry and inertia of one pivot axis in the object frame O."""
-
-    point: Array
-    """(3,) point on the axis [m]"""
-    tip: Array
-    """(3,) unit vector of the strike"""
-    up: Array
-    """(3,) unit vector, vertical at rest"""
-    radius: float
-    """of the edge's rounding [m]"""
-    height: float
-    """of the impact point over the table [m]"""
-    i_com: float
-    """moment of inertia about the parallel axis through c [kg m^2]"""
-    phi: float
-    """predicted balance angle [rad]"""
-    log_energy: float
-    """planned ln E, scaled to a tip speed of 1 m/s"""
-
-    @classmethod
-    def from_plan(cls, strike: PlannedStrike, com: Array, mass: float) -> _AxisModel:
-        """Axis of a planned strike for a centre of mass (3,) [m, in O] and mass [kg]."""
-        tip, _, up = np.array(strike.R_world_object)
-        point = np.array(strike.pivot.point)
-        across = (com - point) @ np.stack([tip, up]).T
-        i_com = strike.i_edge_predicted_kg_m2 - mass * (math.hypot(*across) + strike.pivot.radius_m) ** 2
-        i_com = max(i_com, 0.1 * strike.i_edge_predicted_kg_m2)
-        log_energy = math.log(strike.energy_ratio) - 2 * math.log(strike.tip_speed_m_s.target)
-        radius, height = strike.pivot.radius_m, strike.impact_height_m
-        return cls(point, tip, up, radius, height, i_com, strike.phi_predicted_rad, log_energy)
-
-
-def _log_energy_spread(strike: PlannedStrike) -> float:
-    """Standard deviation of ln E due to that of the predicted angle: c rises in proportion to 1 - cos phi."""
-    return strike.phi_predicted_sd_rad / math.tan(max(strike.phi_predicted_rad, 0.02) / 2)
 
 
 def _bound_residual(excess: Array) -> Array:

@@ -6,7 +6,7 @@ import base64
 import contextlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +22,9 @@ from acquire.errors import (
 )
 from acquire.session import machine as s
 from acquire.session.plan_fit import RigLimits, camera_pose_problem, striker_limit_problem
+from acquire.session.session_input import SessionInput
 from acquire.striker.base import StrikerState
-from schemas.document import DocumentError
-from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
-from schemas.strike_plan import PlannedStrike, StrikePlan, read_strike_plan
+from schemas.strike_plan import PlannedStrike
 from schemas.watch_lines import StrikeVerdict, WatchEvent
 
 POSE_TIMEOUT_S = 8.0
@@ -44,47 +43,6 @@ LATE_TIMEOUT_S = 9.0
 """the same in host time, for images that arrive late"""
 REST_MINIMUM_S = 0.9
 """shortest window: an object that hesitates at the balance point looks as if it were at rest"""
-
-
-@dataclass
-class SessionInput:
-    """Object and plan files of a session, read and checked against each other."""
-
-    object_path: Path
-    plan_path: Path
-    object_toml: str = field(init=False)
-    plan_json: str = field(init=False)
-    spec: ObjectSpec = field(init=False)
-    plan: StrikePlan = field(init=False)
-    shape: tuple[str, bytes] | None = field(init=False, default=None)
-
-    def __post_init__(self) -> None:
-        try:
-            self.spec = read_object_spec(self.object_path)
-            self.plan = read_strike_plan(self.plan_path)
-        except DocumentError as error:
-            raise SessionError(str(error)) from None
-        self.object_toml = self.object_path.read_text(encoding="utf-8")
-        self.plan_json = self.plan_path.read_text(encoding="utf-8")
-        if self.spec.shape.file is not None:
-            shape_path = self.object_path.parent / self.spec.shape.file
-            try:
-                self.shape = (shape_path.name, shape_path.read_bytes())
-            except OSError as error:
-                problem = f"{shape_path}: the object's shape file cannot be read: {error.strerror}"
-                raise SessionError(problem) from None
-        digest = object_sha256(self.spec, self.shape[1] if self.shape else None)
-        if digest != self.plan.object_sha256:
-            raise SessionError(
-                f"{self.plan_path}: this plan is for another object ({self.plan.object_name!r}) "
-                f"or an older version of {self.object_path}: "
-                f"run `analyze plan {self.object_path} -o {self.plan_path}` again"
-            )
-
-    @property
-    def replan_advice(self) -> str:
-        """Remedy for a plan that was made for another rig."""
-        return f"plan for this rig: `analyze plan {self.object_path} --rig RIG.toml -o {self.plan_path}`"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,7 @@
-"""What every striker does: home, arm, cock, strike once, stop. Angle 0 = arm vertical at the impact point, + towards the object."""
+"""Interface of a striker: home, arm, cock, strike once, stop.
+
+Arm angle 0 is vertical, at the impact point; positive towards the object.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from schemas.proto import percuss_pb2 as pb
 
 
 class StrikerState(enum.Enum):
-    """States of one strike; FAULT is reached from anywhere, and only `home` leaves it."""
+    """States of one strike; any state can go to FAULT, and only `home` leaves it."""
 
     DISARMED = "disarmed"
     HOMED = "homed"
@@ -28,32 +31,35 @@ class StrikerState(enum.Enum):
 
 @dataclass(frozen=True)
 class StrikeOutcome:
-    """What the striker itself knows of a strike."""
+    """Measurements of one strike by the striker itself, with standard deviations."""
 
     contact_time_ns: int | None
-    """host monotonic, first touch; None: no contact"""
+    """host monotonic time of first contact; None if there was none"""
     contact_time_sd_ns: float
     tip_speed_m_s: float
-    """just before contact"""
+    """tip speed just before contact"""
     tip_speed_sd_m_s: float
     impulse_n_s: float | None
+    """impulse on the object; None if the arm lost no significant speed"""
     impulse_sd_n_s: float
     contacts: int
+    """number of contacts that may have occurred"""
     released_ns: int
-    """host monotonic, when the swing began"""
+    """host monotonic time at which the swing began"""
 
 
 @dataclass(frozen=True)
 class ServoHealth:
-    """How the servo is, as it was last asked."""
+    """Supply voltage, temperature and hardware error of the servo at the last reading."""
 
     read_ns: int
-    """host monotonic"""
+    """host monotonic time of the reading"""
     model: int
+    """model number of the servo"""
     voltage_v: float
     temperature_c: int
     hardware_error: str | None
-    """in words; None: all is well"""
+    """description of the hardware error; None if there is none"""
 
 
 SampleSink = Callable[[pb.StrikerSample], None]
@@ -62,21 +68,26 @@ ClockSink = Callable[[pb.ClockSample], None]
 
 
 class Striker(ABC):
-    """Order of calls: open, home, (arm, cock, strike)*, close. `stop` and `close` may be called at any time, from any thread."""
+    """Device that strikes the object once per arming.
+
+    Order of calls: open, home, (arm, cock, strike)*, close. `stop` and `close` may be called at any time,
+        from any
+    thread.
+    """
 
     @property
     @abstractmethod
     def state(self) -> StrikerState:
-        """Where it stands."""
+        """Current state."""
 
     @property
     def health(self) -> ServoHealth | None:
-        """How its servo is; None: it has none, or it was not asked yet."""
+        """Health of the servo; None if there is no servo or it was not read yet."""
         return None
 
     @abstractmethod
     def open(self) -> None:
-        """Take the port, find the servo, write limits and read them back.
+        """Open the port, find the servo, write the limits and read them back.
 
         Raises:
             StrikerNotFound: no such port, port in use, or no servo on it.
@@ -84,13 +95,14 @@ class Striker(ABC):
 
     @abstractmethod
     def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Clear faults and watchdog, torque on, move slowly to the parked (cocked) angle. Leaves state HOMED.
+        """Clear faults and watchdog, switch torque on, move slowly to the cocked angle. Leaves state HOMED.
 
         Args:
-            stopped: asked when older stops are forgotten: whether one came after this was ordered.
+            stopped: called after earlier stop requests are cleared; True if a stop was requested since this
+                order.
 
         Raises:
-            StrikerStopped: one did, or does while the arm moves.
+            StrikerStopped: a stop was requested since this order, or while the arm moves.
         """
 
     @abstractmethod
@@ -99,7 +111,7 @@ class Striker(ABC):
 
     @abstractmethod
     def cock(self) -> None:
-        """Go to the cocked angle and settle there. Needs ARMED; leaves SETTLED."""
+        """Move to the cocked angle and settle there. Requires ARMED; leaves SETTLED."""
 
     @abstractmethod
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
@@ -107,14 +119,14 @@ class Striker(ABC):
 
         Raises:
             StrikerRefused: not armed and settled, or the speed is outside the limits.
-            StrikerStopped: a stop came in.
-            StrikerFault, StrikerLost: the servo failed; torque is off where it can be reached.
+            StrikerStopped: a stop was requested.
+            StrikerFault, StrikerLost: the servo failed; torque is off if it can be reached.
         """
 
     @abstractmethod
     def stop(self) -> None:
-        """Request an immediate stop: motion ends, arming is void."""
+        """Request an immediate stop: motion ends, and the striker is no longer armed."""
 
     @abstractmethod
     def close(self) -> None:
-        """Torque off, port released. Always safe."""
+        """Switch torque off and release the port. Always safe."""

@@ -1,4 +1,4 @@
-"""The servo's registers, read from the tables that ship with dynamixel-sdk: nothing is typed twice."""
+"""Control table of the servo, read from the files that ship with dynamixel-sdk."""
 
 from __future__ import annotations
 
@@ -8,16 +8,25 @@ from functools import cache
 from pathlib import Path
 
 MODEL_FILES = {1020: "xm430_w350.model", 1030: "xm430_w210.model"}
-"""Model number -> vendor's table. XL430 is missing on purpose: it has no current register, so neither cap nor mode 5."""
+"""vendor's table by model number; XL430 is left out because it has no current register, so neither a limit
+nor mode 5"""
 
 MODEL_NAMES = {1020: "XM430-W350", 1030: "XM430-W210"}
 
 SIGNED = frozenset(
-    {"Homing Offset", "Goal PWM", "Goal Current", "Goal Velocity", "Goal Position", "Present PWM", "Present Current"}
+    {
+        "Homing Offset",
+        "Goal PWM",
+        "Goal Current",
+        "Goal Velocity",
+        "Goal Position",
+        "Present PWM",
+        "Present Current",
+    }
 ) | frozenset({"Present Velocity", "Present Position", "Velocity Trajectory", "Position Trajectory"})
 
 EEPROM_END = 64
-"""Registers below are EEPROM: writable only with torque off."""
+"""registers below this address are EEPROM: writable only with torque off"""
 
 
 @dataclass(frozen=True)
@@ -31,11 +40,11 @@ class Register:
 
     @property
     def signed(self) -> bool:
-        """Whether its value is two's complement."""
+        """True if the value is two's complement."""
         return self.name in SIGNED
 
     def decode(self, data: bytes) -> int:
-        """Value of `size` bytes; the SDK hands out unsigned numbers only."""
+        """Value of `size` bytes; needed because the SDK returns unsigned numbers only."""
         return int.from_bytes(data[: self.size], "little", signed=self.signed)
 
     def encode(self, value: int) -> bytes:
@@ -45,17 +54,23 @@ class Register:
 
 @cache
 def control_table(model: int) -> dict[str, Register]:
-    """Registers by the vendor's names, indirect ones left out.
+    """Registers by the vendor's names, without the indirect ones.
 
     Args:
-        model: model number, as a ping returns it; a key of MODEL_FILES.
+        model: model number as returned by a ping; a key of MODEL_FILES.
 
     Raises:
         ModuleNotFoundError: dynamixel-sdk is not installed.
     """
-    spec = importlib.util.find_spec("dynamixel_easy_sdk")  # located, not imported: its motor class dies on an ALERT status
+    # Located, not imported: the motor class of dynamixel_easy_sdk fails on an ALERT status.
+    spec = importlib.util.find_spec("dynamixel_easy_sdk")
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError("dynamixel-sdk is not installed: pip install 'percuss[rig]'")
-    lines = (Path(spec.origin).parent / "control_table" / MODEL_FILES[model]).read_text(encoding="utf-8").splitlines()
+    path = Path(spec.origin).parent / "control_table" / MODEL_FILES[model]
+    lines = path.read_text(encoding="utf-8").splitlines()
     rows = (line.split("\t") for line in lines[lines.index("[control table]") + 2 :] if line.strip())
-    return {name: Register(name, int(address), int(size)) for address, size, name in rows if not name.startswith("Indirect")}
+    return {
+        name: Register(name, int(address), int(size))
+        for address, size, name in rows
+        if not name.startswith("Indirect")
+    }

@@ -1,8 +1,8 @@
-"""Lets the servo go when the process that held it is gone: a killed program can no longer say so itself.
+"""Dead man's switch: switches the servo's torque off when the process that controls it has died.
 
-The servo's bus watchdog stops a motion but holds the torque for ever, and there is no register that would let go on silence. So a
-process of a few lines inherits the port, waits for the end of a pipe, and writes the last words. It also works where the arm stands and
-the bus is silent.
+The servo's bus watchdog stops a motion but holds the torque for ever, and no register releases it on silence.
+So a small process inherits the port, waits for the end of a pipe, and then writes the packet that switches
+the torque off. It also works while the arm stands and the bus is silent.
 """
 
 from __future__ import annotations
@@ -15,46 +15,49 @@ from acquire.errors import StrikerError
 from acquire.striker import deadman_process
 
 
-class DeadMan:
-    """Stands by while the servo is held, from the end of the constructor on.
+class DeadManSwitch:
+    """Process that waits for the end of this one, ready once the constructor has returned.
 
     Args:
-        descriptor: of the open port.
-        last_words: packet that takes the torque off, unanswered.
+        descriptor: file descriptor of the open port.
+        torque_off_packet: packet that switches the torque off and is not answered.
 
     Raises:
         StrikerError: the process did not start.
     """
 
-    def __init__(self, descriptor: int, last_words: bytes) -> None:
+    def __init__(self, descriptor: int, torque_off_packet: bytes) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, "-I", "-S", deadman_process.__file__, str(descriptor), last_words.hex()],
+            [sys.executable, "-I", "-S", deadman_process.__file__, str(descriptor), torque_off_packet.hex()],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             pass_fds=(descriptor,),
             start_new_session=True,
         )
-        assert self._process.stdout is not None  # noqa: S101 - Popen was asked for it
-        with self._process.stdout as words:
-            up = words.read(1)
-        if not up:
+        assert self._process.stdout is not None  # noqa: S101 - Popen was given PIPE
+        with self._process.stdout as output:
+            ready = output.read(1)
+        if not ready:
             self.dismiss()
-            raise StrikerError(f"the process that lets the servo go when this one dies does not start; can {sys.executable} be run?")
+            raise StrikerError(
+                "the process that switches the torque off when this one dies does not start; "
+                f"check that {sys.executable} can be run"
+            )
 
     @property
     def alive(self) -> bool:
-        """Whether it stands by."""
+        """True while the switch's process runs."""
         return self._process.poll() is None
 
     @property
     def pid(self) -> int:
-        """Of the process that stands by."""
+        """Process id of the switch's process."""
         return self._process.pid
 
     def dismiss(self) -> None:
-        """It ends and does nothing. The port stays ours."""
-        assert self._process.stdin is not None  # noqa: S101 - Popen was asked for it
-        with contextlib.suppress(OSError):  # it was killed
+        """End the switch's process without effect; the port stays open here."""
+        assert self._process.stdin is not None  # noqa: S101 - Popen was given PIPE
+        with contextlib.suppress(OSError):  # the process was killed
             self._process.stdin.write(deadman_process.DISMISSED)
             self._process.stdin.flush()
         with contextlib.suppress(OSError):

@@ -1,6 +1,7 @@
-"""The process that takes the torque off when its parent is gone (see deadman.py). Run by its path, without the package: up in some 20 ms.
+"""Process of the dead man's switch: switches the torque off when its parent has ended (see deadman.py).
 
-It ignores the signals that ask the striker's process to end.
+It is run by its path, without the package, and is ready after some 20 ms. It ignores the signals that ask the
+striker's process to end.
 """
 
 from __future__ import annotations
@@ -11,25 +12,26 @@ import signal
 import sys
 import time
 
-AFTER_S = 0.13
-"""the watchdog needs 100 ms and a little to stop a swinging arm; let go before, it would swing on"""
-TIMES, APART_S = 3, 0.005
-UP, DISMISSED = b"!", b"."
-"""what it says when it stands by, and what is said to it when it is not needed any more"""
+DELAY_S = 0.13
+"""the servo's watchdog stops a swinging arm after a little over 100 ms; without torque before that, it would
+swing on"""
+REPETITIONS, REPETITION_PAUSE_S = 3, 0.005
+READY, DISMISSED = b"!", b"."
+"""byte that the process sends when it is ready, and byte that it receives when it is no longer needed"""
 
 
 def main() -> None:
-    """Entry point: descriptor and packet (hexadecimal)."""
+    """Run with two arguments: file descriptor of the port, and packet in hexadecimal."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
-    os.write(1, UP)
+    os.write(1, READY)
     if os.read(0, 1) == DISMISSED:
         return
-    time.sleep(AFTER_S)
-    for _ in range(TIMES):
-        with contextlib.suppress(OSError):  # the port is gone as well
+    time.sleep(DELAY_S)
+    for _ in range(REPETITIONS):
+        with contextlib.suppress(OSError):  # the port was unplugged
             os.write(int(sys.argv[1]), bytes.fromhex(sys.argv[2]))
-        time.sleep(APART_S)
+        time.sleep(REPETITION_PAUSE_S)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The rule that ends a swing in time, and how many contacts a swing can have had."""
+"""Detection of the contact during a swing, and the count of contacts after it."""
 
 from __future__ import annotations
 
@@ -13,38 +13,41 @@ if TYPE_CHECKING:
     from acquire.striker.servo import Sample
 
 OVERTRAVEL_M = 0.002
-"""the swing ends here at the latest, seen contact or not"""
-NEAR_M = 0.02
-"""before angle 0, from where a drop counts: an object put down this much too near is struck too early, and known to be"""
+"""distance beyond angle 0 at which the swing ends at the latest, whether or not a contact was detected"""
+EARLY_CONTACT_M = 0.02
+"""distance before angle 0 from which a drop of speed counts: an object placed this much too near is struck
+early"""
 DROP_FRACTION = 0.08
-"""of the speed; what counts as a drop while the arm swings"""
+"""fraction of the speed whose loss counts as a drop while the arm swings"""
 DROP_READS = 3
-"""in a row"""
-TURN_NS = 30_000_000
+"""consecutive reads with a drop that end the swing"""
+MAX_TURN_NS = 30_000_000
+"""longest time from contact to the command to turn back within which a second contact is excluded"""
 
 
 class ContactDetector:
-    """Says, read by read, when to turn back. Sees at most what the servo has told so far.
+    """Online decision, sample by sample, when the arm must turn back.
 
     Args:
-        arm_length: m.
-        velocity: rad/s, commanded.
+        arm_length: length of the arm [m].
+        velocity: commanded arm velocity [rad/s].
     """
 
     def __init__(self, arm_length: float, velocity: float) -> None:
         self._beyond = OVERTRAVEL_M / arm_length
-        self._near = -NEAR_M / arm_length
+        self._near = -EARLY_CONTACT_M / arm_length
         self._velocity = velocity
         self._before: deque[float] = deque(maxlen=12)
         self._low = 0
 
     def turn_back(self, sample: Sample) -> bool:
-        """Whether the contact is over, or must be by now."""
+        """True if the contact is over, or must be over at this angle."""
         if sample.position_rad > self._beyond:
             return True
         steady = sum(self._before) / len(self._before) if len(self._before) == self._before.maxlen else 0.0
         threshold = max(DROP_FRACTION * steady, 2.5 * VELOCITY_UNIT_RAD_S)
-        if sample.position_rad > self._near and steady > 0.7 * self._velocity and sample.velocity_rad_s < steady - threshold:
+        at_speed = sample.position_rad > self._near and steady > 0.7 * self._velocity
+        if at_speed and sample.velocity_rad_s < steady - threshold:
             self._low += 1
         else:
             self._low = 0
@@ -53,25 +56,29 @@ class ContactDetector:
 
 
 def count_contacts(samples: Sequence[Sample], contact_ns: int, turned_ns: int, arm_length: float) -> int:
-    """Contacts that the arm can have had: one, plus every approach after the arm turned back.
+    """Number of contacts that may have occurred: one, plus every approach after the arm turned back.
 
-    The servo cannot feel a second touch while it brakes. What it can tell is whether it was told to turn in time: within 30 ms, in which a
-    struck object, that left faster than the arm followed, has not yet slowed to the arm's speed; and whether the arm ever came back.
+    A second contact while the arm brakes does not show in the samples. It is excluded if the arm was
+    commanded to turn back within 30 ms: the struck object left faster than the arm followed and has not yet
+        slowed to the arm's speed.
 
     Args:
-        samples: of swing and retraction, in order.
-        contact_ns: host monotonic.
-        turned_ns: when the retraction was commanded.
-        arm_length: m.
+        samples: samples of swing and retraction, in order.
+        contact_ns: host monotonic time of the first contact.
+        turned_ns: host monotonic time at which the retraction was commanded.
+        arm_length: length of the arm [m].
     """
-    contacts = 1 if turned_ns - contact_ns <= TURN_NS else 2
+    contacts = 1 if turned_ns - contact_ns <= MAX_TURN_NS else 2
     away = False
     for sample in samples:
         if sample.time_ns <= turned_ns:
             continue
         if not away:
             away = sample.velocity_rad_s < 0 and sample.position_rad < OVERTRAVEL_M / arm_length
-        elif sample.velocity_rad_s > 5 * VELOCITY_UNIT_RAD_S and sample.position_rad > -2 * OVERTRAVEL_M / arm_length:
+        elif (
+            sample.velocity_rad_s > 5 * VELOCITY_UNIT_RAD_S
+            and sample.position_rad > -2 * OVERTRAVEL_M / arm_length
+        ):
             contacts += 1
             away = False
     return contacts if away or contacts > 1 else contacts + 1

@@ -1,4 +1,4 @@
-"""A striker without a motor: a hand strikes, and the frames tell when. For rigs that have no servo yet."""
+"""Striker for rigs without a servo: a person strikes by hand, and the images give the time of contact."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
     from acquire.striker.bus import MonotonicClock
 
 HAND_S = 5.0
-"""how long a hand has to strike after the call"""
+"""time that the person has to strike after the call"""
 _Event = pb.StrikerEvent
 
 
 class ManualStriker(Striker):
-    """The same order of calls as a motor's; `strike` gives the hand its time and knows nothing of the contact.
+    """Striker whose `strike` waits for a person to strike and does not measure the contact.
 
     Args:
-        config: only `arming_expires_s` matters.
+        config: the rig file's section; only `arming_expires_s` is used.
         sample_sink, clock_sink: never called; a hand has no encoder.
-        event_sink: told the transitions.
+        event_sink: called at state transitions.
         clock: host monotonic time.
     """
 
@@ -45,14 +45,14 @@ class ManualStriker(Striker):
 
     @property
     def state(self) -> StrikerState:
-        """Where it stands."""
+        """Current state."""
         return self._status.state
 
     def open(self) -> None:
-        """Nothing to open."""
+        """Do nothing; there is no port."""
 
     def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Nothing to move."""
+        """Go to state HOMED without any motion."""
         self._stop_requested = False
         if stopped():
             raise StrikerStopped
@@ -64,12 +64,14 @@ class ManualStriker(Striker):
         self._set(StrikerState.ARMED, _Event.ARMED)
 
     def cock(self) -> None:
-        """The hand is ready."""
+        """Go to state SETTLED at once."""
         self._set(StrikerState.COCKING)
         self._set(StrikerState.SETTLED, _Event.COCKED)
 
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
-        """Wait for the hand; the outcome's contact is unknown, its speed the one asked for, with that as its uncertainty.
+        """Wait while the person strikes; the contact is unknown.
+
+        The tip speed in the outcome is the requested one, with itself as standard deviation.
 
         Raises:
             StrikerRefused: not armed in time.
@@ -82,20 +84,22 @@ class ManualStriker(Striker):
         while self._clock.monotonic_ns() - now_ns < HAND_S * 1e9:
             if self._stop_requested:
                 self._status = unhomed(self._clock.monotonic_ns())
-                self._event_sink(_Event(kind=_Event.STOPPED, strike_id=strike_id, host_time_ns=self._clock.monotonic_ns()))
+                self._event_sink(
+                    _Event(kind=_Event.STOPPED, strike_id=strike_id, host_time_ns=self._clock.monotonic_ns())
+                )
                 raise StrikerStopped
             time.sleep(0.02)
         self._set(StrikerState.DISARMED, _Event.DISARMED, strike_id)
         return StrikeOutcome(None, 0.0, tip_speed_m_s, tip_speed_m_s, None, 0.0, 0, now_ns)
 
     def stop(self) -> None:
-        """Void the arming, and end a wait."""
+        """Disarm, and end a wait for the person's strike."""
         self._stop_requested = True
         if self._status.armed_ns is not None and self._status.state is not StrikerState.RELEASED:
             self._set(StrikerState.DISARMED, _Event.STOPPED)
 
     def close(self) -> None:
-        """Nothing to release."""
+        """End a wait for the person's strike."""
         self._stop_requested = True
 
     def _set(self, state: StrikerState, kind: _Event.Kind | None = None, strike_id: str = "") -> None:

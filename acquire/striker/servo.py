@@ -1,4 +1,7 @@
-"""The arm's servo in SI units and arm angles: limits, gains, samples, moves. Register names are the vendor's."""
+"""Servo of the arm in SI units and arm angles: limits, gains, samples, moves.
+
+Register names are the vendor's.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerNotFo
 from acquire.striker.base import ServoHealth
 from acquire.striker.bus import Block, MonotonicClock, ServoBus, attempts
 from acquire.striker.control_table import MODEL_FILES, MODEL_NAMES, Register, control_table
-from acquire.striker.deadman import DeadMan
+from acquire.striker.deadman import DeadManSwitch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,25 +27,30 @@ ACCELERATION_UNIT_RAD_S2 = 214.577 * 2 * math.pi / 3600
 CURRENT_UNIT_A = 2.69e-3
 CURRENT_BASED_POSITION = 5
 SHUTDOWN = 52
-"""overheating, electrical shock, overload take the torque off"""
+"""value of the Shutdown register: overheating, electrical shock and overload switch the torque off"""
 WATCHDOG_UNITS = 5
-"""of 20 ms: a killed host stops the motor after 100 ms; without it the servo keeps turning"""
+"""watchdog time in units of 20 ms: a killed host stops the motor after 100 ms; without it the servo keeps
+turning"""
 WATCHDOG_TRIPPED = 0xFF
 POSITION_P_GAIN = 1600
 """twice the default: the arm's weight then shifts it by 2 ticks, and it follows a swing within 10 ms"""
 DAMPING_D_GAIN = 4000
-"""of a stopped arm, instead of a position to hold: what speed is left is gone in some 5 ms, and nothing pulls it back"""
-BRAKE_BEHIND_RAD = 0.1
-"""the goal of a brake lies this far behind the arm: at our P gain that asks for more than any current limit gives; should this host fall
-silent now, the arm comes to rest there"""
-BRAKE_SHARE = 0.87
-"""of the time that the cap alone would need: drag brakes too, and an arm that runs on a little stops sooner than one thrown back"""
+"""gain of a stopped arm without a position goal: the remaining speed is lost in some 5 ms, and nothing pulls
+it back"""
+BRAKE_GOAL_OFFSET_RAD = 0.1
+"""distance of a brake's goal behind the arm: at POSITION_P_GAIN this demands more than any current limit
+allows; should this host fall silent now, the arm comes to rest there"""
+BRAKE_TIME_FACTOR = 0.87
+"""braking time over the time that the current limit alone would need: drag brakes too, and an arm that runs
+on a little stops sooner than one that is thrown back"""
 TORQUE_PER_AMPERE = {1020: 4.1 / 2.3, 1030: 3.0 / 2.3}
 """N m/A by model number (data sheets: stall torque and current at 12 V)"""
 TICK_WRAP = 32768
 RUN_THROUGH_RAD = 0.35
-"""a swing aims this far beyond the impact point, so that it is at constant speed there"""
-_BLOCK = struct.Struct("<HBBhhii")  # 120 Realtime Tick, Moving, Moving Status, Present PWM, Current, Velocity, 132 Position
+"""goal of a swing beyond the impact point, so that the speed is constant there"""
+_BLOCK = struct.Struct(
+    "<HBBhhii"
+)  # 120 Realtime Tick, Moving, Moving Status, Present PWM, Current, Velocity, 132 Position
 
 _ERROR_BITS = {
     0: "input voltage; check the supply",
@@ -54,7 +62,7 @@ _ERROR_BITS = {
 
 
 def hardware_error_text(status: int) -> str | None:
-    """What a value of Hardware Error Status says, in words; None when all is well."""
+    """Description of a value of Hardware Error Status; None if it reports no error."""
     if not status:
         return None
     texts = [text for bit, text in _ERROR_BITS.items() if status >> bit & 1]
@@ -63,7 +71,7 @@ def hardware_error_text(status: int) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One read of the servo, in arm angles: 0 = impact point, + towards the object."""
+    """One reading of the servo in arm angles: 0 at the impact point, positive towards the object."""
 
     host_before_ns: int
     host_after_ns: int
@@ -74,15 +82,15 @@ class Sample:
 
     @property
     def time_ns(self) -> int:
-        """Middle of the read, host monotonic."""
+        """Host monotonic time at the middle of the reading."""
         return (self.host_before_ns + self.host_after_ns) // 2
 
 
 class Servo:
-    """One Dynamixel that drives the arm.
+    """Dynamixel servo that drives the arm.
 
     Args:
-        config: port, zero, direction and limits.
+        config: the rig file's section: port, zero position, direction and limits.
         clock: host monotonic time.
     """
 
@@ -90,28 +98,33 @@ class Servo:
         self._config, self._clock = config, clock
         self._bus = ServoBus(config.port, config.baud_rate, config.id, clock)
         self._table: dict[str, Register] = {}
-        self._dead_man: DeadMan | None = None
+        self._dead_man: DeadManSwitch | None = None
         self._model = 0
 
-    # --- open and close ---------------------------------------------------------------------------------------------
+    # --- open and close
+    # ---------------------------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Take the port, check the model, write the limits and read them back.
+        """Open the port, check the model, write the limits and read them back.
 
         Raises:
-            StrikerNotFound: no such port, port in use, no servo, or one that cannot limit its current.
+            StrikerNotFound: no such port, port in use, no servo, or a model that cannot limit its current.
             StrikerError: a limit reads back differently.
         """
         model = self._bus.open()
         try:
             if model not in MODEL_FILES:
                 known = ", ".join(MODEL_NAMES.values())
-                raise StrikerNotFound(f"{self._config.port}: the servo is of model {model}, which has no tested current limit; use {known}")
+                raise StrikerNotFound(
+                    f"{self._config.port}: the servo's model is {model}, which has no tested current "
+                    f"limit; use {known}"
+                )
             self._table = control_table(model)
-            self._bus.write(self._table["Bus Watchdog"], 0)  # torque stays on over a restart, and so does a watchdog that tripped
+            # Torque stays on over a restart of this program, and so does a tripped watchdog.
+            self._bus.write(self._table["Bus Watchdog"], 0)
             self._write_limits()
             self._model = model
-            self.keep_dead_man()
+            self.keep_dead_man_switch()
         except Exception:
             self._bus.close()
             raise
@@ -123,21 +136,22 @@ class Servo:
             dead_man.dismiss()
         self._bus.close()
 
-    def keep_dead_man(self) -> None:
-        """See to it that somebody stands by who takes the torque off when this process is gone.
+    def keep_dead_man_switch(self) -> None:
+        """Start the dead man's switch if it does not run: it switches the torque off when this process dies.
 
         Raises:
-            StrikerError: that process does not start.
+            StrikerError: its process does not start.
         """
         if self._dead_man is not None and not self._dead_man.alive:
             self._dead_man.dismiss()
             self._dead_man = None
         if self._dead_man is None:
-            self._dead_man = DeadMan(self._bus.descriptor, self._bus.last_words(self._table["Torque Enable"], 0))
+            torque_off = self._bus.unanswered_packet(self._table["Torque Enable"], 0)
+            self._dead_man = DeadManSwitch(self._bus.descriptor, torque_off)
 
     @property
     def is_open(self) -> bool:
-        """Whether the port is ours."""
+        """True if the port is open."""
         return self._bus.is_open
 
     def _limits(self) -> dict[str, int]:
@@ -155,27 +169,37 @@ class Servo:
         }
 
     def _write_limits(self) -> None:
-        """EEPROM: only what differs (it wears), with torque off (it is locked otherwise), and read back."""
-        wrong = {name: value for name, value in self._limits().items() if self._bus.read(self._table[name]) != value}
+        """Write the limits to EEPROM and read them back.
+
+        Only differing values are written, because EEPROM wears; torque must be off, else EEPROM is locked.
+        """
+        wrong = {
+            name: value
+            for name, value in self._limits().items()
+            if self._bus.read(self._table[name]) != value
+        }
         if wrong:
             self._bus.write(self._table["Torque Enable"], 0)
         for name, value in wrong.items():
             self._bus.write(self._table[name], value)
             back = self._bus.read(self._table[name])
             if back != value:
-                raise StrikerError(f"{self._config.port}: {name} was set to {value} and reads back {back}; the servo cannot be trusted")
+                raise StrikerError(
+                    f"{self._config.port}: {name} was set to {value} and reads back {back}; replace the servo"
+                )
 
-    # --- state ------------------------------------------------------------------------------------------------------
+    # --- state
+    # ------------------------------------------------------------------------------------------------------
 
     def ticks(self, angle: float) -> int:
-        """Position register of an arm angle [rad]."""
+        """Value of the position register at an arm angle [rad]."""
         return self._config.zero_position + self._config.direction * round(angle / TICK_RAD)
 
     def sample(self, interrupted: Callable[[], bool] = lambda: False) -> Sample | None:
-        """Read tick, current, velocity and position at one instant; None when the answer is lost or makes no sense.
+        """Tick, current, velocity and position at one instant; None if the answer is lost or implausible.
 
         Args:
-            interrupted: True ends the wait for the answer.
+            interrupted: called while waiting; True ends the wait for the answer.
 
         Raises:
             StrikerFault: the servo reports a hardware error.
@@ -201,7 +225,7 @@ class Servo:
         )
 
     def require_sample(self) -> Sample:
-        """As `sample`, asked again.
+        """Read a sample, and repeat the reading until there is an answer.
 
         Raises:
             StrikerLost: the servo does not answer.
@@ -210,35 +234,38 @@ class Servo:
             sample = self.sample()
             if sample is not None:
                 return sample
-        raise StrikerLost(f"{self._config.port}: the servo has fallen silent; check its power and cable")
+        raise StrikerLost(f"{self._config.port}: the servo no longer answers; check its power and cable")
 
     def health(self) -> ServoHealth:
-        """Supply, temperature and errors.
+        """Supply voltage, temperature and hardware error.
 
         Raises:
             StrikerLost: no answer.
         """
-        voltage, temperature = self._bus.read(self._table["Present Input Voltage"]), self._bus.read(self._table["Present Temperature"])
-        return ServoHealth(self._clock.monotonic_ns(), self._model, voltage * 0.1, temperature, self.hardware_error())
+        voltage = self._bus.read(self._table["Present Input Voltage"])
+        temperature = self._bus.read(self._table["Present Temperature"])
+        return ServoHealth(
+            self._clock.monotonic_ns(), self._model, voltage * 0.1, temperature, self.hardware_error()
+        )
 
     def hardware_error(self) -> str | None:
-        """What Hardware Error Status says, in words; None when all is well."""
+        """Description of the servo's hardware error; None if there is none."""
         return hardware_error_text(self._bus.read(self._table["Hardware Error Status"]))
 
     def raise_hardware_error(self) -> None:
-        """Raises StrikerFault when there is a hardware error."""
+        """Raise StrikerFault if the servo reports a hardware error."""
         text = self.hardware_error()
         if text is not None:
             raise StrikerFault(f"{self._config.port}: the servo reports {text}, then home it")
 
     def clear_hardware_error(self) -> bool:
-        """Reboot if there is an error, or if the arm was turned by more than half a turn; whether it was rebooted.
+        """Reboot after a hardware error, or if the arm was turned by more than half a turn; True if it did.
 
         Raises:
-            StrikerFault: the error came back.
+            StrikerFault: the error persists after the reboot.
         """
         position = self._bus.read(self._table["Present Position"])
-        # Mode 5 counts turns; only a reboot brings the reading back to one turn.
+        # Mode 5 counts turns; only a reboot brings the reading back into one turn.
         turned = abs(position - self._config.zero_position) > 2048
         if self.hardware_error() is None and not turned:
             return False
@@ -246,46 +273,48 @@ class Servo:
         self.raise_hardware_error()
         return True
 
-    # --- motion -----------------------------------------------------------------------------------------------------
+    # --- motion
+    # -----------------------------------------------------------------------------------------------------
 
     def torque_on(self) -> None:
-        """Hold the arm where it is, with our gains and current cap."""
+        """Hold the arm where it is, with this module's gains and the current limit."""
         self._bus.write(self._table["Bus Watchdog"], 0)
         self._bus.write(*self._gains(POSITION_P_GAIN, 0))  # RAM: lost with every reboot
         self._bus.write(self._table["Goal Current"], self._limits()["Current Limit"])
         self._bus.write(self._table["Torque Enable"], 1)
 
     def torque_off(self) -> None:
-        """Let go."""
+        """Switch the torque off; the arm moves freely."""
         self._bus.write(self._table["Torque Enable"], 0)
 
-    def guard(self) -> None:
-        """Start the bus watchdog: from now on, silence stops the motor."""
-        self._bus.write(self._table["Bus Watchdog"], 0)  # clears one that tripped, else goals are refused
+    def start_watchdog(self) -> None:
+        """Start the bus watchdog: from now on, silence on the bus stops the motor."""
+        self._bus.write(self._table["Bus Watchdog"], 0)  # clears a tripped watchdog, else goals are refused
         self._bus.write(self._table["Bus Watchdog"], WATCHDOG_UNITS)
 
-    def tripped(self) -> bool:
-        """Whether the watchdog has stopped the arm."""
+    def watchdog_tripped(self) -> bool:
+        """True if the watchdog has stopped the arm."""
         return self._bus.read(self._table["Bus Watchdog"]) == WATCHDOG_TRIPPED
 
-    def unguard(self) -> None:
-        """End the bus watchdog: the servo holds its place in silence."""
+    def stop_watchdog(self) -> None:
+        """End the bus watchdog: the servo holds its position although the bus is silent."""
         self._bus.write(self._table["Bus Watchdog"], 0)
 
     def go(self, angle: float, velocity: float, acceleration: float) -> None:
-        """Move to an arm angle [rad]; profile velocity [rad/s] and acceleration [rad/s2], 0 = as fast as the current cap allows.
+        """Move to an arm angle [rad] with profile velocity [rad/s] and acceleration [rad/s2].
 
-        Where the watchdog stopped the arm because this host stood still, it is cleared and the order given again.
-        One write: Profile Acceleration, Profile Velocity and Goal Position are neighbours, so that a retraction costs one transaction.
-        The goal is checked here, because the servo's position limits do not bind in mode 5.
+        A velocity or acceleration of 0 means as fast as the current limit allows. If the watchdog stopped the
+        arm because this host paused, it is cleared and the order repeated. Profile Acceleration, Profile
+        Velocity and Goal Position are neighbours and written at once, so that a retraction costs one
+        transaction. The goal is checked here, because the servo's position limits do not bind in mode 5.
         """
         goal, value = self._goal(angle, velocity, acceleration)
         try:
             self._bus.write(goal, value)
         except StrikerError:
-            if not self.tripped():
+            if not self.watchdog_tripped():
                 raise
-            self.guard()
+            self.start_watchdog()
             self._bus.write(goal, value)
 
     def _goal(self, angle: float, velocity: float, acceleration: float) -> tuple[Register, int]:
@@ -293,48 +322,58 @@ class Servo:
         limits = self._limits()
         if not limits["Min Position Limit"] <= ticks <= limits["Max Position Limit"]:
             raise StrikerError(
-                f"the arm angle {angle:.3f} rad is outside the limits of this striker; check cocked_angle_rad and zero_position"
+                f"the arm angle {angle:.3f} rad is outside the limits of this striker; "
+                "check cocked_angle_rad and zero_position"
             )
-        speed = min(limits["Velocity Limit"], max(1, round(velocity / VELOCITY_UNIT_RAD_S))) if velocity else 0
+        speed = (
+            min(limits["Velocity Limit"], max(1, round(velocity / VELOCITY_UNIT_RAD_S))) if velocity else 0
+        )
         rate = max(1, round(acceleration / ACCELERATION_UNIT_RAD_S2)) if acceleration else 0
         first = self._table["Profile Acceleration"]
         value = int.from_bytes(struct.pack("<IIi", rate, speed, ticks), "little")
         return Register(f"Profile and Goal Position ({angle:.3f} rad)", first.address, 12), value
 
-    # --- stopping ---------------------------------------------------------------------------------------------------
+    # --- stopping
+    # ---------------------------------------------------------------------------------------------------
 
     @property
     def full_acceleration_rad_s2(self) -> float:
-        """What the current cap does to the arm."""
+        """Angular acceleration of the arm at the current limit [rad/s2]."""
         inertia = self._config.effective_mass_kg * self._config.arm_length_m**2
-        return TORQUE_PER_AMPERE.get(self._model, TORQUE_PER_AMPERE[1030]) * self._config.current_limit_a / inertia
+        return (
+            TORQUE_PER_AMPERE.get(self._model, TORQUE_PER_AMPERE[1030])
+            * self._config.current_limit_a
+            / inertia
+        )
 
     def push_back(self, angle: float, velocity: float) -> float:
-        """Brake an arm that is at `angle` [rad] with `velocity` [rad/s] with all the current that is allowed; for how long to do so [s].
+        """Brake an arm at an angle [rad] and velocity [rad/s] with full current; return its time [s].
 
-        Waits for no answer. A real servo in this mode can do no more: its current is capped by Goal Current, here the limit itself.
+        Does not wait for an answer. A servo in this mode cannot brake harder: its current is limited by Goal
+        Current, which is the current limit itself.
 
         Raises:
             StrikerLost: the port failed.
         """
         low, high = self._config.cocked_angle_rad - 0.29, RUN_THROUGH_RAD + 0.14
-        behind = angle - math.copysign(BRAKE_BEHIND_RAD, velocity)
-        self._bus.shout(*self._goal(min(high, max(low, behind)), 0.0, 0.0))
-        return BRAKE_SHARE * abs(velocity) / self.full_acceleration_rad_s2
+        behind = angle - math.copysign(BRAKE_GOAL_OFFSET_RAD, velocity)
+        self._bus.write_unanswered(*self._goal(min(high, max(low, behind)), 0.0, 0.0))
+        return BRAKE_TIME_FACTOR * abs(velocity) / self.full_acceleration_rad_s2
 
     def damp(self) -> None:
-        """Hold no position any more, only slow the arm down; waits for no answer.
+        """Release the position goal and only damp the motion; does not wait for an answer.
 
         Raises:
             StrikerLost: the port failed.
         """
-        self._bus.shout(*self._gains(0, DAMPING_D_GAIN))
+        self._bus.write_unanswered(*self._gains(0, DAMPING_D_GAIN))
 
     def hold(self) -> None:
         """Hold the arm where it is.
 
         Raises:
-            StrikerFault, StrikerLost: hardware error; no answer.
+            StrikerFault: the servo reports a hardware error.
+            StrikerLost: the servo does not answer.
         """
         self.go(self.require_sample().position_rad, 0.0, 0.0)
         self._bus.write(*self._gains(POSITION_P_GAIN, 0))

@@ -1,4 +1,4 @@
-"""The order of a strike, pure: which state may follow which, and how long each may last."""
+"""State transitions of a strike and their time limits, without I/O."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TRANSITIONS: dict[StrikerState, frozenset[StrikerState]] = {
     _S.VERIFY: frozenset({_S.DISARMED}),
     _S.FAULT: frozenset({_S.HOMED}),
 }
-"""FAULT follows any state and is not listed; only homing leaves it."""
+"""allowed transitions; FAULT may follow any state and is not listed, and only homing leaves it"""
 
 GUARD_S: dict[StrikerState, float] = {
     _S.COCKING: 5.0,
@@ -32,33 +32,35 @@ GUARD_S: dict[StrikerState, float] = {
     _S.CATCH: 3.0,
     _S.VERIFY: 2.0,
 }
-"""Longest stay in the states that move; DISARMED, HOMED and FAULT may last, ARMED and SETTLED end with the arming."""
+"""longest duration of the moving states; DISARMED, HOMED and FAULT are unlimited, ARMED and SETTLED end with
+the arming"""
 
 MOVING = frozenset(GUARD_S)
 
 
 @dataclass(frozen=True)
 class StrikerStatus:
-    """Where a striker stands, and since when (host monotonic)."""
+    """State of a striker and the host monotonic time since when it holds."""
 
     state: StrikerState
     since_ns: int
     homed: bool = False
-    """the arm is where it should be, torque on"""
+    """True if the arm is at a known place with torque on"""
     armed_ns: int | None = None
-    """when the one shot was allowed; None outside"""
+    """time at which one strike was allowed; None if not armed"""
 
 
 def advance(status: StrikerStatus, to: StrikerState, now_ns: int) -> StrikerStatus:
-    """The status after a transition.
+    """Status after a transition.
 
     Raises:
-        StrikerRefused: `to` may not follow, or nothing may move before homing.
+        StrikerRefused: `to` may not follow the current state, or the striker is not homed.
     """
     if to is _S.FAULT:
         return StrikerStatus(to, now_ns, homed=False)
     if to not in TRANSITIONS[status.state]:
-        raise StrikerRefused(f"the striker is {status.state.value}: it cannot become {to.value}; {_remedy(status, to)}")
+        change = f"the striker is {status.state.value}: it cannot become {to.value}"
+        raise StrikerRefused(f"{change}; {_remedy(status, to)}")
     if to is _S.ARMED:
         if not status.homed:
             raise StrikerRefused("the striker is not homed; home it before arming")
@@ -76,22 +78,22 @@ def _remedy(status: StrikerStatus, to: StrikerState) -> str:
     if to is _S.RELEASED:
         return "arm and cock it first"
     if to is _S.COCKING:
-        return "arm it first (one shot each time)"
+        return "arm it first (each arming allows one strike)"
     return "finish or stop the strike first"
 
 
 def unhomed(now_ns: int) -> StrikerStatus:
-    """DISARMED after a motion was broken off: the arm may be anywhere."""
+    """Status DISARMED after an interrupted motion: the arm's position is unknown."""
     return StrikerStatus(_S.DISARMED, now_ns, homed=False)
 
 
 def arming_expired(status: StrikerStatus, now_ns: int, expires_s: float) -> bool:
-    """Whether an arming that was not used in time is void. It counts until the release."""
+    """True if an arming was not used in time; its time counts until the release."""
     waiting = status.state in {_S.ARMED, _S.COCKING, _S.SETTLED}
     return waiting and status.armed_ns is not None and now_ns - status.armed_ns > expires_s * 1e9
 
 
 def overdue(status: StrikerStatus, now_ns: int) -> bool:
-    """Whether a moving state lasts longer than its guard allows."""
+    """True if a moving state lasts longer than its limit."""
     guard_s = GUARD_S.get(status.state)
     return guard_s is not None and now_ns - status.since_ns > guard_s * 1e9

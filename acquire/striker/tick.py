@@ -1,4 +1,4 @@
-"""The servo's realtime tick, unwrapped and handed on as clock samples."""
+"""Unwrapping of the servo's realtime tick, published as clock samples."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ PERIOD_NS = 500_000_000
 
 
 class TickClock:
-    """Counts the turns of the tick, which is 1 ms, wraps at 32768 and restarts with the servo.
+    """Continuous device time from the tick, which counts 1 ms, wraps at 32768 and restarts with the servo.
 
-    Each read bounds the device's clock: somewhere between before and after it showed the tick, that is at least the tick's value and less
-    than 1 ms more. Intersecting these bounds over 5-10 s leaves about 0.4 ms.
+    Each read bounds the device clock: at some time between `host_before_ns` and `host_after_ns` it showed at
+        least the
+    tick's value and less than 1 ms more. Intersecting these bounds over 5-10 s leaves about 0.4 ms.
     """
 
     def __init__(self, sink: ClockSink) -> None:
@@ -29,12 +30,12 @@ class TickClock:
         self._offset = 0
 
     def restart(self) -> None:
-        """The servo was rebooted: its tick starts again; ours goes on."""
+        """Continue the count after a reboot of the servo, which resets its tick."""
         if self._ticks is not None:
             self._offset = -1
 
     def observe(self, sample: Sample) -> None:
-        """Take a sample in; hand a ClockSample on, twice a second."""
+        """Update the count with a sample; publish a ClockSample twice per second."""
         if self._ticks is None:
             self._ticks = sample.tick_ms
         else:

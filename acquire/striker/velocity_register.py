@@ -1,8 +1,9 @@
-"""What the velocity register shows of the arm's motion, learned anew from every swing: a filter, a lag, and when it is renewed.
+"""Model of the servo's velocity register, estimated from every swing: filter, lag and renewal phase.
 
-The vendor does not publish the filter, and the register is renewed every millisecond at a phase that nobody knows; together they delay what
-it shows by 1-5 ms. The run-up and the retraction, in which the speed changes by hundreds of rad/s2, hold position reads against it: the
-delay comes out to 0.1 ms, without a model of the servo (the motion there is any smooth one).
+The vendor does not publish the filter, and the register is renewed every millisecond at an unknown phase;
+together they delay its value by 1-5 ms. In the run-up and the retraction the speed changes by hundreds of
+rad/s2; comparing position and velocity reads there gives the delay to 0.1 ms, without a model of the servo
+(any smooth motion is allowed).
 """
 
 from __future__ import annotations
@@ -25,61 +26,73 @@ if TYPE_CHECKING:
 POSITION_SD = 0.4 * TICK_RAD
 VELOCITY_SD = 0.5 * VELOCITY_UNIT_RAD_S
 FINE_S = 1e-4
-"""step in which responses are computed"""
+"""time step of computed responses"""
 TAU_S = np.array([0.5, 1.0, 1.5, 2.0, 2.25, 2.5, 2.75, 3.0, 3.5, 4.0, 5.0, 6.0]) * 1e-3
 LAG_S = np.arange(7) * 5e-4
 LAG_PRIOR_S, LAG_PRIOR_SD_S = 7e-4, 5e-4
 PERIOD_NS = 1_000_000
 PHASES_NS: tuple[int | None, ...] = (None, 0, 200_000, 400_000, 600_000, 800_000)
-"""tried for when the register is renewed; None: as it likes, at an age of 0-1 ms"""
+"""phases of the register's renewal that are tried; None for an irregular renewal, at an age of 0-1 ms"""
 PHASE_STEP_S = 2e-4
 UNKNOWN_AGE_SD_S = 1e-3 / math.sqrt(12)
 RUN_UP_S, BEFORE_RUN_UP_S = 0.06, 0.01
-AFTER_TURN_NS = 2_000_000
-"""the smooth motion that is fitted begins here, after the blow that the retraction begins with"""
+RETRACTION_DELAY_NS = 2_000_000
+"""start of the fitted smooth motion after the jerk with which the retraction begins"""
 KNOT_S = 0.004
 ROUGHNESS = 3.0
-"""weight of third differences between knots: only holds what no read holds"""
-TAKEN, TAKEN_SD = 0.35, 0.2
-"""where in a read the sample is taken, as a share of it: the request (14 bytes) comes before, the answer (27 bytes, and what the adapter
-holds it back) after"""
-WITHIN_READ = TAKEN + np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
-NEGLIGIBLE = 0.01
-FEWEST_READS = 16
+"""weight of third differences between knots: only bounds coefficients that no read determines"""
+READ_FRACTION, READ_FRACTION_SD = 0.35, 0.2
+"""time of the sample as a fraction of the read: the request (14 bytes) is sent before, the answer (27 bytes,
+and the adapter's delay) after it"""
+READ_FRACTIONS = READ_FRACTION + np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
+MIN_WEIGHT = 0.01
+"""smallest probability of a hypothesis that is kept"""
+MIN_READS = 16
 
 
 @dataclass(frozen=True)
 class RegisterModel:
-    """One hypothesis: first-order filter of time constant `tau`, then a lag; renewed at `phase_ns` (host monotonic, modulo 1 ms)."""
+    """Hypothesis about the velocity register: first-order filter, then a lag, renewed at a fixed phase."""
 
     tau: float
-    """s"""
+    """time constant of the filter [s]"""
     lag: float
-    """s"""
+    """lag after the filter [s]"""
     lag_sd: float
-    """s"""
+    """standard deviation of the lag [s]"""
     phase_ns: int | None
+    """renewal time (host monotonic, modulo 1 ms); None if irregular"""
     weight: float
     """probability"""
 
 
 @dataclass(frozen=True)
 class Reads:
-    """Reads as arrays (n,), times of the samples in s since `origin_ns`."""
+    """Samples as arrays (n,) with their uncertainties."""
 
     origin_ns: int
+    """host monotonic time of time 0"""
     time: NDArray[np.float64]
+    """(n,) time at which the sample was taken [s]"""
     position: NDArray[np.float64]
+    """(n,) arm angle [rad]"""
     velocity: NDArray[np.float64]
+    """(n,) velocity register [rad/s]"""
     width: NDArray[np.float64]
-    """s, from before to after"""
+    """(n,) duration of the read [s]"""
 
     @classmethod
-    def of(cls, samples: Sequence[Sample], origin_ns: int) -> Reads:
-        """From samples, in order."""
+    def from_samples(cls, samples: Sequence[Sample], origin_ns: int) -> Reads:
+        """Arrays of samples in order of time, with times relative to `origin_ns`."""
         return cls(
             origin_ns,
-            np.array([(s.host_before_ns - origin_ns + TAKEN * (s.host_after_ns - s.host_before_ns)) * 1e-9 for s in samples]),
+            np.array(
+                [
+                    (s.host_before_ns - origin_ns + READ_FRACTION * (s.host_after_ns - s.host_before_ns))
+                    * 1e-9
+                    for s in samples
+                ]
+            ),
             np.array([s.position_rad for s in samples]),
             np.array([s.velocity_rad_s for s in samples]),
             np.array([(s.host_after_ns - s.host_before_ns) * 1e-9 for s in samples]),
@@ -87,22 +100,28 @@ class Reads:
 
     @property
     def position_sd(self) -> NDArray[np.float64]:
-        """(n,) rad: of the reading, and of the instant at which it was taken."""
+        """Standard deviation of the arm angle (n,) [rad], including that of the sampling time."""
         return np.hypot(POSITION_SD, self.width / math.sqrt(12) * np.abs(self.velocity))
 
     def age(self, phase_ns: int | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """How old the velocity shown is [s] (n,), and its sd: since the last renewal. None: 0 (the lag holds its mean), as uncertain."""
+        """Time since the register's last renewal (n,) [s] and its standard deviation (n,) [s].
+
+        Without a phase the age is 0, because the lag includes its mean, with a correspondingly larger
+        deviation.
+        """
         if phase_ns is None:
             return np.zeros_like(self.time), np.hypot(UNKNOWN_AGE_SD_S, self.width / math.sqrt(12))
-        taken = self.time[:, None] + (WITHIN_READ - TAKEN) * (self.width[:, None] + 0.5 * PHASE_STEP_S)
+        taken = self.time[:, None] + (READ_FRACTIONS - READ_FRACTION) * (
+            self.width[:, None] + 0.5 * PHASE_STEP_S
+        )
         since = (taken - ((phase_ns - self.origin_ns) % PERIOD_NS) * 1e-9) % (PERIOD_NS * 1e-9)
-        # The age is linear in the instant but where a renewal falls into the read.
+        # The age is linear in the sampling time unless a renewal falls into the read.
         renewed = taken - since
         age = self.time - renewed.mean(axis=1)
         return age, renewed.std(axis=1)
 
     def velocity_sd(self, age_sd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) rad/s: of the register's unit, and of an uncertain age while the speed changes."""
+        """Standard deviation of the velocity (n,) [rad/s], including that of the age (n,) [s]."""
         if len(self.time) < 2:
             return np.full_like(self.time, VELOCITY_SD)
         slope = np.gradient(self.velocity, self.time)
@@ -110,10 +129,14 @@ class Reads:
 
 
 def filtered(signal: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
-    """First-order filter along axis 0, in steps of FINE_S, at rest with the first row before it.
+    """Signal (n, ...) after a first-order low-pass filter along axis 0, at rest before the first row.
 
-    The sum of 1, 2, 4, ... decaying terms, each from the one before. scipy.signal has it as `lfilter`, but to load that takes longer than
-    all else that starts a daemon.
+    Steps of FINE_S. Computed as a sum of 1, 2, 4, ... decaying terms, each from the one before. scipy.signal
+    has it as `lfilter`, but importing that takes longer than everything else at the start of a daemon.
+
+    Args:
+        signal: (n, ...) values.
+        tau: time constant [s].
     """
     kept = math.exp(-FINE_S / tau)
     total = signal - signal[:1]
@@ -124,8 +147,16 @@ def filtered(signal: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
     return signal[:1] + (1.0 - kept) * total
 
 
-def cubic_splines(time: NDArray[np.float64], start: float, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Cubic B-splines on even knots (de Boor 1978, ch. IX) and their derivatives (n, count); the i-th ends KNOT_S (i + 1) after `start`."""
+def cubic_splines(
+    time: NDArray[np.float64], start: float, count: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Cubic B-splines on uniform knots (de Boor 1978, ch. IX) and their derivatives, both (n, count).
+
+    Args:
+        time: (n,) times [s].
+        start: start of the knots [s]; the i-th spline ends KNOT_S * (i + 1) after it.
+        count: number of splines.
+    """
     u = (time[:, None] - start) / KNOT_S - np.arange(count) + 1.0
     far = np.minimum(np.abs(u), 2.0)
     value = np.where(far < 1, 2 / 3 - far**2 + far**3 / 2, (2 - far) ** 3 / 6)
@@ -133,18 +164,19 @@ def cubic_splines(time: NDArray[np.float64], start: float, count: int) -> tuple[
     return value, slope / KNOT_S
 
 
-def learn_register(samples: Sequence[Sample], turned_ns: int) -> tuple[RegisterModel, ...]:
-    """Hypotheses that run-up and retraction leave, the likeliest first; all of them where there are too few reads.
+def estimate_register(samples: Sequence[Sample], turned_ns: int) -> tuple[RegisterModel, ...]:
+    """Register models compatible with the samples, the most probable first; all if there are few reads.
 
     Args:
-        samples: of swing and retraction, in order.
-        turned_ns: when the retraction was commanded (host monotonic).
+        samples: samples of swing and retraction, in order.
+        turned_ns: host monotonic time at which the retraction was commanded.
     """
     score = np.zeros((len(PHASES_NS), len(TAU_S), len(LAG_S))) + ((LAG_S - LAG_PRIOR_S) / LAG_PRIOR_SD_S) ** 2
     total = 0
-    for part in (_run_up(samples, turned_ns), [s for s in samples if s.time_ns > turned_ns + AFTER_TURN_NS]):
-        if len(part) >= FEWEST_READS:
-            score += _scores(Reads.of(part, part[0].time_ns))
+    retraction = [s for s in samples if s.time_ns > turned_ns + RETRACTION_DELAY_NS]
+    for part in (_run_up(samples, turned_ns), retraction):
+        if len(part) >= MIN_READS:
+            score += _scores(Reads.from_samples(part, part[0].time_ns))
             total += 2 * len(part)
     scale = max(1.0, float(score.min()) / max(total, 1))
     best = np.clip(score.argmin(axis=2), 1, len(LAG_S) - 2)
@@ -156,10 +188,16 @@ def learn_register(samples: Sequence[Sample], turned_ns: int) -> tuple[RegisterM
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     kept = [
-        RegisterModel(float(tau), float(lag[i, j]), float(LAG_S[1] * np.sqrt(2 * scale / bend[i, j])), phase, float(weight[i, j]))
+        RegisterModel(
+            tau=float(tau),
+            lag=float(lag[i, j]),
+            lag_sd=float(LAG_S[1] * np.sqrt(2 * scale / bend[i, j])),
+            phase_ns=phase,
+            weight=float(weight[i, j]),
+        )
         for i, phase in enumerate(PHASES_NS)
         for j, tau in enumerate(TAU_S)
-        if weight[i, j] > NEGLIGIBLE
+        if weight[i, j] > MIN_WEIGHT
     ]
     return tuple(sorted(kept, key=lambda model: -model.weight))
 
@@ -172,7 +210,7 @@ def _run_up(samples: Sequence[Sample], turned_ns: int) -> list[Sample]:
 
 
 def _scores(reads: Reads) -> NDArray[np.float64]:
-    """(phase, tau, lag): minus twice the log-likelihood of a smooth motion (cubic spline) that both registers show."""
+    """Minus 2 log-likelihood (phase, tau, lag) of a smooth motion (cubic spline) in both registers."""
     margin = KNOT_S + LAG_S[-1] + PERIOD_NS * 1e-9
     inner = np.arange(-margin, reads.time[-1] + 2 * KNOT_S, KNOT_S)
     count = len(inner) + 2

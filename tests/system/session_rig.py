@@ -13,7 +13,8 @@ from pathlib import Path
 
 from acquire.daemon.api import DaemonClient
 from acquire.demo import rig_toml
-from acquire.session.runner import Progress, SessionInput, SessionReport, SessionRunner
+from acquire.session.runner import Progress, SessionReport, SessionRunner
+from acquire.session.session_input import SessionInput
 from acquire.virtual.objects import load_object
 from acquire.virtual.operator import VirtualOperator
 from acquire.virtual.operator_link import OperatorLink
@@ -56,8 +57,18 @@ class SessionRig:
         text = rig_toml(sheet, ADDRESS, str(self.folder / "ttyDXL"), self.folder / "d" / "d.sock")
         rig.write_text(text.replace('kind = "dynamixel"', f'kind = "{self.striker}"'))
         self.camera = self.start_camera()
-        plan = [str(self.folder / "object.toml"), "-o", str(self.folder / "plan.json"), "--rig", str(rig), "--strikes", "3"]
-        subprocess.run([sys.executable, "-m", "analyze", "plan", *plan], check=True, stdout=subprocess.DEVNULL)
+        plan = [
+            str(self.folder / "object.toml"),
+            "-o",
+            str(self.folder / "plan.json"),
+            "--rig",
+            str(rig),
+            "--strikes",
+            "3",
+        ]
+        subprocess.run(
+            [sys.executable, "-m", "analyze", "plan", *plan], check=True, stdout=subprocess.DEVNULL
+        )
         self.daemon = Daemon(rig)
         self.cleanup.callback(self.daemon.end)
         assert self.daemon.ready, self.daemon.complaints

@@ -105,7 +105,7 @@ def signals() -> Iterator[None]:
     ("trouble", "says"),
     [
         ("missing", "no such serial port; check the cable, and `port` in the rig file"),
-        ("no terminal", "is no serial port; check the cable, and `port` in the rig file"),
+        ("no terminal", "is not a serial port; check the cable, and `port` in the rig file"),
         (
             "silent",
             "no servo with id 1 answers at 1000000 bit/s; check its power, and `id` and `baud_rate` in the rig file",

@@ -12,7 +12,8 @@ import pytest
 from acquire.config import RigConfig
 from acquire.errors import SessionError
 from acquire.session.plan_fit import RigLimits, camera_pose_problem, striker_limit_problem
-from acquire.session.runner import SessionInput, SessionRunner
+from acquire.session.runner import SessionRunner
+from acquire.session.session_input import SessionInput
 from schemas.rig import StrikerConfig
 from schemas.strike_plan import Range
 from tests.acquire.session.test_machine import plan, planned

@@ -27,7 +27,9 @@ class Heard:
         return [pb.StrikerEvent.Kind.Name(event.kind) for event in self.events]
 
     def striker(self, config: StrikerConfig) -> DynamixelStriker:
-        return DynamixelStriker(config, self.samples.append, self.events.append, self.clocks.append, SystemClock())
+        return DynamixelStriker(
+            config, self.samples.append, self.events.append, self.clocks.append, SystemClock()
+        )
 
     @contextlib.contextmanager
     def opened(self, config: StrikerConfig) -> Iterator[DynamixelStriker]:

@@ -50,13 +50,21 @@ class Plant:
     latest_ns = 0
     """greatest delay of a step of any plant since a test began, see tests/conftest.py"""
 
-    def __init__(self, folder: Path, gap: float | None = None, seed: int = 0, baud_rate: int = 1_000_000) -> None:
+    def __init__(
+        self, folder: Path, gap: float | None = None, seed: int = 0, baud_rate: int = 1_000_000
+    ) -> None:
         self.angle, self.omega = -0.52, 0.0  # gear friction holds it there
         self.theta, self.theta_dot = 0.0, 0.0
         self.gap = gap
         self.touches: list[Touch] = []
         self.history: list[tuple[int, float, float]] = []
-        self.servo = DynamixelServo(lambda: (self.angle, self.omega), time.monotonic_ns, folder / "ttyDXL", seed=seed, baud_rate=baud_rate)
+        self.servo = DynamixelServo(
+            lambda: (self.angle, self.omega),
+            time.monotonic_ns,
+            folder / "ttyDXL",
+            seed=seed,
+            baud_rate=baud_rate,
+        )
         self._closing = 1.0
         self._end = threading.Event()
         self.frozen = threading.Event()
@@ -90,7 +98,11 @@ class Plant:
             self._plugged = True
 
     def config(self, **changes: object) -> StrikerConfig:
-        known = {"port": str(self.servo.port_path), "effective_mass_kg": EFFECTIVE_MASS, "effective_mass_sd_kg": 0.01}
+        known = {
+            "port": str(self.servo.port_path),
+            "effective_mass_kg": EFFECTIVE_MASS,
+            "effective_mass_sd_kg": 0.01,
+        }
         return StrikerConfig.model_validate(known | changes)
 
     def restore(self, gap: float) -> None:
@@ -128,7 +140,9 @@ class Plant:
             first, *others = os.read(self.servo.fd, 4096).split(HEADER)
             lost = min(len(others), self.frames_to_lose)
             self.frames_to_lose -= lost
-            self.servo._receive(first + b"".join(HEADER + frame for frame in others[lost:]), time.monotonic_ns())
+            self.servo._receive(
+                first + b"".join(HEADER + frame for frame in others[lost:]), time.monotonic_ns()
+            )
             self.servo.service(time.monotonic_ns())
         elif heard or due_ns is not None:
             self.servo.service(time.monotonic_ns())
@@ -146,7 +160,9 @@ class Plant:
 
     def _substep(self, torque: float, now_ns: int, dt: float) -> None:
         force = 0.0 if self.gap is None else self._force(now_ns, self.gap)
-        self.omega += (torque - ARM_WEIGHT_MOMENT * math.sin(self.angle) - ARM_LENGTH * force) / ARM_INERTIA * dt
+        self.omega += (
+            (torque - ARM_WEIGHT_MOMENT * math.sin(self.angle) - ARM_LENGTH * force) / ARM_INERTIA * dt
+        )
         if self._held:
             self.omega = 0.0
         self.angle += self.omega * dt

@@ -52,7 +52,7 @@ def test_registers_come_back_signed_and_refusals_say_why(bus: ServoBus) -> None:
     bus.write(table["Torque Enable"], 1)
     with pytest.raises(StrikerError, match="EEPROM is locked"):
         bus.write(table["Shutdown"], 53)
-    with pytest.raises(StrikerError, match="beyond a limit"):
+    with pytest.raises(StrikerError, match="exceeds a limit"):
         bus.write(table["Goal Current"], 500)
     with pytest.raises(StrikerRefused, match="stuff"):
         bus.write(Register("anything", 116, 4), 0x00FDFFFF)

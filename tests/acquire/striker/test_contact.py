@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 
 from acquire.striker.contact import fit_contact
 from acquire.striker.detector import ContactDetector, count_contacts
-from acquire.striker.dynamixel import DITHER_NS, GOLDEN
+from acquire.striker.motion import DITHER_NS, GOLDEN
 from acquire.striker.servo import TICK_RAD, VELOCITY_UNIT_RAD_S, Sample
-from acquire.striker.velocity_register import FINE_S, KNOT_S, cubic_splines, filtered, learn_register
+from acquire.striker.velocity_register import FINE_S, KNOT_S, cubic_splines, estimate_register, filtered
 
 LENGTH = 0.12
 RESTITUTION = 0.4
@@ -28,7 +28,9 @@ def first_order(signal: np.ndarray, step: float, tau: float) -> np.ndarray:
     return shown
 
 
-def swing(seed: int, velocity: float, drop: float, angle: float, after_s: float, filter_s: float = 0.003) -> tuple[list[Sample], int, int]:
+def swing(
+    seed: int, velocity: float, drop: float, angle: float, after_s: float, filter_s: float = 0.003
+) -> tuple[list[Sample], int, int]:
     """Reads at 1 kHz of run-up, contact at `angle`, retraction from `after_s` past it on; the contact's and the retraction's time."""
     rng = np.random.default_rng(seed)
     t_contact, duration, step = 0.2 + rng.uniform(0, 1e-3), rng.normal(0.003, 0.0003), 2e-5
@@ -40,7 +42,9 @@ def swing(seed: int, velocity: float, drop: float, angle: float, after_s: float,
     start = np.clip(t - 0.05, 0, None)
     true_velocity = velocity * (1 - np.exp(-start / 0.007) * (1 + start / 0.007)) - lost
     back = t - turned - 0.0005
-    true_velocity -= first_order(500 * np.clip(back, 0, 0.014) - 300 * np.clip(back - 0.035, 0, 0.02), step, 0.001)
+    true_velocity -= first_order(
+        500 * np.clip(back, 0, 0.014) - 300 * np.clip(back - 0.035, 0, 0.02), step, 0.001
+    )
     position = np.cumsum(true_velocity) * step
     position += angle - np.interp(t_contact, t, position)
     shown = first_order(true_velocity, step, filter_s)
@@ -51,16 +55,24 @@ def swing(seed: int, velocity: float, drop: float, angle: float, after_s: float,
     for tk in periods + spread + rng.normal(0, 5e-5, len(periods)):
         width = rng.uniform(1e-4, 4e-4)
         renewed = np.floor((tk - phase) * 1e3) * 1e-3 + phase
-        shown_k = round(float(np.interp(renewed - LAG_S, t, shown)) / VELOCITY_UNIT_RAD_S) * VELOCITY_UNIT_RAD_S
+        shown_k = (
+            round(float(np.interp(renewed - LAG_S, t, shown)) / VELOCITY_UNIT_RAD_S) * VELOCITY_UNIT_RAD_S
+        )
         position_k = round(float(np.interp(tk, t, position)) / TICK_RAD + rng.normal(0, 0.15)) * TICK_RAD
-        middle_ns = START_NS + int((tk + width * rng.uniform(-0.05, 0.35)) * 1e9)  # the answer is longer than the request
+        middle_ns = START_NS + int(
+            (tk + width * rng.uniform(-0.05, 0.35)) * 1e9
+        )  # the answer is longer than the request
         half_ns = int(width * 0.5e9)
-        samples.append(Sample(middle_ns - half_ns, middle_ns + half_ns, int(tk * 1e3), position_k, shown_k, 0.0))
+        samples.append(
+            Sample(middle_ns - half_ns, middle_ns + half_ns, int(tk * 1e3), position_k, shown_k, 0.0)
+        )
     return samples, START_NS + int(t_contact * 1e9), START_NS + int(turned * 1e9)
 
 
 @pytest.mark.parametrize("filter_s", [0.0015, 0.0025, 0.004])
-def test_the_first_touch_is_found_to_0_3_ms_with_another_shape_of_touch_and_its_sd_is_honest(filter_s: float) -> None:
+def test_the_first_touch_is_found_to_0_3_ms_with_another_shape_of_touch_and_its_sd_is_honest(
+    filter_s: float,
+) -> None:
     errors, sds, drops = [], [], []
     for seed in range(16):
         angle = np.random.default_rng(seed + 100).normal(0, 0.001 / LENGTH)
@@ -81,7 +93,7 @@ def test_the_first_touch_is_found_to_0_3_ms_with_another_shape_of_touch_and_its_
 def test_the_velocity_register_is_learned_from_run_up_and_retraction() -> None:
     for filter_s in (0.001, 0.0025, 0.004):
         samples, _, turned_ns = swing(3, 2.7, 0.55, 0.0, 0.006, filter_s)
-        models = learn_register(samples, turned_ns)
+        models = estimate_register(samples, turned_ns)
         delay = sum(m.weight * (m.tau + m.lag - (0.0005 if m.phase_ns is None else 0.0)) for m in models)
         assert delay == pytest.approx(filter_s + LAG_S, abs=0.0003)
 
@@ -147,7 +159,9 @@ def test_an_arm_that_lingers_or_comes_back_is_not_one_contact() -> None:
 
     turned = [sample(8, 0.012, -1.0), sample(20, -0.05, -3.0), sample(40, -0.2, -1.0)]
     assert count_contacts(turned, 0, 5_000_000, LENGTH) == 1
-    assert count_contacts(turned[-1:], 0, 5_000_000, LENGTH) == 1  # reads are missing, but it was told in time
+    assert (
+        count_contacts(turned[-1:], 0, 5_000_000, LENGTH) == 1
+    )  # reads are missing, but it was told in time
     assert count_contacts(turned, 0, 35_000_000, LENGTH) == 2  # told too late
     assert count_contacts([*turned, sample(90, -0.001, 0.5)], 0, 5_000_000, LENGTH) == 2
     assert count_contacts([sample(ms, 0.01, 0.4) for ms in range(1, 60)], 0, 5_000_000, LENGTH) == 2

@@ -13,7 +13,7 @@ from acquire.clock.clock import SystemClock
 from acquire.errors import StrikerNotFound
 from acquire.striker.bus import ServoBus
 from acquire.striker.control_table import control_table
-from acquire.striker.deadman import DeadMan
+from acquire.striker.deadman import DeadManSwitch
 from tests.acquire.striker.conftest import wait_for
 from tests.acquire.striker.lateness import Lateness
 from tests.acquire.striker.plant import Plant
@@ -23,12 +23,12 @@ import sys
 from acquire.clock.clock import SystemClock
 from acquire.striker.bus import ServoBus
 from acquire.striker.control_table import control_table
-from acquire.striker.deadman import DeadMan
+from acquire.striker.deadman import DeadManSwitch
 bus = ServoBus(sys.argv[1], 1_000_000, 1, SystemClock())
 bus.open()
 torque = control_table(1030)["Torque Enable"]
 bus.write(torque, 1)
-dead_man = DeadMan(bus.descriptor, bus.last_words(torque, 0))
+dead_man = DeadManSwitch(bus.descriptor, bus.unanswered_packet(torque, 0))
 print("there", flush=True)
 sys.stdin.read()
 """
@@ -66,7 +66,7 @@ def test_dismissed_it_does_nothing_and_it_ignores_what_ends_the_owner(plant: Pla
     table = control_table(1030)
     try:
         bus.write(table["Torque Enable"], 1)
-        dead_man = DeadMan(bus.descriptor, bus.last_words(table["Torque Enable"], 0))
+        dead_man = DeadManSwitch(bus.descriptor, bus.unanswered_packet(table["Torque Enable"], 0))
         time.sleep(0.1)
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             os.kill(dead_man.pid, number)

@@ -60,7 +60,9 @@ def test_a_strike_is_one_contact_at_the_commanded_speed_and_a_known_time(plant: 
                 assert abs(outcome.impulse_n_s - truth.impulse) < 4 * outcome.impulse_sd_n_s
             allowed_ms.append(max(CONTACT_SD_MS, sd_ms, gap_ms - WELL_READ_MS))
         # Plant and striker share one interpreter here, which a busy host stretches; `make bench-striker` has them apart.
-        assert np.sqrt(np.mean(np.square(error_ms))) < 1.5 * np.sqrt(np.mean(np.square(allowed_ms)))  # 99.7 % of four
+        assert np.sqrt(np.mean(np.square(error_ms))) < 1.5 * np.sqrt(
+            np.mean(np.square(allowed_ms))
+        )  # 99.7 % of four
         cycle = ["ARMED", "COCKED", "RELEASED", "CONTACT", "CAUGHT", "VERIFIED", "DISARMED"]
         assert heard.kinds() == ["HOMED", *cycle * 4]
         assert {event.strike_id for event in heard.events} == {"", "s0", "s1", "s2", "s3"}
@@ -148,7 +150,7 @@ def test_silence_in_the_swing_is_a_fault_and_the_watchdog_stops_the_arm(plant: P
     with heard.opened(plant.config()) as striker:
         cocked(striker)
         threading.Timer(0.06, plant.frozen.set).start()  # the cable breaks; the servo itself lives on
-        with pytest.raises(StrikerLost, match="silent"):
+        with pytest.raises(StrikerLost, match="stopped answering"):
             striker.strike("s", 0.1)
         assert striker.state is StrikerState.FAULT
         time.sleep(0.15)

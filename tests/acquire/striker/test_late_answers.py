@@ -50,7 +50,9 @@ class LateServo:
         if instruction == 1:
             os.write(self.master, encode(1, 0x55, bytes([0]) + (1030).to_bytes(2, "little") + b"\x2d"))
         elif instruction == 2:
-            answer = encode(1, 0x55, bytes([0]) + bytes([parameters[0]]) * int.from_bytes(parameters[2:4], "little"))
+            answer = encode(
+                1, 0x55, bytes([0]) + bytes([parameters[0]]) * int.from_bytes(parameters[2:4], "little")
+            )
             if self.late_reads:
                 self.late_reads -= 1
                 time.sleep(self.late_s)  # and with it everything after: a servo answers in order

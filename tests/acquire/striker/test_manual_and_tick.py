@@ -14,10 +14,16 @@ from acquire.striker.tick import TickClock
 from schemas.proto import percuss_pb2 as pb
 
 
-def test_a_hand_strikes_in_the_same_order_and_knows_no_contact(heard: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hand_strikes_in_the_same_order_and_knows_no_contact(
+    heard: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(manual, "HAND_S", 0.1)
     striker = manual.ManualStriker(
-        StrikerConfig(kind="manual"), heard.samples.append, heard.events.append, heard.clocks.append, SystemClock()
+        StrikerConfig(kind="manual"),
+        heard.samples.append,
+        heard.events.append,
+        heard.clocks.append,
+        SystemClock(),
     )
     striker.open()
     with pytest.raises(StrikerRefused):
@@ -43,12 +49,16 @@ def test_the_tick_is_unwrapped_and_goes_on_after_a_reboot() -> None:
     clock = TickClock(sent.append)
 
     def read(host_ms: int, tick: int) -> None:
-        clock.observe(Sample(host_ms * 1_000_000 - 100_000, host_ms * 1_000_000 + 100_000, tick, 0.0, 0.0, 0.0))
+        clock.observe(
+            Sample(host_ms * 1_000_000 - 100_000, host_ms * 1_000_000 + 100_000, tick, 0.0, 0.0, 0.0)
+        )
 
     read(1000, 32700)
     read(1600, 532)  # wrapped
     read(71600, (532 + 70000) % 32768)  # two turns unseen
-    offset_ms = {c.device_time_ns // 1_000_000 - (c.host_before_ns + c.host_after_ns) // 2_000_000 for c in sent}
+    offset_ms = {
+        c.device_time_ns // 1_000_000 - (c.host_before_ns + c.host_after_ns) // 2_000_000 for c in sent
+    }
     assert offset_ms == {31700}
     clock.restart()
     read(73600, 17)

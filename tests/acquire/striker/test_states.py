@@ -6,7 +6,16 @@ import pytest
 
 from acquire.errors import StrikerRefused
 from acquire.striker.base import StrikerState as S
-from acquire.striker.states import GUARD_S, MOVING, TRANSITIONS, StrikerStatus, advance, arming_expired, overdue, unhomed
+from acquire.striker.states import (
+    GUARD_S,
+    MOVING,
+    TRANSITIONS,
+    StrikerStatus,
+    advance,
+    arming_expired,
+    overdue,
+    unhomed,
+)
 
 
 def through(*states: S) -> StrikerStatus:
@@ -58,7 +67,9 @@ def test_arming_expires_until_the_release_and_never_after() -> None:
     armed = through(S.HOMED, S.ARMED)
     assert not arming_expired(armed, int(19e9), 20.0)
     assert arming_expired(armed, int(21e9), 20.0)
-    assert arming_expired(advance(advance(armed, S.COCKING, int(15e9)), S.SETTLED, int(16e9)), int(21e9), 20.0)
+    assert arming_expired(
+        advance(advance(armed, S.COCKING, int(15e9)), S.SETTLED, int(16e9)), int(21e9), 20.0
+    )
     assert not arming_expired(through(S.HOMED, S.ARMED, S.COCKING, S.SETTLED, S.RELEASED), int(21e9), 20.0)
 
 

@@ -31,10 +31,15 @@ def answers_late(plant: Plant) -> None:
 
 
 def moving_s(plant: Plant, since_ns: int, rad_s: float = STILL_RAD_S) -> float:
-    return max((t - since_ns for t, _, omega in plant.history if t > since_ns and abs(omega) > rad_s), default=0) * 1e-9
+    return (
+        max((t - since_ns for t, _, omega in plant.history if t > since_ns and abs(omega) > rad_s), default=0)
+        * 1e-9
+    )
 
 
-def stop_when(striker: DynamixelStriker, condition: Callable[[], bool], before: Callable[[], None] = lambda: None) -> list[int]:
+def stop_when(
+    striker: DynamixelStriker, condition: Callable[[], bool], before: Callable[[], None] = lambda: None
+) -> list[int]:
     """Stops from another thread; filled with when."""
     when: list[int] = []
 
@@ -48,7 +53,9 @@ def stop_when(striker: DynamixelStriker, condition: Callable[[], bool], before: 
     return when
 
 
-def stopped_in_the_swing(plant: Plant, heard: Heard, speed: float, trouble: Callable[[Plant], None]) -> tuple[float, float]:
+def stopped_in_the_swing(
+    plant: Plant, heard: Heard, speed: float, trouble: Callable[[Plant], None]
+) -> tuple[float, float]:
     """How long the arm moved on, and how late this host was meanwhile [s]."""
     with heard.opened(plant.config()) as striker:
         cocked(striker)
@@ -71,9 +78,15 @@ def stopped_in_the_swing(plant: Plant, heard: Heard, speed: float, trouble: Call
         return moved_s, lateness.worst_s
 
 
-@pytest.mark.parametrize("trouble", [lambda _: None, frame_lost, answers_late], ids=["a good bus", "a frame lost", "answers 8 ms late"])
+@pytest.mark.parametrize(
+    "trouble",
+    [lambda _: None, frame_lost, answers_late],
+    ids=["a good bus", "a frame lost", "answers 8 ms late"],
+)
 @pytest.mark.parametrize("speed", [0.3, 0.5, 0.7])
-def test_a_swing_ends_within_20_ms(plant: Plant, heard: Any, speed: float, trouble: Callable[[Plant], None]) -> None:
+def test_a_swing_ends_within_20_ms(
+    plant: Plant, heard: Any, speed: float, trouble: Callable[[Plant], None]
+) -> None:
     moved_s, late_s = stopped_in_the_swing(plant, heard, speed, trouble)
     assert moved_s < LIMIT_S + 3 * late_s
 
@@ -83,7 +96,9 @@ def test_every_motion_ends_within_20_ms(plant: Plant, heard: Any, motion: str) -
     with heard.opened(plant.config()) as striker:
         under_way = {
             "homing": lambda: plant.omega < -0.2,
-            "cocking": lambda: striker.state is StrikerState.COCKING,  # parked there already, it need not move
+            "cocking": lambda: (
+                striker.state is StrikerState.COCKING
+            ),  # parked there already, it need not move
             "turned back": lambda: plant.omega < -2.0,
             "catch": lambda: plant.omega < -0.5 and plant.angle < -0.3,
         }
@@ -95,7 +110,9 @@ def test_every_motion_ends_within_20_ms(plant: Plant, heard: Any, motion: str) -
         with Lateness() as lateness:
             when = stop_when(striker, under_way[motion])
             with pytest.raises(StrikerRefused, match="stopped on request"):
-                {"homing": striker.home, "cocking": striker.cock}.get(motion, lambda: striker.strike("s", 0.3))()
+                {"homing": striker.home, "cocking": striker.cock}.get(
+                    motion, lambda: striker.strike("s", 0.3)
+                )()
             time.sleep(0.05)
         assert moving_s(plant, when[0]) < LIMIT_S + 3 * lateness.worst_s
         assert striker.state is StrikerState.DISARMED

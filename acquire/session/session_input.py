@@ -1,0 +1,52 @@
+"""Input files of a session: the object and the plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from acquire.errors import SessionError
+from schemas.document import DocumentError
+from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
+from schemas.strike_plan import StrikePlan, read_strike_plan
+
+
+@dataclass
+class SessionInput:
+    """Object and plan files of a session, read and checked against each other."""
+
+    object_path: Path
+    plan_path: Path
+    object_toml: str = field(init=False)
+    plan_json: str = field(init=False)
+    spec: ObjectSpec = field(init=False)
+    plan: StrikePlan = field(init=False)
+    shape: tuple[str, bytes] | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        try:
+            self.spec = read_object_spec(self.object_path)
+            self.plan = read_strike_plan(self.plan_path)
+        except DocumentError as error:
+            raise SessionError(str(error)) from None
+        self.object_toml = self.object_path.read_text(encoding="utf-8")
+        self.plan_json = self.plan_path.read_text(encoding="utf-8")
+        if self.spec.shape.file is not None:
+            shape_path = self.object_path.parent / self.spec.shape.file
+            try:
+                self.shape = (shape_path.name, shape_path.read_bytes())
+            except OSError as error:
+                problem = f"{shape_path}: the object's shape file cannot be read: {error.strerror}"
+                raise SessionError(problem) from None
+        digest = object_sha256(self.spec, self.shape[1] if self.shape else None)
+        if digest != self.plan.object_sha256:
+            raise SessionError(
+                f"{self.plan_path}: this plan is for another object ({self.plan.object_name!r}) "
+                f"or an older version of {self.object_path}: "
+                f"run `analyze plan {self.object_path} -o {self.plan_path}` again"
+            )
+
+    @property
+    def replan_advice(self) -> str:
+        """Remedy for a plan that was made for another rig."""
+        return f"plan for this rig: `analyze plan {self.object_path} --rig RIG.toml -o {self.plan_path}`"

@@ -1,0 +1,176 @@
+"""Supervised motion of the arm: samples are read while it moves, and a requested stop brakes it at once."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from typing import TYPE_CHECKING
+
+from acquire.errors import StrikerFault, StrikerLost
+from acquire.striker.servo import TICK_RAD, VELOCITY_UNIT_RAD_S, Sample, Servo
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from acquire.config import StrikerConfig
+    from acquire.striker.bus import MonotonicClock
+
+SLOW_RAD_S, SLOW_RAD_S2 = 0.8, 8.0
+"""profile of a slow motion"""
+APPROACH_S = 0.01
+"""interval between reads while the arm moves slowly or settles"""
+SWING_NS = 1_000_000
+"""interval between reads of a swing"""
+DITHER_NS = 600_000
+"""range over which the reads of a swing are shifted within their period: the servo renews its registers at 1
+kHz too, and in step with it every read could fall on a renewal, so that its value would be ambiguous"""
+GOLDEN = 0.6180339887498949
+SETTLED_TICKS = 4.5
+SETTLED_UNITS = 1.5
+SETTLED_READS = 20
+MAX_SILENCE_NS = 200_000_000
+"""longest time without an answer in a swing: by then the servo's own watchdog (100 ms) has stopped it, if
+this host paused"""
+MAX_SAMPLE_AGE_NS = 80_000_000
+"""age above which a sample is useless for the arm's velocity"""
+VELOCITY_LAG_S = 0.003
+"""age of the velocity register's value, within a millisecond or two (see velocity_register.py)"""
+REST_RAD_S = 0.3
+"""velocity below which no brake is needed"""
+POLL_S = 0.002
+"""interval at which pauses check for a stop"""
+
+
+class MotionStopped(Exception):
+    """A stop was requested; the arm has been braked."""
+
+
+class ArmMotion:
+    """Reading and braking of the arm while it moves.
+
+    Args:
+        config: the rig file's section.
+        servo: the arm's servo.
+        clock: host monotonic time.
+        stop_requested: True once somebody has requested a stop.
+        publish: called with every sample of a slow motion.
+    """
+
+    def __init__(
+        self,
+        config: StrikerConfig,
+        servo: Servo,
+        clock: MonotonicClock,
+        stop_requested: Callable[[], bool],
+        publish: Callable[[Sample], None],
+    ) -> None:
+        self._config, self._servo, self._clock = config, servo, clock
+        self._stop_requested, self._publish = stop_requested, publish
+        self._recent: deque[Sample] = deque(maxlen=3)
+
+    def swing(
+        self, samples: list[Sample], ended: Callable[[Sample], bool], overdue: Callable[[int], bool]
+    ) -> bool:
+        """Read at 1 kHz until `ended`; False if the time limit comes first.
+
+        Args:
+            samples: list that receives the samples.
+            ended: called with every sample; True ends the reading.
+            overdue: called with the host monotonic time [ns]; True once the time limit has passed.
+
+        Raises:
+            MotionStopped: a stop was requested.
+            StrikerLost: the servo no longer answers.
+        """
+        answered_ns = next_ns = self._clock.monotonic_ns()
+        spread = 0.0
+        while not overdue(answered_ns):
+            self._brake_if_stopped()
+            sample = self._servo.sample(self._stop_requested)
+            now_ns = self._clock.monotonic_ns()
+            if sample is not None:
+                answered_ns = now_ns
+                samples.append(sample)
+                self._recent.append(sample)
+                if ended(sample):
+                    return True
+            elif now_ns - answered_ns > MAX_SILENCE_NS:
+                raise StrikerLost(
+                    f"{self._config.port}: the servo stopped answering during the swing; its watchdog "
+                    "stops the arm; "
+                    "check power and cable"
+                )
+            next_ns = max(next_ns + SWING_NS, now_ns)  # time lost on a slow bus is not caught up
+            spread = (spread + GOLDEN) % 1.0
+            time.sleep(max(0, next_ns + int(spread * DITHER_NS) - now_ns) * 1e-9)
+        return False
+
+    def settle(self, timeout_s: float) -> None:
+        """Wait until the arm rests at the cocked angle.
+
+        Raises:
+            MotionStopped: a stop was requested.
+            StrikerFault: the arm does not come to rest there in time.
+            StrikerLost: the servo does not answer.
+        """
+        end_ns = self._clock.monotonic_ns() + int(timeout_s * 1e9)
+        settled = 0
+        angle = math.nan
+        while self._clock.monotonic_ns() < end_ns:
+            self._brake_if_stopped()
+            sample = self._servo.sample(self._stop_requested)
+            if sample is None:
+                if self._stop_requested():
+                    continue
+                sample = self._servo.require_sample()
+            self._recent.append(sample)
+            self._publish(sample)
+            angle = sample.position_rad
+            settled = settled + 1 if self._at_rest(sample) else 0
+            if settled >= SETTLED_READS:
+                return
+            next_ns = self._clock.monotonic_ns() + int(APPROACH_S * 1e9)
+            while not self._stop_requested() and self._clock.monotonic_ns() < next_ns:
+                time.sleep(POLL_S)
+        raise StrikerFault(
+            f"{self._config.port}: the arm does not come to rest at the cocked angle of "
+            f"{self._config.cocked_angle_rad:.3f} rad (it is at {angle:.3f}); check that it moves freely, "
+            "and current_limit_a"
+        )
+
+    def _at_rest(self, sample: Sample) -> bool:
+        """True if the arm rests at the cocked angle; sends it on slowly if the watchdog stopped it before."""
+        there = abs(sample.position_rad - self._config.cocked_angle_rad) <= SETTLED_TICKS * TICK_RAD
+        still = abs(sample.velocity_rad_s) <= SETTLED_UNITS * VELOCITY_UNIT_RAD_S
+        if still and not there and self._servo.watchdog_tripped():  # this host paused for 100 ms
+            self._servo.start_watchdog()
+            self._servo.go(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
+        return there and still
+
+    def _brake_if_stopped(self) -> None:
+        if self._stop_requested():
+            self._brake()
+            raise MotionStopped
+
+    def _brake(self) -> None:
+        """Bring a moving arm to rest with as little waiting as possible; holding its position follows later.
+
+        The last samples give its velocity, and the current limit the time that full reverse current needs to
+        stop it: so no answer is needed meanwhile, late or lost.
+        """
+        now_ns = self._clock.monotonic_ns()
+        if not self._recent or now_ns - self._recent[-1].time_ns > MAX_SAMPLE_AGE_NS:
+            return
+        first, last = self._recent[0], self._recent[-1]
+        limit = self._servo.full_acceleration_rad_s2
+        slope = (last.velocity_rad_s - first.velocity_rad_s) / max(
+            1e-3, (last.time_ns - first.time_ns) * 1e-9
+        )
+        age_s = (now_ns - last.time_ns) * 1e-9
+        velocity = last.velocity_rad_s + min(limit, max(-limit, slope)) * (
+            VELOCITY_LAG_S + min(age_s, VELOCITY_LAG_S)
+        )
+        if abs(velocity) > REST_RAD_S:
+            time.sleep(self._servo.push_back(last.position_rad + velocity * age_s, velocity))
+        self._servo.damp()

@@ -1,0 +1,51 @@
+"""Outcome of a strike: tip speed and impulse from the impact that the arm measured."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from acquire.striker.base import StrikeOutcome
+from acquire.striker.detector import count_contacts
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from acquire.config import StrikerConfig
+    from acquire.striker.contact import ImpactMeasurement
+    from acquire.striker.servo import Sample
+
+
+def strike_outcome(
+    config: StrikerConfig,
+    impact: ImpactMeasurement | None,
+    samples: Sequence[Sample],
+    released_ns: int,
+    turned_ns: int,
+) -> StrikeOutcome:
+    """Tip speed, impulse J = m_s * (v - v') and number of contacts of one strike.
+
+    Args:
+        config: the rig file's section, with arm length and effective mass m_s = I / r^2.
+        impact: the impact that the arm measured; None if it met nothing.
+        samples: samples of swing and retraction, in order.
+        released_ns: host monotonic time at which the swing began.
+        turned_ns: host monotonic time at which the retraction was commanded.
+    """
+    length, mass = config.arm_length_m, config.effective_mass_kg
+    if impact is None:
+        return StrikeOutcome(None, 0.0, 0.0, 0.0, None, 0.0, 0, released_ns)
+    impulse, impulse_sd = None, 0.0
+    if impact.drop is not None:
+        impulse = mass * impact.drop * length
+        impulse_sd = math.hypot(config.effective_mass_sd_kg * impact.drop, mass * impact.drop_sd) * length
+    return StrikeOutcome(
+        contact_time_ns=impact.time_ns,
+        contact_time_sd_ns=impact.time_sd_ns,
+        tip_speed_m_s=impact.velocity * length,
+        tip_speed_sd_m_s=impact.velocity_sd * length,
+        impulse_n_s=impulse,
+        impulse_sd_n_s=impulse_sd,
+        contacts=count_contacts(samples, impact.time_ns, turned_ns, length),
+        released_ns=released_ns,
+    )
