@@ -123,7 +123,7 @@ def send_health(timelines: Timelines, recording: Recording) -> None:
         style = rr.SeriesLines(colors=[SKY], names=["camera to host, sd"], widths=[1.5])
         timelines.stream.log("/session/clock/mapping", style, static=True)
         words.append(
-            f"- camera {name}: {len(found)} frames, ***{int(total[-1])} lost**; time accurate to "
+            f"- camera {name}: {len(found)} frames, **{int(total[-1])} lost**; time accurate to "
             f"{1e-3 * np.median(mapping):.0f} µs (1 sd)"
         )
     clocks: dict[str, list[tuple[int, int, int]]] = {}

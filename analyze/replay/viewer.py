@@ -85,7 +85,7 @@ class Viewer:
             -1:
         ]
         if any(_NO_SCREEN in line for line in last):
-            return f"no screen was found (DISPLAY is not set): {_WITHOUT_SCREEN}"
+            return f"no screen found (DISPLAY is not set): {_WITHOUT_SCREEN}"
         return (
             f"rerun's viewer ended with code {self.process.returncode} {' '.join(last)}: no screen, or no "
             f"Vulkan driver (mesa-vulkan-drivers)? {_WITHOUT_SCREEN}"

@@ -80,7 +80,7 @@ def strike_text(motion: TipMotion) -> str:
 def unread_text(strike_id: str, verdict: str, why: str) -> str:
     """Text of a strike whose motion was not measured, with the session's verdict on it, if any."""
     session_verdict = f" Verdict of the session: {verdict}." if verdict else ""
-    return f"**{strike_id}.***{session_verdict} {why}".strip()
+    return f"**{strike_id}.**{session_verdict} {why}".strip()
 
 
 def _headline(centre: Quantity) -> str:

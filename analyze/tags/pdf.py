@@ -20,7 +20,7 @@ from schemas.output_file import write_bytes
 INCH = 25.4
 GREY, INK = "#9aa1a8", "#22262b"
 PRINT_CHECK_LINES = (
-    "Measure both rulers: each must be 100.0 mm long. If not, print again at 100 % (actual size, not fitted),",
+    "Measure both rulers: each must be 100.0 mm long. If not, print again at 100 % (actual size),",
     "or state measured sizes: a tag's black square as size_m in the object file, or the board's squares.",
 )
 

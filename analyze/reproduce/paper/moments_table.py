@@ -25,7 +25,7 @@ def moments_table(records: Sequence[SessionRecord]) -> Table:
         (
             Column("object"),
             Column("axis"),
-            Column("ground truth, median [g m²]", 3),
+            Column("ground truth, median [10⁻³ kg m²]", 3),
             Column("the paper's results"),
             Column("without I"),
             Column("eq. (5): error, median [%]", 1),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table as RichTable
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ def render_table(table: Table, console: Console | None = None) -> None:
     places = [i for i, column in enumerate(table.columns) if column.name not in OMITTED_COLUMNS]
     for i in places:
         # Only the first column wraps; numbers stay on one line.
-        shown.add_column(table.columns[i].name, justify="right" if i else "left", no_wrap=i > 0)
+        shown.add_column(escape(table.columns[i].name), justify="right" if i else "left", no_wrap=i > 0)
     for row in table.rows:
-        shown.add_row(*("-" if row[i] is None else str(row[i]) for i in places))
+        shown.add_row(*("-" if row[i] is None else escape(str(row[i])) for i in places))
     console.print(shown)

@@ -275,7 +275,7 @@ def test_an_object_that_cannot_be_read_leaves_the_images(tmp_path):
     assert "object.toml" in done.stderr
     shown = Shown(output)
     assert shown.rows(strike("s4.1", "camera/image")) >= 40
-    assert "cannot be read" in shown.text(strike("s4.1", "text"))
+    assert "cannot be measured" in shown.text(strike("s4.1", "text"))
 
 
 @pytest.mark.parametrize(
@@ -359,6 +359,6 @@ def test_without_a_screen_one_line_says_what_to_do_instead(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     with native_viewer(1) as viewer:
         viewer.process.wait(20)
-        with pytest.raises(ReplayError, match=r"^no screen here .*--web") as caught:
+        with pytest.raises(ReplayError, match=r"^no screen found .*--web") as caught:
             ToViewer(viewer).check()
     assert "\n" not in str(caught.value)

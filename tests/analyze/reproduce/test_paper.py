@@ -137,7 +137,7 @@ def test_the_papers_moments_stand_beside_ours_and_the_truth(drawn):
     assert {row["object"] for row in rows} == set(OBJECTS)
     carton = [row for row in rows if row["object"] == "carton"]
     assert len(carton) == 3
-    assert all(0.0 < float(row["ground truth, median [g m²]"]) < 2.0 for row in carton)
+    assert all(0.0 < float(row["ground truth, median [10⁻³ kg m²]"]) < 2.0 for row in carton)
     assert all(0.0 <= float(row["frames left out [%]"]) < 80.0 for row in carton)
     corrected = [
         float(row["corrected I: error, median [%]"])
