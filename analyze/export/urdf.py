@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-from analyze.export.body import Body
+from analyze.export.body import Body, Inertial
 from analyze.export.mesh import MeshFile, numbers
 from analyze.export.xml_text import child, document
 from schemas.object_spec import Box, Cylinder
@@ -16,19 +16,26 @@ from schemas.object_spec import Box, Cylinder
 
 def urdf_text(body: Body, mesh: MeshFile | None) -> str:
     """The file's text; `mesh` lies beside it."""
-    inertial, tensor = body.inertial, body.inertial.inertia
     robot = ET.Element("robot", name=body.identifier)
     link = child(robot, "link", name=body.identifier)
-    own = child(link, "inertial")
-    child(own, "origin", xyz=numbers(inertial.com), rpy="0 0 0")
-    child(own, "mass", value=numbers([inertial.mass]))
-    entries = {f"i{'xyz'[i]}{'xyz'[j]}": numbers([tensor[i, j]]) for i in range(3) for j in range(i, 3)}
-    child(own, "inertia", **entries)
+    link.append(inertial_element(body.inertial))
     for role in ("visual", "collision"):
         element = child(link, role, name=f"{body.identifier}_{role}")
         child(element, "origin", xyz="0 0 0", rpy="0 0 0")
         _geometry(child(element, "geometry"), body, mesh)
     return document(robot, body)
+
+
+def inertial_element(inertial: Inertial) -> ET.Element:
+    """The `<inertial>` element of a link whose frame is O."""
+    own = ET.Element("inertial")
+    child(own, "origin", xyz=numbers(inertial.com), rpy="0 0 0")
+    child(own, "mass", value=numbers([inertial.mass]))
+    entries = {
+        f"i{'xyz'[i]}{'xyz'[j]}": numbers([inertial.inertia[i, j]]) for i in range(3) for j in range(i, 3)
+    }
+    child(own, "inertia", **entries)
+    return own
 
 
 def _geometry(parent: ET.Element, body: Body, mesh: MeshFile | None) -> None:

@@ -1,0 +1,107 @@
+"""The functions of the public API: load a recording, estimate an object, plan strikes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from analyze.api.object_estimate import ObjectEstimate
+from analyze.api.recording import Recording
+from analyze.api.strike_plan import Plan
+from analyze.pipeline.estimate import EstimateOptions
+from analyze.pipeline.merge import merge_evidence, resolve_exclusions
+from analyze.result.answer import answer_evidence
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from analyze.progress import Progress
+
+
+def load(
+    path: str | Path, object_file: str | Path | None = None, progress: Progress | None = None
+) -> Recording:
+    """Open a recording; its strikes are tracked on first use.
+
+    Args:
+        path: the recording (MCAP), or one file of a series.
+        object_file: object file (TOML) that replaces the recording's.
+        progress: called with (text, done, total) before each strike is tracked.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+    return Recording(Path(path), None if object_file is None else Path(object_file), progress)
+
+
+def estimate(
+    *recordings: Recording | str | Path,
+    object_file: str | Path | None = None,
+    exclude: Collection[str] = (),
+    estimator: str | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> ObjectEstimate:
+    """Estimate centre of mass, inertia tensor and region masses of one object.
+
+    Args:
+        recordings: one or several recordings of the object, loaded or as paths; their order does not matter.
+        object_file: object file (TOML) that replaces the recordings'; only for recordings given as paths.
+        exclude: ids of strikes to leave out; of several recordings as `2:s3.1`.
+        estimator: estimator of phi and k: pivot_fit, rolling_fit, moment_balance or sign_change; None for the
+            one that suits each motion.
+        seed: seed of the random draws behind intervals of region masses.
+        progress: called with (text, done, total) before each strike is tracked.
+
+    Raises:
+        ValueError: no recording is given.
+        RecordingError: a file cannot be read.
+        JoinError: the recordings are not of one object, or one is given twice.
+        ShapeError: the object's shape cannot be used.
+        PlanError: a plan is of another object.
+        EstimationError: fewer than three strikes can be used.
+    """
+    if not recordings:
+        raise ValueError("no recording: give one or several, as in analyze.estimate('strikes.mcap')")
+    loaded = [
+        each if isinstance(each, Recording) else load(each, object_file, progress) for each in recordings
+    ]
+    evidence = merge_evidence([each.evidence for each in loaded])
+    options = EstimateOptions(
+        object_path=None if object_file is None else Path(object_file),
+        exclude=resolve_exclusions(evidence.recordings, frozenset(exclude)),
+        estimator=estimator,
+        seed=seed,
+    )
+    return ObjectEstimate(answer_evidence(evidence, options))
+
+
+def plan(
+    object_file: str | Path,
+    rig: str | Path | None = None,
+    strikes: int | None = None,
+    target_com_mm: float | None = None,
+    given: Collection[str | Path] = (),
+) -> Plan:
+    """Plan the strikes that determine an object's centre of mass and inertia best.
+
+    Args:
+        object_file: object file (TOML).
+        rig: rig file (TOML) of striker and camera; None for a usual one.
+        strikes: number of strikes; None for the usual nine.
+        target_com_mm: plan as few strikes as determine the centre of mass to this distance (rms) instead.
+        given: recordings and results of strikes already made, to continue from.
+
+    Raises:
+        DocumentError, ShapeError: the object file or its shape cannot be used.
+        PlanError: no set of strikes determines the centre of mass, or the rig file cannot be used.
+    """
+    from analyze.verbs.plan.plan_object import STRIKES, PlanOptions, plan_object
+
+    options = PlanOptions(
+        rig_path=None if rig is None else Path(rig),
+        strikes=STRIKES if strikes is None else strikes,
+        target_com_mm=target_com_mm,
+        given=tuple(Path(each) for each in given),
+    )
+    return Plan(plan_object(Path(object_file), options))

@@ -1,0 +1,332 @@
+"""The estimate of one object, as `analyze.estimate` returns it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from analyze.api.tables import data_frame, html_table, text_table
+from analyze.errors import ExportError
+from analyze.estimation.intervals import SIGMAS_95
+from analyze.export.body import Body, inertial_of
+from analyze.export.formats import Format, why_misnamed
+from analyze.export.provenance import provenance
+from analyze.export.urdf import inertial_element
+from analyze.export.write import write_body
+from schemas.software import software_version
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from analyze.result.answer import Answer
+    from analyze.types import Array
+    from schemas.result import Quantity
+
+ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""entries of the tensor in the order in which tables name them"""
+
+
+@dataclass(frozen=True, eq=False)
+class CentreOfMass:
+    """Centre of mass of the object without its markers, in the shape file's frame O."""
+
+    position: Array
+    """(3,) [m]"""
+    covariance: Array
+    """(3, 3) [m²]"""
+    observed: bool
+    """True if the strikes determine all three directions"""
+    unobserved_direction: Array | None
+    """(3,) unit vector along which only the shape's prior stands; None if there is none"""
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviations (3,) [m]."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def interval95(self) -> Array:
+        """Ends (3, 2) of the 95 % intervals [m]."""
+        half = SIGMAS_95 * self.sd
+        return np.stack([self.position - half, self.position + half], axis=-1)
+
+    def __repr__(self) -> str:
+        """Position with half widths of the 95 % intervals, in mm."""
+        pairs = zip("xyz", 1e3 * self.position, 1e3 * SIGMAS_95 * self.sd, strict=True)
+        text = ", ".join(f"{axis} {value:.2f} ± {half:.2f}" for axis, value, half in pairs)
+        return f"CentreOfMass({text} mm, 95 %{'' if self.observed else ', one direction not observed'})"
+
+
+@dataclass(frozen=True, eq=False)
+class InertiaTensor:
+    """Inertia tensor about the centre of mass in the axes of O, with the origin of each entry."""
+
+    tensor: Array
+    """(3, 3) [kg m²]"""
+    sd: Array
+    """(3, 3) standard deviations [kg m²]"""
+    measured: np.ndarray[Any, np.dtype[np.bool_]]
+    """(3, 3) True where strikes measured the entry, False where the shape's prior stands"""
+
+    @property
+    def principal_moments(self) -> Array:
+        """Principal moments (3,) [kg m²], ascending."""
+        return np.linalg.eigvalsh(self.tensor)
+
+    @property
+    def principal_axes(self) -> Array:
+        """Unit vectors of the principal axes in O, (3, 3), one per column in the order of the moments."""
+        return np.linalg.eigh(self.tensor)[1]
+
+    def __repr__(self) -> str:
+        """Entries with half widths of 95 % intervals under one power of ten; prior entries are marked."""
+        entries = ", ".join(
+            f"{name} {text}" + ("" if source == "measured" else " (prior)")
+            for name, text, source in self.rows()
+        )
+        return f"InertiaTensor({entries}; 10^{self.power_of_ten} kg m², 95 %)"
+
+    @property
+    def power_of_ten(self) -> int:
+        """Power of ten [kg m²] common to the entries as they are printed."""
+        return int(np.floor(np.log10(np.abs(self.tensor).max())))
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Name, value with half width of the 95 % interval in 10^power_of_ten kg m², and origin of each entry."""
+        unit = 10.0**self.power_of_ten
+        return [
+            (
+                f"I{'xyz'[i]}{'xyz'[j]}",
+                f"{self.tensor[i, j] / unit:.3f} ± {SIGMAS_95 * self.sd[i, j] / unit:.3f}",
+                "measured" if self.measured[i, j] else "prior",
+            )
+            for i, j in ENTRIES
+        ]
+
+
+@dataclass(frozen=True)
+class PartMass:
+    """Mass of a region, or of a labelled part."""
+
+    name: str
+    mass: float
+    """[kg]"""
+    interval95: tuple[float, float]
+    """ends of the 95 % interval [kg]; may be asymmetric"""
+    observed: bool
+    """False where the moments leave the mass open within the interval"""
+
+
+class ObjectEstimate:
+    """Everything estimated about one object: centre of mass, inertia tensor, region masses, verdict.
+
+    Made by `analyze.estimate`. Print it for a screen's summary; in a notebook it shows as tables.
+    """
+
+    def __init__(self, answer: Answer) -> None:
+        self._answer = answer
+
+    @property
+    def name(self) -> str:
+        """Name of the object."""
+        return self._answer.estimate.evidence.spec.name
+
+    @property
+    def mass(self) -> float:
+        """Mass without markers [kg], as given."""
+        return self._answer.estimate.inertial.mass
+
+    @property
+    def mass_sd(self) -> float:
+        """Standard deviation of the mass [kg], as given."""
+        return self._answer.estimate.inertial.mass_sd
+
+    @property
+    def centre_of_mass(self) -> CentreOfMass:
+        """Centre of mass with its covariance."""
+        com = self._answer.estimate.com
+        return CentreOfMass(com.position, com.covariance, com.observed, com.unobserved_direction)
+
+    @property
+    def inertia(self) -> InertiaTensor:
+        """Inertia tensor with its standard deviations and the origin of each entry."""
+        inertial = self._answer.estimate.inertial
+        return InertiaTensor(inertial.inertia, inertial.inertia_sd, inertial.measured)
+
+    @property
+    def parameters_covariance(self) -> Array:
+        """Covariance (10, 10) of mass, centre of mass, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it; SI units."""
+        return self._answer.estimate.inertial.covariance
+
+    @property
+    def regions(self) -> tuple[PartMass, ...]:
+        """Masses of the shell and of the interior above and below the dividing plane."""
+        regions = self._answer.result.regions
+        return () if regions is None else tuple(_part(each.name, each.mass) for each in regions.regions)
+
+    @property
+    def parts(self) -> tuple[PartMass, ...]:
+        """Masses of the parts that the object file labels; empty where it labels none."""
+        parts = self._answer.result.parts
+        return () if parts is None else tuple(_part(each.name, each.mass) for each in parts.parts)
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """Sentences that begin with trust, doubt or repeat; most important first."""
+        return tuple(self._answer.result.verdict or ())
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings, one sentence each."""
+        return tuple(warning.text for warning in self._answer.result.warnings)
+
+    @property
+    def answer(self) -> Answer:
+        """Numbers and Result document behind this object; their structure may change between versions."""
+        return self._answer
+
+    def urdf(self) -> str:
+        """The `<inertial>` element of a URDF link whose frame is O."""
+        element = inertial_element(inertial_of(self._answer.result, self.name))
+        ET.indent(element)
+        return ET.tostring(element, encoding="unicode")
+
+    def report(self, output: str | Path) -> Path:
+        """Write the report, one HTML file with the answer, its reasons and plots.
+
+        Args:
+            output: the HTML file; its folder must exist.
+
+        Returns:
+            Path of the file.
+
+        Raises:
+            RecordingError: a recording is no longer where it was read.
+            OutputError: the file cannot be written.
+        """
+        from analyze.report.report import write_report
+        from analyze.result.score import score_if_virtual
+
+        output = Path(output)
+        paths = [head.path for head in self._answer.estimate.evidence.recordings]
+        write_report(self._answer, output, score_if_virtual(paths, self._answer))
+        return output
+
+    def export(self, output: str | Path, format: str = "urdf") -> tuple[Path, ...]:  # noqa: A002 - the option's name
+        """Write the body for a simulator; the file is read back and compared before it is put in place.
+
+        Args:
+            output: the file; a mesh is written beside it where the shape is no primitive.
+            format: urdf, sdf, mjcf or usd.
+
+        Returns:
+            Paths of the files written.
+
+        Raises:
+            ExportError: the format is unknown, its reader is missing, or the file differs when read back.
+            OutputError: the file cannot be written.
+        """
+        output = Path(output)
+        if format not in {each.value for each in Format}:
+            raise ExportError(f"format {format!r} is unknown: use {', '.join(each.value for each in Format)}")
+        kind = Format(format)
+        if (reason := why_misnamed(output, kind)) is not None:
+            raise ExportError(reason)
+        result, evidence = self._answer.result, self._answer.estimate.evidence
+        origin = provenance(result, self.name, software_version())
+        return tuple(
+            write_body(Body(self.name, evidence.model, inertial_of(result, self.name), origin), kind, output)
+        )
+
+    def figures(self) -> dict[str, Figure]:
+        """Figures of the report by name: front, side, top (with equi-planes), moments, regions, predictions."""
+        from analyze.report.plots import moments_figure, projection_figures, regions_figure
+        from analyze.report.prediction_plot import prediction_figure
+
+        estimate = self._answer.estimate
+        found = dict(zip(("front", "side", "top"), projection_figures(estimate), strict=True))
+        found |= {"moments": moments_figure(estimate), "regions": regions_figure(estimate)}
+        if estimate.predictions:
+            found["predictions"] = prediction_figure(estimate.predictions)
+        return found
+
+    def strike_figure(self, strike_id: str) -> Figure:
+        """Angle, fit and residual of one strike against time.
+
+        Raises:
+            KeyError: no strike has this id, or its marker could not be tracked.
+        """
+        from analyze.report.plots import strike_figure
+
+        for motion in self._answer.estimate.evidence.motions:
+            if motion.strike_id == strike_id and motion.angle is not None:
+                return strike_figure(motion, f"strike {strike_id}: {motion.verdict.value.replace('_', ' ')}")
+        raise KeyError(f"no strike {strike_id!r} with a tracked marker")
+
+    def to_dict(self) -> dict[str, Any]:
+        """The Result document as JSON values; the same entries as `analyze estimate --json`."""
+        return self._answer.result.model_dump(mode="json")
+
+    def to_json(self) -> str:
+        """The Result document as one line; the same bytes as `analyze estimate --json`."""
+        return self._answer.json()
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """All quantities, a row each: quantity, value, sd, low95, high95, unit, source, observed; SI units.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        from analyze.report.report_tables import answer_rows
+
+        columns = ("quantity", "value", "sd", "low95", "high95", "unit", "source", "observed")
+        return data_frame([dict(zip(columns, row, strict=True)) for row in answer_rows(self._answer.result)])
+
+    def __repr__(self) -> str:
+        """Summary of at most a screen: mass, centre of mass, tensor, region masses, verdict."""
+        lines = [
+            f"{self.name}, {1e3 * self.mass:.1f} g",
+            repr(self.centre_of_mass),
+            repr(self.inertia),
+            text_table(_mass_rows(self.regions)),
+            *(text_table(_mass_rows(self.parts)) for _ in self.parts[:1]),
+            *self.verdict[:8],
+        ]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        com, inertia = self.centre_of_mass, self.inertia
+        centre = [
+            {"": axis, "centre of mass [mm]": f"{1e3 * value:.2f} ± {1e3 * SIGMAS_95 * sd:.2f}"}
+            for axis, value, sd in zip("xyz", com.position, com.sd, strict=True)
+        ]
+        unit = f"10^{inertia.power_of_ten} kg m²"
+        tensor = [{"": name, unit: text, "source": source} for name, text, source in inertia.rows()]
+        tables = [
+            html_table(f"{self.name}, {1e3 * self.mass:.1f} g; intervals 95 %", centre),
+            html_table("Inertia tensor about the centre of mass", tensor),
+            html_table("Region masses", _mass_rows(self.regions)),
+        ]
+        if self.parts:
+            tables.append(html_table("Labelled parts", _mass_rows(self.parts)))
+        return "".join(tables)
+
+
+def _part(name: str, mass: Quantity) -> PartMass:
+    return PartMass(name, mass.as_scalar(), mass.interval_ends(), mass.observed)
+
+
+def _mass_rows(parts: tuple[PartMass, ...]) -> list[dict[str, str]]:
+    return [
+        {
+            "part": part.name,
+            "mass [g]": f"{1e3 * part.mass:.1f}" if part.observed else "not observed",
+            "95 % [g]": f"{1e3 * part.interval95[0]:.1f} to {1e3 * part.interval95[1]:.1f}",
+        }
+        for part in parts
+    ]

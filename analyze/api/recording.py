@@ -1,0 +1,261 @@
+"""A recording with its strikes, as `analyze.load` returns it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from analyze.api.tables import data_frame, html_table, text_table
+from analyze.pipeline.evidence import Evidence, read_evidence, read_head
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pandas as pd
+
+    from analyze.progress import Progress
+    from analyze.types import Array, MotionFit, TipMotion
+    from schemas.object_spec import ObjectSpec
+
+PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
+"""phases of a strike in their order"""
+
+
+@dataclass(frozen=True, eq=False)
+class StrikeFit:
+    """Fitted motion of one strike: theta'' = -k sin(phi - theta), or its rolling form."""
+
+    estimator: str
+    """name of the estimator: pivot_fit, rolling_fit, moment_balance or sign_change"""
+    phi: float
+    """balance angle [rad]: theta at which the centre of mass stands above the contact"""
+    phi_sd: float
+    """standard deviation of phi [rad]"""
+    k: float | None
+    """m g R / I about the contact [rad/s²]; None if the estimator does not report it"""
+    k_sd: float | None
+    """standard deviation of k [rad/s²]; None if k is"""
+    covariance: Array
+    """(2, 2) covariance of (phi, k)"""
+    time: Array
+    """(m,) time since the strike's first frame [s] of the fitted frames"""
+    theta: Array
+    """(m,) fitted tipping angle [rad]"""
+    residual: Array
+    """(m,) measured minus fitted angle [rad]"""
+
+
+@dataclass(frozen=True, eq=False)
+class Strike:
+    """Motion of one strike: theta(t), phases, verdict and fit."""
+
+    id: str
+    axis_id: str
+    """id of the pivot edge in the plan"""
+    verdict: str
+    """outcome: good, rocked_back, slid, twisted, marker_lost, ..."""
+    reason: str
+    """explanation of the verdict with its numbers; "" for a good strike"""
+    time: Array
+    """(n,) time since the strike's first frame [s]"""
+    theta: Array
+    """(n,) tipping angle since rest [rad]"""
+    theta_sd: Array
+    """(n,) random standard deviation of theta [rad]"""
+    phases: dict[str, slice]
+    """range of frames of each phase that occurred: rest, strike, stage_one, stage_two, landing"""
+    fit: StrikeFit | None
+    """fit in use; None if nothing fits"""
+    energy_ratio: float | None
+    """energy of the strike over the energy needed to tip; None if nothing fits"""
+
+    def __repr__(self) -> str:
+        """One line: id, edge, verdict, phi."""
+        fit = "no fit" if self.fit is None else f"phi {np.degrees(self.fit.phi):.2f}°"
+        return f"Strike({self.id!r}, axis {self.axis_id}, {self.verdict}, {len(self.time)} frames, {fit})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Scalars and arrays of the strike as JSON values, SI units."""
+        fit = self.fit
+        return {
+            "id": self.id,
+            "axis_id": self.axis_id,
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "time_s": self.time.tolist(),
+            "theta_rad": self.theta.tolist(),
+            "theta_sd_rad": self.theta_sd.tolist(),
+            "phases": {name: [span.start, span.stop] for name, span in self.phases.items()},
+            "phi_rad": None if fit is None else fit.phi,
+            "phi_sd_rad": None if fit is None else fit.phi_sd,
+            "k_rad_s2": None if fit is None else fit.k,
+            "k_sd_rad_s2": None if fit is None else fit.k_sd,
+            "energy_ratio": self.energy_ratio,
+        }
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """theta(t), a row per frame: time_s, theta_rad, theta_sd_rad, phase.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        phase = [""] * len(self.time)
+        for name, span in self.phases.items():
+            phase[span] = [name] * len(phase[span])
+        columns = zip(self.time.tolist(), self.theta.tolist(), self.theta_sd.tolist(), phase, strict=True)
+        return data_frame(
+            [dict(zip(("time_s", "theta_rad", "theta_sd_rad", "phase"), row, strict=True)) for row in columns]
+        )
+
+
+class Recording:
+    """A recording of one object's strikes; markers are tracked when its strikes are first used.
+
+    Args:
+        path: the file (MCAP), or one file of a series.
+        object_file: object file (TOML) that replaces the recording's; None to use the recording's.
+        progress: called with (text, done, total) before each strike is tracked; None for silence.
+
+    Raises:
+        RecordingError: the file cannot be read.
+    """
+
+    def __init__(self, path: Path, object_file: Path | None = None, progress: Progress | None = None) -> None:
+        self.path = path
+        self._object_file = object_file
+        self._progress = progress
+        self._head = read_head(path)
+
+    @property
+    def object(self) -> ObjectSpec:
+        """Object file as recorded: name, mass, shape, markers."""
+        return self._head.manifest.object
+
+    @property
+    def created(self) -> str:
+        """Start time of the recording, ISO 8601."""
+        return self._head.manifest.created
+
+    @property
+    def strike_ids(self) -> tuple[str, ...]:
+        """Ids of the strikes, in the recording's order."""
+        return self._head.strike_ids
+
+    @cached_property
+    def evidence(self) -> Evidence:
+        """Tracked markers and fitted motions of all strikes; takes seconds on first use.
+
+        Raises:
+            ShapeError: the object's shape cannot be used.
+            PlanError: the plan is of another object.
+            TrackingError: no marker of any strike can be tracked.
+        """
+        return read_evidence(self._head, self._object_file, self._progress)
+
+    @cached_property
+    def strikes(self) -> tuple[Strike, ...]:
+        """Strikes in the recording's order; tracked and fitted on first use."""
+        return tuple(_strike(self.evidence, motion) for motion in self.evidence.motions)
+
+    def __getitem__(self, strike_id: str) -> Strike:
+        """Strike by its id.
+
+        Raises:
+            KeyError: no strike has this id.
+        """
+        for strike in self.strikes:
+            if strike.id == strike_id:
+                return strike
+        raise KeyError(
+            f"{self.path}: no strike {strike_id!r}: its strikes are {', '.join(self.strike_ids) or 'none'}"
+        )
+
+    def __repr__(self) -> str:
+        """Object, file and ids of the strikes; nothing is tracked for it."""
+        ids = ", ".join(self.strike_ids[:12]) + (", ..." if len(self.strike_ids) > 12 else "")
+        mass = f"{1e3 * self.object.mass_kg:.1f} g"
+        strikes = f"{len(self.strike_ids)} strikes: {ids}"
+        return f"Recording({str(self.path)!r}: {self.object.name}, {mass}, {strikes})"
+
+    def _repr_html_(self) -> str:
+        title = f"{self.object.name}, {1e3 * self.object.mass_kg:.1f} g, {self.path.name}"
+        return html_table(title, self._rows())
+
+    def summary(self) -> str:
+        """Table of the strikes as text: id, edge, verdict, phi [°], k [rad/s²]."""
+        return text_table(self._rows())
+
+    def _rows(self) -> list[dict[str, str]]:
+        return [
+            {
+                "strike": strike.id,
+                "axis": strike.axis_id,
+                "verdict": strike.verdict,
+                "phi [°]": "" if strike.fit is None else f"{np.degrees(strike.fit.phi):.3f}",
+                "k [rad/s²]": "" if strike.fit is None or strike.fit.k is None else f"{strike.fit.k:.2f}",
+            }
+            for strike in self.strikes
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Recording and strikes as JSON values, SI units."""
+        return {
+            "path": str(self.path),
+            "object": self.object.name,
+            "mass_kg": self.object.mass_kg,
+            "created": self.created,
+            "strikes": [strike.to_dict() for strike in self.strikes],
+        }
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Strikes, a row each: id, axis_id, verdict, phi, k with standard deviations, energy ratio.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        arrays = {"time_s", "theta_rad", "theta_sd_rad", "phases"}
+        return data_frame(
+            [
+                {name: value for name, value in strike.to_dict().items() if name not in arrays}
+                for strike in self.strikes
+            ]
+        )
+
+
+def _strike(evidence: Evidence, motion: TipMotion) -> Strike:
+    angle, phases = motion.angle, motion.phases
+    empty = np.empty(0)
+    time = empty if angle is None else (angle.time_ns - angle.time_ns[0]) * 1e-9
+    spans = {name: getattr(phases, name) for name in PHASE_NAMES} if phases is not None else {}
+    return Strike(
+        id=motion.strike_id,
+        axis_id=evidence.planned(motion).axis_id,
+        verdict=motion.verdict.value,
+        reason=motion.reason,
+        time=time,
+        theta=empty if angle is None else angle.theta,
+        theta_sd=empty if angle is None else angle.sd,
+        phases={name: slice(*span) for name, span in spans.items() if span is not None},
+        fit=None if motion.fit is None or angle is None else _fit(motion.fit, time, angle.theta),
+        energy_ratio=motion.energy_ratio,
+    )
+
+
+def _fit(fit: MotionFit, time: Array, theta: Array) -> StrikeFit:
+    window = slice(*fit.window)
+    sd = np.sqrt(np.diag(fit.covariance))
+    residual = fit.residual if len(fit.residual) else np.full(window.stop - window.start, np.nan)
+    return StrikeFit(
+        estimator=fit.estimator,
+        phi=fit.phi,
+        phi_sd=float(sd[0]),
+        k=fit.k,
+        k_sd=None if fit.k is None else float(sd[1]),
+        covariance=fit.covariance,
+        time=time[window],
+        theta=theta[window] - residual,
+        residual=residual,
+    )

@@ -1,0 +1,73 @@
+"""A strike plan, as `analyze.plan` returns it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from analyze.api.tables import data_frame, html_table, text_table
+from analyze.verbs.plan.plan_object import write_plan
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from analyze.verbs.plan.plan_object import PlannedObject
+    from schemas.strike_plan import StrikePlan
+
+
+class Plan:
+    """Planned strikes of one object, with the accuracy that they are expected to give."""
+
+    def __init__(self, planned: PlannedObject) -> None:
+        self._planned = planned
+
+    @property
+    def document(self) -> StrikePlan:
+        """The plan as `analyze plan --json` prints it."""
+        return self._planned.plan
+
+    def write(self, output: str | Path) -> Path:
+        """Write the plan as JSON, for `acquire session`.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        output = Path(output)
+        write_plan(self.document, output)
+        return output
+
+    def to_dict(self) -> dict[str, Any]:
+        """The plan as JSON values."""
+        return self.document.model_dump(mode="json")
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Strikes, a row each: id, axis, plane, heading [°], impulse [N s], predicted phi [°].
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        return data_frame(self._rows())
+
+    def __repr__(self) -> str:
+        """Table of the planned strikes."""
+        return (
+            f"{self.document.object_name}, {len(self.document.strikes)} strikes\n{text_table(self._rows())}"
+        )
+
+    def _repr_html_(self) -> str:
+        return html_table(f"{self.document.object_name}: planned strikes", self._rows())
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return [
+            {
+                "strike": strike.id,
+                "axis": strike.axis_id,
+                "plane": strike.plane_id,
+                "heading [°]": round(float(np.degrees(strike.heading_rad)), 1),
+                "impulse [N s]": round(strike.impulse_n_s.target, 4),
+                "phi predicted [°]": round(float(np.degrees(strike.phi_predicted_rad)), 2),
+            }
+            for strike in self.document.strikes
+        ]

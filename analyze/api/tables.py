@@ -1,0 +1,44 @@
+"""Tables of the public API: as pandas frames, and as HTML for notebooks."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import pandas as pd
+
+
+def data_frame(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """Rows as a pandas DataFrame.
+
+    Raises:
+        ImportError: pandas is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError:
+        raise ImportError("to_dataframe needs pandas: `pip install pandas`, or use to_dict") from None
+    return pd.DataFrame([dict(row) for row in rows])
+
+
+def html_table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows as an HTML table under a title; all rows have the keys of the first."""
+    head = "".join(f"<th>{escape(str(name))}</th>" for name in (rows[0] if rows else {}))
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row.values()) + "</tr>" for row in rows
+    )
+    return f"<b>{escape(title)}</b><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def text_table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows as aligned columns of text; all rows have the keys of the first."""
+    if not rows:
+        return ""
+    lines = [[str(name) for name in rows[0]], *([str(cell) for cell in row.values()] for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+    return "\n".join(
+        "  ".join(cell.ljust(w) for cell, w in zip(line, widths, strict=True)).rstrip() for line in lines
+    )
