@@ -1,1 +1,1 @@
-"""Checks before a session: everything that can be wrong, each line pass or fail with the measured number and the remedy."""
+"""Checks of a rig before a session; each reports pass or fail, the measured value and the remedy."""

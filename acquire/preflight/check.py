@@ -9,16 +9,16 @@ from typing import Any
 
 
 class Outcome(enum.Enum):
-    """How a check ended. NOT_CHECKED: something else must be put right first, or belongs to a running daemon."""
+    """Outcome of a check; NOT_CHECKED if another problem comes first or a daemon holds the device."""
 
-    PASS = "pass"  # noqa: S105 - a verdict
+    PASS = "pass"  # noqa: S105 - an outcome, not a password
     FAIL = "fail"
     NOT_CHECKED = "not checked"
 
 
 @dataclass(frozen=True)
 class Measured:
-    """The number behind a verdict and the bound it was held against, in `unit` (SI but where named otherwise)."""
+    """Measured value and its limit, in `unit`."""
 
     value: float
     limit: float
@@ -27,7 +27,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Check:
-    """What was looked at, what was found, and what to do where it is not good enough."""
+    """Result of one check, with the remedy if it failed."""
 
     name: str
     outcome: Outcome
@@ -36,29 +36,32 @@ class Check:
     measured: Measured | None = None
 
     def text(self) -> str:
-        """For people: one line, and one more with the remedy where there is one."""
+        """Line for the terminal, followed by a line with the remedy if there is one."""
         mark = {Outcome.PASS: "pass", Outcome.FAIL: "FAIL", Outcome.NOT_CHECKED: "  - "}[self.outcome]
         found = f"not checked: {self.found}" if self.outcome is Outcome.NOT_CHECKED else self.found
         remedy = f"\n{'':24}-> {self.remedy}" if self.remedy else ""
         return f"{mark}  {self.name:18}{found}{remedy}"
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """JSON object of the check."""
         return asdict(self) | {"outcome": self.outcome.value}
 
 
 def passed(name: str, found: str, measured: Measured | None = None) -> Check:
-    """A check that is all right."""
+    """Check that passed."""
     return Check(name, Outcome.PASS, found, measured=measured)
 
 
 def failed(name: str, found: str, remedy: str, measured: Measured | None = None) -> Check:
-    """A check that is not, and the remedy."""
+    """Check that failed, with its remedy."""
     return Check(name, Outcome.FAIL, found, remedy, measured)
 
 
 def failed_as(name: str, error: Exception) -> Check:
-    """A check that an error answers: its message is "thing: what was found: remedy", or "thing: what was found; remedy"."""
+    """Check that failed with an error.
+
+    The error's message has the form "thing: finding: remedy" or "thing: finding; remedy".
+    """
     thing = re.match(r"\S+: ", str(error))
     head = thing.group() if thing else ""
     rest = str(error)[len(head) :]
@@ -67,5 +70,5 @@ def failed_as(name: str, error: Exception) -> Check:
 
 
 def not_checked(name: str, reason: str, remedy: str = "") -> Check:
-    """A check that could not be made."""
+    """Check that could not be made."""
     return Check(name, Outcome.NOT_CHECKED, reason, remedy)

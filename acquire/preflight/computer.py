@@ -1,4 +1,4 @@
-"""What the computer must allow before a session: the serial port, the daemon's socket, receive buffers, packet size, USB latency."""
+"""Checks of the computer: serial port, daemon socket, receive buffer, packet size, USB latency."""
 
 from __future__ import annotations
 
@@ -20,45 +20,47 @@ from acquire.camera.receive_buffer import enlarge_receive_buffer
 from acquire.preflight.check import Check, Measured, failed, not_checked, passed
 
 _SIOCGIFADDR, _SIOCGIFMTU = 0x8915, 0x8921
-LONGEST_SOCKET_PATH = 100
+MAX_SOCKET_PATH_BYTES = 100
 LATENCY_MS = 1
 
 
 @dataclass(frozen=True)
 class PortState:
-    """A serial port's device file."""
+    """State of a serial port's device file."""
 
     exists: bool
     usable: bool
-    """may be read and written by this user"""
+    """True if this user may read and write it"""
     group: str
     in_use: bool
-    """somebody holds the lock on it (flock, or a lock file of a program that is alive)"""
+    """True if a program holds a lock on it (flock, or the lock file of a running program)"""
 
 
 @dataclass(frozen=True)
 class FolderState:
-    """Where the daemon's socket is to lie."""
+    """State of the folder for the daemon's socket."""
 
     exists: bool
     owned: bool
+    """True if it belongs to this user"""
     private: bool
-    """nobody else may look into it"""
+    """True if no other user has access"""
     can_be_made: bool
+    """True if it does not exist and this user can create it"""
 
 
 @dataclass(frozen=True)
 class ReceiveBuffer:
-    """What a UDP socket got, and the system's bound."""
+    """Size of a UDP socket's receive buffer, and the system's limit."""
 
     got_bytes: int
     rmem_max_bytes: int | None
-    """net.core.rmem_max; None where it cannot be read (in a container)"""
+    """net.core.rmem_max; None if it cannot be read (in a container)"""
 
 
 @dataclass(frozen=True)
 class Route:
-    """The interface that leads to an address."""
+    """Network interface that leads to an address."""
 
     interface: str
     mtu_bytes: int
@@ -66,33 +68,39 @@ class Route:
 
 
 class Computer(Protocol):
-    """What the checks of this module ask the operating system."""
+    """Operating system as the checks use it."""
 
     def port(self, path: str) -> PortState:
-        """The serial port at `path`."""
+        """State of the serial port at `path`."""
         ...
 
     def socket_folder(self, folder: Path) -> FolderState:
-        """The folder of the daemon's socket."""
+        """State of the folder for the daemon's socket."""
         ...
 
     def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
-        """What a UDP socket of this user gets when it asks for so much."""
+        """Receive buffer that a UDP socket of this user gets when it requests `asked_bytes`."""
         ...
 
     def route(self, address: str) -> Route | None:
-        """The interface to an IPv4 address; None where it cannot be told. OSError: there is no way there."""
+        """Interface that leads to an IPv4 address; None if unknown. Raises OSError without a route."""
         ...
 
     def latency_timer_ms(self, port: str) -> int | None:
-        """The USB adapter's latency timer; None where the port has none."""
+        """Latency timer of the USB adapter [ms]; None if the port has none."""
         ...
 
 
 class LinuxComputer:
-    """The one this runs on. `sys`, `proc` and `lock` are parameters so that a test can bring its own trees."""
+    """Linux computer that this program runs on.
 
-    def __init__(self, sys: Path = Path("/sys"), proc: Path = Path("/proc"), lock: Path = Path("/run/lock")) -> None:
+    Args:
+        sys, proc, lock: roots of the system's trees; a test passes its own.
+    """
+
+    def __init__(
+        self, sys: Path = Path("/sys"), proc: Path = Path("/proc"), lock: Path = Path("/run/lock")
+    ) -> None:
         self._sys, self._proc, self._lock = sys, proc, lock
 
     def port(self, path: str) -> PortState:
@@ -106,10 +114,14 @@ class LinuxComputer:
         except KeyError:
             group = str(status.st_gid)
         usable = os.access(path, os.R_OK | os.W_OK)
-        return PortState(exists=True, usable=usable, group=group, in_use=usable and (_flocked(path) or self._lock_file(path)))
+        in_use = usable and (_has_flock(path) or self._has_lock_file(path))
+        return PortState(exists=True, usable=usable, group=group, in_use=in_use)
 
-    def _lock_file(self, path: str) -> bool:
-        """Whether a living program keeps a lock file for the port (FHS 5.9: LCK..ttyUSB0 holds its process id in text)."""
+    def _has_lock_file(self, path: str) -> bool:
+        """True if a running program has a lock file for the port.
+
+        FHS 5.9: LCK..ttyUSB0 holds the program's process id as text.
+        """
         try:
             owner = int((self._lock / f"LCK..{Path(path).resolve().name}").read_text(encoding="ascii"))
         except (OSError, ValueError):
@@ -124,9 +136,8 @@ class LinuxComputer:
             above = next((parent for parent in folder.absolute().parents if parent.exists()), Path("/"))
             can_be_made = above.is_dir() and os.access(above, os.W_OK | os.X_OK)
             return FolderState(exists=False, owned=False, private=False, can_be_made=can_be_made)
-        return FolderState(
-            exists=True, owned=status.st_uid == os.getuid(), private=stat.S_IMODE(status.st_mode) & 0o077 == 0, can_be_made=True
-        )
+        owned, private = status.st_uid == os.getuid(), stat.S_IMODE(status.st_mode) & 0o077 == 0
+        return FolderState(exists=True, owned=owned, private=private, can_be_made=True)
 
     def receive_buffer(self, asked_bytes: int) -> ReceiveBuffer:
         """See Computer."""
@@ -142,13 +153,15 @@ class LinuxComputer:
     def route(self, address: str) -> Route | None:
         """See Computer."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.connect((address, GVCP_PORT))  # sends nothing; the kernel looks the route up
+            probe.connect((address, GVCP_PORT))  # sends nothing; the kernel only looks up the route
             local = probe.getsockname()[0]
             if ipaddress.IPv4Address(local).is_loopback:
                 return Route("lo", _mtu(probe, "lo"), loopback=True)
             for _, name in socket.if_nameindex():
                 with contextlib.suppress(OSError):
-                    answer = fcntl.ioctl(probe.fileno(), _SIOCGIFADDR, struct.pack("256s", name.encode()[:15]))
+                    answer = fcntl.ioctl(
+                        probe.fileno(), _SIOCGIFADDR, struct.pack("256s", name.encode()[:15])
+                    )
                     if socket.inet_ntoa(answer[20:24]) == local:
                         return Route(name, _mtu(probe, name), loopback=False)
         return None
@@ -157,7 +170,9 @@ class LinuxComputer:
         """See Computer."""
         name = Path(port).resolve().name
         try:
-            return int((self._sys / "bus/usb-serial/devices" / name / "latency_timer").read_text(encoding="ascii"))
+            return int(
+                (self._sys / "bus/usb-serial/devices" / name / "latency_timer").read_text(encoding="ascii")
+            )
         except (OSError, ValueError):
             return None
 
@@ -167,8 +182,8 @@ def _mtu(probe: socket.socket, interface: str) -> int:
     return struct.unpack_from("<i", answer, 16)[0]
 
 
-def _flocked(path: str) -> bool:
-    """Whether another program has the port to itself, as the striker's own port does (pyserial's `exclusive`)."""
+def _has_flock(path: str) -> bool:
+    """True if another program has locked the port, as the striker does (pyserial's `exclusive`)."""
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError as error:
@@ -182,111 +197,127 @@ def _flocked(path: str) -> bool:
     return False
 
 
-# --- the checks -------------------------------------------------------------------------------------------------------
+# --- the checks
+# ------------------------------------------------------------------------------------------------
 
 
 def check_port(computer: Computer, port: str) -> Check:
-    """May the servo's port be opened by this user?"""
+    """Check that this user may open the servo's port."""
     state = computer.port(port)
     if not state.exists:
-        return failed(
-            "serial port", f"{port}: is not there", "check the adapter's cable, and `port` in the rig file (`ls -l /dev/serial/by-id`)"
-        )
+        remedy = "check the adapter's cable, and `port` in the rig file (`ls -l /dev/serial/by-id`)"
+        return failed("serial port", f"{port}: does not exist", remedy)
     if not state.usable:
         return failed(
             "serial port",
             f"{port}: belongs to group {state.group}, you may not read and write it",
             f"sudo usermod -aG {state.group or 'dialout'} $USER, then log in again",
         )
-    return passed("serial port", f"{port}: may be read and written")
+    return passed("serial port", f"{port}: readable and writable")
 
 
 def check_lock(computer: Computer, port: str, daemon_pid: int | None) -> Check:
-    """Is the port free, or held by our daemon?"""
+    """Check that the port is free or held by the rig's daemon."""
     state = computer.port(port)
     if not state.usable:
-        return not_checked("port lock", "the serial port comes first")
+        return not_checked("port lock", "the serial port must be usable first")
     if daemon_pid is not None:
         return passed("port lock", f"held by the daemon (pid {daemon_pid})" if state.in_use else "free")
     if state.in_use:
-        return failed(
-            "port lock", f"{port}: in use by another program", f"`fuser -v {port}` names it: end it (ModemManager: see docs/hardware.md)"
-        )
+        remedy = f"end the program that `fuser -v {port}` names (ModemManager: see docs/how-to/hardware.md)"
+        return failed("port lock", f"{port}: in use by another program", remedy)
     return passed("port lock", "free")
 
 
 def check_socket(computer: Computer, path: Path) -> Check:
-    """Can the daemon's socket be made where only this user can open it?"""
+    """Check that the daemon's socket can be created where only this user has access."""
     name = "daemon socket"
     size = len(str(path).encode())
-    if size > LONGEST_SOCKET_PATH:
-        return failed(name, f"{path}: {size} bytes", "set [daemon] socket to a shorter path", Measured(size, LONGEST_SOCKET_PATH, "B"))
+    if size > MAX_SOCKET_PATH_BYTES:
+        measured = Measured(size, MAX_SOCKET_PATH_BYTES, "B")
+        return failed(name, f"{path}: {size} bytes long", "set [daemon] socket to a shorter path", measured)
     if path.exists() and not path.is_socket():
-        return failed(name, f"{path}: is there and is no socket", "set [daemon] socket to another path")
-    state = computer.socket_folder(path.parent)
+        return failed(name, f"{path}: exists and is not a socket", "set [daemon] socket to another path")
+    return _check_socket_folder(computer.socket_folder(path.parent), path)
+
+
+def _check_socket_folder(state: FolderState, path: Path) -> Check:
+    name = "daemon socket"
+    if not state.exists and state.can_be_made:
+        return passed(name, f"{path}: its folder will be created with access for you only")
     if not state.exists:
-        if state.can_be_made:
-            return passed(name, f"{path}: its folder will be made, yours alone")
-        return failed(name, f"{path.parent}: is not there and cannot be made", "set [daemon] socket to a folder of yours")
+        found = f"{path.parent}: does not exist and cannot be created"
+        return failed(name, found, "set [daemon] socket to a folder of yours")
     if not state.owned:
-        return failed(name, f"{path.parent}: belongs to another user", "set [daemon] socket to a folder of yours")
+        found = f"{path.parent}: belongs to another user"
+        return failed(name, found, "set [daemon] socket to a folder of yours")
     if not state.private:
-        return failed(name, f"{path.parent}: others may look into it", f"chmod 700 {path.parent}")
-    return passed(name, f"{path}: in a folder that is yours alone")
+        return failed(name, f"{path.parent}: other users have access", f"chmod 700 {path.parent}")
+    return passed(name, f"{path}: its folder is accessible to you only")
 
 
 def check_receive_buffer(computer: Computer, asked_bytes: int) -> Check:
-    """Does the stream's socket get the buffer that the rig file asks for?"""
+    """Check that the stream's socket gets the buffer size that the rig file requests."""
     buffer = computer.receive_buffer(asked_bytes)
-    bound = "unknown" if buffer.rmem_max_bytes is None else f"{buffer.rmem_max_bytes} B"
-    found = f"{buffer.got_bytes} B of {asked_bytes} B asked (net.core.rmem_max {bound})"
+    limit = "unknown" if buffer.rmem_max_bytes is None else f"{buffer.rmem_max_bytes} B"
+    found = f"{buffer.got_bytes} B of {asked_bytes} B requested (net.core.rmem_max {limit})"
     measured = Measured(buffer.got_bytes, asked_bytes, "B")
     if buffer.got_bytes < asked_bytes:
         return failed(
             "receive buffer",
             found,
-            f"sudo sysctl -w net.core.rmem_max={asked_bytes}, and keep it in /etc/sysctl.d (docs/hardware.md)",
+            f"sudo sysctl -w net.core.rmem_max={asked_bytes}, and keep it in /etc/sysctl.d "
+            "(docs/how-to/hardware.md)",
             measured,
         )
     return passed("receive buffer", found, measured)
 
 
 def check_packet_size(computer: Computer, address: str, packet_size: int) -> Check:
-    """Do the camera's packets fit the interface that leads to it? Loopback carries any."""
+    """Check that the camera's packets fit the interface that leads to it; loopback carries any size."""
     name = "packet size"
     try:
         ipaddress.IPv4Address(address)
     except ValueError:
-        return not_checked(name, f"{address} is a device id, not an IP address", "write the IP address that `acquire discover` prints")
+        remedy = "write the IP address that `acquire discover` prints"
+        return not_checked(name, f"{address} is a device id, not an IP address", remedy)
     try:
         route = computer.route(address)
     except OSError as error:
-        return failed(name, f"no way leads to {address}: {error.strerror}", "give the interface an address in the camera's subnet")
+        remedy = "give the interface an address in the camera's subnet"
+        return failed(name, f"no route to {address}: {error.strerror}", remedy)
     if route is None:
-        return not_checked(name, f"the interface to {address} cannot be told", f"compare by hand: `ip route get {address}`, `ip link`")
+        remedy = f"compare by hand: `ip route get {address}`, `ip link`"
+        return not_checked(name, f"the interface to {address} is unknown", remedy)
     measured = Measured(packet_size, route.mtu_bytes, "B")
     found = f"{packet_size} B, {route.interface} carries {route.mtu_bytes} B"
     if route.loopback:
         return passed(name, f"{found} (loopback)", measured)
     if packet_size > route.mtu_bytes:
-        return failed(
-            name, found, f"sudo ip link set {route.interface} mtu 9000, or packet_size = {route.mtu_bytes} in the rig file", measured
+        remedy = (
+            f"sudo ip link set {route.interface} mtu 9000, or packet_size = {route.mtu_bytes} in the rig file"
         )
+        return failed(name, found, remedy, measured)
     return passed(name, found, measured)
 
 
 def check_latency_timer(computer: Computer, port: str) -> Check:
-    """FTDI gathers bytes for 16 ms by default: 59 reads a second, and no contact can be timed."""
+    """Check the USB adapter's latency timer.
+
+    FTDI collects bytes for 16 ms by default; with 59 reads per second, no contact can be timed.
+    """
     if not computer.port(port).exists:
-        return not_checked("USB latency", "the serial port comes first")
+        return not_checked("USB latency", "the serial port must exist first")
     latency = computer.latency_timer_ms(port)
     if latency is None:
         return passed("USB latency", f"{port}: no adapter with a latency timer")
     measured = Measured(latency, LATENCY_MS, "ms")
     if latency > LATENCY_MS:
-        # The port asks for low latency when it is opened, but that does not work on every system (DynamixelSDK #116): udev does.
+        # Opening the port requests low latency, but that fails on some systems (DynamixelSDK #116); udev
+        # works.
         file = f"/sys/bus/usb-serial/devices/{Path(port).resolve().name}/latency_timer"
-        return failed(
-            "USB latency", f"{latency} ms", f"echo {LATENCY_MS} | sudo tee {file}, for ever: udev rule in docs/hardware.md", measured
+        remedy = (
+            f"echo {LATENCY_MS} | sudo tee {file}; to make it permanent: udev rule in docs/how-to/hardware.md"
         )
+        return failed("USB latency", f"{latency} ms", remedy, measured)
     return passed("USB latency", f"{latency} ms", measured)

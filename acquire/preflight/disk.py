@@ -1,4 +1,4 @@
-"""Is the disk that takes the recordings fast and empty enough?"""
+"""Checks of the disk that receives the recordings: free space and write speed."""
 
 from __future__ import annotations
 
@@ -15,26 +15,30 @@ if TYPE_CHECKING:
     from acquire.config import RigConfig
 
 SPEED_MARGIN = 1.3
-"""a disk just as fast as the camera has no time for anything else"""
+"""required write speed over the camera's data rate"""
 TEST_S = 2.0
-LARGEST_TEST_BYTES = 256 << 20
+MAX_TEST_BYTES = 256 << 20
 _BLOCK = 1 << 20
 
 
 class Disk(Protocol):
-    """What the checks of this module ask of a disk. Both raise OSError."""
+    """Disk as the checks use it. Both methods raise OSError."""
 
     def free_bytes(self, folder: Path) -> int:
-        """Free for this user."""
+        """Free space for this user [B]."""
         ...
 
     def write_speed(self, folder: Path, size_bytes: int) -> float:
-        """Bytes per second of `size_bytes` written there and synchronised; nothing stays."""
+        """Speed [B/s] of writing and synchronising `size_bytes`; no file remains."""
         ...
 
 
 class RealDisk:
-    """The disk itself. `monotonic_ns`: host time."""
+    """Disk of this computer.
+
+    Args:
+        monotonic_ns: host monotonic time.
+    """
 
     def __init__(self, monotonic_ns: Callable[[], int]) -> None:
         self._now_ns = monotonic_ns
@@ -45,7 +49,7 @@ class RealDisk:
         return disk.f_bavail * disk.f_frsize
 
     def write_speed(self, folder: Path, size_bytes: int) -> float:
-        """See Disk. Random bytes, so that a disk that compresses gains nothing, into a file without a name: a kill leaves nothing."""
+        """See Disk. Random bytes defeat compression; without a name, the file vanishes even after a kill."""
         block = os.urandom(_BLOCK)
         blocks = -(-size_bytes // _BLOCK)
         with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
@@ -67,51 +71,57 @@ def _write_all(descriptor: int, data: bytes) -> None:
 
 
 def data_rate(rig: RigConfig) -> float:
-    """Bytes per second of the images of a strike window, mono8."""
+    """Data rate of the camera's mono8 images [B/s]."""
     return rig.camera.width * rig.camera.height * rig.camera.frame_rate_hz
 
 
 def check_disk(disk: Disk, rig: RigConfig) -> list[Check]:
-    """Free space against the reserve, and speed against the camera. A session's own file may go elsewhere: so the folder is named."""
+    """Checks of free space against the reserve, and of write speed against the camera's data rate.
+
+    The folder is named in the finding, because a session's file may go to another.
+    """
     folder = Path(rig.recorder.directory).absolute()
     rate = data_rate(rig)
-    test_bytes = min(LARGEST_TEST_BYTES, round(TEST_S * rate))
     try:
         free = disk.free_bytes(folder)
     except OSError as error:
-        space = failed("disk space", f"{folder}: {error.strerror}", "make the folder, or set [recorder] directory to another")
-        return [space, not_checked("disk speed", "the recording folder comes first")]
-    reserve = rig.recorder.disk_reserve_bytes
-    measured = Measured(free, reserve, "B")
-    found = (
-        f"{free / 1e9:.1f} GB free in {folder}, {reserve / 1e9:.1f} GB kept back: {max(0, free - reserve) / rate:.0f} s of strike windows"
-    )
-    if free < reserve:
-        space = failed(
-            "disk space", found, "free some space, or record on another disk: -o there, and [recorder] directory to check it", measured
-        )
-    else:
-        space = passed("disk space", found, measured)
+        remedy = "create the folder, or set [recorder] directory to another"
+        space = failed("disk space", f"{folder}: {error.strerror}", remedy)
+        return [space, not_checked("disk speed", "the recording folder must be usable first")]
+    space = _check_space(free, rig.recorder.disk_reserve_bytes, folder, rate)
+    test_bytes = min(MAX_TEST_BYTES, round(TEST_S * rate))
     if free < 2 * test_bytes:
         return [space, not_checked("disk speed", f"no room for a test of {test_bytes / 1e6:.0f} MB")]
+    return [space, _check_speed(disk, folder, test_bytes, rate)]
+
+
+def _check_space(free: int, reserve: int, folder: Path, rate: float) -> Check:
+    measured = Measured(free, reserve, "B")
+    found = (
+        f"{free / 1e9:.1f} GB free in {folder}, {reserve / 1e9:.1f} GB reserved: "
+        f"room for {max(0, free - reserve) / rate:.0f} s of strike windows"
+    )
+    if free < reserve:
+        remedy = "free some space, or record on another disk: -o there, and [recorder] directory to check it"
+        return failed("disk space", found, remedy, measured)
+    return passed("disk space", found, measured)
+
+
+def _check_speed(disk: Disk, folder: Path, test_bytes: int, rate: float) -> Check:
     try:
         speed = disk.write_speed(folder, test_bytes)
     except OSError as error:
-        return [space, failed("disk speed", f"{folder}: {error.strerror}", "make the folder writable for you, or choose another")]
+        remedy = "make the folder writable for you, or choose another"
+        return failed("disk speed", f"{folder}: {error.strerror}", remedy)
     needed = SPEED_MARGIN * rate
     measured = Measured(speed, needed, "B/s")
     found = (
         f"{speed / 1e6:.0f} MB/s written and synchronised in {folder}; "
-        f"the camera sends {rate / 1e6:.1f} MB/s, {needed / 1e6:.0f} MB/s are wanted"
+        f"the camera sends {rate / 1e6:.1f} MB/s, {needed / 1e6:.0f} MB/s are required"
     )
     if speed < needed:
-        return [
-            space,
-            failed(
-                "disk speed",
-                found,
-                "record on a faster disk (-o there, and [recorder] directory to check it), or lower frame_rate_hz",
-                measured,
-            ),
-        ]
-    return [space, passed("disk speed", found, measured)]
+        remedy = (
+            "record on a faster disk (-o there, and [recorder] directory to check it), or lower frame_rate_hz"
+        )
+        return failed("disk speed", found, remedy, measured)
+    return passed("disk speed", found, measured)

@@ -1,4 +1,4 @@
-"""`acquire check` on a terminal: lines in groups as they are known, wrapped to its width, and a verdict in the end."""
+"""Terminal output of `acquire check`: checks in groups as they finish, and a summary at the end."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GROUPS = {
     "camera": "camera",
     "light": "scene",
 }
-"""a group begins with the first of these lines"""
+"""group that begins with this check"""
 MARKS = {
     Outcome.PASS: Text("\u2713", "green"),
     Outcome.FAIL: Text("\u2717", "bold red"),
@@ -32,7 +32,7 @@ NAME_WIDTH = 17
 
 
 class CheckPicture:
-    """Prints checks one by one; nothing is held back."""
+    """Printer of checks, one by one as they finish."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -41,7 +41,7 @@ class CheckPicture:
         self._failures: list[str] = []
 
     def show(self, check: Check) -> None:
-        """One check, under its group's heading."""
+        """Print one check, under its group's heading."""
         group = GROUPS.get(check.name, self._group)
         if group != self._group:
             self._console.print(Text(f"\n{group}" if self._group else group, "bold"))
@@ -52,13 +52,16 @@ class CheckPicture:
         self._console.print(_line(check))
 
     def verdict(self, seconds: float) -> None:
-        """What became of all of them."""
+        """Print whether the rig is ready, and the number of checks by outcome."""
+        words = {Outcome.PASS: "passed", Outcome.FAIL: "failed", Outcome.NOT_CHECKED: "not checked"}
         counts = ", ".join(
             f"{self._outcomes[outcome]} {word}"
-            for outcome, word in ((Outcome.PASS, "passed"), (Outcome.FAIL, "failed"), (Outcome.NOT_CHECKED, "not checked"))
+            for outcome, word in words.items()
             if self._outcomes[outcome] or outcome is Outcome.PASS
         )
-        text = Text(f"\nnot ready: {', '.join(self._failures)}", "bold red") if self._failures else Text("\nready", "bold green")
+        text = Text("\nready", "bold green")
+        if self._failures:
+            text = Text(f"\nnot ready: {', '.join(self._failures)}", "bold red")
         self._console.print(text.append(f"  ({counts}; {seconds:.0f} s)", "not bold default"))
 
 
@@ -67,8 +70,14 @@ def _line(check: Check) -> RenderableType:
     table.add_column(width=2, justify="right")
     table.add_column(width=NAME_WIDTH, no_wrap=True)
     table.add_column(overflow="fold")
-    found = Text(f"not checked: {check.found}", "dim") if check.outcome is Outcome.NOT_CHECKED else Text(check.found)
-    table.add_row(MARKS[check.outcome], Text(check.name, "bold" if check.outcome is Outcome.FAIL else ""), found)
+    found = (
+        Text(f"not checked: {check.found}", "dim")
+        if check.outcome is Outcome.NOT_CHECKED
+        else Text(check.found)
+    )
+    table.add_row(
+        MARKS[check.outcome], Text(check.name, "bold" if check.outcome is Outcome.FAIL else ""), found
+    )
     if check.remedy:
         table.add_row("", "", Text(f"\u2192 {check.remedy}", "yellow"))
     return table

@@ -1,4 +1,7 @@
-"""Is the servo there, fed, cool and healthy? Only reads: a check moves nothing and wears no EEPROM."""
+"""Checks of the servo: answer, supply voltage, temperature, hardware error.
+
+They only read: nothing moves, and no EEPROM wears.
+"""
 
 from __future__ import annotations
 
@@ -13,46 +16,51 @@ if TYPE_CHECKING:
     from acquire.clock.clock import Clock
     from acquire.config import StrikerConfig
 
-LOWEST_V, HIGHEST_V = 10.0, 14.8
+MIN_SUPPLY_V, MAX_SUPPLY_V = 10.0, 14.8
 """the vendor's range for XM430"""
-WARM_MARGIN_C = 10
-"""below the limit at which the servo lets go: a session must not end that way"""
+TEMPERATURE_MARGIN_C = 10
+"""required margin below the limit at which the servo switches its torque off, so that no session ends that
+way"""
 SERVO_LINES = ("servo", "servo supply", "servo temperature", "servo health")
 
 
 @dataclass(frozen=True)
 class ServoState:
-    """What the servo's registers say."""
+    """Model, supply voltage, temperature and hardware error read from the servo."""
 
     model: int
     voltage_v: float
     temperature_c: int
     hardware_error: str | None
-    """in words"""
+    """description; None if there is none"""
 
 
 ReadServo = Callable[["StrikerConfig"], ServoState]
 
 
 def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
-    """Ask the servo.
+    """Read the servo's state.
 
     Raises:
-        StrikerError: no port, no servo, one that has no table here, or no answer.
+        StrikerError: no port, no servo, an unknown model, or no answer.
     """
     try:
         from acquire.striker.bus import ServoBus
         from acquire.striker.control_table import MODEL_FILES, MODEL_NAMES, control_table
         from acquire.striker.servo import hardware_error_text
     except ImportError as error:
-        raise StrikerError(f"{config.port}: the servo's library is missing ({error}): install percuss[rig]") from None
+        raise StrikerError(
+            f"{config.port}: the servo's library is missing ({error}): install percuss[rig]"
+        ) from None
 
     bus = ServoBus(config.port, config.baud_rate, config.id, clock)
     model = bus.open()
     try:
         if model not in MODEL_FILES:
             known = ", ".join(MODEL_NAMES.values())
-            raise StrikerError(f"{config.port}: the servo is of model {model}, which has no tested current limit: use {known}")
+            raise StrikerError(
+                f"{config.port}: the servo's model is {model}, which has no tested current limit: use {known}"
+            )
         table = control_table(model)
         return ServoState(
             model=model,
@@ -65,9 +73,9 @@ def read_servo(config: StrikerConfig, clock: Clock) -> ServoState:
 
 
 def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
-    """The servo's lines."""
+    """Checks of a servo that no daemon holds."""
     if config.kind == "manual":
-        return [passed("servo", "none: a hand strikes")]
+        return [passed("servo", "none: a person strikes by hand")]
     try:
         state = read(config)
     except StrikerError as error:
@@ -76,22 +84,31 @@ def check_servo(read: ReadServo, config: StrikerConfig) -> list[Check]:
     return [_model(config, state), _supply(state), _temperature(config, state), _health(state)]
 
 
-def check_held_servo(config: StrikerConfig, state: str, health: dict[str, Any] | None, trouble: str = "") -> list[Check]:
-    """The servo's lines while a daemon holds it.
+def check_held_servo(
+    config: StrikerConfig, state: str, health: dict[str, Any] | None, trouble: str = ""
+) -> list[Check]:
+    """Checks of a servo that a daemon holds.
 
     Args:
         config: the rig file's section.
-        state: the striker's.
-        health: what the daemon last read of the servo, as in its status; None: nothing yet, or its port is lost.
-        trouble: why the striker is in its fault.
+        state: state of the daemon's striker.
+        health: last reading of the servo in the daemon's status; None if there is none or the port was lost.
+        trouble: reason of the striker's fault, if it is in one.
     """
     if config.kind == "manual":
-        return [passed("servo", "none: a hand strikes")]
+        return [passed("servo", "none: a person strikes by hand")]
     first = passed("servo", f"held by the daemon, {state}")
     if state == "fault":
-        first = failed("servo", f"the daemon's striker is in a fault: {trouble}", "put that right; the next session homes it")
+        remedy = "correct the fault; the next session homes the striker"
+        first = failed("servo", f"the daemon's striker is in a fault: {trouble}", remedy)
     if health is None:
-        return [first, *(not_checked(name, "the daemon holds the servo and has not read it") for name in SERVO_LINES[1:])]
+        return [
+            first,
+            *(
+                not_checked(name, "the daemon holds the servo and has not read it")
+                for name in SERVO_LINES[1:]
+            ),
+        ]
     known = ServoState(
         int(health["model"]),
         float(health["voltage_v"]),
@@ -104,33 +121,34 @@ def check_held_servo(config: StrikerConfig, state: str, health: dict[str, Any] |
 def _model(config: StrikerConfig, state: ServoState) -> Check:
     from acquire.striker.control_table import MODEL_NAMES
 
-    return passed("servo", f"{MODEL_NAMES.get(state.model, state.model)}, id {config.id}, answers at {config.baud_rate} bit/s")
+    name = MODEL_NAMES.get(state.model, state.model)
+    return passed("servo", f"{name}, id {config.id}, answers at {config.baud_rate} bit/s")
 
 
 def _supply(state: ServoState) -> Check:
-    found = f"{state.voltage_v:.1f} V ({LOWEST_V:g} to {HIGHEST_V:g} V)"
-    if state.voltage_v < LOWEST_V:
-        return failed(
-            "servo supply", found, "use a 12 V supply of 3 A or more; is the cut-off switch on?", Measured(state.voltage_v, LOWEST_V, "V")
-        )
-    measured = Measured(state.voltage_v, HIGHEST_V, "V")
-    return (
-        failed("servo supply", found, "use a 12 V supply", measured)
-        if state.voltage_v > HIGHEST_V
-        else passed("servo supply", found, measured)
-    )
+    found = f"{state.voltage_v:.1f} V ({MIN_SUPPLY_V:g} to {MAX_SUPPLY_V:g} V)"
+    if state.voltage_v < MIN_SUPPLY_V:
+        remedy = "use a 12 V supply of 3 A or more; check that the cut-off switch is on"
+        return failed("servo supply", found, remedy, Measured(state.voltage_v, MIN_SUPPLY_V, "V"))
+    measured = Measured(state.voltage_v, MAX_SUPPLY_V, "V")
+    if state.voltage_v > MAX_SUPPLY_V:
+        return failed("servo supply", found, "use a 12 V supply", measured)
+    return passed("servo supply", found, measured)
 
 
 def _temperature(config: StrikerConfig, state: ServoState) -> Check:
-    limit = config.temperature_limit_c - WARM_MARGIN_C
+    limit = config.temperature_limit_c - TEMPERATURE_MARGIN_C
     measured = Measured(state.temperature_c, limit, "degC")
-    found = f"{state.temperature_c} C, at {config.temperature_limit_c} C it lets go"
+    found = f"{state.temperature_c} C; the torque is switched off at {config.temperature_limit_c} C"
     if state.temperature_c > limit:
-        return failed("servo temperature", found, "let it cool with the power cut; check that the arm moves freely", measured)
+        remedy = "let it cool with the power off; check that the arm moves freely"
+        return failed("servo temperature", found, remedy, measured)
     return passed("servo temperature", found, measured)
 
 
 def _health(state: ServoState) -> Check:
     if state.hardware_error is not None:
-        return failed("servo health", state.hardware_error, "put right what it names; homing restarts the servo")
+        return failed(
+            "servo health", state.hardware_error, "correct the named fault; homing restarts the servo"
+        )
     return passed("servo health", "no hardware error")

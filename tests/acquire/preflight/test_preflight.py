@@ -1,4 +1,4 @@
-"""Every line of `acquire check` on fakes of computer, disk, servo and film, and once against the virtual devices."""
+"""Every line of `acquire check` on fakes of computer, disk, servo and video, and once against the virtual devices."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from acquire.errors import CameraNotFound, CameraSettingError, RecorderError, St
 from acquire.preflight.check import Check, Outcome, failed_as
 from acquire.preflight.computer import FolderState, LinuxComputer, PortState, ReceiveBuffer, Route
 from acquire.preflight.disk import RealDisk
-from acquire.preflight.film import Film, FilmContent
 from acquire.preflight.picture import CheckPicture
 from acquire.preflight.servo import ServoState, check_held_servo
 from acquire.preflight.session import LINES, Probes, RunningDaemon, check_rig
+from acquire.preflight.video import CheckVideo, VideoContent
 from schemas.rig import StrikerConfig
 from schemas.watch_lines import SeenMarker, WatchEvent
 from tests.rig_text import CALIBRATION
@@ -48,8 +48,12 @@ PIXELS_PER_S = 656 * 492 * 120
 class FakeComputer:
     """All is well; models no device, no kernel."""
 
-    port_state: PortState = field(default_factory=lambda: PortState(exists=True, usable=True, group="dialout", in_use=False))
-    folder: FolderState = field(default_factory=lambda: FolderState(exists=False, owned=False, private=False, can_be_made=True))
+    port_state: PortState = field(
+        default_factory=lambda: PortState(exists=True, usable=True, group="dialout", in_use=False)
+    )
+    folder: FolderState = field(
+        default_factory=lambda: FolderState(exists=False, owned=False, private=False, can_be_made=True)
+    )
     buffer: ReceiveBuffer = field(default_factory=lambda: ReceiveBuffer(16 << 20, 16 << 20))
     way: Route | OSError | None = field(default_factory=lambda: Route("enp3s0", 9000, loopback=False))
     latency: int | None = 1
@@ -93,16 +97,18 @@ def _square(edge: float) -> list[list[float]]:
     return [[100.0, 100.0 + edge], [100.0 + edge, 100.0 + edge], [100.0 + edge, 100.0], [100.0, 100.0]]
 
 
-EVENT = WatchEvent(time_ns=1, markers=[SeenMarker(id=3, corners_px=_square(80.0))], at_rest=True, saturated_fraction=0.0)
-CONTENT = FilmContent(np.full((48, 64), 180, np.uint8), clock_samples=5, mapping_sd_ns=25_000)
-FILM = Film(seconds=1.0, frames=121, lost=0, content=CONTENT, event=EVENT)
+EVENT = WatchEvent(
+    time_ns=1, markers=[SeenMarker(id=3, corners_px=_square(80.0))], at_rest=True, saturated_fraction=0.0
+)
+CONTENT = VideoContent(np.full((48, 64), 180, np.uint8), clock_samples=5, mapping_sd_ns=25_000)
+FILM = CheckVideo(seconds=1.0, frames=121, lost=0, content=CONTENT, event=EVENT)
 
 
 @dataclass
-class FakeFilming:
+class FakeVideoSource:
     """A camera that is what its fields say; sends no packet."""
 
-    film: Film | Exception = FILM
+    video: CheckVideo | Exception = FILM
     refusal: Exception | None = None
     closed: int = 0
 
@@ -111,10 +117,10 @@ class FakeFilming:
             raise self.refusal
         return "Maker Model (1)"
 
-    def shoot(self, folder: Path) -> Film:
-        if isinstance(self.film, Exception):
-            raise self.film
-        return self.film
+    def record(self, folder: Path) -> CheckVideo:
+        if isinstance(self.video, Exception):
+            raise self.video
+        return self.video
 
     def close(self) -> None:
         self.closed += 1
@@ -128,7 +134,7 @@ class Bench:
     computer: FakeComputer = field(default_factory=FakeComputer)
     disk: FakeDisk = field(default_factory=FakeDisk)
     servo: ServoState | Exception = field(default_factory=lambda: ServoState(1030, 12.1, 33, None))
-    filming: FakeFilming = field(default_factory=FakeFilming)
+    source: FakeVideoSource = field(default_factory=FakeVideoSource)
     status: dict | Exception | None = None
 
     def lines(self) -> dict[str, Check]:
@@ -136,14 +142,16 @@ class Bench:
         def daemon(_: RigConfig) -> Iterator[RunningDaemon | None]:
             if isinstance(self.status, Exception):
                 raise self.status
-            yield None if self.status is None else RunningDaemon(self.status, self.filming)
+            yield None if self.status is None else RunningDaemon(self.status, self.source)
 
         def servo(_: object) -> ServoState:
             if isinstance(self.servo, Exception):
                 raise self.servo
             return self.servo
 
-        found = list(check_rig(self.rig_path, Probes(self.computer, self.disk, servo, lambda _: self.filming, daemon)))
+        found = list(
+            check_rig(self.rig_path, Probes(self.computer, self.disk, servo, lambda _: self.source, daemon))
+        )
         names = [line.name for line in found]
         assert len(names) == len(set(names))
         assert set(names) <= set(LINES)
@@ -168,7 +176,7 @@ def test_a_rig_in_order_passes_every_line_in_order(bench: Bench) -> None:
     lines = bench.lines()
     assert tuple(lines) == LINES
     assert {line.outcome for line in lines.values()} == {Outcome.PASS}
-    assert bench.filming.closed == 1
+    assert bench.source.closed == 1
     assert lines["frames"].measured is not None
     assert lines["frames"].measured.value == pytest.approx(120.0)
     assert lines["frames"].as_dict()["outcome"] == "pass"
@@ -185,20 +193,26 @@ def test_a_rig_file_that_cannot_be_read_is_the_first_line_of_all(bench: Bench) -
 def test_without_any_device_every_line_is_there(bench: Bench) -> None:
     bench.computer.port_state = PortState(exists=False, usable=False, group="", in_use=False)
     bench.servo = StrikerNotFound("/dev/ttyUSB0: no such serial port; check the cable")
-    bench.filming.refusal = CameraNotFound("no camera answers at 192.168.10.2 (timeout): check power; see discover")
+    bench.source.refusal = CameraNotFound(
+        "no camera answers at 192.168.10.2 (timeout): check power; see discover"
+    )
     lines = bench.lines()
     assert tuple(lines) == LINES
     assert bench.failures() == {"serial port", "servo", "camera"}
     assert lines["servo"].found == "/dev/ttyUSB0: no such serial port"
     assert lines["servo"].remedy == "check the cable"
     assert lines["camera"].remedy == "check power; see discover"
-    assert bench.filming.closed == 2
+    assert bench.source.closed == 2
 
 
 @pytest.mark.parametrize(
     ("state", "line", "word"),
     [
-        (PortState(exists=True, usable=False, group="dialout", in_use=False), "serial port", "usermod -aG dialout"),
+        (
+            PortState(exists=True, usable=False, group="dialout", in_use=False),
+            "serial port",
+            "usermod -aG dialout",
+        ),
         (PortState(exists=True, usable=True, group="dialout", in_use=True), "port lock", "fuser"),
     ],
 )
@@ -215,9 +229,21 @@ def test_the_serial_port(bench: Bench, state: PortState, line: str, word: str) -
         ({"way": Route("enp3s0", 1500, loopback=False)}, "packet size", "ip link set enp3s0 mtu 9000"),
         ({"way": OSError(101, "Network is unreachable")}, "packet size", "subnet"),
         ({"latency": 16}, "USB latency", "latency_timer"),
-        ({"folder": FolderState(exists=True, owned=True, private=False, can_be_made=True)}, "daemon socket", "chmod 700"),
-        ({"folder": FolderState(exists=True, owned=False, private=True, can_be_made=True)}, "daemon socket", "folder of yours"),
-        ({"folder": FolderState(exists=False, owned=False, private=False, can_be_made=False)}, "daemon socket", "folder of yours"),
+        (
+            {"folder": FolderState(exists=True, owned=True, private=False, can_be_made=True)},
+            "daemon socket",
+            "chmod 700",
+        ),
+        (
+            {"folder": FolderState(exists=True, owned=False, private=True, can_be_made=True)},
+            "daemon socket",
+            "folder of yours",
+        ),
+        (
+            {"folder": FolderState(exists=False, owned=False, private=False, can_be_made=False)},
+            "daemon socket",
+            "folder of yours",
+        ),
     ],
 )
 def test_the_computer(bench: Bench, changes: dict, line: str, word: str) -> None:
@@ -263,7 +289,9 @@ def test_the_servo(bench: Bench) -> None:
     ]:
         bench.servo = state
         assert bench.failures() == {line}
-    bench.rig_path.write_text(bench.rig_path.read_text(encoding="utf-8") + '[striker]\nkind = "manual"\n', encoding="utf-8")
+    bench.rig_path.write_text(
+        bench.rig_path.read_text(encoding="utf-8") + '[striker]\nkind = "manual"\n', encoding="utf-8"
+    )
     lines = bench.lines()
     assert "hand" in lines["servo"].found
     assert "serial port" not in lines
@@ -271,10 +299,10 @@ def test_the_servo(bench: Bench) -> None:
 
 def test_the_camera_and_its_film(bench: Bench) -> None:
     def failures(**changes: object) -> set[str]:
-        bench.filming = FakeFilming(replace(FILM, **changes))
+        bench.source = FakeVideoSource(replace(FILM, **changes))
         return bench.failures()
 
-    def content(**changes: object) -> FilmContent:
+    def content(**changes: object) -> VideoContent:
         return replace(CONTENT, **changes)
 
     assert failures(lost=3) == {"frames"}
@@ -286,21 +314,27 @@ def test_the_camera_and_its_film(bench: Bench) -> None:
     assert failures(content=content(image=np.full((48, 64), 12, np.uint8))) == {"light"}
     assert failures(event=None) == {"marker"}
     assert failures(event=EVENT.model_copy(update={"markers": []})) == {"marker"}
-    assert failures(event=EVENT.model_copy(update={"markers": [SeenMarker(id=3, corners_px=_square(35.0))]})) == {"marker"}
+    assert failures(
+        event=EVENT.model_copy(update={"markers": [SeenMarker(id=3, corners_px=_square(35.0))]})
+    ) == {"marker"}
     assert failures(event=EVENT.model_copy(update={"at_rest": False})) == {"object at rest"}
-    bench.filming = FakeFilming(refusal=CameraSettingError("camera 1.2.3.4: gain = 99 dB was refused (range): correct the rig file"))
+    bench.source = FakeVideoSource(
+        refusal=CameraSettingError("camera 1.2.3.4: gain = 99 dB was refused (range): correct the rig file")
+    )
     assert bench.failures() == {"camera settings"}
-    bench.filming = FakeFilming(RecorderError("the disk is full: free some space"))
+    bench.source = FakeVideoSource(RecorderError("the disk is full: free some space"))
     assert bench.failures() == {"frames"}
 
 
 def test_the_level_is_read_or_the_prior_is_said(bench: Bench) -> None:
-    assert "prior is 0 +- 0.2 deg" in bench.lines()["level"].found
-    bench.rig_path.write_text("gravity_tilt_sd_rad = 0.0005\n" + bench.rig_path.read_text(encoding="utf-8"), encoding="utf-8")
-    assert "rig file says 0 +- 0.029 deg" in bench.lines()["level"].found
+    assert "table tilt assumed 0 +- 0.2 deg" in bench.lines()["level"].found
+    bench.rig_path.write_text(
+        "gravity_tilt_sd_rad = 0.0005\n" + bench.rig_path.read_text(encoding="utf-8"), encoding="utf-8"
+    )
+    assert "table tilt 0 +- 0.029 deg (1 sigma), from the rig file" in bench.lines()["level"].found
     read = "\n[level]\ntowards_x_rad = 0.003\ntowards_x_sd_rad = 0.0002\n"
     bench.rig_path.write_text(bench.rig_path.read_text(encoding="utf-8") + read, encoding="utf-8")
-    assert "rises by 0.172 +- 0.011 deg towards +x" in bench.lines()["level"].found
+    assert "table tilt 0.172 +- 0.011 deg, rising towards +x" in bench.lines()["level"].found
 
 
 STATUS = {"rig": "bench", "pid": 7, "recording": None, "striker": "disarmed", "fps": 119.9, "lost": 0}
@@ -320,14 +354,17 @@ def test_a_running_daemon_is_said_and_asked(bench: Bench) -> None:
     bench.status = {**STATUS, "striker": "fault", "servo": servo}
     assert bench.failures() == {"servo", "servo supply", "servo temperature"}
     assert bench.lines()["servo health"].outcome is Outcome.PASS
-    bench.status = {**STATUS, "servo": {**servo, "voltage_v": 12.0, "temperature_c": 31, "hardware_error": "overload"}}
+    bench.status = {
+        **STATUS,
+        "servo": {**servo, "voltage_v": 12.0, "temperature_c": 31, "hardware_error": "overload"},
+    }
     assert bench.failures() == {"servo health"}
     bench.status = {**STATUS, "rig": "another"}
     assert "daemon" in bench.failures()
 
 
 def test_an_open_session_is_not_disturbed(bench: Bench) -> None:
-    bench.filming.refusal = CameraNotFound("the camera was taken from the session: never do that")
+    bench.source.refusal = CameraNotFound("the camera was taken from the session: never do that")
     bench.status = {**STATUS, "recording": "/data/a.mcap"}
     lines = bench.lines()
     assert tuple(lines) == LINES
@@ -346,7 +383,7 @@ def test_an_error_gives_its_remedy() -> None:
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_picture_fits_the_terminal_and_ends_in_a_verdict(bench: Bench, width: int) -> None:
-    bench.filming.film = replace(FILM, lost=3, event=None)
+    bench.source.video = replace(FILM, lost=3, event=None)
     output = io.StringIO()
     picture = CheckPicture(Console(file=output, width=width, force_terminal=False))
     for line in bench.lines().values():
@@ -354,7 +391,13 @@ def test_the_picture_fits_the_terminal_and_ends_in_a_verdict(bench: Bench, width
     picture.verdict(9.0)
     rows = output.getvalue().splitlines()
     assert max(map(len, rows)) <= width
-    assert [row for row in rows if re.fullmatch("[a-z]+", row)] == ["rig", "computer", "servo", "camera", "scene"]
+    assert [row for row in rows if re.fullmatch("[a-z]+", row)] == [
+        "rig",
+        "computer",
+        "servo",
+        "camera",
+        "scene",
+    ]
     assert sum(row.lstrip().startswith("\u2717") for row in rows) == 2
     assert rows[-1] == f"not ready: frames, marker  ({len(LINES) - 3} passed, 2 failed, 1 not checked; 9 s)"
     good = CheckPicture(Console(file=output, width=width))
@@ -412,7 +455,9 @@ def test_a_port_in_use_is_seen_by_lock_and_by_lock_file(tmp_path: Path) -> None:
 def test_the_sockets_folder_is_looked_at(tmp_path: Path) -> None:
     computer = LinuxComputer()
     tmp_path.chmod(0o700)
-    assert computer.socket_folder(tmp_path) == FolderState(exists=True, owned=True, private=True, can_be_made=True)
+    assert computer.socket_folder(tmp_path) == FolderState(
+        exists=True, owned=True, private=True, can_be_made=True
+    )
     tmp_path.chmod(0o755)
     assert not computer.socket_folder(tmp_path).private
     assert computer.socket_folder(tmp_path / "a" / "b").can_be_made

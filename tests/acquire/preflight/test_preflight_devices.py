@@ -42,7 +42,9 @@ THIS_COMPUTERS_OWN = {"receive buffer", "disk speed", "frames", "camera clock"}
 def _process(*arguments: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
     """A process from its first line to its end."""
     given = {**os.environ, **environment}
-    with subprocess.Popen([sys.executable, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=given) as process:
+    with subprocess.Popen(
+        [sys.executable, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=given
+    ) as process:
         assert process.stdout is not None
         assert process.stdout.readline()
         try:
@@ -53,7 +55,7 @@ def _process(*arguments: str, **environment: str) -> Iterator[subprocess.Popen[s
 
 
 def _camera() -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
-    return _process(str(Path(__file__).with_name("tag_camera.py")), ADDRESS)
+    return _process(str(Path(__file__).parents[1] / "tag_camera.py"), ADDRESS)
 
 
 def _check(rig: Path) -> tuple[dict[str, dict], set[str]]:
@@ -73,7 +75,9 @@ def _check(rig: Path) -> tuple[dict[str, dict], set[str]]:
 def test_a_rig_of_virtual_devices(tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
     with Plant(tmp_path) as plant, _camera():
-        rig.write_text(RIG.format(address=ADDRESS, port=plant.servo.port_path, folder=tmp_path), encoding="utf-8")
+        rig.write_text(
+            RIG.format(address=ADDRESS, port=plant.servo.port_path, folder=tmp_path), encoding="utf-8"
+        )
         checks, failures = _check(rig)
     assert failures <= THIS_COMPUTERS_OWN, {name: checks[name] for name in failures}
     assert f"tag {TAG} is" in checks["marker"]["found"]
@@ -88,7 +92,9 @@ def test_a_daemon_is_asked_and_tells_its_service_manager(tmp_path: Path) -> None
     rig = tmp_path / "rig.toml"
     notify = tmp_path / "notify"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager, Plant(tmp_path) as plant, _camera():
-        rig.write_text(RIG.format(address=ADDRESS, port=plant.servo.port_path, folder=tmp_path), encoding="utf-8")
+        rig.write_text(
+            RIG.format(address=ADDRESS, port=plant.servo.port_path, folder=tmp_path), encoding="utf-8"
+        )
         manager.bind(str(notify))
         manager.settimeout(5.0)
         environment = {"NOTIFY_SOCKET": str(notify), "WATCHDOG_USEC": "20000000"}

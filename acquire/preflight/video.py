@@ -1,6 +1,8 @@
-"""A second of film for the checks: through a capture process and a watcher of our own, or through the daemon that already runs.
+"""Test video of one second for the checks, recorded by an own capture process or by the running daemon.
 
-Either way the frames go the way of a session's: Aravis, the recorder, a file, `analyze watch`. The recording is read once and removed.
+Either way the frames pass through the same stages as in a session: Aravis, the recorder, a file, `analyze
+    watch`. The
+recording is read once and deleted.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from acquire.errors import RecorderError
 from acquire.recorder.recover.rewrite import mapped, read_layout
 from schemas import topics
 from schemas.document import canonical_json, sha256_text
-from schemas.mcap import records as container
+from schemas.mcap.walk import walk_chunks, walk_messages
 from schemas.object_spec import object_sha256, parse_object_spec
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import ManifestCamera, SessionManifest, TimeSource
@@ -41,15 +43,15 @@ if TYPE_CHECKING:
     from acquire.clock.clock import Clock
     from acquire.config import RigConfig
 
-FILM_S = 1.0
-WATCH_S = 12.0
-"""how long `analyze watch` may take to start and to see the end of the film"""
+CLIP_S = 1.0
+WATCH_TIMEOUT_S = 12.0
+"""time for `analyze watch` to start and to reach the end of the video"""
 _POLL_S = 0.1
-_LOOK_NS = 1_000_000_000
-_EDGE_NS = 200_000_000
-"""an image is looked at every 83 ms"""
+_MOTION_NS = 1_000_000_000
+_END_MARGIN_NS = 200_000_000
+"""margin at the end of the video; `analyze watch` evaluates an image every 83 ms"""
 
-OBJECT_TOML = """name = "whatever stands there"
+OBJECT_TOML = """name = "object on the table"
 mass_kg = 0.05
 mass_sd_kg = 0.01
 
@@ -62,10 +64,11 @@ size_m = 0.03
 """
 
 
-class _Look:
-    """When `analyze watch` has said enough: at the film's end, that nothing moves; or for a second, that something does.
+class _WatchEnd:
+    """Condition that ends the wait for `analyze watch`.
 
-    A watcher that comes up late begins with the present, and tells rest from motion only with the second image it looks at.
+    It has reached the end of the video and reports rest, or has reported motion for a second. A watcher that
+    starts late begins with the present, and needs two images to distinguish rest from motion.
     """
 
     def __init__(self, until_ns: int) -> None:
@@ -73,54 +76,56 @@ class _Look:
         self._first_ns: int | None = None
 
     def is_done(self, event: WatchEvent) -> bool:
-        """Whether this event, the newest, is the last that is needed."""
+        """True if no event after this one, the newest, is needed."""
         if self._first_ns is None:
             self._first_ns = event.time_ns
-        return event.time_ns >= self._until_ns and (event.at_rest or event.time_ns >= self._first_ns + _LOOK_NS)
+        return event.time_ns >= self._until_ns and (
+            event.at_rest or event.time_ns >= self._first_ns + _MOTION_NS
+        )
 
 
 @dataclass(frozen=True)
-class FilmContent:
-    """What the recording of a film holds."""
+class VideoContent:
+    """Content of a test video's recording."""
 
     image: NDArray[np.uint8]
-    """(height, width), the last one"""
+    """(height, width) last image"""
     clock_samples: int
-    """readings of the camera's own clock; 0: it cannot be latched"""
+    """number of readings of the camera's clock; 0 if it cannot be latched"""
     mapping_sd_ns: int
-    """1 sigma of the frames' times on the host's clock; 0 = not known"""
+    """standard deviation of the frame times on the host's clock; 0 if unknown"""
 
 
 @dataclass(frozen=True)
-class Film:
-    """What a second of film showed."""
+class CheckVideo:
+    """Test video: duration, frame counts, content and the last report of `analyze watch`."""
 
     seconds: float
-    """from its first frame to its last"""
+    """time from the first frame to the last"""
     frames: int
     lost: int
-    """on the way from the camera, or before the disk"""
-    content: FilmContent
+    """frames lost between camera and disk"""
+    content: VideoContent
     event: WatchEvent | None
-    """what `analyze watch` said of it; None: nothing"""
+    """last event of `analyze watch`; None if there was none"""
 
 
-class Filming(Protocol):
-    """A camera that can be filmed with."""
+class VideoSource(Protocol):
+    """Camera that can record a test video."""
 
     def open(self) -> str:
-        """Start the camera with the rig's settings; who it is.
+        """Start the camera with the rig's settings and return its description.
 
         Raises:
-            AcquireError: what the camera, its settings, or the capture process say.
+            AcquireError: camera, settings or capture process failed.
         """
         ...
 
-    def shoot(self, folder: Path) -> Film:
-        """A second of film by way of a recording in `folder`, which is removed.
+    def record(self, folder: Path) -> CheckVideo:
+        """Record a test video in `folder`, read it and delete it.
 
         Raises:
-            AcquireError: it could not be recorded or read.
+            AcquireError: the video could not be recorded or read.
         """
         ...
 
@@ -130,47 +135,54 @@ class Filming(Protocol):
 
 
 class OwnCapture:
-    """Films through a capture process of its own, as the daemon would."""
+    """Test video through an own capture process, started as the daemon would."""
 
     def __init__(self, rig: RigConfig, clock: Clock) -> None:
-        # The reserve has a line of its own, and previews are what the watcher goes on looking at.
+        # The disk's reserve is checked separately; the watcher goes on with previews after the window.
         given = rig.recorder
-        recorder = RecorderConfig(directory=given.directory, pre_trigger_s=given.pre_trigger_s, preview_hz=4.0, disk_reserve_bytes=0)
+        recorder = RecorderConfig(
+            directory=given.directory, pre_trigger_s=given.pre_trigger_s, preview_hz=4.0, disk_reserve_bytes=0
+        )
         self._rig = rig.model_copy(update={"recorder": recorder})
         self._clock = clock
         self._capture = CaptureProcess(self._rig)
 
     def open(self) -> str:
-        """See Filming."""
+        """See VideoSource."""
         info = self._capture.start()
         return f"{info.vendor} {info.model} ({info.serial}) at {info.address}"
 
-    def shoot(self, folder: Path) -> Film:
-        """See Filming. The capture ends before the folder goes, however this ends."""
+    def record(self, folder: Path) -> CheckVideo:
+        """See VideoSource. In any case the capture process ends before the folder is deleted."""
         with _temporary(folder) as path, contextlib.closing(self):
-            # One latch comes every half second, and the mapping needs a few.
+            # The camera's clock is latched every half second, and the mapping needs a few latches.
             self._clock.sleep(1.0)
             plan = placeholder_plan()
-            attachments = [("object.toml", "application/toml", OBJECT_TOML.encode()), ("plan.json", "application/json", plan.encode())]
+            attachments = [
+                ("object.toml", "application/toml", OBJECT_TOML.encode()),
+                ("plan.json", "application/json", plan.encode()),
+            ]
             self._capture.open_recording(path, self._manifest(plan), attachments)
             self._clock.sleep(fill_s(self._rig))
             self._capture.open_window()
-            self._clock.sleep(FILM_S)
+            self._clock.sleep(CLIP_S)
             report = self._capture.close_window()
-            event = self._watch(Path(f"{path}.part"), report.end_ns - _EDGE_NS)
+            event = self._watch(Path(f"{path}.part"), report.end_ns - _END_MARGIN_NS)
             written = self._capture.close_recording().path
-            content = read_film(written, self._rig.camera.name)
-        return Film((report.end_ns - report.start_ns) * 1e-9, report.frames, report.lost, content, event)
+            content = read_video(written, self._rig.camera.name)
+        return CheckVideo(
+            (report.end_ns - report.start_ns) * 1e-9, report.frames, report.lost, content, event
+        )
 
     def close(self) -> None:
-        """See Filming."""
+        """See VideoSource."""
         self._capture.stop()
 
     def _watch(self, part: Path, until_ns: int) -> WatchEvent | None:
-        seen, look = threading.Event(), _Look(until_ns)
+        seen, look = threading.Event(), _WatchEnd(until_ns)
         watcher = Watcher(part, lambda event: seen.set() if look.is_done(event) else None)
         try:
-            end_ns = self._clock.monotonic_ns() + round(WATCH_S * 1e9)
+            end_ns = self._clock.monotonic_ns() + round(WATCH_TIMEOUT_S * 1e9)
             while not seen.wait(_POLL_S) and watcher.alive and self._clock.monotonic_ns() < end_ns:
                 pass
             return watcher.latest
@@ -192,7 +204,10 @@ class OwnCapture:
             gravity_tilt_sd_rad=self._rig.gravity_tilt_sd_rad,
             cameras=[
                 ManifestCamera(
-                    name=camera.name, frame_rate_hz=camera.frame_rate_hz, exposure_us=camera.exposure_us, calibration=camera.calibration
+                    name=camera.name,
+                    frame_rate_hz=camera.frame_rate_hz,
+                    exposure_us=camera.exposure_us,
+                    calibration=camera.calibration,
                 )
             ],
             object=spec,
@@ -202,47 +217,56 @@ class OwnCapture:
 
 
 class DaemonCapture:
-    """Films through the daemon, as a session without a strike."""
+    """Test video through the running daemon, recorded like a session without a strike."""
 
     def __init__(self, rig: RigConfig, client: DaemonClient, clock: Clock) -> None:
         self._rig, self._client, self._clock = rig, client, clock
 
     def open(self) -> str:
-        """See Filming."""
+        """See VideoSource."""
         camera = self._client.call("status")["camera"]
-        return f"{camera['vendor']} {camera['model']} ({camera['serial']}) at {self._rig.camera.address}, held by the daemon"
+        name = f"{camera['vendor']} {camera['model']} ({camera['serial']})"
+        return f"{name} at {self._rig.camera.address}, held by the daemon"
 
-    def shoot(self, folder: Path) -> Film:
-        """See Filming."""
+    def record(self, folder: Path) -> CheckVideo:
+        """See VideoSource."""
         with _temporary(folder) as path:
             call = self._client.call
-            call("recording.open", path=str(path.absolute()), object_toml=OBJECT_TOML, plan_json=placeholder_plan())
+            call(
+                "recording.open",
+                path=str(path.absolute()),
+                object_toml=OBJECT_TOML,
+                plan_json=placeholder_plan(),
+            )
             try:
                 self._clock.sleep(fill_s(self._rig))
                 call("window.open")
-                self._clock.sleep(FILM_S)
+                self._clock.sleep(CLIP_S)
                 report = call("window.close")
-                event = self._watch(report["end_ns"] - _EDGE_NS)
+                event = self._watch(report["end_ns"] - _END_MARGIN_NS)
             finally:
                 written = call("recording.close")["path"]
-            content = read_film(Path(written), self._rig.camera.name)
-        return Film((report["end_ns"] - report["start_ns"]) * 1e-9, report["frames"], report["lost"], content, event)
+            content = read_video(Path(written), self._rig.camera.name)
+        return CheckVideo(
+            (report["end_ns"] - report["start_ns"]) * 1e-9, report["frames"], report["lost"], content, event
+        )
 
     def close(self) -> None:
-        """The daemon keeps the camera."""
+        """Do nothing; the daemon keeps the camera."""
 
     def _watch(self, until_ns: int) -> WatchEvent | None:
-        end_ns, look = self._clock.monotonic_ns() + round(WATCH_S * 1e9), _Look(until_ns)
+        end_ns, look = self._clock.monotonic_ns() + round(WATCH_TIMEOUT_S * 1e9), _WatchEnd(until_ns)
         while True:
             answer = self._client.call("watch.latest")
             event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
-            if (event is not None and look.is_done(event)) or not answer["alive"] or self._clock.monotonic_ns() > end_ns:
+            late = self._clock.monotonic_ns() > end_ns
+            if (event is not None and look.is_done(event)) or not answer["alive"] or late:
                 return event
             self._clock.sleep(_POLL_S)
 
 
 def fill_s(rig: RigConfig) -> float:
-    """How long a recording must run before its pre-trigger holds all that a window asks for, or that would count as lost [s]."""
+    """Time [s] until a recording's pre-trigger buffer is full; frames missing from it would count as lost."""
     return rig.recorder.pre_trigger_s + 0.3
 
 
@@ -251,55 +275,57 @@ def _temporary(folder: Path) -> Iterator[Path]:
     try:
         place = tempfile.TemporaryDirectory(prefix=".check-", dir=folder)
     except OSError as error:
-        raise RecorderError(f"{folder}: nothing can be recorded there: {error.strerror}") from None
+        raise RecorderError(f"{folder}: cannot record here: {error.strerror}") from None
     with place as name:
-        yield Path(name) / "film.mcap"
+        yield Path(name) / "video.mcap"
 
 
-def read_film(path: Path, camera: str) -> FilmContent:
-    """Read a finished recording.
+def read_video(path: Path, camera: str) -> VideoContent:
+    """Last image and clock information of a finished recording.
 
     Raises:
-        RecorderError: it holds none.
+        RecorderError: the recording holds no image, or one that cannot be read.
     """
     image, clock_samples, mapping_sd_ns = b"", 0, 0
     with mapped(path) as data:
         layout = read_layout(path, data)
-        names = {number: channel.topic for number, channel in layout.channels.items()}
-        for opcode, _, body in container.walk(data[: layout.data_end], len(container.MAGIC)):
-            if opcode != container.CHUNK:
-                continue
-            for kind, _, record in container.walk(container.chunk_messages(container.parse_chunk(body))):
-                if kind != container.MESSAGE:
-                    continue
-                message = container.parse_message(record)
+        names = layout.topics
+        for messages in walk_chunks(data[: layout.data_end]):
+            for _, message in walk_messages(messages):
                 name = names.get(message.channel_id)
                 if name == topics.raw_image(camera).name:
                     image = message.data
                 elif name == topics.frame_meta(camera).name:
                     mapping_sd_ns = pb.FrameMeta.FromString(bytes(message.data)).mapping_sd_ns
                 elif name == topics.CLOCK_SAMPLE.name:
-                    clock_samples += pb.ClockSample.FromString(bytes(message.data)).clock == f"camera/{camera}"
+                    clock_samples += (
+                        pb.ClockSample.FromString(bytes(message.data)).clock == f"camera/{camera}"
+                    )
         if not image:
-            raise RecorderError(f"{path}: the film holds no image: check that the camera sends frames")
-        return FilmContent(_decoded(path, bytes(image)), clock_samples, mapping_sd_ns)
+            raise RecorderError(f"{path}: the test video holds no image: check that the camera sends frames")
+        return VideoContent(_decode_image(path, bytes(image)), clock_samples, mapping_sd_ns)
 
 
-def _decoded(path: Path, data: bytes) -> NDArray[np.uint8]:
-    """An image message of either kind. CompressedImage has its format where RawImage has no such text."""
+def _decode_image(path: Path, data: bytes) -> NDArray[np.uint8]:
+    """Grey image (height, width) from a RawImage or CompressedImage message.
+
+    The two are distinguished by content: CompressedImage has its format where RawImage has no such text.
+    """
     with contextlib.suppress(ValueError, TypeError):
         raw = RawImage.FromString(data)
         if raw.encoding == "mono8" and len(raw.data) == raw.step * raw.height:
             return np.frombuffer(raw.data, np.uint8).reshape(raw.height, raw.step)[:, : raw.width]
     with contextlib.suppress(ValueError, TypeError, cv2.error):
-        png = cv2.imdecode(np.frombuffer(CompressedImage.FromString(data).data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        png = cv2.imdecode(
+            np.frombuffer(CompressedImage.FromString(data).data, np.uint8), cv2.IMREAD_GRAYSCALE
+        )
         if png is not None:
             return png.astype(np.uint8)
-    raise RecorderError(f"{path}: the film's image cannot be read")
+    raise RecorderError(f"{path}: the test video's image cannot be read")
 
 
 def placeholder_plan() -> str:
-    """A plan whose strike is never made: a recording needs one."""
+    """Plan (JSON) with one strike that is never made; every recording needs a plan."""
     unit = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     strike = PlannedStrike(
         id="none",
@@ -321,4 +347,5 @@ def placeholder_plan() -> str:
         friction_needed=0.0,
     )
     spec = parse_object_spec(OBJECT_TOML, "check")
-    return canonical_json(StrikePlan(object_name=spec.name, object_sha256=object_sha256(spec, None), strikes=[strike]))
+    digest = object_sha256(spec, None)
+    return canonical_json(StrikePlan(object_name=spec.name, object_sha256=digest, strikes=[strike]))
