@@ -1,4 +1,4 @@
-"""A calibration as one picture: where corners were seen, how well pixels are known, and what is left between lens and corners."""
+"""Picture of a calibration: corners in the image, uncertainty of the pixels, and residuals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from analyze.calibration.verdict import PIXEL_DOUBTED, PIXEL_REFUSED
+from analyze.calibration.verdict import GOOD_PIXEL_SD, MAX_PIXEL_SD
 from analyze.report.style import BLUE, CYCLE, EMPTY, EMPTY_LINES, GOOD_TO_BAD, INK, MUTED, RED, style
 from schemas.output_file import write_bytes
 
@@ -21,25 +21,25 @@ if TYPE_CHECKING:
 
     from analyze.calibration.calibrate import Calibration
 
-LEVELS = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-"""px"""
-_ARROW = 0.06
-"""of the image's width, for the longest usual residual"""
+COLOUR_LEVELS_PX = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
+"""Ticks of the colour scale."""
+_ARROW_FRACTION = 0.06
+"""Length of the arrow of the 95 % quantile of the residuals, as a fraction of the image's width."""
 
 
 def picture(found: Calibration) -> Figure:
-    """Three panels over the same image."""
+    """Figure with three panels over the image: corners, uncertainty, residuals."""
     lens = found.lens
     ratio = lens.height / lens.width
     with style():
         figure = Figure(
             figsize=(13.2, 4.1 * ratio + (0.95 if found.undetermined else 0.7)), layout="constrained", dpi=130
         )
-        covered, known, left = figure.subplots(1, 3)
+        covered, uncertain, residual = figure.subplots(1, 3)
         _coverage(covered, found)
-        _known(figure, known, found)
-        _residuals(left, found)
-        for axes in (covered, known, left):
+        _uncertainty(figure, uncertain, found)
+        _residuals(residual, found)
+        for axes in (covered, uncertain, residual):
             axes.set_xlim(-0.5, lens.width - 0.5)
             axes.set_ylim(lens.height - 0.5, -0.5)
             axes.set_aspect("equal")
@@ -61,7 +61,7 @@ def picture(found: Calibration) -> Figure:
 
 
 def write_picture(found: Calibration, output: Path) -> None:
-    """Write it as PNG.
+    """Write the picture of a calibration as PNG.
 
     Raises:
         OutputError: the file cannot be written.
@@ -91,7 +91,7 @@ def _coverage(axes: Axes, found: Calibration) -> None:
     axes.set_title(f"{sum(len(shot.view.place) for shot in found.shots)} corners in {len(found.shots)} views")
     bare = 100 * (1 - found.covered.share)
     axes.set_xlabel(
-        "colour: the view"
+        "colour: view"
         + (f"; hatched: no corner there ({bare:.0f} %)" if bare > 0.5 else "; corners everywhere")
     )
 
@@ -102,14 +102,14 @@ def _hatched(x: float, y: float, width: float, height: float) -> Rectangle:
     )
 
 
-def _known(figure: Figure, axes: Axes, found: Calibration) -> None:
+def _uncertainty(figure: Figure, axes: Axes, found: Calibration) -> None:
     pixels = found.pixels
     value = np.ma.masked_invalid(pixels.value)
     mesh = axes.pcolormesh(
         pixels.column,
         pixels.row,
-        np.clip(value, LEVELS[0], LEVELS[-1]),
-        norm=LogNorm(LEVELS[0], LEVELS[-1]),
+        np.clip(value, COLOUR_LEVELS_PX[0], COLOUR_LEVELS_PX[-1]),
+        norm=LogNorm(COLOUR_LEVELS_PX[0], COLOUR_LEVELS_PX[-1]),
         cmap=GOOD_TO_BAD,
         shading="gouraud",
         rasterized=True,
@@ -124,14 +124,14 @@ def _known(figure: Figure, axes: Axes, found: Calibration) -> None:
         axes.clabel(lines, fmt="%g px", fontsize=7)
     at = pixels.worst_at
     axes.plot(*at, "o", ms=7, mfc="none", mec=INK, mew=1.1, clip_on=False)
-    axes.set_title(f"pixels known to ± {pixels.worst:.2g} px at worst")
-    axes.set_xlabel("sd of the pixel that a direction falls on; circle: the worst")
-    bar = figure.colorbar(mesh, cax=axes.inset_axes((1.025, 0.0, 0.028, 1.0)), ticks=LEVELS)
-    bar.ax.set_yticklabels([f"{level:g}" for level in LEVELS])
+    axes.set_title(f"largest sd of a pixel: {pixels.worst:.2g} px")
+    axes.set_xlabel("sd of the pixel that a direction is imaged to; circle: largest")
+    bar = figure.colorbar(mesh, cax=axes.inset_axes((1.025, 0.0, 0.028, 1.0)), ticks=COLOUR_LEVELS_PX)
+    bar.ax.set_yticklabels([f"{level:g}" for level in COLOUR_LEVELS_PX])
     bar.ax.minorticks_off()
     bar.outline.set_visible(False)
     bar.ax.set_title("px", fontsize=8, fontweight="normal", loc="center")
-    for level, colour in ((PIXEL_DOUBTED, INK), (PIXEL_REFUSED, RED)):
+    for level, colour in ((GOOD_PIXEL_SD, INK), (MAX_PIXEL_SD, RED)):
         bar.ax.axhline(level, color=colour, lw=1.2)
 
 
@@ -140,7 +140,7 @@ def _residuals(axes: Axes, found: Calibration) -> None:
     place = np.concatenate([shot.view.place for shot in found.shots])
     residual = np.concatenate(found.bundle.residuals)
     usual = float(np.quantile(np.hypot(*residual.T), 0.95))
-    scale = _ARROW * lens.width / max(usual, 1e-6)
+    scale = _ARROW_FRACTION * lens.width / max(usual, 1e-6)
     axes.quiver(
         *place.T,
         *residual.T,
@@ -171,5 +171,5 @@ def _residuals(axes: Axes, found: Calibration) -> None:
         fontsize=8,
         bbox={"fc": "white", "ec": "none", "pad": 1, "alpha": 0.8},
     )
-    axes.set_title(f"what is left: {found.rms_px:.3f} px (rms)")
-    axes.set_xlabel("corner less lens; should point anywhere, without a pattern", color=MUTED)
+    axes.set_title(f"residuals: {found.rms_px:.3f} px (rms)")
+    axes.set_xlabel("corner minus lens model; directions should show no pattern", color=MUTED)

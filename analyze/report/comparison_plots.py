@@ -1,4 +1,4 @@
-"""Sessions beside each other: answers with their intervals, and the strikes' angles edge by edge."""
+"""Comparison of sessions: estimates with their intervals, and the strikes' angles edge by edge."""
 
 from __future__ import annotations
 
@@ -27,14 +27,16 @@ def forest_figure(
     unit: str,
     odd: int | None = None,
 ) -> Figure:
-    """Each session's answer with its 95 % interval, a panel per quantity; the band and the line are all strikes' together.
+    """Each session's estimate with its 95 % interval, one panel per quantity.
+
+    Line and band are the joint estimate of all strikes and its interval.
 
     Args:
-        quantities: at least one.
-        names: of the sessions, in order.
-        factor: from SI to `unit`.
-        unit: for the axes.
-        odd: place of the session that stands out.
+        quantities: quantities to be drawn, at least one.
+        names: names of the sessions, in order.
+        factor: conversion from SI to `unit`.
+        unit: unit of the axes.
+        odd: index of the session that is marked as deviating; None if there is none.
     """
     rows = math.ceil(len(quantities) / COLUMNS)
     columns = min(COLUMNS, len(quantities))
@@ -51,23 +53,24 @@ def forest_figure(
             axes.locator_params(axis="x", nbins=5)
         for axes in panels[len(quantities) :]:
             axes.set_visible(False)
-        panels[0].set_yticks(range(count + 1), [*names, "together"])
+        panels[0].set_yticks(range(count + 1), [*names, "joint"])
         panels[0].set_ylim(count + 0.5, -0.5)
     return figure
 
 
 def _forest(axes: Axes, quantity: QuantityPrecision, factor: float, odd: int | None, count: int) -> None:
     axes.grid(visible=False, axis="y")
-    whole = quantity.together
-    if whole is not None and isinstance(whole.value, float) and whole.interval95:
-        low, high = (factor * float(end) for end in whole.interval95)  # type: ignore[arg-type] - a scalar's here
+    joint = quantity.together
+    if joint is not None and isinstance(joint.value, float) and joint.interval95:
+        ends: list[float] = joint.interval95  # type: ignore[assignment] - a scalar's interval here
+        low, high = (factor * float(end) for end in ends)
         axes.axvspan(low, high, color=SKY, alpha=0.18, lw=0)
-        axes.axvline(factor * whole.value, color=BLUE, lw=0.9)
+        axes.axvline(factor * joint.value, color=BLUE, lw=0.9)
         axes.plot([low, high], [count, count], color=BLUE, lw=1.6)
-        axes.plot(factor * whole.value, count, "D", color=BLUE, ms=5.5)
+        axes.plot(factor * joint.value, count, "D", color=BLUE, ms=5.5)
     for row in quantity.sessions:
-        place, stands_out = row.session - 1, row.session - 1 == odd
-        colour = RED if stands_out else INK
+        place, is_odd = row.session - 1, row.session - 1 == odd
+        colour = RED if is_odd else INK
         if row.interval95 is not None:
             axes.plot(
                 [factor * end for end in row.interval95],
@@ -76,15 +79,13 @@ def _forest(axes: Axes, quantity: QuantityPrecision, factor: float, odd: int | N
                 lw=1.6,
                 solid_capstyle="butt",
             )
-        axes.plot(
-            factor * row.value, place, "s" if stands_out else "o", color=colour, ms=6 if stands_out else 5
-        )
+        axes.plot(factor * row.value, place, "s" if is_odd else "o", color=colour, ms=6 if is_odd else 5)
 
 
 def angles_figure(
     quantities: Sequence[QuantityPrecision], names: Sequence[str], odd: int | None = None
 ) -> Figure:
-    """Phi of every strike that went over, less the mean of its edge, by session: a panel per planned strike."""
+    """Phi of every strike that tipped over minus the mean of its edge, one panel per planned strike."""
     rows = math.ceil(len(quantities) / COLUMNS)
     columns = min(COLUMNS, len(quantities))
     count = len(names)
@@ -100,14 +101,14 @@ def angles_figure(
             axes.grid(visible=False, axis="y")
             axes.axvline(0.0, color=MUTED, lw=0.7)
             for row in quantity.sessions:
-                stands_out = row.session - 1 == odd
+                is_odd = row.session - 1 == odd
                 off = np.degrees(np.array(row.results) - quantity.mean)
                 place = np.full(len(off), row.session - 1)
                 axes.plot(
                     off,
                     place,
-                    "s" if stands_out else "o",
-                    color=RED if stands_out else INK,
+                    "s" if is_odd else "o",
+                    color=RED if is_odd else INK,
                     ms=4.5,
                     alpha=0.75,
                     mew=0,
@@ -120,5 +121,5 @@ def angles_figure(
         panels[0].set_yticks(range(count), names)
         panels[0].set_ylim(count - 0.5, -0.5)
         panels[0].set_xlim(-reach, reach)
-        figure.supxlabel("φ less the mean of the edge [°]", fontsize=8.5)
+        figure.supxlabel("φ minus the mean of the edge [°]", fontsize=8.5)
     return figure

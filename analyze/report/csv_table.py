@@ -1,4 +1,4 @@
-"""Tables as CSV: UTF-8, commas, a heading with units, an empty field where there is no value."""
+"""Tables as CSV: UTF-8, commas, headings with units, an empty field for a missing value."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Cell = str | int | float | bool | None
 
 @dataclass(frozen=True)
 class CsvTable:
-    """One file."""
+    """Table that is written as one file."""
 
     name: str
-    """without .csv"""
+    """File name without .csv."""
     headings: Sequence[str]
     rows: Sequence[Sequence[Cell]]
 
 
 def csv_text(headings: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
-    """The table as text."""
+    """CSV text of a table."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(headings)
@@ -33,10 +33,10 @@ def csv_text(headings: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
 
 
 def make_folder(folder: Path) -> None:
-    """Make it if it is not there; those above it are not made, its name may be misspelt.
+    """Make a folder unless it exists; a missing parent is an error, because the path may be misspelt.
 
     Raises:
-        OutputError: it cannot be made.
+        OutputError: the folder cannot be made.
     """
     try:
         folder.mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""Plots of a result. Each returns a figure of its own; nothing is kept in matplotlib's global state."""
+"""Plots of a result, each as a figure of its own, without matplotlib's global state."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from matplotlib.patches import Ellipse, Polygon
 from scipy.spatial import ConvexHull
 
 from analyze.estimation.equiplane import balance_direction
+from analyze.estimation.intervals import SIGMAS_95
 from analyze.report.style import BLUE, BODY, CYCLE, GREEN, INK, MUTED, ORANGE, PHASES, RED, plain, style
 from analyze.types import Array, EquiPlane, TipMotion
 
@@ -21,16 +22,16 @@ if TYPE_CHECKING:
     from analyze.pipeline.estimate import Estimate
 
 VIEWS = ((0, 2, "front"), (1, 2, "side"), (0, 1, "top"))
-"""horizontal and vertical axis of O in each projection"""
-SIGMAS95_2D = 2.4477
+"""Horizontal and vertical axis of O, and name, of each projection."""
+SIGMAS_95_2D = 2.4477
 PHASE_NAMES = ("rest", "strike", "stage_one", "stage_two", "landing")
 
 
 def strike_figure(motion: TipMotion, title: str) -> Figure:
-    """Angle theta measured and fitted with the phases as bands, residuals below.
+    """Measured and fitted angle theta with the phases as bands, and the residuals below.
 
     Raises:
-        ValueError: the motion holds no angle.
+        ValueError: the motion has no angle.
     """
     if motion.angle is None:
         raise ValueError(f"strike {motion.strike_id} has no angle to plot")
@@ -95,15 +96,15 @@ def _bands(axes: Axes, motion: TipMotion, time: Array) -> None:
 
 
 def projection_figures(estimate: Estimate, com_true: Array | None = None) -> list[Figure]:
-    """Per view a silhouette with the equi-planes seen edge-on and the centre of mass; below, the same many times closer.
+    """Figures of three views, each a silhouette with equi-planes and centre of mass, and a close-up below.
 
     Args:
-        estimate: with model and planes.
-        com_true: (3,) m, drawn where it is known.
+        estimate: estimate with model and planes.
+        com_true: true centre of mass (3,) [m]; None if not known.
     """
     extent = np.ptp(estimate.evidence.model.vertices, axis=0)
     com, covariance = estimate.com.position, estimate.com.covariance
-    # The close-up shows the ellipse, the truth, and the planes passing by.
+    # The close-up shows the ellipse, the ground truth, and the planes that pass nearby.
     widest = 3 * float(np.sqrt(np.diag(covariance)).max())
     off = 0.0 if com_true is None else 1.5 * float(np.abs(com_true - com).max())
     reach = float(
@@ -121,7 +122,7 @@ def _projection(
     vertices = estimate.evidence.model.vertices
     com = estimate.com.position
     with style():
-        # Fixed margins: the views stand beside each other in the page, and their close-ups shall be level.
+        # Fixed margins align the close-ups of views that are next to each other on the page.
         figure = Figure(figsize=(3.05, 5.9))
         margins = {"left": 0.21, "right": 0.98, "top": 0.96, "bottom": 0.075, "hspace": 0.27}
         whole, close = figure.subplots(2, 1, height_ratios=(1.2, 1), gridspec_kw=margins)
@@ -165,7 +166,7 @@ def _planes(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int]) ->
 
 
 def _axis_names(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int], com: Array) -> None:
-    """Each pivot axis's name beside its dot, away from the middle: colours alone do not tell."""
+    """Write each pivot axis's name next to its dot, because colours alone do not identify it."""
     depth = 3 - view[0] - view[1]
     named = {plane.axis_id: plane for plane in planes if abs(plane.direction[depth]) >= 0.9}
     taken: list[Array] = []
@@ -190,7 +191,7 @@ def _axis_names(axes: Axes, planes: tuple[EquiPlane, ...], view: tuple[int, int]
 def _centre(axes: Axes, com: Array, covariance: Array, view: tuple[int, int]) -> None:
     rows = list(view)
     values, vectors = np.linalg.eigh(covariance[np.ix_(rows, rows)])
-    width, height = 2 * SIGMAS95_2D * 1e3 * np.sqrt(values)
+    width, height = 2 * SIGMAS_95_2D * 1e3 * np.sqrt(values)
     turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
     axes.add_patch(
         Ellipse(tuple(1e3 * com[rows]), width, height, angle=turn, facecolor=INK, alpha=0.18, lw=0, zorder=4)
@@ -211,7 +212,7 @@ def _centre(axes: Axes, com: Array, covariance: Array, view: tuple[int, int]) ->
 
 
 def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None) -> Figure:
-    """Region masses with 95 % intervals, the naive answers as marks, and the truth [kg] by region where it is known."""
+    """Region masses with 95 % intervals and naive answers; `truth` has the true masses [kg] by region."""
     distribution = estimate.distribution
     masses, (low, high) = 1e3 * distribution.masses, 1e3 * distribution.intervals.T
     place = np.arange(len(masses))
@@ -242,13 +243,13 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
                 "D",
                 color=ORANGE,
                 ms=5,
-                label="the paper's",
+                label="paper's method",
             )
         if truth is not None:
             values = [1e3 * truth[name] for name in distribution.names]
             axes.plot(values, place, "|", color=RED, ms=24, mew=2.4, zorder=5)
             axes.plot(
-                [], [], "|", color=RED, ms=9, mew=2.4, label="truth"
+                [], [], "|", color=RED, ms=9, mew=2.4, label="ground truth"
             )  # in the legend no taller than a line
         axes.set_yticks(place, distribution.names)
         axes.set_ylim(len(masses) - 0.45, -0.5)
@@ -260,14 +261,14 @@ def regions_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
 
 
 def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None) -> Figure:
-    """Moments about the parallel axes through c, per pivot axis, with 95 % intervals; truth [kg m^2] by axis where it is known."""
+    """Moments about parallel axes through c with 95 % intervals; `truth` has true ones [kg m^2] by axis."""
     axes_of = estimate.inertial.axes
     place = np.arange(len(axes_of))
     with style():
         figure = Figure(figsize=(4.6, 0.9 + 0.3 * len(axes_of)), layout="constrained")
         axes = figure.subplots()
         value = 1e7 * np.array([axis.i_com for axis in axes_of])
-        spread = 1.96e7 * np.array([axis.i_com_sd for axis in axes_of])
+        spread = SIGMAS_95 * 1e7 * np.array([axis.i_com_sd for axis in axes_of])
         axes.errorbar(
             value, place, xerr=spread, fmt="o", color=GREEN, ms=5, elinewidth=1.4, capsize=3, label="estimate"
         )
@@ -280,7 +281,7 @@ def moments_figure(estimate: Estimate, truth: Mapping[str, float] | None = None)
                 ms=14,
                 mew=2.2,
             )
-            axes.plot([], [], "|", color=RED, ms=9, mew=2.2, label="truth")
+            axes.plot([], [], "|", color=RED, ms=9, mew=2.2, label="ground truth")
         axes.set_yticks(place, [axis.axis_id for axis in axes_of])
         axes.set_ylim(len(axes_of) - 0.5, -0.5)
         axes.set_xlim(left=0)

@@ -1,4 +1,4 @@
-"""The strings that `analyze gravity` found, drawn into the image."""
+"""Picture of the plumb lines that `analyze gravity` found, drawn over the image."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from analyze.types import CameraModel
 from schemas.output_file import write_bytes
 
 COLOUR = (0, 159, 230)
-BESIDE_PX = 4
-"""the string itself stays visible between two strokes"""
+STROKE_OFFSET_PX = 4
+"""Distance of the two strokes from the string, which stays visible between them."""
 
 
 def write_plumb_picture(
     image: NDArray[np.uint8], lines: Sequence[PlumbLine], camera: CameraModel, output: Path
 ) -> None:
-    """Write a PNG, whole or not at all.
+    """Write a PNG; the file appears complete or not at all.
 
     Raises:
         OutputError: the file cannot be written.
     """
     picture = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_GRAY2BGR)
     for line in lines:
-        share = np.linspace(0.0, 1.0, 40)[:, None]
-        raw = distort(camera, line.bottom * (1 - share) + line.top * share)
-        for side in (-BESIDE_PX, BESIDE_PX):
+        fraction = np.linspace(0.0, 1.0, 40)[:, None]
+        raw = distort(camera, line.bottom * (1 - fraction) + line.top * fraction)
+        for side in (-STROKE_OFFSET_PX, STROKE_OFFSET_PX):
             stroke = np.round((raw + np.array([side, 0])) * 8).astype(np.int32)
             cv2.polylines(
                 picture, [stroke], isClosed=False, color=COLOUR, thickness=1, lineType=cv2.LINE_AA, shift=3

@@ -1,4 +1,4 @@
-"""Theta(t) of every strike less what all other strikes foretell of it, as small multiples."""
+"""Theta(t) of every strike minus its leave-one-out prediction, as small multiples."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ if TYPE_CHECKING:
 
 COLUMNS = 3
 LINEAR_DEG = 0.2
-"""up to which the scale is even; beyond, it is logarithmic: a band of 0.1 deg widens to 6"""
+"""Angle up to which the scale is linear; beyond, it is logarithmic, because a band of 0.1 deg widens to 6
+deg."""
 TICKS = (0.2, 1.0, 5.0, 20.0)
 
 
 def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
-    """Measured less predicted angle with its band of 1.96 sd, one panel per strike; strikes not predicted in red.
+    """Measured minus predicted angle with its 95 % band, one panel per strike; deviating strikes in red.
 
     Raises:
         ValueError: there is no strike.
@@ -61,7 +62,7 @@ def prediction_figure(strikes: Sequence[StrikePrediction]) -> Figure:
             lowest = panels[max(i for i in range(column, len(strikes), columns))]
             lowest.tick_params(labelbottom=True)
             lowest.set_xlabel("time [s]")
-        figure.supylabel("measured less predicted [°]", fontsize=8.5)
+        figure.supylabel("measured minus predicted [°]", fontsize=8.5)
     return figure
 
 

@@ -18,11 +18,10 @@ from analyze.reading.recording import open_recording
 from analyze.report.page import drawn, manifest_time, number, page_environment, signed
 from analyze.report.plots import moments_figure, projection_figures, regions_figure, strike_figure
 from analyze.report.prediction_plot import prediction_figure
-from analyze.report.sensitivity_plot import influence_figure, source_rows, sources_figure, told_in_words
+from analyze.report.sensitivity_plot import influence_figure, largest_source_text, source_rows, sources_figure
 from analyze.report.summary import DEGREES, GRAM_CM2, filling_rows
 from analyze.report.truth import ShownTruth, shown_truth
-from analyze.report.voxel_map import told_in_words as voxels_told_in_words
-from analyze.report.voxel_map import voxel_figure
+from analyze.report.voxel_map import voxel_figure, voxel_map_text
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.tilt import tilt_lines
 from schemas.output_file import write_text
@@ -92,7 +91,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
                 regions_figure(estimate, truth.regions if truth is not None and truth.regions else None)
             ),
             voxels=drawn(voxel_figure(estimate.voxels)),
-            voxels_told=voxels_told_in_words(estimate.voxels),
+            voxel_text=voxel_map_text(estimate.voxels),
             moments=drawn(moments_figure(estimate, None if truth is None else truth.i_com)),
             predictions=drawn(prediction_figure(estimate.predictions)) if estimate.predictions else None,
             consistent_count=sum(each.consistent for each in estimate.predictions),
@@ -109,7 +108,7 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
                 *frame_time_lines(result.frame_times, len(estimate.evidence.recordings) > 1),
             ],
             sources=drawn(sources_figure(rows, half)),
-            sources_told=told_in_words(rows),
+            sources_text=largest_source_text(rows),
             influences=drawn(influence_figure(estimate.sensitivity)),
             naive=sorted(result.regions.baselines) if result.regions is not None else [],
             score=score,

@@ -1,4 +1,4 @@
-"""What moves the centre of mass: strike by strike, and by kind of error."""
+"""Sensitivity of the centre of mass to single strikes and to kinds of error."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
+from analyze.estimation.intervals import SIGMAS_95
 from analyze.estimation.sensitivity import ErrorSource
 from analyze.report.style import BLUE, CYCLE, INK, MUTED, style
 
@@ -18,70 +19,69 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 TENTH_DEG = float(np.radians(0.1))
-SIGMAS95 = 1.96
-LEAST_SHARE = 0.005
-"""of the variance, below which a kind of error is not drawn"""
+MIN_SHARE = 0.005
+"""Share of the variance below which a kind of error is not drawn."""
 REMEDIES = {
     ErrorSource.NOISE: "more strikes, or a larger marker nearer to the camera",
     ErrorSource.SCATTER: "more strikes, and an edge that does not slip",
-    ErrorSource.TILT: "an edge struck again with the object turned by 180°, or a level's reading in the rig file",
+    ErrorSource.TILT: "an edge struck again with the object turned by 180°, or a level reading in the rig",
     ErrorSource.SCALE: "the object measured along one length, and its shape corrected",
     ErrorSource.ROUNDING: "the edges' rounding measured (edge_radius_m), or upright and lying tips together",
     ErrorSource.PLACE: "a finer scan, or strikes over other edges and faces",
     ErrorSource.ANGLE: "strikes over other edges, or with the object turned on the table",
-    ErrorSource.K: "strikes that pass upright, in which k tells little and φ all",
-    ErrorSource.PRIOR: "strikes in directions that none had so far",
-    ErrorSource.MASS: "object and markers weighed better",
+    ErrorSource.K: "strikes that pass upright, in which φ determines c and k contributes little",
+    ErrorSource.PRIOR: "strikes about axes in new directions",
+    ErrorSource.MASS: "object and markers weighed more precisely",
 }
-"""what makes each kind smaller"""
+"""Remedy that reduces each kind of error."""
 
 
 @dataclass(frozen=True)
 class SourceRow:
-    """One kind of error along the direction in which c is known worst."""
+    """One kind of error, along the direction of c's largest uncertainty."""
 
     source: ErrorSource
     half: float
-    """m, half a 95 % interval that it alone would leave"""
+    """Half width [m] of the 95 % interval from this kind of error alone."""
     share: float
-    """of the variance"""
+    """Share of the variance."""
 
 
 def worst_direction(covariance: Array) -> Array:
-    """Unit (3,), in which c is known worst; its largest part is positive."""
+    """Unit vector (3,) of c's largest uncertainty; its largest component is positive."""
     worst = np.linalg.eigh(covariance)[1][:, -1]
     return worst * np.sign(worst[int(np.argmax(np.abs(worst)))])
 
 
 def source_rows(sensitivity: Sensitivity, covariance: Array) -> list[SourceRow]:
-    """All kinds, the largest first; `covariance` (3, 3) is c's."""
+    """Kinds of error, the largest first; `covariance` (3, 3) [m^2] is that of c."""
     worst = worst_direction(covariance)
     whole = float(worst @ covariance @ worst)
     rows = [
-        SourceRow(each.source, SIGMAS95 * float(np.sqrt(max(variance, 0.0))), variance / whole)
+        SourceRow(each.source, SIGMAS_95 * float(np.sqrt(max(variance, 0.0))), variance / whole)
         for each in sensitivity.shares
         for variance in [float(worst @ each.covariance @ worst)]
     ]
     return sorted(rows, key=lambda row: -row.share)
 
 
-def told_in_words(rows: Sequence[SourceRow]) -> str:
-    """What most of the uncertainty is, and what would help."""
+def largest_source_text(rows: Sequence[SourceRow]) -> str:
+    """Text on the largest kinds of error, and the remedy for the first."""
     first, *others = rows
     text = f"{100 * first.share:.0f} % of the variance is {first.source.value}"
     if others and others[0].share > 0.15:
         text += f", {100 * others[0].share:.0f} % {others[0].source.value}"
-    return f"{text}. What would help most: {REMEDIES[first.source]}."
+    return f"{text}. Most effective remedy: {REMEDIES[first.source]}."
 
 
 def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
-    """Half intervals as bars, all together first.
+    """Half widths of the 95 % intervals as bars, first that of all kinds of error together.
 
     Args:
-        rows: from `source_rows`.
-        half: m, of all together.
+        rows: kinds of error, from `source_rows`.
+        half: half width [m] from all kinds together.
     """
-    shown = [row for row in rows if row.share >= LEAST_SHARE]
+    shown = [row for row in rows if row.share >= MIN_SHARE]
     names = ["all together", *(row.source.value for row in shown)]
     values = 1e3 * np.array([half, *(row.half for row in shown)])
     place = np.arange(len(names))
@@ -103,13 +103,13 @@ def sources_figure(rows: Sequence[SourceRow], half: float) -> Figure:
         axes.set_yticks(place, names)
         axes.set_ylim(len(names) - 0.5, -0.6)
         axes.set_xlim(0, 1.32 * values.max())
-        axes.set_xlabel("half a 95 % interval [mm]")
+        axes.set_xlabel("half width of the 95 % interval [mm]")
         axes.grid(visible=False, axis="y")
     return figure
 
 
 def influence_figure(sensitivity: Sensitivity) -> Figure:
-    """How far c moves along x, y, z if a strike's phi were 0.1 deg larger; colours by pivot axis, as in the projections."""
+    """Shift of c along x, y, z if a strike's phi were 0.1 deg larger; colours by pivot axis."""
     strikes = sensitivity.strikes
     moved = 1e3 * TENTH_DEG * np.array([strike.by_phi for strike in strikes])
     names = sorted({strike.axis_id for strike in strikes})
@@ -128,5 +128,5 @@ def influence_figure(sensitivity: Sensitivity) -> Figure:
         panels[0].set_yticks(place, [strike.strike_id for strike in strikes])
         panels[0].set_ylim(len(strikes) - 0.5, -0.6)
         panels[0].set_xlim(-reach, reach)
-        figure.supxlabel("c moves [mm] if φ is larger by 0.1°", fontsize=8.5)
+        figure.supxlabel("shift of c [mm] if φ is larger by 0.1°", fontsize=8.5)
     return figure

@@ -1,4 +1,4 @@
-"""One look for all plots: colour-blind safe (Okabe & Ito 2008), quiet axes, SVG that is the same on every run."""
+"""Style of all plots: colour-blind safe colours (Okabe & Ito 2008), plain axes, reproducible SVG."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ SKY = "#56b4e9"
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED)
 
 BODY = "#f4f6f8"
-"""fill of an outline"""
+"""Fill colour of an outline."""
 EMPTY, EMPTY_LINES = "#f4f5f6", "#c9ced3"
-"""hatched: nothing is known there"""
+"""Colours of a hatched area, where nothing is known."""
 DENSITY_MAP = "Blues"
 GOOD_TO_BAD = LinearSegmentedColormap.from_list(
     "good to bad", ["#0b6e4f", "#7cc6a4", "#f3f3e6", "#f0b27a", "#c0392b"]
@@ -43,7 +43,7 @@ PHASES = {
     "stage_two": "#e0f3ec",
     "landing": "#f4e9f1",
 }
-"""band colours behind a motion"""
+"""Colours of the bands behind a motion."""
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -76,18 +76,18 @@ _SETTINGS: dict[Any, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Inside, figures look like ours; outside, matplotlib's settings are as before."""
+    """Apply the plot style within a context; matplotlib's settings are restored afterwards."""
     with mpl.rc_context(_SETTINGS):
         yield
 
 
 def use_style() -> None:
-    """From here on all figures look like ours, until the program ends: for a notebook, which draws them after they were made."""
+    """Apply the plot style until the program ends, for a notebook that draws figures after they were made."""
     mpl.rcParams.update(_SETTINGS)
 
 
 def plain(axes: Axes) -> None:
-    """An axis-equal drawing without frame and grid."""
+    """Make axes an axis-equal drawing without frame and grid."""
     axes.set_aspect("equal")
     axes.grid(visible=False)
     for side in ("left", "bottom"):
@@ -98,14 +98,14 @@ FIGURE_FORMATS = (".png", ".svg", ".pdf")
 
 
 def write_figure(figure: Figure, output: Path) -> None:
-    """Write a figure in the format that `output` is named for.
+    """Write a figure in the format given by the suffix of `output`.
 
     Raises:
-        OutputError: no such format, or the file cannot be written.
+        OutputError: the format is unknown, or the file cannot be written.
     """
     suffix = output.suffix.lower()
     if suffix not in FIGURE_FORMATS:
-        raise OutputError(f"{output}: no format for figures: name it {', '.join(FIGURE_FORMATS)}")
+        raise OutputError(f"{output}: unknown figure format: choose {', '.join(FIGURE_FORMATS)}")
     data = io.BytesIO()
     with style():
         figure.savefig(data, format=suffix[1:], dpi=160)
@@ -113,7 +113,7 @@ def write_figure(figure: Figure, output: Path) -> None:
 
 
 def svg(figure: Figure) -> str:
-    """The figure as an <svg> element, sized by its place in the page."""
+    """The figure as an <svg> element that fills its container."""
     text = io.StringIO()
     with style():
         FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None, "Creator": None})

@@ -1,4 +1,4 @@
-"""The voxel map drawn, in words and as a table: always with its prior and with how little of it was measured."""
+"""Voxel map as figure, text and table, always with its prior and the share that was measured."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
     from analyze.estimation.voxel_map import VoxelMap
 
 _BINS = 24
-"""along the longest side"""
+"""Bins along the longest side."""
 _SPREAD = np.stack(np.meshgrid((-0.375, -0.125, 0.125, 0.375), (-0.375, -0.125, 0.125, 0.375))).reshape(
     2, -1, 1
 )
-"""(2, n, 1): places in a cell, over its edge, at which it is drawn"""
-_UNEXPLAINED = 3.0
-"""rms of residuals over their sd"""
+"""Sample places (2, n, 1) of a cell, as fractions of its edge length."""
+_MAX_MISFIT = 3.0
+"""Rms of residuals over their sd above which the map does not fit the moments."""
 
 
 def voxel_figure(voxels: VoxelMap) -> Figure:
-    """Mean density along the line of sight from three sides."""
+    """Mean density along the line of sight, from three sides."""
     masses = voxels.density * voxels.volumes
     low, high = 1e3 * voxels.points.min(axis=0), 1e3 * voxels.points.max(axis=0)
     step = float((high - low).max()) / _BINS
@@ -36,7 +36,7 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
     images = []
     for across, up, _ in VIEWS:
         edges = [np.arange(low[i] - step / 2, high[i] + step, step) for i in (across, up)]
-        # A cell is as wide as its cube: as a point it would leave bins between cells empty.
+        # A cell is drawn as wide as its cube: drawn as a point, it would leave empty bins between cells.
         places = [
             (1e3 * (voxels.points[:, i] + _SPREAD[j] * size)).ravel() for j, i in enumerate((across, up))
         ]
@@ -60,28 +60,32 @@ def voxel_figure(voxels: VoxelMap) -> Figure:
     return figure
 
 
-def told_in_words(voxels: VoxelMap) -> str:
-    """What the map is, and is not."""
+def voxel_map_text(voxels: VoxelMap) -> str:
+    """Text on the meaning of the map: its prior, and the share that was measured."""
     low, high = 100 * float(voxels.determined.min()), 100 * float(voxels.determined.max())
     text = (
-        f"The evenest distribution with the measured moments (bounded maximum entropy around {1e-3 * voxels.prior:.2g} g/cm³ everywhere): "
-        f"one of many. {voxels.directions} of its {len(voxels.points)} numbers were measured; of the variance that the prior leaves each "
-        f"octant's mass, the moments take {low:.0f} to {high:.0f} %. The rest of the picture is the prior."
+        "The most uniform distribution with the measured moments, one of many that fit (bounded maximum "
+        f"entropy around {1e-3 * voxels.prior:.2g} g/cm³ everywhere). {voxels.directions} of its "
+        f"{len(voxels.points)} numbers were measured: of the prior variance of each octant's mass, the "
+        f"moments remove {low:.0f} to {high:.0f} %. The rest of the picture is the prior."
     )
-    if voxels.misfit > _UNEXPLAINED:
-        text += f" It misses the moments by {voxels.misfit:.1f} times their sd: no such body has them."
+    if voxels.misfit > _MAX_MISFIT:
+        text += (
+            f" It misses the moments by {voxels.misfit:.1f} times their sd: no such body has these moments."
+        )
     return text
 
 
 def write_voxels(voxels: VoxelMap, output: Path) -> None:
-    """One line per cell: place, volume and density, SI; what it is worth stands in its first lines.
+    """Write one line per cell with position, volume and density (SI), after comments on the map's meaning.
 
     Raises:
         OutputError: the file cannot be written.
     """
     text = io.StringIO()
     text.write(
-        f"# {told_in_words(voxels)}\n# place in the object's frame [m], volume [m^3], density [kg/m^3]\nx,y,z,volume,density\n"
+        f"# {voxel_map_text(voxels)}\n# place in the object's frame [m], volume [m^3], density "
+        "[kg/m^3]\nx,y,z,volume,density\n"
     )
     np.savetxt(
         text, np.column_stack([voxels.points, voxels.volumes, voxels.density]), fmt="%.9g", delimiter=","

@@ -9,7 +9,7 @@ from analyze.estimation.part_masses import MeasuredMoments, measured_moments
 from analyze.estimation.voxel_map import voxel_map
 from analyze.geometry.object_model import DENSITIES
 from analyze.pipeline.estimate import estimate_evidence
-from analyze.report.voxel_map import told_in_words, voxel_figure, write_voxels
+from analyze.report.voxel_map import voxel_figure, voxel_map_text, write_voxels
 from tests.analyze.simulated_session import carton, session
 
 
@@ -42,7 +42,7 @@ def test_it_says_how_little_was_measured(estimate):
     voxels = estimate.voxels
     assert voxels.directions <= 10
     assert np.all((voxels.determined > 0) & (voxels.determined < 1))
-    words = told_in_words(voxels)
+    words = voxel_map_text(voxels)
     assert f"{voxels.directions} of its {len(voxels.points)} numbers were measured" in words
     assert "prior" in words
 
@@ -58,7 +58,7 @@ def test_moments_that_no_body_of_that_shape_has_are_missed_and_said(estimate):
     )
     voxels = voxel_map(outside, estimate.cells)
     assert voxels.misfit > 3
-    assert "misses the moments" in told_in_words(voxels)
+    assert "misses the moments" in voxel_map_text(voxels)
 
 
 def test_a_body_of_one_density_gives_an_even_map(estimate):
@@ -80,7 +80,7 @@ def test_figure_and_table(estimate, tmp_path):
     assert len(figure.axes) == 4
     write_voxels(estimate.voxels, tmp_path / "map.csv")
     lines = (tmp_path / "map.csv").read_text(encoding="utf-8").splitlines()
-    assert lines[0].startswith("# The evenest distribution")
+    assert lines[0].startswith("# The most uniform distribution")
     assert lines[2] == "x,y,z,volume,density"
     table = np.loadtxt(lines[3:], delimiter=",")
     assert table.shape == (len(estimate.voxels.points), 5)

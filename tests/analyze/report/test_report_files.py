@@ -12,7 +12,7 @@ from click.testing import CliRunner, Result
 
 from analyze.cli import main as analyze
 from analyze.report.report_document import report_json
-from analyze.report.sensitivity_plot import source_rows, told_in_words
+from analyze.report.sensitivity_plot import largest_source_text, source_rows
 from analyze.result.answer import answer_evidence
 from schemas.report import Report
 from tests.analyze.simulated_session import carton, session
@@ -134,6 +134,6 @@ def test_a_folder_that_has_no_place_is_refused_before_the_work(run, tmp_path):
 def test_the_largest_source_is_said_with_its_remedy(estimate):
     rows = source_rows(estimate.estimate.sensitivity, estimate.estimate.com.covariance)
     assert [row.share for row in rows] == sorted((row.share for row in rows), reverse=True)
-    text = told_in_words(rows)
+    text = largest_source_text(rows)
     assert text.startswith(f"{100 * rows[0].share:.0f} % of the variance is {rows[0].source.value}")
-    assert "What would help most: " in text
+    assert "Most effective remedy: " in text
