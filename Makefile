@@ -74,7 +74,7 @@ lint: setup  ## format, lint, types
 
 docs: setup  ## the documentation as a site in site/, readable from disk; a warning is an error
 	@PYTHONPATH=. $(BIN)/python docs/drawing.py
-	@$(BIN)/python -m sphinx -q -W --keep-going -b html -d site/.doctrees docs site
+	@$(BIN)/python -m sphinx -q -E -W --keep-going -b html -d site/.doctrees docs site
 	@$(BIN)/python docs/offline.py site
 	@echo "open site/index.html"
 

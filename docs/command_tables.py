@@ -29,7 +29,8 @@ def commands() -> Iterator[tuple[str, click.Command]]:
 
 def _options(command: click.Command, context: click.Context) -> Iterator[str]:
     """A row for each option that the help shows."""
-    for parameter in command.get_params(context):
+    options = (one for one in command.get_params(context) if isinstance(one, click.Option))
+    for parameter in options:
         record = parameter.get_help_record(context)
         if record is not None and "--help" not in parameter.opts:
             # Click puts the default and the range in double spaces behind the text.
@@ -43,7 +44,7 @@ def option_tables() -> str:
         context = click.Context(command, info_name=name)
         usage = " ".join(command.collect_usage_pieces(context))
         rows = list(_options(command, context))
-        table = "\n| option | |\n|---|---|\n" + "\n".join(rows) + "\n" if rows else ""
+        table = "\n| | |\n|---|---|\n" + "\n".join(rows) + "\n" if rows else ""
         text = escaped(" ".join((command.help or "").split("\f")[0].split()))
         sections.append(f"## {name}\n\n```text\n{name} {usage}\n```\n\n{text}\n{table}")
     return "\n".join(sections)

@@ -41,6 +41,10 @@ napoleon_use_rtype = False
 python_maximum_signature_line_length = 88
 # Docstrings write code in single backticks, as Markdown does.
 default_role = "code"
+# Two classes may have a field of one name; which one a type means is not asked.
+suppress_warnings = ["ref.python"]
+# Quotation marks of equations and commands stay as they are.
+smartquotes = False
 
 html_theme = "furo"
 html_title = "Percuss"
@@ -62,13 +66,32 @@ html_theme_options = {
 MARKUP_OF_RST = re.compile(r"(``.*?``|`[^`]*`)|([|*_\\])")
 
 
+def _is_text(line: str) -> bool:
+    """True for a line of a paragraph that is not indented: no field, directive or list."""
+    return bool(line) and not line.startswith((" ", ":", "..", "- ", "* "))
+
+
 def _plain_docstring(
     _app: Any, _kind: str, _name: str, _object: Any, _options: Any, lines: list[str]
 ) -> None:
-    """Escape reStructuredText's markup: |theta'|, *.mcap and name_ are plain text in the docstrings."""
-    for number, line in enumerate(lines):
-        if not line.lstrip().startswith((":", "..")):
-            lines[number] = MARKUP_OF_RST.sub(lambda found: found[1] or "\\" + found[2], line)
+    """Read a docstring as its authors mean it.
+
+    Lines indented by four spaces below a paragraph are code or an equation; |theta'|, *.mcap and name_ are no
+    markup of reStructuredText.
+    """
+    found: list[str] = []
+    paragraph, code = "", False
+    for line in lines:
+        if code and line and not line.startswith("    "):
+            code = False
+        elif not code and line.startswith("    ") and _is_text(paragraph) and found[-1] == "":
+            found += ["::", ""]
+            code = True
+        if line:
+            paragraph = line
+        markup = line.lstrip().startswith((":", "..")) or code
+        found.append(line if markup else MARKUP_OF_RST.sub(lambda one: one[1] or "\\" + one[2], line))
+    lines[:] = found
 
 
 GENERATED = {

@@ -209,8 +209,7 @@ def module_tables() -> str:
     for package, lines in sorted(found.items()):
         text, rows = (lines[0], lines[1:]) if not lines[0].startswith("|") else ("", lines)
         parts.append(
-            f"## {package}\n\n{text}\n"
-            + ("\n| module | |\n|---|---|\n" + "\n".join(rows) + "\n" if rows else "")
+            f"## {package}\n\n{text}\n" + ("\n| | |\n|---|---|\n" + "\n".join(rows) + "\n" if rows else "")
         )
     return "\n".join(parts)
 
