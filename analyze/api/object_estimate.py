@@ -12,7 +12,7 @@ import numpy as np
 from analyze.api.tables import data_frame, html_table, text_table
 from analyze.errors import ExportError
 from analyze.estimation.intervals import SIGMAS_95
-from analyze.export.body import Body, inertial_of
+from analyze.export.body import ExportBody, inertial_of
 from analyze.export.formats import Format, why_misnamed
 from analyze.export.provenance import provenance
 from analyze.export.urdf import inertial_element
@@ -47,7 +47,7 @@ class CentreOfMass:
     @property
     def sd(self) -> Array:
         """Standard deviations (3,) [m]."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.sqrt(np.diag(self.covariance)).astype(np.float64)
 
     @property
     def interval95(self) -> Array:
@@ -97,7 +97,7 @@ class InertiaTensor:
         return int(np.floor(np.log10(np.abs(self.tensor).max())))
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """Name, value with half width of the 95 % interval in 10^power_of_ten kg m², and origin of each entry."""
+        """Name, value ± half width (95 %) in 10^power_of_ten kg m², and origin of each entry."""
         unit = 10.0**self.power_of_ten
         return [
             (
@@ -239,12 +239,11 @@ class ObjectEstimate:
             raise ExportError(reason)
         result, evidence = self._answer.result, self._answer.estimate.evidence
         origin = provenance(result, self.name, software_version())
-        return tuple(
-            write_body(Body(self.name, evidence.model, inertial_of(result, self.name), origin), kind, output)
-        )
+        body = ExportBody(self.name, evidence.model, inertial_of(result, self.name), origin)
+        return tuple(write_body(body, kind, output))
 
     def figures(self) -> dict[str, Figure]:
-        """Figures of the report by name: front, side, top (with equi-planes), moments, regions, predictions."""
+        """Figures of the report by name: front, side and top view, moments, regions, predictions."""
         from analyze.report.plots import moments_figure, projection_figures, regions_figure
         from analyze.report.prediction_plot import prediction_figure
 

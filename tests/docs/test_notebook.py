@@ -76,5 +76,5 @@ def test_committed_outputs_are_up_to_date(results):
         shown = [each["data"] for each in outputs if each["output_type"] == "execute_result"]
         if isinstance(value, Figure):
             assert "image/png" in shown[0]
-        elif value is not None:
+        elif type(value).__module__.startswith("analyze."):
             assert "".join(shown[0]["text/plain"]) == repr(value), "run `make notebook`"
