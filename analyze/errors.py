@@ -13,9 +13,9 @@
     ├── ArchiveError            an archive that cannot be listed, or a folder of results that cannot be used
     ├── CalibrationError        images that show no board, or views that do not determine the camera
     ├── ImportRefused           a video, folder of images or file of others that cannot become a recording
-    ├── ExportError             a body that cannot be written for a simulator, or is not read back as it was written
-    └── OutputError             a file that cannot be written
+    └── ExportError             a body that cannot be written for a simulator, or is not read back as it was written
 
+`schemas.output_file.OutputError` (a file that cannot be written) is shared by both packages.
 Each message is one line: the file or thing, what is wrong, what to try.
 """
 
@@ -58,10 +58,6 @@ class JoinError(AnalyzeError):
 
 class EstimationError(AnalyzeError):
     """The data do not determine an answer."""
-
-
-class OutputError(AnalyzeError):
-    """A file cannot be written."""
 
 
 class ExportError(AnalyzeError):

@@ -1,6 +1,7 @@
-"""What both commands promise to scripts: a problem is one line on standard error that begins with the command's name, and an exit code.
+"""Command-line conventions of both commands: a problem is one line on standard error, and an exit code.
 
-0 done, 1 a named problem, 2 wrong usage, 3 ended early or with loss, 130 interrupted.
+The line begins with the command's name. Exit codes: 0 done, 1 a named problem, 2 wrong usage, 3 ended early or with loss,
+130 interrupted.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import IO, Any, NoReturn, ParamSpec, TypeVar
 import click
 
 from schemas.document import DocumentError
+from schemas.output_file import OutputError
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -24,30 +26,30 @@ PROBLEM, LOSS, INTERRUPTED = 1, 3, 130
 
 
 class NumberRange(click.FloatRange):
-    """A range of numbers; click's own takes `nan`, which is neither below nor above anything."""
+    """Range of numbers that refuses `nan`, which click's own range accepts."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The number."""
+        """Convert to a number in the range."""
         number = super().convert(value, param, ctx)
         if math.isnan(number):
-            self.fail(f"{value} is no number.", param, ctx)
+            self.fail(f"{value} is not a number.", param, ctx)
         return number
 
 
 class WrongUsage(click.UsageError):
-    """Wrong usage, told in one line: what is wrong, and the help that says how it is right. Click's own tells it in four."""
+    """Wrong usage as one line: the mistake, and the --help to read. Click's own message has four lines."""
 
     def __init__(self, command: str, error: click.UsageError) -> None:
-        what = " ".join(error.format_message().split()).removesuffix(".")
-        super().__init__(f"{command}: {what} (see {_asked(command, error.ctx)} --help)", error.ctx)
+        mistake = " ".join(error.format_message().split()).removesuffix(".")
+        super().__init__(f"{command}: {mistake} (see {_invoked_verb(command, error.ctx)} --help)", error.ctx)
 
     def show(self, file: IO[Any] | None = None) -> None:
         """Write the line."""
         click.echo(self.message, file=file, err=file is None)
 
 
-def _asked(command: str, ctx: click.Context | None) -> str:
-    """The verb that was called, however the program was started (`python -m analyze`)."""
+def _invoked_verb(command: str, ctx: click.Context | None) -> str:
+    """Command and verb as invoked, however the program was started (`python -m analyze`)."""
     verbs: list[str] = []
     while ctx is not None and ctx.parent is not None:
         verbs.insert(0, ctx.info_name or "")
@@ -56,20 +58,20 @@ def _asked(command: str, ctx: click.Context | None) -> str:
 
 
 class Commands(click.Group):
-    """The verbs of a command that is called as the group is named."""
+    """Group of verbs that reports wrong usage in one line; the group's name is the command's."""
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
-        """As click does; wrong usage becomes one line."""
-        with self._in_one_line():
+        """Make click's context; wrong usage becomes one line."""
+        with self._one_line_usage():
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """As click does; wrong usage becomes one line."""
-        with self._in_one_line():
+        """Invoke the verb; wrong usage becomes one line."""
+        with self._one_line_usage():
             return super().invoke(ctx)
 
     @contextmanager
-    def _in_one_line(self) -> Iterator[None]:
+    def _one_line_usage(self) -> Iterator[None]:
         try:
             yield
         except (click.exceptions.NoArgsIsHelpError, WrongUsage):
@@ -79,12 +81,14 @@ class Commands(click.Group):
 
 
 def one_line_errors(command: str, *problems: type[Exception]) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator of a verb: `problems`, documents that cannot be used and what the operating system refuses become one line.
+    """Decorator of a verb that reports expected errors in one line and exits.
+
+    Expected are `problems`, unusable documents, unwritable output files, and errors of the operating system.
 
     Args:
         command: acquire or analyze; the line begins with it.
-        problems: what the package raises on purpose, each with a message that names the thing and the remedy; its notes follow, a line
-            each.
+        problems: errors that the package raises on purpose. Their message names the thing and the remedy; their notes
+            follow, one line each.
     """
 
     def end(code: int, line: str = "") -> NoReturn:
@@ -97,15 +101,15 @@ def one_line_errors(command: str, *problems: type[Exception]) -> Callable[[Calla
         def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
             try:
                 return verb(*args, **kwargs)
-            except (*problems, DocumentError) as error:
+            except (*problems, DocumentError, OutputError) as error:
                 notes = "".join(f"\nnote: {note}" for note in getattr(error, "__notes__", ()))
                 end(PROBLEM, f"{error}{notes}")
-            except BrokenPipeError:  # whoever read our output has left
+            except BrokenPipeError:  # the reader of our output has closed it
                 end(PROBLEM)
             except OSError as error:
                 where = f"{error.filename}: " if error.filename else ""
                 end(PROBLEM, f"{where}{error.strerror or error}: check disk and permissions")
-            except (KeyboardInterrupt, click.Abort):  # click's: at a question
+            except (KeyboardInterrupt, click.Abort):  # click.Abort: Ctrl-C at a prompt
                 end(INTERRUPTED, "interrupted")
 
         return wrapped

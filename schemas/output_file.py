@@ -1,15 +1,20 @@
-"""Where a file is to be written: both commands refuse alike what has no place, before any work; no folder is made unasked."""
+"""Output files: refused early where they cannot be written, and written so that they appear complete or not at all."""
 
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
 
 
-def why_unwritable(output: Path, *inputs: Path) -> str | None:
-    """One line that says why `output` cannot be written, or that it would replace one of the `inputs`; None where all is well.
+class OutputError(Exception):
+    """A file that cannot be written."""
 
-    A missing folder is not made: its name may be misspelt, and a recording that nobody finds is lost.
+
+def why_unwritable(output: Path, *inputs: Path) -> str | None:
+    """Reason in one line why `output` cannot be written or would replace one of the `inputs`; None if it can be written.
+
+    A missing folder is not created: its name may be misspelt, and the file would not be found again.
     """
     folder = output.parent
     if output.is_dir():
@@ -17,8 +22,43 @@ def why_unwritable(output: Path, *inputs: Path) -> str | None:
     if not folder.is_dir():
         return f"{output}: cannot be written: there is no folder {folder}: create it first"
     if not os.access(folder, os.W_OK | os.X_OK):
-        return f"{output}: cannot be written: the folder {folder} is not yours to write in: choose another place"
+        return f"{output}: cannot be written: you have no permission to write in the folder {folder}: choose another place"
     for path in inputs:
         if output.exists() and path.exists() and output.samefile(path):
-            return f"{output}: is what is read, and would be replaced: choose another name for the output"
+            return f"{output}: is also an input and would be replaced: choose another name for the output"
     return None
+
+
+def refuse_unwritable(output: Path, *inputs: Path) -> None:
+    """Raise OutputError if `output` cannot be written or would replace one of the `inputs`; call it before the work."""
+    if (reason := why_unwritable(output, *inputs)) is not None:
+        raise OutputError(reason)
+
+
+def write_text(output: Path, text: str) -> None:
+    """Write `text` as UTF-8; see `write_bytes`."""
+    write_bytes(output, text.encode("utf-8"))
+
+
+def write_bytes(output: Path, data: bytes) -> None:
+    """Write `data` to a temporary file, fsync it and rename it; after an error an earlier `output` is unchanged.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    refuse_unwritable(output)
+    part: Path | None = None
+    try:
+        handle, name = tempfile.mkstemp(dir=output.parent, prefix=f".{output.name}.")
+        part = Path(name)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        part.chmod(0o644)
+        part.replace(output)
+    except OSError as error:
+        raise OutputError(f"{output}: cannot be written: {error.strerror}: choose another place") from None
+    finally:
+        if part is not None:
+            part.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Coded pictures gathered to chunks: each begins with a key picture, and is packed where its pictures are small."""
+"""Coded pictures gathered into chunks: each chunk begins with a key picture, and chunks of small pictures are compressed."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from numpy.typing import NDArray
 
 from analyze.sources.image_messages import VideoMessages
 from schemas.mcap import records as container
+from schemas.mcap.chunks import ChunkSize
+from schemas.mcap.content_hash import LARGE_MESSAGE_BYTES, HashedMessage
 from schemas.mcap.records import Buffer
-from schemas.mcap.summary import ChunkSize
 
-WHOLE_CHUNK: Final = 1 << 20
-"""bytes of pictures from which on the next key picture begins another chunk: each costs as much time as ten pictures"""
-_SMALL_PICTURE: Final = 1024
-"""bytes of an average picture below which what stands around each counts: 100 bytes, most of them those of the one before"""
-_PACKED_TOGETHER: Final = 4 << 20
-"""bytes of a chunk from which on it is not packed: it would have to be held twice"""
-_LEVEL: Final = 3
-_PACKED: Final = "zstd"
+FULL_CHUNK_BYTES: Final = 1 << 20
+"""bytes of pictures from which on the next key picture begins another chunk: a chunk costs as much time as ten pictures"""
+_SMALL_PICTURE_BYTES: Final = 1024
+"""mean picture size below which compression pays: each picture has 100 bytes around it, most equal to those of the one before"""
+_MAX_COMPRESSED_BYTES: Final = 4 << 20
+"""size from which on a chunk is not compressed, since it would be held in memory twice"""
+_COMPRESSION: Final = "zstd"
+_COMPRESSION_LEVEL: Final = 3
 
 
 class VideoChunk(NamedTuple):
@@ -34,15 +35,14 @@ class VideoChunk(NamedTuple):
     """whole message records"""
 
 
-class CheckedChunk(NamedTuple):
-    """A chunk ready to be written."""
+class PreparedChunk(NamedTuple):
+    """A chunk with its checksums and index, ready to be written."""
 
     buffers: Sequence[Buffer]
     size: ChunkSize
-    entries: bytes
-    """its message index's entries, by time"""
-    identity: list[tuple[int, int, Buffer, int]]
-    """of each message log time, size of its data, the data where they are small, their CRC-32"""
+    index_entries: bytes
+    """packed entries of its message index, by time"""
+    hashed: list[HashedMessage]
 
 
 @dataclass
@@ -55,37 +55,40 @@ class OpenChunk:
     """bytes of its pictures"""
 
     def add(self, messages: VideoMessages, records: list[memoryview]) -> None:
-        """Some more."""
+        """Append messages and their whole records."""
         self._messages.append(messages)
         self._records += records
         self.size += int(messages.sizes.sum())
 
     def closed(self) -> VideoChunk:
-        """All of them; nothing may be added any more."""
+        """Chunk of everything added; nothing may be added afterwards."""
         columns = [np.concatenate(column) for column in zip(*self._messages, strict=True)]
         return VideoChunk(VideoMessages(*columns), self._records)
 
 
-def checked(chunk: VideoChunk) -> CheckedChunk:
-    """Checksums, index, and where it pays compression."""
+def prepare_chunk(chunk: VideoChunk) -> PreparedChunk:
+    """Compute a chunk's checksums and message index, and compress it where that saves space."""
     crc = 0
-    identity: list[tuple[int, int, Buffer, int]] = []
+    hashed: list[HashedMessage] = []
     for time_ns, record in zip(chunk.messages.times_ns.tolist(), chunk.records, strict=True):
         crc = deflate.crc32(record, crc)
         data = record[container.MESSAGE_HEAD :]
         size = len(data)
-        identity.append((time_ns, size, data, 0) if size < container.LARGE_MESSAGE else (time_ns, size, b"", deflate.crc32(data, 0)))
+        large = size >= LARGE_MESSAGE_BYTES
+        hashed.append((time_ns, size, b"", deflate.crc32(data, 0)) if large else (time_ns, size, data, 0))
     sizes = np.array([len(record) for record in chunk.records])
     total = int(sizes.sum())
-    entries = _entries(chunk.messages.times_ns, sizes)
-    if total < min(_PACKED_TOGETHER, _SMALL_PICTURE * len(sizes)):
-        packed = zstandard.ZstdCompressor(level=_LEVEL).compress(b"".join(chunk.records))
-        if len(packed) < total:
-            return CheckedChunk([packed], ChunkSize(total, crc, _PACKED, len(packed)), entries, identity)
-    return CheckedChunk(chunk.records, ChunkSize(total, crc, "", total), entries, identity)
+    entries = _index_entries(chunk.messages.times_ns, sizes)
+    if total < min(_MAX_COMPRESSED_BYTES, _SMALL_PICTURE_BYTES * len(sizes)):
+        compressed = zstandard.ZstdCompressor(level=_COMPRESSION_LEVEL).compress(b"".join(chunk.records))
+        if len(compressed) < total:
+            size = ChunkSize(total, crc, _COMPRESSION, len(compressed))
+            return PreparedChunk([compressed], size, entries, hashed)
+    return PreparedChunk(chunk.records, ChunkSize(total, crc, "", total), entries, hashed)
 
 
-def _entries(times_ns: NDArray[np.int64], sizes: NDArray[np.int64]) -> bytes:
-    places = np.cumsum(sizes) - sizes
+def _index_entries(times_ns: NDArray[np.int64], sizes: NDArray[np.int64]) -> bytes:
+    """Packed message index of records of these sizes (n,) and log times (n,) [ns]."""
+    offsets = np.cumsum(sizes) - sizes
     order = np.argsort(times_ns, kind="stable")
-    return np.stack((times_ns[order], places[order]), axis=1).astype("<u8").tobytes()
+    return np.stack((times_ns[order], offsets[order]), axis=1).astype("<u8").tobytes()

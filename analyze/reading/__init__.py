@@ -1,1 +1,1 @@
-"""Recordings as they lie on disk: ours, cut short, still growing, written by others."""
+"""Reading recordings: finished, cut short, still growing, or written by other programs."""

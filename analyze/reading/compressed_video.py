@@ -1,7 +1,7 @@
-"""Images out of coded pictures, through FFmpeg's decoders (PyAV): grey values of a frame, and of a recording's foxglove.CompressedVideo.
+"""Decodes H.264 and H.265 with FFmpeg (PyAV): grey images of frames, and of foxglove.CompressedVideo messages.
 
-A video is kept in the order in which it is decoded. Where a later picture was coded first (B-frames) that is not the order of its times:
-a decoder gives each picture the time of the message it came in, by then in order.
+A video is stored in decoding order. Where a later picture was coded first (B-frames) this is not the order of times; the
+decoder gives each picture the time of the message it came in, and returns the pictures by time.
 """
 
 from __future__ import annotations
@@ -30,12 +30,14 @@ _DECODERS = {VideoFormat.H264: "h264", VideoFormat.H265: "hevc"}
 _NANOSECONDS = Fraction(1, 10**9)
 
 
-def grey_values(frame: av.VideoFrame) -> NDArray[np.uint8]:
-    """(height, width) brightness of a decoded frame: its luma as it was coded where that has 8 bits (a view), else converted."""
+def grey_image(frame: av.VideoFrame) -> NDArray[np.uint8]:
+    """(height, width) uint8 grey values of a decoded frame: a view of its luma plane if that has 8 bits, else converted."""
     if not _has_luma(frame.format.name):
         frame = frame.reformat(format="gray")
     plane = frame.planes[0]
-    return np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[: frame.height, : frame.width]
+    return np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[
+        : frame.height, : frame.width
+    ]
 
 
 @cache
@@ -54,10 +56,10 @@ def _has_luma(name: str) -> bool:
 
 
 def parse_video(data: memoryview) -> tuple[VideoFormat, bytes]:
-    """Format and bytes of a foxglove.CompressedVideo.
+    """Parse a foxglove.CompressedVideo message into format and data.
 
     Raises:
-        ContainerError: it is none, or of a format that is not read.
+        ContainerError: the message is of another type, or its format is unknown.
     """
     message = CompressedVideo()
     try:
@@ -68,35 +70,35 @@ def parse_video(data: memoryview) -> tuple[VideoFormat, bytes]:
 
 
 def video_format(name: str) -> VideoFormat:
-    """The format that a message names.
+    """Video format of this name.
 
     Raises:
-        ContainerError: it is not read.
+        ContainerError: the format is unknown.
     """
     try:
         return VideoFormat(name)
     except ValueError:
         known = " and ".join(each.value for each in VideoFormat)
-        raise ContainerError(f"video of format {name!r} is not read: {known} are") from None
+        raise ContainerError(f"video of format {name!r} cannot be read, only {known}") from None
 
 
-def may_begin(message: RecordedMessage) -> bool:
-    """Whether a decoder may begin with this message.
+def is_decoding_start(message: RecordedMessage) -> bool:
+    """True if a decoder can begin with this message.
 
     Raises:
-        ContainerError: it is no video.
+        ContainerError: the message is no video.
     """
     return is_keyframe(*parse_video(message.data))
 
 
-def decoded(messages: Iterable[RecordedMessage]) -> Iterator[ImageFrame]:
-    """Images of a video's messages, by time.
+def decode_video(messages: Iterable[RecordedMessage]) -> Iterator[ImageFrame]:
+    """Images of a video, by time.
 
     Args:
-        messages: in the order in which they were written, from one on with which a decoder may begin.
+        messages: the video's messages in file order, beginning with one where a decoder can begin.
 
     Raises:
-        ContainerError: one is no video, or cannot be decoded.
+        ContainerError: a message is no video, or cannot be decoded.
     """
     import av
     from av.error import FFmpegError
@@ -110,36 +112,38 @@ def decoded(messages: Iterable[RecordedMessage]) -> Iterator[ImageFrame]:
             kind, data = parse_video(message.data)
             if decoder is None or kind is not video:
                 if decoder is not None:
-                    yield from _images(decoder.decode(None), sequences, base_ns)
-                decoder, video, base_ns = _decoder(kind), kind, message.log_time_ns
+                    yield from _image_frames(decoder.decode(None), sequences, base_ns)
+                decoder, video, base_ns = _create_decoder(kind), kind, message.log_time_ns
             packet = av.Packet(data)
             packet.time_base, packet.pts = _NANOSECONDS, message.log_time_ns - base_ns
             sequences[message.log_time_ns] = message.sequence
-            yield from _images(decoder.decode(packet), sequences, base_ns)
+            yield from _image_frames(decoder.decode(packet), sequences, base_ns)
         if decoder is not None:
-            yield from _images(decoder.decode(None), sequences, base_ns)
+            yield from _image_frames(decoder.decode(None), sequences, base_ns)
     except FFmpegError as error:
         raise ContainerError(f"the video cannot be decoded: {error.strerror}") from None
     finally:
         if decoder is not None:
-            # One that is let go of while its threads still decode waits for ever for what they want of Python (PyAV 18).
+            # A decoder that is destroyed while its threads still decode deadlocks: they wait for Python's lock (PyAV 18).
             decoder.flush_buffers()
 
 
-def _decoder(video: VideoFormat) -> av.VideoCodecContext:
+def _create_decoder(video: VideoFormat) -> av.VideoCodecContext:
     import av
 
     decoder = av.CodecContext.create(_DECODERS[video], "r")
-    assert isinstance(decoder, av.VideoCodecContext)  # noqa: S101 - of these codecs it is
+    assert isinstance(decoder, av.VideoCodecContext)  # noqa: S101 - true for these codecs
     decoder.thread_type = "AUTO"
     return decoder
 
 
-def _images(frames: Iterable[av.VideoFrame], sequences: dict[int, int], base_ns: int) -> Iterator[ImageFrame]:
+def _image_frames(
+    frames: Iterable[av.VideoFrame], sequences: dict[int, int], base_ns: int
+) -> Iterator[ImageFrame]:
     for frame in frames:
         if frame.pts is None:
             continue
         time_ns = base_ns + frame.pts
         sequence = sequences.pop(time_ns, None)
         if sequence is not None and not frame.is_corrupt:
-            yield ImageFrame(time_ns, sequence, grey_values(frame))
+            yield ImageFrame(time_ns, sequence, grey_image(frame))

@@ -1,8 +1,8 @@
-"""Which files are one recording: a row NAME.mcap, NAME-0002.mcap, NAME-0003.mcap, ..., each whole by itself.
+"""The files of one recording: a series NAME.mcap, NAME-0002.mcap, NAME-0003.mcap, ..., each readable by itself.
 
-A recording becomes a row where it is continuous, and where the process that wrote it died and another went on. Any file of the row
-stands for all of it. A file belongs to it when its manifest carries the row's `recording_id` and, as `part`, the number in its name; so an
-older file of the same name does not, and neither does one that was renamed.
+A recording has several files if it is continuous, or if the process that wrote it died and another continued. Any of its files
+names all of it. A file belongs to the series if its manifest has the same `recording_id` and, as `part`, the number in its name;
+an older file of that name does not belong to it, nor does a renamed one.
 """
 
 from __future__ import annotations
@@ -19,48 +19,50 @@ from schemas.session_manifest import SessionManifest
 
 
 @dataclass(frozen=True)
-class FileRow:
-    """The files of one recording that lie beside each other."""
+class SeriesFiles:
+    """Files of one recording in one folder."""
 
     files: tuple[Path, ...]
-    """in their order; `.part` where one is not whole"""
+    """files in their order; `.part` if one is unfinished"""
     missing: tuple[int, ...] = ()
-    """numbers before the last one's of which there is no file"""
+    """numbers, up to the last file's, of which there is no file"""
 
 
-def whole_name(path: Path) -> Path:
-    """The name that a `.part` file has once it is whole."""
+def final_path(path: Path) -> Path:
+    """Path of a `.part` file once it is finished."""
     return path.with_suffix("") if path.suffix == PART_SUFFIX else path
 
 
-def missing_text(numbers: Sequence[int]) -> str:
-    """Which files of a row are not there, for people."""
+def missing_files_text(numbers: Sequence[int]) -> str:
+    """Missing files of a recording, as part of a sentence."""
     names = ", ".join(str(number) for number in numbers)
     return f"file {names} of this recording" if len(numbers) == 1 else f"files {names} of this recording"
 
 
-def row_of(path: Path) -> FileRow:
-    """The row that `path` is of; of a file that has no manifest, that file alone."""
-    ours = _head(path)
+def find_series_files(path: Path) -> SeriesFiles:
+    """Files of the recording that `path` belongs to; a file without a manifest is alone."""
+    ours = _manifest(path)
     if ours is None:
-        return FileRow((path,))
-    whole = whole_name(path)
-    stem = whole.stem.removesuffix(f"-{ours.part:04d}") if ours.part > 1 else whole.stem
-    if stem == whole.stem and ours.part > 1:  # renamed
-        return FileRow((path,), tuple(range(1, ours.part)))
+        return SeriesFiles((path,))
+    final = final_path(path)
+    stem = final.stem.removesuffix(f"-{ours.part:04d}") if ours.part > 1 else final.stem
+    if stem == final.stem and ours.part > 1:  # renamed
+        return SeriesFiles((path,), tuple(range(1, ours.part)))
     found = {ours.part: path}
-    for number, file in _named_alike(path.parent, stem, whole.suffix):
+    for number, file in _candidates(path.parent, stem, final.suffix):
         if number != ours.part and (number not in found or file.suffix != PART_SUFFIX):
-            head = _head(file)
+            head = _manifest(file)
             if head is not None and (head.recording_id, head.part) == (ours.recording_id, number):
                 found[number] = file
     missing = tuple(number for number in range(1, max(found)) if number not in found)
-    return FileRow(tuple(found[number] for number in sorted(found)), missing)
+    return SeriesFiles(tuple(found[number] for number in sorted(found)), missing)
 
 
-def _named_alike(folder: Path, stem: str, suffix: str) -> list[tuple[int, Path]]:
-    """(number, file) of every file that the row `stem` may have, whole or not."""
-    pattern = re.compile(rf"{re.escape(stem)}(?:-(\d{{4,}}))?{re.escape(suffix)}(?:{re.escape(PART_SUFFIX)})?")
+def _candidates(folder: Path, stem: str, suffix: str) -> list[tuple[int, Path]]:
+    """(number, file) of every file, finished or not, that has a name of the series `stem`."""
+    pattern = re.compile(
+        rf"{re.escape(stem)}(?:-(\d{{4,}}))?{re.escape(suffix)}(?:{re.escape(PART_SUFFIX)})?"
+    )
     try:
         files = sorted(folder.iterdir())
     except OSError:  # a folder that may be entered, but not listed
@@ -69,9 +71,9 @@ def _named_alike(folder: Path, stem: str, suffix: str) -> list[tuple[int, Path]]
     return [(int(match[1] or 1), file) for match, file in matches if match]
 
 
-def _head(path: Path) -> SessionManifest | None:
+def _manifest(path: Path) -> SessionManifest | None:
     if path.suffix == PART_SUFFIX and not path.exists():
-        return None  # a follower would take the whole file of that name
+        return None  # FollowedRecording would open the finished file of that name
     with contextlib.suppress(RecordingError, ValueError), FollowedRecording(path) as file:
-        return file.peek()
+        return file.read_manifest()
     return None

@@ -1,4 +1,4 @@
-"""Follows a recording while it grows: whole records as they arrive, images as views that cost nothing until they are looked at."""
+"""Follows a recording that is being written: whole records as they arrive, images as views of the file."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from analyze.reading.indexed_file import RecordedMessage
 from analyze.reading.recording_head import parse_manifest, parse_plan
 from analyze.types import ImageFrame
 from schemas.mcap import records as container
+from schemas.mcap.chunks import chunk_messages
 from schemas.mcap.records import ContainerError
+from schemas.mcap.walk import walk, whole_records
 from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT, SHAPE_ATTACHMENT_PREFIX, SessionManifest
 from schemas.strike_plan import StrikePlan
 from schemas.topics import TRUTH_PREFIX
 
 PART_SUFFIX = ".part"
-_HEAD_BYTES = 1 << 24
-"""a manifest is far smaller"""
 
 
 class FollowedRecording:
-    """A `.part` file that somebody is writing. It need not exist yet, and may be finished and renamed meanwhile.
+    """A `.part` file that another process is writing. It need not exist yet, and may be finished and renamed meanwhile.
 
-    Only whole records are looked at; a writer takes back nothing but its last, unfinished one.
+    Only whole records are read: on a full disk the writer truncates its last, unfinished record.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.manifest: SessionManifest | None = None
-        """None until it was written"""
+        """None until it is written"""
         self.attachments: dict[str, bytes] = {}
         self.finished = False
-        """the writer ended the recording"""
+        """True once the writer has ended the recording"""
         self._fd: int | None = None
         self._at = 0
         self._topics: dict[int, str] = {}
@@ -46,7 +46,7 @@ class FollowedRecording:
 
     @property
     def plan(self) -> StrikePlan | None:
-        """None until it was written.
+        """Strike plan, None until it is written.
 
         Raises:
             RecordingError: it cannot be read.
@@ -56,11 +56,14 @@ class FollowedRecording:
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """The object's shape file, None for a primitive and before it was written."""
-        return next((data for name, data in self.attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)), None)
+        """The object's shape file, None for a primitive and until it is written."""
+        return next(
+            (data for name, data in self.attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)),
+            None,
+        )
 
     def poll(self) -> list[RecordedMessage]:
-        """Messages that were written since the last call, in the file's order; never truth. Does not wait.
+        """Messages written since the last call, in the file's order, without truth topics. Does not wait.
 
         Raises:
             RecordingVersion: the recording is of another major schema version.
@@ -68,62 +71,63 @@ class FollowedRecording:
         """
         if self.finished or not self._open():
             return []
-        end = self._whole_until(os.fstat(self._file()).st_size)
-        if end == self._at:
+        whole = whole_records(self._read, self._at, os.fstat(self._file()).st_size)
+        self.finished = whole.data_ended
+        if whole.end == self._at:
             return []
-        # A new mapping for each call: older ones live as long as somebody looks at their messages.
+        # A new mapping for each call: earlier ones live as long as their messages are in use.
         base = self._at - self._at % mmap.ALLOCATIONGRANULARITY
-        data = memoryview(mmap.mmap(self._file(), end - base, access=mmap.ACCESS_READ, offset=base))[self._at - base :]
-        self._at = end
+        data = memoryview(mmap.mmap(self._file(), whole.end - base, access=mmap.ACCESS_READ, offset=base))[
+            self._at - base :
+        ]
+        self._at = whole.end
         found: list[RecordedMessage] = []
         try:
-            for opcode, _, body in container.walk(data):
-                self._take(opcode, body, found)
+            for opcode, _, body in walk(data):
+                self._read_record(opcode, body, found)
         except (ContainerError, struct.error) as error:
             raise RecordingError(f"{self.path}: damaged: {error}") from None
         return found
 
-    def peek(self) -> SessionManifest | None:
-        """The manifest, None where it is not there yet; nothing else is read, and nothing is remembered.
+    def read_manifest(self) -> SessionManifest | None:
+        """Read the manifest only, without moving on; None if it is not there yet.
 
         Raises:
-            RecordingError: what is there is not a recording, or damaged.
+            RecordingError: the file is not a recording, or is damaged.
         """
         if not self._open():
             return None
         size = os.fstat(self._file()).st_size
-        with mmap.mmap(self._file(), size, access=mmap.ACCESS_READ) as data:
-            at = self._at
-            while at + container.RECORD_HEAD <= size:
-                opcode, length = struct.unpack_from("<BQ", data, at)
-                body = data[at + container.RECORD_HEAD : at + container.RECORD_HEAD + min(length, _HEAD_BYTES)]
-                if len(body) < length or opcode in {0, container.CHUNK, container.DATA_END}:
-                    return None
-                if opcode == container.METADATA:
-                    try:
-                        metadata = container.parse_metadata(memoryview(body))
-                    except (ContainerError, struct.error) as error:
-                        raise RecordingError(f"{self.path}: damaged: {error}") from None
-                    if metadata.name == MANIFEST_NAME:
-                        return parse_manifest(metadata.entries.get("json", ""), str(self.path))
-                at += container.RECORD_HEAD + length
+        data = memoryview(mmap.mmap(self._file(), size, access=mmap.ACCESS_READ))
+        for opcode, _, body in walk(data, self._at):
+            if opcode in {container.CHUNK, container.DATA_END}:
+                return None
+            if opcode == container.METADATA:
+                try:
+                    metadata = container.parse_metadata(body)
+                except (ContainerError, struct.error) as error:
+                    raise RecordingError(f"{self.path}: damaged: {error}") from None
+                if metadata.name == MANIFEST_NAME:
+                    return parse_manifest(metadata.entries.get("json", ""), str(self.path))
         return None
 
     def image(self, message: RecordedMessage) -> ImageFrame:
-        """The image in a message of an image topic.
+        """Decode the image in a message of an image topic.
 
         Raises:
-            RecordingError: it holds none.
+            RecordingError: the message holds no image.
         """
         if self._schema_of.get(message.topic) == VIDEO:
             raise RecordingError(
-                f"{self.path}: holds a film as it was coded (`analyze import`), which nobody writes any more: use `analyze estimate` or "
+                f"{self.path}: is an imported video, which is complete and cannot be followed: use `analyze estimate` or "
                 "`analyze replay`"
             )
         try:
             image = decode_image(self._schema_of.get(message.topic, ""), message.data)
         except ContainerError as error:
-            raise RecordingError(f"{self.path}: image {message.sequence} at {message.log_time_ns}: {error}") from None
+            raise RecordingError(
+                f"{self.path}: image {message.sequence} at {message.log_time_ns}: {error}"
+            ) from None
         return ImageFrame(message.log_time_ns, message.sequence, image)
 
     def refuse_missing(self) -> None:
@@ -132,7 +136,7 @@ class FollowedRecording:
             raise RecordingError(f"{self.path}: no such recording: check the path")
 
     def close(self) -> None:
-        """Let go of the file; messages already given out stay valid."""
+        """Close the file; messages already returned stay valid."""
         if self._fd is not None:
             os.close(self._fd)
             self._fd = None
@@ -140,11 +144,13 @@ class FollowedRecording:
     def __enter__(self) -> FollowedRecording:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def _open(self) -> bool:
-        """Open the file once it is there and has its magic, under its present or its final name."""
+        """Open the file, under its present or its final name; False until it exists and has its magic."""
         if self._fd is None:
             names = [self.path]
             if self.path.suffix == PART_SUFFIX:
@@ -176,29 +182,17 @@ class FollowedRecording:
             raise RecordingError(f"{self.path}: is not open")
         return self._fd
 
-    def _whole_until(self, size: int) -> int:
-        """Where the last whole record ends."""
-        at = self._at
-        while at + container.RECORD_HEAD <= size:
-            head = os.pread(self._file(), container.RECORD_HEAD, at)
-            if len(head) < container.RECORD_HEAD:
-                break
-            opcode, length = struct.unpack("<BQ", head)
-            if opcode == 0 or length > size - at - container.RECORD_HEAD:
-                break
-            at += container.RECORD_HEAD + length
-            if opcode == container.DATA_END:
-                self.finished = True
-                break
-        return at
+    def _read(self, size: int, offset: int) -> bytes:
+        # Not through a mapping: reading behind an end that the writer has truncated would kill this process (SIGBUS).
+        return os.pread(self._file(), size, offset)
 
-    def _take(self, opcode: int, body: memoryview, found: list[RecordedMessage]) -> None:
+    def _read_record(self, opcode: int, body: memoryview, found: list[RecordedMessage]) -> None:
         if opcode == container.CHUNK:
             chunk = container.parse_chunk(body)
-            # The checksum would read every image; what was written a moment ago comes from memory anyway.
-            messages = container.chunk_messages(chunk) if chunk.compression else chunk.records
-            for kind, _, record in container.walk(messages):
-                self._take(kind, record, found)
+            # No checksum: it would read every image, and what was just written comes from memory anyway.
+            messages = chunk_messages(chunk) if chunk.compression else chunk.records
+            for kind, _, record in walk(messages):
+                self._read_record(kind, record, found)
         elif opcode == container.MESSAGE:
             message = container.parse_message(body)
             topic = self._topics.get(message.channel_id)

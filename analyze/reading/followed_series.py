@@ -1,4 +1,4 @@
-"""Follows a recording from file to file: a continuous one is a row of numbered files."""
+"""Follows a recording that is a series of numbered files from one file to the next."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from schemas.session_manifest import SessionManifest
 from schemas.strike_plan import StrikePlan
 
 
-def next_file(path: Path) -> Path:
-    """The `.part` name of the file after `path` (a `.part` name or a whole file's): NAME.mcap, NAME-0002.mcap, NAME-0003.mcap, ..."""
+def next_part_path(path: Path) -> Path:
+    """`.part` path of the file after `path` in the series NAME.mcap, NAME-0002.mcap, NAME-0003.mcap, ..."""
     whole = path.with_suffix("") if path.suffix == PART_SUFFIX else path
     head, _, number = whole.stem.rpartition("-")
     if head and len(number) == 4 and number.isdecimal():
@@ -23,9 +23,9 @@ def next_file(path: Path) -> Path:
 
 
 class FollowedSeries:
-    """A row of files that somebody is writing, from `path` on, as one recording.
+    """A series of files that another process is writing, from `path` on, as one recording.
 
-    A file belongs to the row when it carries the same `recording_id` and the next `part`; an older one of the same name does not.
+    A file belongs to the series if it has the same `recording_id` and the next `part`; an older file of that name does not.
     """
 
     def __init__(self, path: Path) -> None:
@@ -33,40 +33,40 @@ class FollowedSeries:
 
     @property
     def path(self) -> Path:
-        """Of the present file."""
+        """Path of the present file."""
         return self._present.path
 
     @property
     def manifest(self) -> SessionManifest | None:
-        """Of the present file; None until it was written."""
+        """Manifest of the present file; None until it is written."""
         return self._present.manifest
 
     @property
     def plan(self) -> StrikePlan | None:
-        """None until it was written."""
+        """Strike plan, None until it is written."""
         return self._present.plan
 
     @property
     def shape_bytes(self) -> bytes | None:
-        """The object's shape file, None for a primitive and before it was written."""
+        """The object's shape file, None for a primitive and until it is written."""
         return self._present.shape_bytes
 
     @property
     def finished(self) -> bool:
-        """Whether the writer ended the present file; another of the row may follow."""
+        """True once the writer has ended the present file; another file of the series may follow."""
         return self._present.finished
 
     def poll(self) -> list[RecordedMessage]:
         """Messages written since the last call, in the order of the files; see FollowedRecording.poll."""
         found = self._present.poll()
-        while self._present.finished and (after := self._after()) is not None:
+        while self._present.finished and (following := self._following_file()) is not None:
             self._present.close()
-            self._present = after
-            found += after.poll()
+            self._present = following
+            found += following.poll()
         return found
 
     def image(self, message: RecordedMessage) -> ImageFrame:
-        """The image in a message of an image topic, of any file of the row: all have the same topics."""
+        """Decode the image in a message of an image topic, from any file of the series: all have the same topics."""
         return self._present.image(message)
 
     def refuse_missing(self) -> None:
@@ -74,15 +74,22 @@ class FollowedSeries:
         self._present.refuse_missing()
 
     def close(self) -> None:
-        """Let go of the file; messages already given out stay valid."""
+        """Close the file; messages already returned stay valid."""
         self._present.close()
 
-    def _after(self) -> FollowedRecording | None:
-        """The next file of the same recording, once it has its head."""
-        ours, path = self._present.manifest, next_file(self._present.path)
+    def _following_file(self) -> FollowedRecording | None:
+        """Next file of the same recording, once it has its manifest."""
+        ours, path = self._present.manifest, next_part_path(self._present.path)
         head = None
-        with contextlib.suppress(RecordingError), FollowedRecording(path) as file:  # what is no recording is none of this row
-            head = file.peek()
-        if ours is None or head is None or (head.recording_id, head.part) != (ours.recording_id, ours.part + 1):
+        with (
+            contextlib.suppress(RecordingError),
+            FollowedRecording(path) as file,
+        ):  # a file that is no recording is not of this series
+            head = file.read_manifest()
+        if (
+            ours is None
+            or head is None
+            or (head.recording_id, head.part) != (ours.recording_id, ours.part + 1)
+        ):
             return None
         return FollowedRecording(path)

@@ -1,4 +1,4 @@
-"""Image messages to arrays: RawImage as a view, PNG and JPEG through OpenCV."""
+"""Decodes image messages to arrays: RawImage as a view, PNG and JPEG through OpenCV."""
 
 from __future__ import annotations
 
@@ -9,55 +9,58 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
+from schemas.mcap.protobuf_wire import read_varint
 from schemas.mcap.records import ContainerError
 
 _WIDTH, _HEIGHT, _ENCODING, _STEP, _DATA = 2, 3, 4, 5, 6
-"""fields of foxglove.RawImage"""
+"""field numbers of foxglove.RawImage"""
 
 
 def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
-    """(height, width) mono8 image of a foxglove.RawImage (a view of `data`) or a foxglove.CompressedImage.
+    """Decode a foxglove.RawImage (a view of `data`) or foxglove.CompressedImage to (height, width) uint8 grey values.
 
     Raises:
-        ContainerError: not such a message.
+        ContainerError: the message is of another type or damaged.
     """
     if schema == "foxglove.RawImage":
-        return _raw(data)
+        return _raw_image(data)
     if schema == "foxglove.CompressedImage":
-        return _compressed(data)
-    raise ContainerError(f"images of type {schema!r} are not read: RawImage and CompressedImage are")
+        return _compressed_image(data)
+    raise ContainerError(f"images of type {schema!r} cannot be read, only RawImage and CompressedImage")
 
 
-def image_of_file(data: bytes) -> NDArray[np.uint8] | None:
-    """(height, width) grey values of an image file's content, unturned; None where it is none."""
+def decode_image_file(data: bytes) -> NDArray[np.uint8] | None:
+    """Decode an image file's content to (height, width) uint8 grey values, ignoring its orientation tag; None if it is no image."""
     import cv2
 
     if not data:
         return None
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        image = cv2.imdecode(
+            np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+        )
     except cv2.error:
         return None
     return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
-def png_of(image: NDArray[np.uint8]) -> bytes:
-    """A PNG file of an image (height, width)."""
+def encode_png(image: NDArray[np.uint8]) -> bytes:
+    """Encode a (height, width) uint8 image as a PNG file."""
     import cv2
 
     return cv2.imencode(".png", image)[1].tobytes()
 
 
-def _raw(data: memoryview) -> NDArray[np.uint8]:
+def _raw_image(data: memoryview) -> NDArray[np.uint8]:
     numbers = {_WIDTH: 0, _HEIGHT: 0, _STEP: 0}
     encoding, pixels = "", memoryview(b"")
     at = 0
     try:
         while at < len(data):
-            tag, at = _varint(data, at)
+            tag, at = read_varint(data, at)
             number, kind = tag >> 3, tag & 7
             if kind == 2:
-                size, at = _varint(data, at)
+                size, at = read_varint(data, at)
                 if size > len(data) - at:
                     raise ContainerError("the image message ends early")
                 if number == _DATA:
@@ -70,7 +73,7 @@ def _raw(data: memoryview) -> NDArray[np.uint8]:
                 numbers[number] = value
                 at += 4
             elif kind == 0:
-                _, at = _varint(data, at)
+                _, at = read_varint(data, at)
             elif kind == 1:
                 at += 8
             else:
@@ -79,33 +82,19 @@ def _raw(data: memoryview) -> NDArray[np.uint8]:
         raise ContainerError("the image message ends early") from None
     width, height, step = numbers[_WIDTH], numbers[_HEIGHT], numbers[_STEP]
     if encoding not in {"mono8", "8UC1"}:
-        raise ContainerError(f"encoding {encoding!r} is not read: mono8 is")
+        raise ContainerError(f"encoding {encoding!r} cannot be read, only mono8")
     if not 0 < width <= step or height <= 0 or step * height != len(pixels):
         raise ContainerError(f"an image of {width} x {height} cannot have {len(pixels)} bytes")
     return np.frombuffer(pixels, np.uint8).reshape(height, step)[:, :width]
 
 
-def _compressed(data: memoryview) -> NDArray[np.uint8]:
+def _compressed_image(data: memoryview) -> NDArray[np.uint8]:
     message = CompressedImage()
     try:
         message.ParseFromString(bytes(data))
     except DecodeError:
         raise ContainerError("not a CompressedImage") from None
-    image = image_of_file(message.data)
+    image = decode_image_file(message.data)
     if image is None:
         raise ContainerError(f"a {message.format!r} image cannot be decoded")
     return image
-
-
-def _varint(data: memoryview, at: int) -> tuple[int, int]:
-    """Value and the position behind it."""
-    value = shift = 0
-    while True:
-        byte = data[at]
-        at += 1
-        value |= (byte & 127) << shift
-        if byte < 128:
-            return value, at
-        shift += 7
-        if shift > 63:
-            raise ContainerError("not a RawImage")

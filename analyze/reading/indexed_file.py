@@ -1,7 +1,7 @@
-"""A recording's file, mapped: where every message stands, and views of them without copying.
+"""A mapped recording file with an index of its messages; messages are views of the file, never copies.
 
-Two ways in: by the summary at the end of a finished file, or by walking a file that ends early from its start. Every chunk's CRC is
-checked once, when it is first looked into; whatever the bytes are, the only error is RecordingError.
+A finished file is opened by the summary at its end, a file that ends early by walking it from its start. A chunk's CRC is
+checked once, when it is first read. Damaged bytes raise RecordingError and nothing else.
 """
 
 from __future__ import annotations
@@ -9,22 +9,25 @@ from __future__ import annotations
 import contextlib
 import mmap
 import struct
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analyze.errors import RecordingCut, RecordingError, RecordingForeign
 from schemas.mcap import records as container
-from schemas.mcap.records import AttachmentRecord, ChannelRecord, ChunkRecord, ContainerError, MessageRecord
+from schemas.mcap.chunks import ChunkEntry, chunk_messages
+from schemas.mcap.records import AttachmentRecord, ChannelRecord, ContainerError, MessageRecord
+from schemas.mcap.summary import EndsEarly, find_summary
+from schemas.mcap.walk import index_entries_at, record_at, walk, walk_messages
 
 
 @dataclass(frozen=True)
 class RecordedMessage:
-    """One message as it stands in the file; `data` is a view that stays valid."""
+    """One message of a recording; `data` is a view that stays valid."""
 
     topic: str
     log_time_ns: int
@@ -34,132 +37,122 @@ class RecordedMessage:
 
 @dataclass(frozen=True)
 class TopicIndex:
-    """Where a topic's messages stand, by time; equal times keep the file's order."""
+    """Places of a topic's messages, by time; messages of equal time keep the file's order."""
 
     time_ns: NDArray[np.int64]
-    """(n,)"""
+    """(n,) log times"""
     chunk: NDArray[np.int64]
     """(n,) number of the chunk"""
     offset: NDArray[np.int64]
-    """(n,) bytes into the chunk's messages"""
+    """(n,) offset among the chunk's messages [bytes]"""
 
 
-@dataclass(frozen=True)
-class _Chunk:
+class _ChunkPlace(NamedTuple):
     offset: int
-    length: int
     index_offsets: dict[int, int] | None
-    """channel id -> message index record; None: unknown, look into the chunk"""
+    """channel id -> offset of its message index record; None if unknown: the chunk itself is read"""
 
 
 @dataclass
 class IndexedFile:
-    """A mapped recording. Views stay valid after `close`."""
+    """A mapped recording file. Views of it stay valid after `close`."""
 
     path: Path
     data: memoryview
     schemas: dict[int, str] = field(default_factory=dict)
     channels: dict[int, ChannelRecord] = field(default_factory=dict)
-    chunks: list[_Chunk] = field(default_factory=list)
+    chunks: list[_ChunkPlace] = field(default_factory=list)
     attachments: dict[str, AttachmentRecord] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     damaged_chunks: int = 0
-    """left out of a file that was walked"""
+    """chunks left out of a file that was walked"""
     _indexes: dict[str, TopicIndex] = field(default_factory=dict)
-    _whole: dict[int, memoryview] = field(default_factory=dict)
+    _checked_chunks: dict[int, memoryview] = field(default_factory=dict)
 
     def release_memory(self) -> None:
-        """Let the system take back what it holds of the file; views are read from the file again when they are used."""
+        """Return cached pages of the file to the system; views read them again when they are used."""
         if isinstance(self.data.obj, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             self.data.obj.madvise(mmap.MADV_DONTNEED)
 
     def close(self) -> None:
-        """Let go of the file, as far as no view is in use."""
-        self._whole.clear()
+        """Unmap the file, unless views of it are in use."""
+        self._checked_chunks.clear()
         self._indexes.clear()
-        mapped = self.data.obj
+        mapping = self.data.obj
         with contextlib.suppress(BufferError):
             self.data.release()
-            if isinstance(mapped, mmap.mmap):
-                mapped.close()
+            if isinstance(mapping, mmap.mmap):
+                mapping.close()
 
     def topic_names(self) -> tuple[str, ...]:
         """Topics in the order of their channels."""
         return tuple(dict.fromkeys(channel.topic for channel in self.channels.values()))
 
     def schema_of(self, topic: str) -> str:
-        """Full name of the topic's message type."""
-        return next((self.schemas.get(channel.schema_id, "") for channel in self.channels.values() if channel.topic == topic), "")
+        """Full name of the topic's message type, "" if unknown."""
+        channels = (channel for channel in self.channels.values() if channel.topic == topic)
+        return next((self.schemas.get(channel.schema_id, "") for channel in channels), "")
 
     def index(self, topic: str) -> TopicIndex:
-        """Where the topic's messages stand; read once.
+        """Places of the topic's messages; read once.
 
         Raises:
             RecordingError: the file is damaged.
         """
         if topic not in self._indexes:
             ids = {channel.id for channel in self.channels.values() if channel.topic == topic}
-            with self.guarded():
+            with self.damage_as_error():
                 self._indexes[topic] = self._read_index(ids)
         return self._indexes[topic]
 
     def message(self, index: TopicIndex, number: int) -> MessageRecord:
-        """One message; its data is a view into the file.
+        """Message `number` of an index; its data is a view of the file.
 
         Raises:
             RecordingError: the file is damaged.
         """
-        with self.guarded():
+        with self.damage_as_error():
             messages = self.chunk_messages(int(index.chunk[number]))
-            at = int(index.offset[number])
-            if at + container.RECORD_HEAD > len(messages):
-                raise ContainerError("a message index points outside its chunk")
-            opcode, size = struct.unpack_from("<BQ", messages, at)
-            end = at + container.RECORD_HEAD + size
-            if opcode != container.MESSAGE or end > len(messages):
-                raise ContainerError("a message index points at something else")
-            return container.parse_message(messages[at + container.RECORD_HEAD : end])
+            return container.parse_message(record_at(messages, int(index.offset[number]), container.MESSAGE))
 
     def chunk_messages(self, number: int) -> memoryview:
         """Message records of one chunk; its CRC is checked the first time.
 
         Raises:
-            ContainerError: damaged.
+            ContainerError: the chunk is damaged.
         """
-        whole = self._whole.get(number)
-        if whole is not None:
-            return whole
-        chunk = self._chunk(number)
-        whole = container.chunk_messages(chunk)
+        messages = self._checked_chunks.get(number)
+        if messages is not None:
+            return messages
+        chunk = container.parse_chunk(record_at(self.data, self.chunks[number].offset, container.CHUNK))
+        messages = chunk_messages(chunk)
         if chunk.compression:
-            # Unpacked chunks cost memory, views of the file do not: keep only the last one.
-            self._whole = {kept: view for kept, view in self._whole.items() if view.obj is self.data.obj}
-        self._whole[number] = whole
-        return whole
+            # Decompressed chunks cost memory, views of the file do not: only the latest is kept.
+            kept = self._checked_chunks.items()
+            self._checked_chunks = {other: view for other, view in kept if view.obj is self.data.obj}
+        self._checked_chunks[number] = messages
+        return messages
 
-    def forget_chunk(self, number: int) -> None:
-        """Let go of a chunk's messages; it is checked again when it is looked into again."""
-        self._whole.pop(number, None)
+    def release_chunk(self, number: int) -> None:
+        """Drop a chunk's messages; the chunk is checked again when it is next read."""
+        self._checked_chunks.pop(number, None)
 
     @contextlib.contextmanager
-    def guarded(self) -> Iterator[None]:
-        """Whatever damaged bytes cause becomes one line."""
+    def damage_as_error(self) -> Iterator[None]:
+        """Raise RecordingError, in one line, for damage found in the block."""
         try:
             yield
         except (ContainerError, struct.error) as error:
-            raise RecordingError(f"{self.path}: damaged: {error}: `acquire recover` saves what can be read") from None
-
-    def _chunk(self, number: int) -> ChunkRecord:
-        chunk = self.chunks[number]
-        body = self.data[chunk.offset + container.RECORD_HEAD : chunk.offset + chunk.length]
-        return container.parse_chunk(body)
+            raise RecordingError(
+                f"{self.path}: damaged: {error}: `acquire recover` saves what can be read"
+            ) from None
 
     def _read_index(self, channel_ids: set[int]) -> TopicIndex:
         entries: list[NDArray[np.uint64]] = []
         chunks: list[NDArray[np.int64]] = []
         for number, chunk in enumerate(self.chunks):
             for channel_id in channel_ids:
-                found = self._chunk_index(number, chunk, channel_id)
+                found = self._chunk_index(number, chunk.index_offsets, channel_id)
                 if len(found):
                     entries.append(found)
                     chunks.append(np.full(len(found), number, dtype=np.int64))
@@ -171,39 +164,24 @@ class IndexedFile:
         order = np.lexsort((table[:, 1], chunk_numbers, table[:, 0]))
         return TopicIndex(table[order, 0], chunk_numbers[order], table[order, 1])
 
-    def _chunk_index(self, number: int, chunk: _Chunk, channel_id: int) -> NDArray[np.uint64]:
+    def _chunk_index(
+        self, number: int, index_offsets: dict[int, int] | None, channel_id: int
+    ) -> NDArray[np.uint64]:
         """(n, 2) log time and offset of one channel's messages in one chunk."""
-        if chunk.index_offsets is None:
-            return np.array(
-                [(message.log_time_ns, at) for at, message in _messages(self.chunk_messages(number)) if message.channel_id == channel_id],
-                dtype=np.uint64,
-            ).reshape(-1, 2)
-        at = chunk.index_offsets.get(channel_id)
+        if index_offsets is None:
+            messages = walk_messages(self.chunk_messages(number))
+            found = [
+                (message.log_time_ns, at) for at, message in messages if message.channel_id == channel_id
+            ]
+            return np.array(found, dtype=np.uint64).reshape(-1, 2)
+        at = index_offsets.get(channel_id)
         if at is None:
             return np.empty((0, 2), dtype=np.uint64)
-        if at + container.RECORD_HEAD + 6 > len(self.data):
-            raise ContainerError("a chunk index points outside the file")
-        opcode, size, found_id, length = struct.unpack_from("<BQHI", self.data, at)
-        start = at + container.RECORD_HEAD + 6
-        if (
-            opcode != container.MESSAGE_INDEX
-            or found_id != channel_id
-            or length + 6 > size
-            or length > len(self.data) - start
-            or length % 16
-        ):
-            raise ContainerError("a chunk index points at something else than a message index")
-        return np.frombuffer(self.data, "<u8", length // 8, start).reshape(-1, 2)
+        return np.frombuffer(index_entries_at(self.data, at, channel_id), "<u8").reshape(-1, 2)
 
 
-def _messages(records: memoryview) -> Iterator[tuple[int, MessageRecord]]:
-    for opcode, at, body in container.walk(records):
-        if opcode == container.MESSAGE:
-            yield at, container.parse_message(body)
-
-
-def mapped(path: Path) -> memoryview:
-    """A file's bytes, mapped.
+def map_recording(path: Path) -> memoryview:
+    """Map a file's bytes, read-only.
 
     Raises:
         RecordingCut: it is empty.
@@ -214,8 +192,10 @@ def mapped(path: Path) -> memoryview:
             data = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such recording: check the path") from None
-    except ValueError:  # mmap of nothing
-        raise RecordingCut(f"{path}: is empty: nothing of this recording can be saved: record again") from None
+    except ValueError:  # mmap of an empty file
+        raise RecordingCut(
+            f"{path}: is empty: nothing of this recording can be saved: record again"
+        ) from None
     except IsADirectoryError as error:
         inside = sorted(file.name for file in path.glob("*.mcap"))  # ROS 2 keeps a bag in a folder
         remedy = f": name a file in it, as {inside[0]}" if inside else ""
@@ -236,11 +216,11 @@ def open_finished(path: Path) -> IndexedFile:
         RecordingCut: it ends early.
         RecordingError: it is missing, not MCAP, or damaged.
     """
-    file = IndexedFile(path, mapped(path))
+    file = IndexedFile(path, map_recording(path))
     try:
-        with file.guarded():
-            for opcode, _, body in container.walk(_summary(file)):
-                _take(file, opcode, body)
+        with file.damage_as_error():
+            for opcode, _, body in walk(_summary_records(file)):
+                _add_record(file, opcode, body)
     except RecordingError:
         file.close()
         raise
@@ -248,47 +228,41 @@ def open_finished(path: Path) -> IndexedFile:
 
 
 def open_cut(path: Path) -> IndexedFile:
-    """Map a recording that ends anywhere, and walk it: whole, undamaged chunks count.
+    """Map a recording that ends anywhere and walk it; only whole, undamaged chunks are used.
 
     Raises:
         RecordingError: it is missing or not MCAP.
     """
-    file = IndexedFile(path, mapped(path))
-    for opcode, at, body in container.walk(file.data, len(container.MAGIC)):
+    file = IndexedFile(path, map_recording(path))
+    for opcode, at, body in walk(file.data, len(container.MAGIC)):
         if opcode == container.DATA_END:
             break
         try:
             if opcode == container.CHUNK:
-                container.chunk_messages(container.parse_chunk(body))
-                file.chunks.append(_Chunk(at, container.RECORD_HEAD + len(body), None))
+                chunk_messages(container.parse_chunk(body))
+                file.chunks.append(_ChunkPlace(at, None))
             elif opcode == container.ATTACHMENT:
-                attachment = container.parse_attachment(body)
-                file.attachments[attachment.name] = attachment
+                _add_attachment(file, body)
             elif opcode == container.METADATA:
-                metadata = container.parse_metadata(body)
-                file.metadata[metadata.name] = metadata.entries
+                _add_metadata(file, body)
             else:
-                _take(file, opcode, body)
+                _add_record(file, opcode, body)
         except ContainerError:
             file.damaged_chunks += 1
     return file
 
 
-def _summary(file: IndexedFile) -> memoryview:
-    data, magic = file.data, container.MAGIC
-    cut = RecordingCut(f"{file.path}: ends early: it was cut short or is still being written: `acquire recover {file.path} -o NEW.mcap`")
-    footer = len(data) - len(magic) - container.FOOTER_SIZE
-    if footer < len(magic) or bytes(data[-len(magic) :]) != magic:
-        raise cut
-    opcode, size, start, _, crc = struct.unpack_from("<BQQQI", data, footer)
-    if opcode != container.FOOTER or size != 20 or not 0 < start < footer:
-        raise cut
-    if crc and zlib.crc32(data[start : footer + container.FOOTER_SIZE - 4]) != crc:
-        raise ContainerError("the summary's CRC is wrong")
-    return data[start:footer]
+def _summary_records(file: IndexedFile) -> memoryview:
+    try:
+        return find_summary(file.data).records
+    except EndsEarly:
+        raise RecordingCut(
+            f"{file.path}: ends early: it was cut short or is still being written: "
+            f"`acquire recover {file.path} -o NEW.mcap`"
+        ) from None
 
 
-def _take(file: IndexedFile, opcode: int, body: memoryview) -> None:
+def _add_record(file: IndexedFile, opcode: int, body: memoryview) -> None:
     if opcode == container.SCHEMA:
         schema = container.parse_schema(body)
         file.schemas[schema.id] = schema.name
@@ -296,28 +270,20 @@ def _take(file: IndexedFile, opcode: int, body: memoryview) -> None:
         channel = container.parse_channel(body)
         file.channels[channel.id] = channel
     elif opcode == container.CHUNK_INDEX:
-        file.chunks.append(_chunk_place(file, body))
+        entry = ChunkEntry.parse(body)
+        record_at(file.data, entry.offset, container.CHUNK)
+        file.chunks.append(_ChunkPlace(entry.offset, entry.index_offsets))
     elif opcode == container.ATTACHMENT_INDEX:
-        attachment = container.parse_attachment(_record(file, body, container.ATTACHMENT))
-        file.attachments[attachment.name] = attachment
+        _add_attachment(file, record_at(file.data, *struct.unpack_from("<Q", body), container.ATTACHMENT))
     elif opcode == container.METADATA_INDEX:
-        metadata = container.parse_metadata(_record(file, body, container.METADATA))
-        file.metadata[metadata.name] = metadata.entries
+        _add_metadata(file, record_at(file.data, *struct.unpack_from("<Q", body), container.METADATA))
 
 
-def _chunk_place(file: IndexedFile, body: memoryview) -> _Chunk:
-    _, _, offset, length, size = struct.unpack_from("<QQQQI", body)
-    if offset + length > len(file.data) or length < container.RECORD_HEAD or file.data[offset] != container.CHUNK:
-        raise ContainerError("the summary points at something else than a chunk")
-    if size > len(body) - 36 or size % 10:
-        raise ContainerError("a chunk index record ends early")
-    offsets = dict(struct.iter_unpack("<HQ", body[36 : 36 + size]))
-    return _Chunk(offset, length, offsets)
+def _add_attachment(file: IndexedFile, body: memoryview) -> None:
+    attachment = container.parse_attachment(body)
+    file.attachments[attachment.name] = attachment
 
 
-def _record(file: IndexedFile, index: memoryview, expected: int) -> memoryview:
-    """Body of the record that an attachment or metadata index points at."""
-    offset, length = struct.unpack_from("<QQ", index)
-    if length < container.RECORD_HEAD or offset + length > len(file.data) or file.data[offset] != expected:
-        raise ContainerError("the summary points at something else than it says")
-    return file.data[offset + container.RECORD_HEAD : offset + length]
+def _add_metadata(file: IndexedFile, body: memoryview) -> None:
+    metadata = container.parse_metadata(body)
+    file.metadata[metadata.name] = metadata.entries

@@ -1,4 +1,4 @@
-"""The files of one recording as one: messages of all of them by topic and time."""
+"""Messages of a recording that is a series of files, by topic and time over all files."""
 
 from __future__ import annotations
 
@@ -13,31 +13,31 @@ from analyze.reading.indexed_file import IndexedFile, RecordedMessage
 
 
 @dataclass(frozen=True)
-class RowIndex:
-    """Where a topic's messages stand, by time; equal times keep the order of the files."""
+class SeriesIndex:
+    """Places of a topic's messages over all files, by time; messages of equal time keep the order of the files."""
 
     time_ns: NDArray[np.int64]
-    """(n,)"""
+    """(n,) log times"""
     file: NDArray[np.int64]
-    """(n,) number of the file in the row"""
+    """(n,) number of the file in the series"""
     number: NDArray[np.int64]
     """(n,) number of the message in its file's index"""
 
 
-class IndexedRow:
-    """Mapped files of one recording, in their order. Views stay valid after `close`."""
+class IndexedSeries:
+    """Mapped files of one recording, in their order. Views of them stay valid after `close`."""
 
     def __init__(self, files: Sequence[IndexedFile]) -> None:
         self.files = tuple(files)
-        self._indexes: dict[str, RowIndex] = {}
+        self._indexes: dict[str, SeriesIndex] = {}
 
     def release_memory(self) -> None:
-        """Let the system take back what it holds of the files."""
+        """Return cached pages of the files to the system."""
         for file in self.files:
             file.release_memory()
 
     def close(self) -> None:
-        """Let go of the files, as far as no view is in use."""
+        """Unmap the files, except where views of them are in use."""
         self._indexes.clear()
         for file in self.files:
             file.close()
@@ -50,8 +50,8 @@ class IndexedRow:
         """Full name of the topic's message type."""
         return next((schema for file in self.files if (schema := file.schema_of(topic))), "")
 
-    def index(self, topic: str) -> RowIndex:
-        """Where the topic's messages stand; read once.
+    def index(self, topic: str) -> SeriesIndex:
+        """Places of the topic's messages; read once.
 
         Raises:
             RecordingError: a file is damaged.
@@ -62,10 +62,12 @@ class IndexedRow:
             file = np.repeat(np.arange(len(times)), [len(each) for each in times])
             number = np.concatenate([np.arange(len(each)) for each in times])
             order = np.argsort(time_ns, kind="stable")
-            self._indexes[topic] = RowIndex(time_ns[order], file[order], number[order])
+            self._indexes[topic] = SeriesIndex(time_ns[order], file[order], number[order])
         return self._indexes[topic]
 
-    def messages(self, topic: str, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[RecordedMessage]:
+    def messages(
+        self, topic: str, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[RecordedMessage]:
         """A topic's messages by time; the range includes both ends.
 
         Raises:
@@ -77,16 +79,20 @@ class IndexedRow:
         for at in range(first, last):
             yield self._message(topic, index, at)
 
-    def as_written(
-        self, topic: str, start_ns: int | None, end_ns: int | None, begins: Callable[[RecordedMessage], bool]
+    def messages_to_decode(
+        self,
+        topic: str,
+        start_ns: int | None,
+        end_ns: int | None,
+        is_start: Callable[[RecordedMessage], bool],
     ) -> Iterator[RecordedMessage]:
-        """What it takes to decode a range of a video, in the order in which it was written: times need not rise.
+        """Messages needed to decode a range of a video, in file order: their times need not rise.
 
         Args:
-            topic: of the video.
-            start_ns: of the range; None for the first.
-            end_ns: of the range, included; None for the last.
-            begins: whether a decoder may begin with a message; the last that does and is no later than the range is the first given out.
+            topic: the video.
+            start_ns: start of the range; None for the first message.
+            end_ns: end of the range, included; None for the last message.
+            is_start: True if a decoder can begin with a message. The latest such message before the range comes first.
 
         Raises:
             RecordingError: a file is damaged.
@@ -96,21 +102,23 @@ class IndexedRow:
         last = len(index.time_ns) if end_ns is None else int(np.searchsorted(index.time_ns, end_ns, "right"))
         if first >= last:
             return
-        order = self._written(topic, index)
+        order = self._file_order(topic, index)
         wanted = np.flatnonzero((order >= first) & (order < last))
         begin, end = int(wanted[0]), int(wanted[-1])
-        while begin > 0 and not (order[begin] <= first and begins(self._message(topic, index, int(order[begin])))):
+        while begin > 0 and not (
+            order[begin] <= first and is_start(self._message(topic, index, int(order[begin])))
+        ):
             begin -= 1
         for at in order[begin : end + 1]:
             yield self._message(topic, index, int(at))
 
-    def _message(self, topic: str, index: RowIndex, at: int) -> RecordedMessage:
+    def _message(self, topic: str, index: SeriesIndex, at: int) -> RecordedMessage:
         file = self.files[int(index.file[at])]
         message = file.message(file.index(topic), int(index.number[at]))
         return RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
 
-    def _written(self, topic: str, index: RowIndex) -> NDArray[np.intp]:
-        """(n,) places in the index in the order of the files' bytes."""
+    def _file_order(self, topic: str, index: SeriesIndex) -> NDArray[np.intp]:
+        """(n,) places in the index, in the order in which the messages stand in the files."""
         chunk, offset = np.empty_like(index.number), np.empty_like(index.number)
         for number, file in enumerate(self.files):
             own = index.file == number
@@ -119,13 +127,15 @@ class IndexedRow:
         return np.lexsort((offset, chunk, index.file))
 
     def first_times(self, topic: str) -> list[int]:
-        """Time of the topic's first message in each file that has one [ns]."""
+        """Log time [ns] of the topic's first message in each file that has one."""
         return [int(times[0]) for file in self.files if len(times := file.index(topic).time_ns)]
 
 
-def row_content_id(content_ids: Sequence[str | None]) -> str | None:
-    """A row's content_id: its only file's, or BLAKE2b-256 over those of its files (hexadecimal, in order). None if one has none."""
+def series_content_id(content_ids: Sequence[str | None]) -> str | None:
+    """content_id of a series: its only file's, or BLAKE2b-256 over its files' (hexadecimal, in order). None if one is None."""
     known = [each for each in content_ids if each is not None]
     if len(known) < len(content_ids):
         return None
-    return known[0] if len(known) == 1 else hashlib.blake2b("".join(known).encode("ascii"), digest_size=32).hexdigest()
+    if len(known) == 1:
+        return known[0]
+    return hashlib.blake2b("".join(known).encode("ascii"), digest_size=32).hexdigest()

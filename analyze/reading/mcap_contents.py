@@ -1,7 +1,7 @@
-"""What any MCAP file holds, whoever wrote it: topics and their times, encodings, compression, and how whole it is.
+"""Inspects any MCAP file, whoever wrote it: topics and their times, encodings, compression, damage.
 
-Source: the MCAP format specification (https://mcap.dev/spec). Schemas, channels, chunks and indexes are looked for where they stand, so
-that a file needs no summary and no end. A chunk is unpacked only where no message index says what it holds.
+Source: the MCAP format specification (https://mcap.dev/spec). Schemas, channels, chunks and indexes are taken from the data
+section, so that the file needs no summary and no end. A chunk is decompressed only if it has no message indexes.
 """
 
 from __future__ import annotations
@@ -9,23 +9,24 @@ from __future__ import annotations
 import contextlib
 import struct
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analyze.reading.indexed_file import mapped
+from analyze.progress import Progress, no_progress
+from analyze.reading.indexed_file import map_recording
 from schemas.mcap import records as container
+from schemas.mcap.chunks import chunk_messages
 from schemas.mcap.records import ChannelRecord, ChunkRecord, ContainerError, MessageRecord, SchemaRecord
-
-Progress = Callable[[int, int], None]
+from schemas.mcap.walk import record_at, walk
 
 
 @dataclass
 class Compression:
-    """The chunks that are packed in one way."""
+    """Number and size of the chunks with one kind of compression."""
 
     chunks: int = 0
     stored_bytes: int = 0
@@ -34,7 +35,7 @@ class Compression:
 
 @dataclass
 class McapContents:
-    """One file. Times are log times [ns], in the file's order."""
+    """Contents of one MCAP file. Times are log times [ns], in the file's order."""
 
     path: Path
     size: int
@@ -43,47 +44,52 @@ class McapContents:
     schemas: dict[int, SchemaRecord] = field(default_factory=dict)
     channels: dict[int, ChannelRecord] = field(default_factory=dict)
     attachments: dict[str, int] = field(default_factory=dict)
-    """bytes by name"""
+    """size in bytes by name"""
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     compression: dict[str, Compression] = field(default_factory=dict)
     finished: bool = False
-    """it ends as a finished file does"""
+    """True if it ends with a footer"""
     indexed: bool = False
-    """it ends with a summary that leads to every chunk"""
+    """True if its summary lists the chunks"""
     stated_messages: int | None = None
-    """what the summary's statistics count"""
+    """number of messages by the summary's statistics, None if it has none"""
     unread_bytes: int = 0
-    """behind the last whole record, before the end"""
+    """bytes after the last whole record"""
     damage: list[str] = field(default_factory=list)
     delays_ns: list[int] = field(default_factory=list)
-    """log time less publish time, of messages that were looked at: those of the first chunk at least"""
+    """log time minus publish time of the messages that were parsed: at least those of the first chunk"""
     _times: dict[int, list[NDArray[np.uint64]]] = field(default_factory=dict)
 
     def topics(self) -> tuple[str, ...]:
-        """In the order of their channels."""
+        """Topics in the order of their channels."""
         return tuple(dict.fromkeys(channel.topic for channel in self.channels.values()))
 
     def channels_of(self, topic: str) -> list[ChannelRecord]:
-        """A topic has one per publisher, in some files."""
+        """Channels of a topic: in some files one for each publisher."""
         return [channel for channel in self.channels.values() if channel.topic == topic]
 
     def times(self, topic: str) -> NDArray[np.int64]:
-        """(n,) log times; channel by channel where the topic has several."""
+        """(n,) log times of a topic [ns], channel by channel if it has several."""
         found = [part for channel in self.channels_of(topic) for part in self._times.get(channel.id, [])]
         return np.concatenate(found).astype(np.int64) if found else np.empty(0, dtype=np.int64)
 
     @property
     def messages(self) -> int:
-        """Those that were found, of channels that are described or not."""
+        """Number of messages found, including those of undescribed channels."""
         return sum(len(part) for parts in self._times.values() for part in parts)
 
     @property
     def nameless(self) -> int:
         """Messages of channels that the file does not describe."""
-        return sum(len(part) for number, parts in self._times.items() if number not in self.channels for part in parts)
+        return sum(
+            len(part)
+            for number, parts in self._times.items()
+            if number not in self.channels
+            for part in parts
+        )
 
     def add(self, channel_id: int, times: NDArray[np.uint64]) -> None:
-        """Take in a channel's messages."""
+        """Add the log times of a channel's messages."""
         self._times.setdefault(channel_id, []).append(times)
 
 
@@ -92,37 +98,39 @@ def read_contents(path: Path, progress: Progress | None = None) -> McapContents:
 
     Args:
         path: the file.
-        progress: called with bytes walked and bytes in all.
+        progress: called with a text, bytes walked and bytes in all.
 
     Raises:
         RecordingError: it is missing, empty, or not MCAP.
     """
-    data = mapped(path)
+    data = map_recording(path)
     try:
         contents = McapContents(path, len(data))
-        _Walk(contents, data, progress or (lambda _done, _total: None)).run()
+        _Inspection(contents, data, progress or no_progress).run()
         return contents
     finally:
         data.release()
 
 
-class _Walk:
+class _Inspection:
+    """One pass over a file, which fills its contents."""
+
     def __init__(self, contents: McapContents, data: memoryview, progress: Progress) -> None:
         self._found, self._data, self._progress = contents, data, progress
         self._chunk: ChunkRecord | None = None
         self._indexes: dict[int, list[tuple[int, int]]] = {}
-        """log time and offset of the chunk's messages, by channel"""
-        self._chunks: list[int] = []
-        self._loose: dict[int, list[int]] = {}
-        """times of messages that stand in no chunk, by channel"""
+        """log time and offset of the present chunk's messages, by channel"""
+        self._chunk_offsets: list[int] = []
+        self._loose_times: dict[int, list[int]] = {}
+        """log times of messages outside of chunks, by channel"""
 
     def run(self) -> None:
         found, data, magic = self._found, self._data, container.MAGIC
         at, ended = len(magic), False
-        for opcode, start, body in container.walk(data, len(magic)):
+        for opcode, start, body in walk(data, len(magic)):
             at = start + container.RECORD_HEAD + len(body)
             try:
-                self._take(opcode, start, body)
+                self._add_record(opcode, start, body)
             except (ContainerError, struct.error, ValueError) as error:
                 found.damage.append(str(error))
             if opcode == container.FOOTER:
@@ -130,27 +138,27 @@ class _Walk:
                 break
         found.finished = ended and bytes(data[at : at + len(magic)]) == magic
         found.unread_bytes = 0 if found.finished else len(data) - at
-        # Its indexes may not have been written any more.
-        self._close_chunk(trust=found.finished)
-        for channel_id, times in self._loose.items():
+        # In a cut file the last chunk's indexes may be incomplete.
+        self._close_chunk(trust_indexes=found.finished)
+        for channel_id, times in self._loose_times.items():
             found.add(channel_id, np.array(times, dtype=np.uint64))
-        self._look_into_chunks()
+        self._describe_channels()
 
-    def _take(self, opcode: int, start: int, body: memoryview) -> None:
+    def _add_record(self, opcode: int, start: int, body: memoryview) -> None:
         found = self._found
         if opcode == container.MESSAGE_INDEX:
             channel_id, entries = container.parse_message_index(body)
             self._indexes[channel_id] = entries
             return
-        self._close_chunk(trust=True)
+        self._close_chunk(trust_indexes=True)
         if opcode == container.MESSAGE:
             message = container.parse_message(body)
-            self._loose.setdefault(message.channel_id, []).append(message.log_time_ns)
+            self._loose_times.setdefault(message.channel_id, []).append(message.log_time_ns)
             found.delays_ns.append(message.log_time_ns - message.publish_time_ns)
         elif opcode == container.CHUNK:
-            self._progress(start, len(self._data))
+            self._progress("reading", start, len(self._data))
             self._chunk = chunk = container.parse_chunk(body)
-            self._chunks.append(start)
+            self._chunk_offsets.append(start)
             packed = found.compression.setdefault(chunk.compression or "none", Compression())
             packed.chunks += 1
             packed.stored_bytes += len(chunk.records)
@@ -178,31 +186,32 @@ class _Walk:
             channel = container.parse_channel(body)
             self._found.channels[channel.id] = channel
 
-    def _close_chunk(self, *, trust: bool) -> None:
-        """Count the last chunk's messages: by its indexes where they are to be trusted, otherwise by the messages."""
+    def _close_chunk(self, *, trust_indexes: bool) -> None:
+        """Count the last chunk's messages, by its indexes or by the messages themselves."""
         chunk, indexes = self._chunk, self._indexes
         self._chunk, self._indexes = None, {}
         if chunk is None:
             return
-        if indexes and trust:
+        if indexes and trust_indexes:
             for channel_id, entries in indexes.items():
-                self._found.add(channel_id, np.array([time for time, _ in sorted(entries, key=lambda entry: entry[1])], dtype=np.uint64))
+                in_file_order = sorted(entries, key=lambda entry: entry[1])
+                self._found.add(channel_id, np.array([time for time, _ in in_file_order], dtype=np.uint64))
             return
         try:
-            self._count(container.chunk_messages(chunk))
+            self._count(chunk_messages(chunk))
         except ContainerError as error:
             self._found.damage.append(str(error))
 
     def _count(self, records: memoryview) -> None:
         times: dict[int, list[int]] = {}
-        for message in self._unpacked(records):
+        for message in self._parsed_messages(records):
             times.setdefault(message.channel_id, []).append(message.log_time_ns)
         for channel_id, found in times.items():
             self._found.add(channel_id, np.array(found, dtype=np.uint64))
 
-    def _unpacked(self, records: memoryview) -> Iterator[MessageRecord]:
-        """A chunk's messages; what describes their channels is taken in on the way."""
-        for opcode, _, body in container.walk(records):
+    def _parsed_messages(self, records: memoryview) -> Iterator[MessageRecord]:
+        """Messages of a chunk; schemas and channels among them are added to the contents."""
+        for opcode, _, body in walk(records):
             if opcode == container.MESSAGE:
                 message = container.parse_message(body)
                 self._found.delays_ns.append(message.log_time_ns - message.publish_time_ns)
@@ -210,12 +219,11 @@ class _Walk:
             else:
                 self._describe(opcode, body)
 
-    def _look_into_chunks(self) -> None:
-        """Of the first chunk the publish times; of others what describes channels that no summary repeats."""
-        for start in self._chunks:
+    def _describe_channels(self) -> None:
+        """Parse the first chunk for its publish times, and further ones for channels that no summary describes."""
+        for start in self._chunk_offsets:
             if self._found.delays_ns and not self._found.nameless:
                 return
-            (size,) = struct.unpack_from("<Q", self._data, start + 1)
-            body = self._data[start + container.RECORD_HEAD : start + container.RECORD_HEAD + size]
+            body = record_at(self._data, start, container.CHUNK)
             with contextlib.suppress(ContainerError):
-                deque(self._unpacked(container.chunk_messages(container.parse_chunk(body))), maxlen=0)
+                deque(self._parsed_messages(chunk_messages(container.parse_chunk(body))), maxlen=0)

@@ -1,4 +1,4 @@
-"""An object's files: the specification (TOML) and the shape file beside it."""
+"""Reads an object's files: the specification (TOML) and the shape file beside it."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from schemas.object_spec import ObjectSpec, object_sha256, read_object_spec
 
 @dataclass(frozen=True)
 class ObjectFiles:
-    """An object as its files give it."""
+    """Specification and shape file of an object."""
 
     spec: ObjectSpec
     shape_bytes: bytes | None
-    """None: a primitive"""
+    """content of the shape file, None for a primitive"""
     shape_name: str
     sha256: str
+    """identity of the object: see schemas.object_spec.object_sha256"""
 
 
-def object_spec(spec_path: Path) -> ObjectSpec:
-    """Read an ObjectSpec (TOML) alone: its shape file need not be there yet.
+def read_spec(spec_path: Path) -> ObjectSpec:
+    """Read an ObjectSpec (TOML) without its shape file, which need not exist yet.
 
     Raises:
-        ShapeError: it is missing or cannot be read, or holds an entry that cannot be used.
+        ShapeError: the specification is missing, cannot be read, or holds an entry that cannot be used.
     """
     try:
         return read_object_spec(spec_path)
@@ -33,20 +34,22 @@ def object_spec(spec_path: Path) -> ObjectSpec:
         raise ShapeError(str(error)) from None
 
 
-def object_files(spec_path: Path) -> ObjectFiles:
+def read_object_files(spec_path: Path) -> ObjectFiles:
     """Read an ObjectSpec (TOML) and the shape file beside it.
 
     Raises:
-        ShapeError: either is missing or cannot be read, or the specification holds an entry that cannot be used.
+        ShapeError: either file is missing or cannot be read, or the specification holds an entry that cannot be used.
     """
-    spec = object_spec(spec_path)
+    spec = read_spec(spec_path)
     if spec.shape.file is None:
         return ObjectFiles(spec, None, spec_path.name, object_sha256(spec, None))
     shape_path = spec_path.parent / spec.shape.file
     try:
         data = shape_path.read_bytes()
     except FileNotFoundError:
-        raise ShapeError(f"{shape_path}: no such shape file: {spec_path.name} names it, put it beside it") from None
+        raise ShapeError(
+            f"{shape_path}: no such shape file: {spec_path.name} names it: put it in the same folder"
+        ) from None
     except OSError as error:
         raise ShapeError(f"{shape_path}: cannot be read: {error.strerror}") from None
     return ObjectFiles(spec, data, shape_path.name, object_sha256(spec, data))

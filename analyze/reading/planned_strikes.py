@@ -1,4 +1,4 @@
-"""How much of its plan a recording holds: a session that was interrupted leaves a whole file with too few strikes."""
+"""Planned strikes that a recording holds: an interrupted session leaves a complete file with too few strikes."""
 
 from __future__ import annotations
 
@@ -7,31 +7,35 @@ from dataclasses import dataclass
 
 from schemas.strike_plan import StrikePlan
 
-MOST_NAMED = 12
-"""missing strikes that a line names"""
+MAX_NAMED_STRIKES = 12
+"""missing strikes that a message names"""
 
 
 @dataclass(frozen=True)
 class PlannedStrikes:
-    """Ids of the strikes that were planned, and of those that nobody made, in the plan's order."""
+    """Ids of the planned strikes, and of those that were not made, in the plan's order."""
 
     planned: tuple[str, ...]
     missing: tuple[str, ...]
 
     def text(self) -> str:
-        """One line, for people."""
-        named = ", ".join(self.missing[:MOST_NAMED])
-        more = f" and {len(self.missing) - MOST_NAMED} more" if len(self.missing) > MOST_NAMED else ""
+        """Planned and missing strikes in one line."""
+        named = ", ".join(self.missing[:MAX_NAMED_STRIKES])
+        more = (
+            f" and {len(self.missing) - MAX_NAMED_STRIKES} more"
+            if len(self.missing) > MAX_NAMED_STRIKES
+            else ""
+        )
         missing = f"; missing: {named}{more}" if self.missing else ""
         return f"{len(self.planned) - len(self.missing)} of {len(self.planned)} planned strikes were struck{missing}"
 
 
 def planned_strikes(plan: StrikePlan, struck: Iterable[str]) -> PlannedStrikes:
-    """What of `plan` is done.
+    """Planned and missing strikes of a recording.
 
     Args:
-        plan: the recording's.
-        struck: plan strikes of its records; any attempt counts, however it was judged.
+        plan: the recording's plan.
+        struck: ids of the planned strikes that were made; any attempt counts, whatever its verdict.
     """
     made = set(struck)
     planned = tuple(strike.id for strike in plan.strikes)

@@ -1,6 +1,6 @@
-"""Reads a recording: manifest, plan, shape, images without copying, messages by topic and time. Truth has a door of its own.
+"""Reads a recording: manifest, plan, shape, images without copying, messages by topic and time; truth by `read_truth` only.
 
-A recording may be a row of files (file_row.py): any of them opens all.
+A recording may be a series of files (file_series.py): any of them opens all.
 """
 
 from __future__ import annotations
@@ -18,29 +18,45 @@ from google.protobuf.message import DecodeError, Message
 
 from analyze.errors import RecordingCut, RecordingError, RecordingForeign
 from analyze.reading import compressed_video, indexed_file
-from analyze.reading.file_series import FileRow, row_of, whole_name
+from analyze.reading.file_series import SeriesFiles, final_path, find_series_files
 from analyze.reading.followed_recording import FollowedRecording
 from analyze.reading.image_message import decode_image
 from analyze.reading.indexed_file import IndexedFile, RecordedMessage
-from analyze.reading.indexed_series import IndexedRow, row_content_id
+from analyze.reading.indexed_series import IndexedSeries, series_content_id
 from analyze.reading.recording_head import parse_manifest, parse_plan
-from analyze.reading.video_frame_meta import metas_of_video
+from analyze.reading.video_frame_meta import expand_frame_meta
 from analyze.types import ImageFrame
 from schemas import topics
 from schemas.mcap.records import ContainerError
 from schemas.object_spec import ObjectSpec
 from schemas.proto import percuss_pb2 as pb
-from schemas.session_manifest import MANIFEST_NAME, PLAN_ATTACHMENT, SEAL_NAME, SHAPE_ATTACHMENT_PREFIX, SessionManifest, TimeSource
+from schemas.session_manifest import (
+    MANIFEST_NAME,
+    PLAN_ATTACHMENT,
+    SEAL_NAME,
+    SHAPE_ATTACHMENT_PREFIX,
+    SessionManifest,
+    TimeSource,
+)
 from schemas.strike_plan import StrikePlan
 
-__all__ = ["FollowedRecording", "RecordedMessage", "Recording", "TopicInfo", "Truth", "open_partial", "open_recording", "read_truth"]
+__all__ = [
+    "FollowedRecording",
+    "RecordedMessage",
+    "Recording",
+    "TopicInfo",
+    "Truth",
+    "open_partial",
+    "open_recording",
+    "read_truth",
+]
 
 M = TypeVar("M", bound=Message)
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """What a recording holds of a topic."""
+    """Count and time span of a topic's messages."""
 
     name: str
     schema: str
@@ -55,27 +71,30 @@ class FilePart:
 
     path: Path
     content_id: str | None
-    """None where the file is cut"""
+    """None if the file is cut"""
     damaged_chunks: int
 
 
 class Recording:
-    """An open recording, one file or a row of them. Times are log times [ns]; ranges include both ends. Use it in a `with` statement.
+    """An open recording, one file or a series. Times are log times [ns]; ranges include both ends. Use it in a `with` statement.
 
     Args:
-        path: the file that was asked for.
-        row: the files, in their order.
-        missing: numbers of the row's files that are not there.
+        path: the file that was opened.
+        series: all files of the recording, in their order.
+        missing: numbers of the series' files that do not exist.
     """
 
-    def __init__(self, path: Path, row: IndexedRow, missing: tuple[int, ...] = ()) -> None:
-        self._row = row
+    def __init__(self, path: Path, series: IndexedSeries, missing: tuple[int, ...] = ()) -> None:
+        self._series = series
         self.path = path
-        self.manifest: SessionManifest = next(iter([_checked_manifest(file) for file in row.files]))
-        self.parts = tuple(FilePart(f.path, f.metadata.get(SEAL_NAME, {}).get("content_id"), f.damaged_chunks) for f in row.files)
+        self.manifest: SessionManifest = next(iter([_checked_manifest(file) for file in series.files]))
+        self.parts = tuple(
+            FilePart(f.path, f.metadata.get(SEAL_NAME, {}).get("content_id"), f.damaged_chunks)
+            for f in series.files
+        )
         self.missing_parts = missing
-        self.content_id: str | None = row_content_id([part.content_id for part in self.parts])
-        """None where the recording is cut"""
+        self.content_id: str | None = series_content_id([part.content_id for part in self.parts])
+        """None if a file of the recording is cut"""
         self.damaged_chunks = sum(part.damaged_chunks for part in self.parts)
 
     # --- head -----------------------------------------------------------------------------------------------------
@@ -83,33 +102,38 @@ class Recording:
     @property
     def attachments(self) -> dict[str, bytes]:
         """Attached files by name."""
-        return {name: attachment.data for name, attachment in self._row.files[0].attachments.items()}
+        return {name: attachment.data for name, attachment in self._series.files[0].attachments.items()}
 
     @property
     def plan(self) -> StrikePlan:
-        """The plan that was carried out.
+        """Strike plan that was carried out.
 
         Raises:
-            RecordingError: there is none.
+            RecordingError: the recording holds none.
         """
         return self._plan
 
     @cached_property
     def _plan(self) -> StrikePlan:
-        attachment = self._row.files[0].attachments.get(PLAN_ATTACHMENT)
+        attachment = self._series.files[0].attachments.get(PLAN_ATTACHMENT)
         if attachment is None:
-            raise RecordingError(f"{self.path}: holds no {PLAN_ATTACHMENT}: record again with `acquire session`")
+            raise RecordingError(
+                f"{self.path}: holds no {PLAN_ATTACHMENT}: record again with `acquire session`"
+            )
         return parse_plan(attachment.data.decode(errors="replace"), str(self.path))
 
     @property
     def object_spec(self) -> ObjectSpec:
-        """The object as the user described it."""
+        """Object specification as the user wrote it."""
         return self.manifest.object
 
     @property
     def shape_bytes(self) -> bytes | None:
         """The object's shape file, None for a primitive."""
-        return next((data for name, data in self.attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)), None)
+        return next(
+            (data for name, data in self.attachments.items() if name.startswith(SHAPE_ATTACHMENT_PREFIX)),
+            None,
+        )
 
     @property
     def camera(self) -> str:
@@ -119,111 +143,127 @@ class Recording:
     # --- messages -------------------------------------------------------------------------------------------------
 
     def topics(self) -> tuple[TopicInfo, ...]:
-        """What the recording holds."""
+        """Topics with count and time span of their messages."""
         found: list[TopicInfo] = []
-        for name in self._row.topic_names():
-            times = self._row.index(name).time_ns
+        for name in self._series.topic_names():
+            times = self._series.index(name).time_ns
             first, last = (int(times[0]), int(times[-1])) if len(times) else (None, None)
-            found.append(TopicInfo(name, self._row.schema_of(name), len(times), first, last))
+            found.append(TopicInfo(name, self._series.schema_of(name), len(times), first, last))
         return tuple(found)
 
     def times(self, topic: str) -> np.ndarray:
         """Log times of a topic's messages [ns], (n,) int64, sorted; no message is read."""
-        return self._row.index(topic).time_ns
+        return self._series.index(topic).time_ns
 
     def first_times(self, topic: str) -> list[int]:
         """Log time of the topic's first message in each file that has one [ns]."""
-        return self._row.first_times(topic)
+        return self._series.first_times(topic)
 
-    def messages(self, topic: str, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[RecordedMessage]:
+    def messages(
+        self, topic: str, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[RecordedMessage]:
         """A topic's messages by time.
 
         Raises:
-            RecordingError: the file is damaged, or the topic is truth, which only `read_truth` gives out.
+            RecordingError: the file is damaged, or the topic is truth, which only `read_truth` reads.
         """
         if topic.startswith(topics.TRUTH_PREFIX):
-            raise RecordingError(f"{self.path}: {topic} is truth: nothing but `analyze score` may read it")
-        yield from self._row.messages(topic, start_ns, end_ns)
+            raise RecordingError(f"{self.path}: {topic} is truth: only `analyze score` may read it")
+        yield from self._series.messages(topic, start_ns, end_ns)
 
     def decoded(
         self, topic: str, kind: type[M], start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[RecordedMessage, M]]:
-        """A topic's messages, parsed.
+        """A topic's messages by time, each with its parsed content.
 
         Raises:
-            RecordingError: as `messages`, or a message is of another type.
+            RecordingError: as from `messages`, or a message is of another type.
         """
         for message in self.messages(topic, start_ns, end_ns):
             yield message, _decode(self.path, message, kind)
 
     @cached_property
     def strikes(self) -> tuple[pb.StrikeRecord, ...]:
-        """Every strike that was carried out, in order."""
+        """Records of the strikes that were carried out, in order."""
         return tuple(record for _, record in self.decoded(topics.SESSION_STRIKE.name, pb.StrikeRecord))
 
-    def frame_meta(self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[pb.FrameMeta]:
-        """One per frame that arrived, of the first camera where none is named."""
+    def frame_meta(
+        self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[pb.FrameMeta]:
+        """FrameMeta of every frame that arrived, of `camera` or the first camera."""
         for _, meta in self.timed_frame_meta(camera, start_ns, end_ns):
             yield meta
 
     def timed_frame_meta(
         self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[tuple[int, pb.FrameMeta]]:
-        """The same with their log times."""
+        """Log time and FrameMeta of every frame that arrived, of `camera` or the first camera."""
         name = camera or self.camera
         image_topic, meta_topic = topics.raw_image(name).name, topics.frame_meta(name).name
-        if self._row.schema_of(image_topic) == compressed_video.SCHEMA:
-            written = ((message.log_time_ns, meta) for message, meta in self.decoded(meta_topic, pb.FrameMeta))
-            yield from metas_of_video(list(written), self.times(image_topic), start_ns, end_ns)
+        if self._series.schema_of(image_topic) == compressed_video.SCHEMA:
+            written = [
+                (message.log_time_ns, meta) for message, meta in self.decoded(meta_topic, pb.FrameMeta)
+            ]
+            yield from expand_frame_meta(written, self.times(image_topic), start_ns, end_ns)
             return
         for message, meta in self.decoded(meta_topic, pb.FrameMeta, start_ns, end_ns):
             yield message.log_time_ns, meta
 
-    def images(self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[ImageFrame]:
-        """Images by time, of the first camera where none is named; uncompressed ones are read-only views into the file.
+    def images(
+        self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[ImageFrame]:
+        """Images by time, of `camera` or the first camera; uncompressed images are read-only views of the file.
 
-        Of a video a range is decoded from the last keyframe before it on.
+        A range of a video is decoded from the last keyframe before it.
 
         Raises:
-            RecordingError: the file is damaged, or an image is of a kind that is not read.
+            RecordingError: the file is damaged, or an image has an unknown format.
         """
         topic = topics.raw_image(camera or self.camera).name
-        schema = self._row.schema_of(topic)
+        schema = self._series.schema_of(topic)
         if schema == compressed_video.SCHEMA:
-            yield from self._video(topic, start_ns, end_ns)
+            yield from self._video_images(topic, start_ns, end_ns)
             return
         for message in self.messages(topic, start_ns, end_ns):
             try:
                 image = decode_image(schema, message.data)
             except ContainerError as error:
-                raise RecordingError(f"{self.path}: image {message.sequence} at {message.log_time_ns}: {error}") from None
+                raise RecordingError(
+                    f"{self.path}: image {message.sequence} at {message.log_time_ns}: {error}"
+                ) from None
             yield ImageFrame(message.log_time_ns, message.sequence, image)
 
-    def _video(self, topic: str, start_ns: int | None, end_ns: int | None) -> Iterator[ImageFrame]:
-        """Images of a video: decoded from the last keyframe before the range on."""
+    def _video_images(self, topic: str, start_ns: int | None, end_ns: int | None) -> Iterator[ImageFrame]:
+        is_start = compressed_video.is_decoding_start
         try:
-            for frame in compressed_video.decoded(self._row.as_written(topic, start_ns, end_ns, compressed_video.may_begin)):
-                if (start_ns is None or frame.time_ns >= start_ns) and (end_ns is None or frame.time_ns <= end_ns):
+            for frame in compressed_video.decode_video(
+                self._series.messages_to_decode(topic, start_ns, end_ns, is_start)
+            ):
+                if (start_ns is None or frame.time_ns >= start_ns) and (
+                    end_ns is None or frame.time_ns <= end_ns
+                ):
                     yield frame
         except ContainerError as error:
             raise RecordingError(f"{self.path}: {topic}: {error}") from None
 
     def release_memory(self) -> None:
-        """Let the system take back the memory that holds what was read; views stay valid, and are read again when they are used."""
-        self._row.release_memory()
+        """Return cached pages of the files to the system; views stay valid and read them again when they are used."""
+        self._series.release_memory()
 
     def close(self) -> None:
-        """Let go of the files; images already given out stay valid."""
-        self._row.close()
+        """Close the files; images already returned stay valid."""
+        self._series.close()
 
     def __enter__(self) -> Recording:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def refuse_unmapped_times(self) -> None:
-        """Raise RecordingError if frame times are said to be mapped from a clock of which the file holds no sample."""
+        """Raise RecordingError if frame times are mapped from a device clock of which the recording holds no sample."""
         if self.manifest.time_source is not TimeSource.DEVICE_MAPPED:
             return
         for camera in self.manifest.cameras:
@@ -232,30 +272,30 @@ class Recording:
             clocks = self.decoded(topics.CLOCK_SAMPLE.name, pb.ClockSample)
             if not any(sample.clock == f"camera/{camera.name}" for _, sample in clocks):
                 raise RecordingError(
-                    f"{self.path}: frame times are said to be mapped from camera {camera.name!r}'s clock, but the file holds no sample of "
-                    "that clock: they cannot be trusted; record again"
+                    f"{self.path}: frame times are mapped from the clock of camera {camera.name!r}, but the file holds no sample of "
+                    "that clock: they cannot be trusted: record again"
                 )
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What the virtual world knows. Only `analyze score` may look at it."""
+    """Ground truth of a virtual recording. Only `analyze score` may read it."""
 
     pose_time_ns: np.ndarray
-    """(n,) int64 log times"""
+    """(n,) int64 log times of the poses"""
     poses: tuple[pb.TruthPose, ...]
     contacts: tuple[pb.TruthContact, ...]
     contact_time_ns: np.ndarray
-    """(m,) int64 log times"""
+    """(m,) int64 log times of the contacts"""
     body: pb.TruthBody
 
 
 def open_recording(path: Path) -> Recording:
-    """Open a finished recording, with all files of its row.
+    """Open a finished recording with all its files.
 
     Raises:
-        RecordingCut: it, or a file of its row, ends early; `open_partial` reads what is there.
-        RecordingVersion: it is of another major schema version.
+        RecordingCut: one of its files ends early; `open_partial` reads what is there.
+        RecordingVersion: it has another major schema version.
         RecordingError: it is missing, not a recording, damaged, or its times cannot be trusted.
     """
     recording = _open(path, indexed_file.open_finished)
@@ -268,77 +308,87 @@ def open_recording(path: Path) -> Recording:
 
 
 def open_partial(path: Path) -> Recording:
-    """Open a recording that was cut short or is damaged: what stands in whole chunks can be read, of every file of its row.
+    """Open a recording that was cut short or is damaged: whole chunks of all its files can be read.
 
     Raises:
-        RecordingVersion: it is of another major schema version.
-        RecordingError: it is missing, not a recording, or not even its manifest is left.
+        RecordingVersion: it has another major schema version.
+        RecordingError: it is missing, not a recording, or its manifest is lost.
     """
     return _open(path, indexed_file.open_cut)
 
 
 def read_truth(path: Path) -> Truth:
-    """Truth of a virtual recording.
+    """Read the ground truth of a virtual recording.
 
     Raises:
-        RecordingError: it holds none, or is damaged.
+        RecordingError: the recording holds none, or is damaged.
     """
-    row = _open_row(path, row_of(path), indexed_file.open_finished)
+    series = _open_series(path, find_series_files(path), indexed_file.open_finished)
     try:
-        bodies = [_decode(path, message, pb.TruthBody) for message in row.messages(topics.TRUTH_BODY.name)]
+        bodies = [_decode(path, message, pb.TruthBody) for message in series.messages(topics.TRUTH_BODY.name)]
         if not bodies:
-            raise RecordingError(f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored")
+            raise RecordingError(
+                f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored"
+            )
         return Truth(
-            pose_time_ns=row.index(topics.TRUTH_POSE.name).time_ns,
-            poses=tuple(_decode(path, message, pb.TruthPose) for message in row.messages(topics.TRUTH_POSE.name)),
-            contacts=tuple(_decode(path, message, pb.TruthContact) for message in row.messages(topics.TRUTH_CONTACT.name)),
-            contact_time_ns=row.index(topics.TRUTH_CONTACT.name).time_ns,
+            pose_time_ns=series.index(topics.TRUTH_POSE.name).time_ns,
+            poses=tuple(
+                _decode(path, message, pb.TruthPose) for message in series.messages(topics.TRUTH_POSE.name)
+            ),
+            contacts=tuple(
+                _decode(path, message, pb.TruthContact)
+                for message in series.messages(topics.TRUTH_CONTACT.name)
+            ),
+            contact_time_ns=series.index(topics.TRUTH_CONTACT.name).time_ns,
             body=bodies[0],
         )
     finally:
-        row.close()
+        series.close()
 
 
 def _open(path: Path, open_file: Callable[[Path], IndexedFile]) -> Recording:
-    row = row_of(path)
-    opened = _open_row(path, row, open_file)
+    files = find_series_files(path)
+    series = _open_series(path, files, open_file)
     try:
-        return Recording(path, opened, row.missing)
+        return Recording(path, series, files.missing)
     except RecordingError:
-        opened.close()
+        series.close()
         raise
 
 
-def _open_row(path: Path, row: FileRow, open_file: Callable[[Path], IndexedFile]) -> IndexedRow:
-    """Every file of the row that `path` is of.
+def _open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], IndexedFile]) -> IndexedSeries:
+    """Open every file of the recording that `path` belongs to.
 
     Raises:
-        RecordingError: of `path` as `open_file` says it; of another file, with what it has to do with `path`.
+        RecordingError: from `open_file` for `path` itself; for another file with its relation to `path`.
     """
     files: list[IndexedFile] = []
     try:
-        for file in row.files:
+        for file in series.files:
             try:
                 files.append(open_file(file))
             except RecordingCut as error:
                 if file == path:
                     raise
-                whole = whole_name(file)
-                remedy = f"-o {whole}`" if whole != file else "-o NEW.mcap`, and put that in its place"
+                final = final_path(file)
+                remedy = f"-o {final}`" if final != file else "-o NEW.mcap`, and put that in its place"
                 raise RecordingCut(
-                    f"{path}: {file.name} of the same recording was cut short or is still being written: `acquire recover {file} {remedy}"
+                    f"{path}: {file.name} of the same recording was cut short or is still being written: "
+                    f"`acquire recover {file} {remedy}"
                 ) from error
     except RecordingError:
-        IndexedRow(files).close()
+        IndexedSeries(files).close()
         raise
-    return IndexedRow(files)
+    return IndexedSeries(files)
 
 
 def _checked_manifest(file: IndexedFile) -> SessionManifest:
-    """The file's manifest, if it and the attachments are those that were sealed."""
+    """Manifest of a file; refused if it or an attachment differs from what was sealed."""
     entries = file.metadata.get(MANIFEST_NAME)
     if entries is None or "json" not in entries:
-        raise RecordingForeign(f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its manifest")
+        raise RecordingForeign(
+            f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its manifest"
+        )
     manifest = parse_manifest(entries["json"], str(file.path))
     seal = file.metadata.get(SEAL_NAME, {})
     if seal.get("manifest_sha256", digest := hashlib.sha256(entries["json"].encode()).hexdigest()) != digest:
@@ -346,7 +396,9 @@ def _checked_manifest(file: IndexedFile) -> SessionManifest:
     for name, expected in manifest.hashes.items():
         attachment = file.attachments.get(name)
         if attachment is not None and hashlib.sha256(attachment.data).hexdigest() != expected:
-            raise RecordingError(f"{file.path}: damaged: attachment {name!r} is not the one that was recorded")
+            raise RecordingError(
+                f"{file.path}: damaged: attachment {name!r} is not the one that was recorded"
+            )
     return manifest
 
 
@@ -355,5 +407,7 @@ def _decode(path: Path, message: RecordedMessage, kind: type[M]) -> M:
     try:
         decoded.ParseFromString(bytes(message.data))
     except DecodeError:
-        raise RecordingError(f"{path}: message on {message.topic} at {message.log_time_ns} is no {kind.DESCRIPTOR.full_name}") from None
+        raise RecordingError(
+            f"{path}: message on {message.topic} at {message.log_time_ns} is not a {kind.DESCRIPTOR.full_name}"
+        ) from None
     return decoded

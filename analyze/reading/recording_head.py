@@ -1,4 +1,4 @@
-"""What stands at the head of a recording: manifest and plan, of this schema version or a newer minor one."""
+"""Parses the manifest and the plan at the head of a recording, of this schema version or a newer minor one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ T = TypeVar("T", bound=BaseModel)
 
 
 def parse_manifest(text: str, name: str) -> SessionManifest:
-    """Manifest of the recording `name`.
+    """Parse the manifest of the recording `name`.
 
     Raises:
         RecordingVersion: written by another major schema version.
@@ -26,7 +26,7 @@ def parse_manifest(text: str, name: str) -> SessionManifest:
 
 
 def parse_plan(text: str, name: str) -> StrikePlan:
-    """Strike plan attached to the recording `name`.
+    """Parse the strike plan attached to the recording `name`.
 
     Raises:
         RecordingVersion: written by another major schema version.
@@ -35,12 +35,14 @@ def parse_plan(text: str, name: str) -> StrikePlan:
     return _parse(StrikePlan, text, name, "plan")
 
 
-def _parse(model: type[T], text: str, name: str, what: str) -> T:
+def _parse(model: type[T], text: str, name: str, kind: str) -> T:
     try:
         data = json.loads(text)
         major, minor = (int(part) for part in data["schema_version"].split("."))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise RecordingError(f"{name}: its {what} cannot be read: damaged, or not written by `acquire`") from None
+        raise RecordingError(
+            f"{name}: its {kind} cannot be read: damaged, or not written by `acquire`"
+        ) from None
     ours, our_minor = (int(part) for part in SCHEMA_VERSION.split("."))
     if major != ours:
         raise RecordingVersion(
@@ -49,13 +51,13 @@ def _parse(model: type[T], text: str, name: str, what: str) -> T:
     if minor > our_minor:
         data = _without_unknown(model, data)
     try:
-        return validate(model, data, f"{name}: {what}")
+        return validate(model, data, f"{name}: {kind}")
     except DocumentError as error:
         raise RecordingError(str(error)) from None
 
 
 def _without_unknown(model: type[BaseModel], data: Any) -> Any:
-    """Leave out what a newer minor version added: by definition nothing that must be understood."""
+    """Remove keys that a newer minor version added: by definition a reader may ignore them."""
     try:
         model.model_validate(data)
     except ValidationError as error:

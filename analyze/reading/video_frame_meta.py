@@ -1,4 +1,4 @@
-"""The FrameMeta of every frame of an imported video, which writes few: most of its frames only follow on the one before."""
+"""Expands the few FrameMeta of an imported video to one per frame: most frames only continue the frame before."""
 
 from __future__ import annotations
 
@@ -10,23 +10,28 @@ from numpy.typing import NDArray
 from schemas.proto import percuss_pb2 as pb
 
 
-def metas_of_video(
-    written: Sequence[tuple[int, pb.FrameMeta]], image_times_ns: NDArray[np.int64], start_ns: int | None, end_ns: int | None
+def expand_frame_meta(
+    written: Sequence[tuple[int, pb.FrameMeta]],
+    image_times_ns: NDArray[np.int64],
+    start_ns: int | None,
+    end_ns: int | None,
 ) -> Iterator[tuple[int, pb.FrameMeta]]:
     """Log time and FrameMeta of every image in a range, both ends included (schemas/README.md, "A file").
 
     Args:
-        written: those in the file with their log times, in order.
-        image_times_ns: log times of its images, in order.
-        start_ns: of the range; None for the first.
-        end_ns: of the range; None for the last.
+        written: FrameMeta in the file with their log times [ns], by time.
+        image_times_ns: (n,) log times of the video's images [ns], sorted.
+        start_ns: start of the range; None for the first image.
+        end_ns: end of the range; None for the last image.
     """
     times = np.array([time_ns for time_ns, _ in written], dtype=np.int64)
     places = np.searchsorted(image_times_ns, times)
     first = 0 if start_ns is None else int(np.searchsorted(image_times_ns, start_ns, "left"))
     last = len(image_times_ns) if end_ns is None else int(np.searchsorted(image_times_ns, end_ns, "right"))
     sources = np.searchsorted(times, image_times_ns[first:last], "right") - 1
-    for place, (time_ns, source) in enumerate(zip(image_times_ns[first:last].tolist(), sources.tolist(), strict=True), first):
+    for place, (time_ns, source) in enumerate(
+        zip(image_times_ns[first:last].tolist(), sources.tolist(), strict=True), first
+    ):
         if source < 0:
             continue
         at_ns, meta = written[source]

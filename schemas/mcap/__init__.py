@@ -1,1 +1,1 @@
-"""MCAP records: packing, parsing, walking, the summary section."""
+"""The MCAP core of both packages: records, chunks, the walker, the summary, the content hash and the record writer."""

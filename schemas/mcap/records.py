@@ -1,21 +1,18 @@
-"""Byte layout of the MCAP container: pack and parse one record, and the hash that names a recording's content.
+"""Byte layout of single MCAP records: packing and parsing.
 
-Source: the MCAP format specification (https://mcap.dev/spec). Both packages need it: the recorder writes image chunks without
-copying, the reader hands out views into a mapped file, and both must survive files that end anywhere. Every parse function checks
-each length against what is there and raises `ContainerError`, so that a damaged file can neither read past its end nor allocate.
+Source: the MCAP format specification (https://mcap.dev/spec). The recorder writes image chunks without copying, the reader
+hands out views into a mapped file, and both must survive files that end anywhere. Every parse function checks each length
+against the bytes present and raises `ContainerError`, so that a damaged file can neither be read past its end nor make the
+reader allocate memory.
 """
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import struct
 import zlib
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final
-
-from schemas.topics import TRUTH_PREFIX
+from typing import Final, NamedTuple
 
 Buffer = bytes | bytearray | memoryview
 
@@ -36,73 +33,91 @@ METADATA_INDEX: Final = 13
 SUMMARY_OFFSET: Final = 14
 DATA_END: Final = 15
 PADDING: Final = 0x80
-"""Zeros that bring what follows to a page of the file. The format leaves 0x80 and above to applications, and its readers skip them."""
+"""Zeros that align the next record with a page of the file. The format leaves 0x80 and above to applications; readers skip them."""
 
 RECORD_HEAD: Final = 9
-"""opcode and length, before every record's body"""
+"""Bytes before every record's body: opcode and length."""
 MESSAGE_HEAD: Final = 31
-"""record head and fixed fields, before every message's data"""
+"""Bytes before every message's data: record head and fixed fields."""
 CHUNK_HEAD: Final = 49
-"""record head and fixed fields, before an uncompressed chunk's messages"""
+"""Bytes before an uncompressed chunk's messages: record head and fixed fields."""
 FOOTER_SIZE: Final = RECORD_HEAD + 20
-LARGE_MESSAGE: Final = 4096
-"""messages of this size and above enter the content hash by length and CRC-32"""
+"""Bytes of the footer record."""
+
+_MESSAGE_FIELDS: Final = struct.Struct("<HIQQ")
+_PACKED_MESSAGE_HEAD: Final = struct.Struct("<BQHIQQ")
+_INDEX_ENTRY_BYTES: Final = 16
 
 
 class ContainerError(ValueError):
-    """Bytes that are not what the format promises."""
+    """Bytes that violate the MCAP format."""
 
 
 # --- packing ------------------------------------------------------------------------------------------------------
 
 
-def record(opcode: int, body: bytes) -> bytes:
-    """A whole record."""
+def pack_record(opcode: int, body: bytes) -> bytes:
+    """Whole record with this opcode and body."""
     return struct.pack("<BQ", opcode, len(body)) + body
 
 
-def string(text: str) -> bytes:
+def pack_string(text: str) -> bytes:
     """Length-prefixed UTF-8."""
     data = text.encode()
     return struct.pack("<I", len(data)) + data
 
 
-def string_map(entries: dict[str, str]) -> bytes:
+def pack_string_map(entries: dict[str, str]) -> bytes:
     """Length-prefixed map of strings."""
-    data = b"".join(string(key) + string(value) for key, value in entries.items())
+    data = b"".join(pack_string(key) + pack_string(value) for key, value in entries.items())
     return struct.pack("<I", len(data)) + data
 
 
+def pack_metadata(name: str, entries: dict[str, str]) -> bytes:
+    """Metadata record."""
+    return pack_record(METADATA, pack_string(name) + pack_string_map(entries))
+
+
+def pack_attachment(name: str, media_type: str, data: bytes, log_time_ns: int) -> bytes:
+    """Attachment record with its CRC; creation time and log time are the same."""
+    names = pack_string(name) + pack_string(media_type)
+    body = struct.pack("<QQ", log_time_ns, log_time_ns) + names + struct.pack("<Q", len(data)) + data
+    return pack_record(ATTACHMENT, body + struct.pack("<I", zlib.crc32(body)))
+
+
 def message_head(channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, size: int) -> bytes:
-    """Everything of a message record that stands before its data of `size` bytes."""
-    return struct.pack("<BQHIQQ", MESSAGE, 22 + size, channel_id, sequence & 0xFFFFFFFF, log_time_ns, publish_time_ns)
+    """Bytes of a message record before its data of `size` bytes."""
+    return _PACKED_MESSAGE_HEAD.pack(
+        MESSAGE, 22 + size, channel_id, sequence & 0xFFFFFFFF, log_time_ns, publish_time_ns
+    )
 
 
 def chunk_head(start_ns: int, end_ns: int, size: int, crc: int) -> bytes:
-    """Everything of an uncompressed chunk record that stands before its `size` bytes of messages."""
+    """Bytes of an uncompressed chunk record before its `size` bytes of messages, which have the CRC-32 `crc`."""
     return struct.pack("<BQQQQIIQ", CHUNK, 40 + size, start_ns, end_ns, size, crc, 0, size)
 
 
-def compressed_chunk_head(start_ns: int, end_ns: int, size: int, crc: int, compression: str, stored: int) -> bytes:
-    """The same where they are compressed to `stored` bytes; `crc` is of what was compressed."""
-    name = string(compression)
-    return struct.pack("<BQQQQI", CHUNK, 36 + len(name) + stored, start_ns, end_ns, size, crc) + name + struct.pack("<Q", stored)
+def compressed_chunk_head(
+    start_ns: int, end_ns: int, size: int, crc: int, compression: str, stored: int
+) -> bytes:
+    """Bytes of a compressed chunk record before its `stored` bytes; `size` and `crc` are of the uncompressed messages."""
+    name = pack_string(compression)
+    fixed = struct.pack("<BQQQQI", CHUNK, 36 + len(name) + stored, start_ns, end_ns, size, crc)
+    return fixed + name + struct.pack("<Q", stored)
 
 
-def message_index(channel_id: int, entries: list[tuple[int, int]]) -> bytes:
+def pack_message_index(channel_id: int, entries: list[tuple[int, int]]) -> bytes:
     """Message index record of one channel in one chunk: log time [ns] and offset in the chunk of each message."""
     numbers = itertools.chain.from_iterable(sorted(entries))
-    return packed_message_index(channel_id, struct.pack(f"<{2 * len(entries)}Q", *numbers))
+    return message_index_record(channel_id, struct.pack(f"<{2 * len(entries)}Q", *numbers))
 
 
-def packed_message_index(channel_id: int, entries: bytes) -> bytes:
-    """The same of entries that are packed and in order."""
-    return struct.pack("<BQHI", MESSAGE_INDEX, 6 + len(entries), channel_id, len(entries)) + entries
-
-
-def padding(size: int) -> bytes:
-    """A padding record of `size` bytes, at least RECORD_HEAD."""
-    return struct.pack("<BQ", PADDING, size - RECORD_HEAD) + bytes(size - RECORD_HEAD)
+def message_index_record(channel_id: int, packed_entries: bytes) -> bytes:
+    """Message index record whose entries are already packed and ordered by time."""
+    return (
+        struct.pack("<BQHI", MESSAGE_INDEX, 6 + len(packed_entries), channel_id, len(packed_entries))
+        + packed_entries
+    )
 
 
 # --- parsing ------------------------------------------------------------------------------------------------------
@@ -110,7 +125,7 @@ def padding(size: int) -> bytes:
 
 @dataclass(frozen=True)
 class SchemaRecord:
-    """A message type."""
+    """Message type: name, encoding and definition."""
 
     id: int
     name: str
@@ -120,7 +135,7 @@ class SchemaRecord:
 
 @dataclass(frozen=True)
 class ChannelRecord:
-    """A topic."""
+    """Channel: the topic it carries, its schema and its message encoding."""
 
     id: int
     schema_id: int
@@ -128,8 +143,7 @@ class ChannelRecord:
     encoding: str
 
 
-@dataclass(frozen=True)
-class MessageRecord:
+class MessageRecord(NamedTuple):
     """One message; `data` is a view into the bytes it was parsed from."""
 
     channel_id: int
@@ -141,7 +155,7 @@ class MessageRecord:
 
 @dataclass(frozen=True)
 class ChunkRecord:
-    """A chunk; `records` is a view of its (possibly compressed) messages."""
+    """Chunk of messages; `records` is a view of its message records as stored, possibly compressed."""
 
     start_ns: int
     end_ns: int
@@ -153,7 +167,7 @@ class ChunkRecord:
 
 @dataclass(frozen=True)
 class AttachmentRecord:
-    """An attached file."""
+    """Attached file."""
 
     name: str
     media_type: str
@@ -163,22 +177,23 @@ class AttachmentRecord:
 
 @dataclass(frozen=True)
 class MetadataRecord:
-    """Named strings."""
+    """Named map of strings."""
 
     name: str
     entries: dict[str, str]
 
 
 class _Fields:
-    """Reads fields one after the other, never past the end."""
+    """Cursor over a record's fields that never reads past the end of its body."""
 
-    def __init__(self, body: memoryview, what: str) -> None:
+    def __init__(self, body: memoryview, record_name: str) -> None:
         self._body = body
         self._at = 0
-        self._what = what
+        self._record_name = record_name
 
     @property
-    def left(self) -> int:
+    def remaining(self) -> int:
+        """Bytes of the body that are not read yet."""
         return len(self._body) - self._at
 
     def numbers(self, layout: str) -> tuple[int, ...]:
@@ -186,8 +201,8 @@ class _Fields:
         return struct.unpack(layout, self.take(size))
 
     def take(self, size: int) -> memoryview:
-        if size > self.left:
-            raise ContainerError(f"{self._what} record ends early")
+        if size > self.remaining:
+            raise ContainerError(f"{self._record_name} record ends early")
         self._at += size
         return self._body[self._at - size : self._at]
 
@@ -198,32 +213,33 @@ class _Fields:
         try:
             return str(self.prefixed(), "utf-8")
         except UnicodeDecodeError:
-            raise ContainerError(f"{self._what} record holds a text that is not UTF-8") from None
+            raise ContainerError(f"{self._record_name} record holds text that is not UTF-8") from None
 
 
 def parse_schema(body: memoryview) -> SchemaRecord:
-    """Body of a schema record."""
+    """Parse the body of a schema record."""
     fields = _Fields(body, "schema")
     (number,) = fields.numbers("<H")
     return SchemaRecord(number, fields.string(), fields.string(), bytes(fields.prefixed()))
 
 
 def parse_channel(body: memoryview) -> ChannelRecord:
-    """Body of a channel record."""
+    """Parse the body of a channel record."""
     fields = _Fields(body, "channel")
     number, schema_id = fields.numbers("<HH")
     return ChannelRecord(number, schema_id, fields.string(), fields.string())
 
 
 def parse_message(body: memoryview) -> MessageRecord:
-    """Body of a message record."""
-    fields = _Fields(body, "message")
-    channel_id, sequence, log_time, publish_time = fields.numbers("<HIQQ")
+    """Parse the body of a message record."""
+    if len(body) < _MESSAGE_FIELDS.size:
+        raise ContainerError("message record ends early")
+    channel_id, sequence, log_time, publish_time = _MESSAGE_FIELDS.unpack_from(body)
     return MessageRecord(channel_id, sequence, log_time, publish_time, body[22:])
 
 
 def parse_chunk(body: memoryview) -> ChunkRecord:
-    """Body of a chunk record."""
+    """Parse the body of a chunk record."""
     fields = _Fields(body, "chunk")
     start, end, size, crc = fields.numbers("<QQQI")
     compression = fields.string()
@@ -231,7 +247,7 @@ def parse_chunk(body: memoryview) -> ChunkRecord:
 
 
 def parse_attachment(body: memoryview) -> AttachmentRecord:
-    """Body of an attachment record; its CRC is checked."""
+    """Parse the body of an attachment record and check its CRC."""
     fields = _Fields(body, "attachment")
     log_time, _ = fields.numbers("<QQ")
     name, media_type = fields.string(), fields.string()
@@ -243,115 +259,34 @@ def parse_attachment(body: memoryview) -> AttachmentRecord:
 
 
 def parse_metadata(body: memoryview) -> MetadataRecord:
-    """Body of a metadata record."""
+    """Parse the body of a metadata record."""
     fields = _Fields(body, "metadata")
     name = fields.string()
     entries = _Fields(fields.prefixed(), "metadata")
     result: dict[str, str] = {}
-    while entries.left:
+    while entries.remaining:
         key = entries.string()
         result[key] = entries.string()
     return MetadataRecord(name, result)
 
 
 def parse_header(body: memoryview) -> tuple[str, str]:
-    """Body of a header record: profile and library."""
+    """Profile and library, from the body of a header record."""
     fields = _Fields(body, "header")
     return fields.string(), fields.string()
 
 
-def parse_message_index(body: memoryview) -> tuple[int, list[tuple[int, int]]]:
-    """Body of a message index record: its channel, and log time [ns] and offset in the chunk of each message."""
+def parse_index_entries(body: memoryview) -> tuple[int, memoryview]:
+    """Channel id and packed entries (log time u64, offset u64 each) from the body of a message index record."""
     fields = _Fields(body, "message index")
     channel_id, size = fields.numbers("<HI")
     entries = fields.take(size)
-    if size % 16:
+    if size % _INDEX_ENTRY_BYTES:
         raise ContainerError("message index record holds half an entry")
+    return channel_id, entries
+
+
+def parse_message_index(body: memoryview) -> tuple[int, list[tuple[int, int]]]:
+    """Channel id, and log time [ns] and offset in the chunk of each message, from the body of a message index record."""
+    channel_id, entries = parse_index_entries(body)
     return channel_id, list(struct.iter_unpack("<QQ", entries))
-
-
-def walk(data: memoryview, start: int = 0) -> Iterator[tuple[int, int, memoryview]]:
-    """Whole records from `start` on: (opcode, offset of the record, body). Ends at the first record that is not all there."""
-    at = start
-    while at + RECORD_HEAD <= len(data):
-        opcode, size = struct.unpack_from("<BQ", data, at)
-        if opcode == 0 or size > len(data) - at - RECORD_HEAD:
-            return
-        yield opcode, at, data[at + RECORD_HEAD : at + RECORD_HEAD + size]
-        at += RECORD_HEAD + size
-
-
-def chunk_messages(chunk: ChunkRecord) -> memoryview:
-    """The chunk's message records, decompressed where needed; size and CRC are checked.
-
-    Raises:
-        ContainerError: damaged, or compressed in a way that is not known.
-    """
-    data = _decompressed(chunk)
-    if len(data) != chunk.uncompressed_size:
-        raise ContainerError(f"chunk holds {len(data)} bytes instead of {chunk.uncompressed_size}")
-    if chunk.crc and zlib.crc32(data) != chunk.crc:
-        raise ContainerError("chunk is damaged (CRC)")
-    return data
-
-
-def _decompressed(chunk: ChunkRecord) -> memoryview:
-    if not chunk.compression:
-        return chunk.records
-    if chunk.uncompressed_size > max(1 << 24, 1000 * len(chunk.records)):
-        raise ContainerError("chunk claims an impossible size")
-    if chunk.compression == "lz4":
-        import lz4.frame  # comes with mcap
-
-        try:
-            return memoryview(lz4.frame.decompress(chunk.records))
-        except RuntimeError as error:
-            raise ContainerError(f"chunk cannot be decompressed: {error}") from None
-    if chunk.compression == "zstd":
-        import zstandard  # comes with mcap
-
-        try:
-            return memoryview(zstandard.ZstdDecompressor().decompress(chunk.records, max_output_size=chunk.uncompressed_size))
-        except zstandard.ZstdError as error:
-            raise ContainerError(f"chunk cannot be decompressed: {error}") from None
-    raise ContainerError(f"chunk compression {chunk.compression!r} is not known")
-
-
-# --- identity -----------------------------------------------------------------------------------------------------
-
-
-_TIME_AND_SIZE: Final = struct.Struct("<QQ")
-_TIME_SIZE_CRC: Final = struct.Struct("<QQI")
-
-
-class ContentHash:
-    """The `content_id` of schemas/README.md: BLAKE2b over every message outside /truth/, per topic, in file order."""
-
-    def __init__(self) -> None:
-        self._topics: dict[str, hashlib.blake2b] = {}
-
-    def add(self, topic: str, log_time_ns: int, size: int, data: Buffer, crc: int | None = None) -> None:
-        """Take in one message. Of a large one `crc` (of its data) may be given instead of the data, which then may be empty."""
-        self.add_all(topic, [(log_time_ns, size, data, crc)])
-
-    def add_all(self, topic: str, messages: Iterable[tuple[int, int, Buffer, int | None]]) -> None:
-        """The same for several of a topic, in order: log time, size, data, CRC-32."""
-        if topic.startswith(TRUTH_PREFIX):
-            return
-        digest = self._topics.get(topic)
-        if digest is None:
-            digest = self._topics[topic] = hashlib.blake2b(digest_size=32)
-        parts: list[Buffer] = []
-        for log_time_ns, size, data, crc in messages:
-            if size < LARGE_MESSAGE:
-                parts += (_TIME_AND_SIZE.pack(log_time_ns, size), data)
-            else:
-                parts.append(_TIME_SIZE_CRC.pack(log_time_ns, size, zlib.crc32(data) if crc is None else crc))
-        digest.update(b"".join(parts))
-
-    def hexdigest(self) -> str:
-        """Identity of what was taken in so far."""
-        digest = hashlib.blake2b(digest_size=32)
-        for topic in sorted(self._topics):
-            digest.update(string(topic) + self._topics[topic].digest())
-        return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""The summary at the end of a recording: what stands where. Built while the data section is written, or scanned from one."""
+"""The summary section that ends an MCAP file: gathered while the data section is written, and located in a finished file."""
 
 from __future__ import annotations
 
@@ -9,91 +9,53 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from schemas.mcap import records as container
-from schemas.topics import Topic
+from schemas.mcap.records import Buffer, ContainerError
+
+FOOTER_AND_MAGIC: Final = container.FOOTER_SIZE + len(container.MAGIC)
+"""Bytes at the end of a finished file."""
+DATA_END_SIZE: Final = container.RECORD_HEAD + 4
+"""Bytes of the DataEnd record, which stands just before the summary section."""
 
 _CHUNK_TIMES: Final = struct.Struct("<QQ")
-_CHUNK_PLACE: Final = struct.Struct("<QQQQI")
-_INDEX_OFFSET: Final = struct.Struct("<HQ")
-_ONE_INDEX: Final = struct.Struct("<BQHIQQ")
-_ONE_CHUNK_INDEX: Final = struct.Struct("<BQQQQQIHQQIQQ")
-"""with one message index, uncompressed"""
 
 
-class ChunkEntry(NamedTuple):
-    """One chunk and its message indexes."""
+class EndsEarly(ContainerError):
+    """A file without a footer: it was cut short, or is still being written."""
 
-    start_ns: int
-    end_ns: int
-    offset: int
-    length: int
-    """of the chunk record"""
-    index_offsets: dict[int, int]
-    """channel id -> offset of its message index record"""
-    index_length: int
-    """of all message index records"""
-    compression: str
-    stored_size: int
-    uncompressed_size: int
 
-    @classmethod
-    def parse(cls, body: memoryview) -> ChunkEntry:
-        """From the body of a chunk index record.
-
-        Raises:
-            ContainerError: it ends early.
-        """
-        try:
-            start_ns, end_ns, offset, length, size = struct.unpack_from("<QQQQI", body)
-            offsets = dict(struct.iter_unpack("<HQ", body[36 : 36 + size]))
-            index_length, name_size = struct.unpack_from("<QI", body, 36 + size)
-            at = 36 + size + 12 + name_size
-            stored, uncompressed = struct.unpack_from("<QQ", body, at)
-            return cls(
-                start_ns, end_ns, offset, length, offsets, index_length, str(body[at - name_size : at], "ascii"), stored, uncompressed
-            )
-        except (struct.error, UnicodeDecodeError):
-            raise container.ContainerError("a chunk index record is damaged") from None
-
-    def pack(self) -> bytes:
-        """Chunk index record."""
-        size = 10 * len(self.index_offsets)
-        offsets = b"".join(_INDEX_OFFSET.pack(*entry) for entry in self.index_offsets.items())
-        times = _CHUNK_PLACE.pack(self.start_ns, self.end_ns, self.offset, self.length, size)
-        end = struct.pack("<QQ", self.stored_size, self.uncompressed_size)
-        body = times + offsets + struct.pack("<Q", self.index_length) + container.string(self.compression) + end
-        return container.record(container.CHUNK_INDEX, body)
+# --- writing ------------------------------------------------------------------------------------------------------
 
 
 @dataclass
 class Summary:
-    """Grows with the file; `pack` gives everything that follows the data section's last chunk."""
+    """Records of the summary section, gathered as the file grows; all are whole records."""
 
     schemas: list[bytes] = field(default_factory=list)
-    """whole records"""
     channels: list[bytes] = field(default_factory=list)
-    """whole records"""
     chunks: list[bytes] = field(default_factory=list)
-    """whole chunk index records: of thousands the garbage collector must not count each"""
+    """chunk index records: as bytes the garbage collector need not visit thousands of objects"""
     attachments: list[bytes] = field(default_factory=list)
-    """whole attachment index records"""
+    """attachment index records"""
     metadata: list[bytes] = field(default_factory=list)
-    """whole metadata index records"""
+    """metadata index records"""
     message_counts: Counter[int] = field(default_factory=Counter)
-    """by channel id"""
+    """messages by channel id"""
 
-    def add_attachment(self, offset: int, length: int, attachment: container.AttachmentRecord, size: int) -> None:
-        """Note an attachment record of `length` bytes at `offset` that holds `size` bytes of data."""
-        body = struct.pack("<QQQQQ", offset, length, attachment.log_time_ns, attachment.log_time_ns, size)
-        body += container.string(attachment.name) + container.string(attachment.media_type)
-        self.attachments.append(container.record(container.ATTACHMENT_INDEX, body))
+    def add_attachment(self, offset: int, length: int, attachment: container.AttachmentRecord) -> None:
+        """Note an attachment record of `length` bytes at `offset`."""
+        time_ns, size = attachment.log_time_ns, len(attachment.data)
+        body = struct.pack("<QQQQQ", offset, length, time_ns, time_ns, size)
+        body += container.pack_string(attachment.name) + container.pack_string(attachment.media_type)
+        self.attachments.append(container.pack_record(container.ATTACHMENT_INDEX, body))
 
     def add_metadata(self, offset: int, length: int, name: str) -> None:
         """Note a metadata record of `length` bytes at `offset`."""
-        self.metadata.append(container.record(container.METADATA_INDEX, struct.pack("<QQ", offset, length) + container.string(name)))
+        body = struct.pack("<QQ", offset, length) + container.pack_string(name)
+        self.metadata.append(container.pack_record(container.METADATA_INDEX, body))
 
     def pack(self, offset: int) -> bytes:
         """DataEnd, summary, summary offsets, footer and magic, to be written at `offset`."""
-        data_end = container.record(container.DATA_END, struct.pack("<I", 0))
+        data_end = container.pack_record(container.DATA_END, struct.pack("<I", 0))
         start = offset + len(data_end)
         summary = bytearray()
         groups: list[bytes] = []
@@ -108,7 +70,7 @@ class Summary:
             if records:
                 group = b"".join(records)
                 body = struct.pack("<BQQ", opcode, start + len(summary), len(group))
-                groups.append(container.record(container.SUMMARY_OFFSET, body))
+                groups.append(container.pack_record(container.SUMMARY_OFFSET, body))
                 summary += group
         offsets_start = start + len(summary)
         summary += b"".join(groups)
@@ -118,6 +80,7 @@ class Summary:
 
     def _statistics(self) -> bytes:
         counts = b"".join(struct.pack("<HQ", *entry) for entry in sorted(self.message_counts.items()))
+        times = [_CHUNK_TIMES.unpack_from(chunk, container.RECORD_HEAD) for chunk in self.chunks]
         numbers = struct.pack(
             "<QHIIIIQQ",
             self.message_counts.total(),
@@ -126,79 +89,67 @@ class Summary:
             len(self.attachments),
             len(self.metadata),
             len(self.chunks),
-            min((_CHUNK_TIMES.unpack_from(chunk, container.RECORD_HEAD)[0] for chunk in self.chunks), default=0),
-            max((_CHUNK_TIMES.unpack_from(chunk, container.RECORD_HEAD)[1] for chunk in self.chunks), default=0),
+            min((start for start, _ in times), default=0),
+            max((end for _, end in times), default=0),
         )
-        return container.record(container.STATISTICS, numbers + struct.pack("<I", len(counts)) + counts)
+        return container.pack_record(container.STATISTICS, numbers + struct.pack("<I", len(counts)) + counts)
 
 
-class PackedChunk(NamedTuple):
-    """What stands around a chunk's messages in the file, and its chunk index record for the summary."""
+def parse_message_counts(body: memoryview) -> Counter[int]:
+    """Messages by channel id, from the body of a statistics record.
 
-    head: bytes
-    indexes: bytes
-    entry: bytes
-
-
-def pack_chunk(offset: int, size: int, crc: int, index: dict[int, list[tuple[int, int]]]) -> PackedChunk:
-    """Frame an uncompressed chunk of `size` bytes at `offset`; `index` is channel id -> (log time, offset in the chunk) of each message."""
-    if len(index) == 1:
-        [(channel_id, entries)] = index.items()
-        if len(entries) == 1:
-            return pack_chunk_of_one(offset, size, crc, channel_id, entries[0])
-    start, end = min(min(entries)[0] for entries in index.values()), max(max(entries)[0] for entries in index.values())
-    head = container.chunk_head(start, end, size, crc)
-    at = offset + len(head) + size
-    indexes = b""
-    offsets: dict[int, int] = {}
-    for channel_id, entries in index.items():
-        offsets[channel_id] = at + len(indexes)
-        indexes += container.message_index(channel_id, entries)
-    entry = ChunkEntry(start, end, offset, len(head) + size, offsets, len(indexes), "", size, size)
-    return PackedChunk(head, indexes, entry.pack())
+    Raises:
+        ContainerError: the record is damaged.
+    """
+    try:
+        return Counter(dict(struct.iter_unpack("<HQ", body[46:])))
+    except struct.error:
+        raise ContainerError("a statistics record is damaged") from None
 
 
-class ChunkSize(NamedTuple):
-    """Bytes of a chunk's messages, and how they are stored."""
-
-    size: int
-    crc: int
-    """of the messages"""
-    compression: str
-    """"" for none"""
-    stored: int
-    """bytes in the file"""
+# --- reading ------------------------------------------------------------------------------------------------------
 
 
-def pack_chunk_of_channel(offset: int, times_ns: tuple[int, int], chunk: ChunkSize, channel_id: int, index: bytes) -> PackedChunk:
-    """`pack_chunk` of one channel's messages, whose message index is packed: first and last log time, entries by time."""
-    start, end = times_ns
-    if chunk.compression:
-        head = container.compressed_chunk_head(start, end, chunk.size, chunk.crc, chunk.compression, chunk.stored)
-    else:
-        head = container.chunk_head(start, end, chunk.size, chunk.crc)
-    record = container.packed_message_index(channel_id, index)
-    length = len(head) + chunk.stored
-    entry = ChunkEntry(start, end, offset, length, {channel_id: offset + length}, len(record), chunk.compression, chunk.stored, chunk.size)
-    return PackedChunk(head, record, entry.pack())
+class SummarySection(NamedTuple):
+    """Summary section of a finished file."""
+
+    start: int
+    """offset in the file"""
+    records: memoryview
 
 
-def pack_chunk_of_one(offset: int, size: int, crc: int, channel_id: int, entry: tuple[int, int]) -> PackedChunk:
-    """`pack_chunk` of a chunk of one message, at a fifth of the time: at line rate there are 365 in a second."""
-    time_ns, at = entry
-    head = container.chunk_head(time_ns, time_ns, size, crc)
-    index = _ONE_INDEX.pack(container.MESSAGE_INDEX, 22, channel_id, 16, time_ns, at)
-    length = len(head) + size
-    place = (time_ns, time_ns, offset, length, 10, channel_id, offset + length, len(index), 0, size, size)
-    return PackedChunk(head, index, _ONE_CHUNK_INDEX.pack(container.CHUNK_INDEX, _ONE_CHUNK_INDEX.size - container.RECORD_HEAD, *place))
+def summary_start(tail: Buffer, size: int) -> tuple[int, int]:
+    """Offset of the summary section of a file of `size` bytes, and its CRC-32 (0 if it has none).
+
+    Args:
+        tail: the file's last FOOTER_AND_MAGIC bytes.
+        size: of the whole file.
+
+    Raises:
+        EndsEarly: the file has no footer.
+    """
+    magic = container.MAGIC
+    if (
+        size < len(magic) + FOOTER_AND_MAGIC
+        or len(tail) < FOOTER_AND_MAGIC
+        or bytes(tail[-len(magic) :]) != magic
+    ):
+        raise EndsEarly("it ends early")
+    opcode, length, start, _, crc = struct.unpack_from("<BQQQI", tail)
+    if opcode != container.FOOTER or length != 20 or not 0 < start < size - FOOTER_AND_MAGIC:
+        raise EndsEarly("it has no summary")
+    return start, crc
 
 
-def pack_topic(topic: Topic, number: int) -> tuple[bytes, bytes]:
-    """Schema and channel record of a topic; both carry the same number."""
-    data = topic.schema_data()
-    schema = struct.pack("<H", number) + container.string(topic.schema_name) + container.string("protobuf")
-    channel = struct.pack("<HH", number, number) + container.string(topic.name) + container.string("protobuf") + container.string_map({})
-    return (
-        container.record(container.SCHEMA, schema + struct.pack("<I", len(data)) + data),
-        container.record(container.CHANNEL, channel),
-    )
+def find_summary(data: memoryview) -> SummarySection:
+    """Locate the summary section of a mapped file and check its CRC.
+
+    Raises:
+        EndsEarly: the file has no footer.
+        ContainerError: the summary is damaged.
+    """
+    start, crc = summary_start(data[-FOOTER_AND_MAGIC:], len(data))
+    footer = len(data) - FOOTER_AND_MAGIC
+    if crc and zlib.crc32(data[start : footer + container.FOOTER_SIZE - 4]) != crc:
+        raise ContainerError("the summary is damaged (CRC)")
+    return SummarySection(start, data[start:footer])

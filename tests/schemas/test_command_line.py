@@ -18,14 +18,20 @@ class Mine(Exception):
     [
         (Mine("a thing: its remedy"), PROBLEM, "hit: a thing: its remedy\n"),
         (DocumentError("x.toml: unknown key"), PROBLEM, "hit: x.toml: unknown key\n"),
-        (FileNotFoundError(2, "No such file", "x"), PROBLEM, "hit: x: No such file: check disk and permissions\n"),
+        (
+            FileNotFoundError(2, "No such file", "x"),
+            PROBLEM,
+            "hit: x: No such file: check disk and permissions\n",
+        ),
         (OSError("odd"), PROBLEM, "hit: odd: check disk and permissions\n"),
         (BrokenPipeError(), PROBLEM, ""),
         (KeyboardInterrupt(), INTERRUPTED, "hit: interrupted\n"),
         (click.Abort(), INTERRUPTED, "hit: interrupted\n"),
     ],
 )
-def test_what_a_verb_raises(raised: BaseException, code: int, line: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_verb_raises(
+    raised: BaseException, code: int, line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     @one_line_errors("hit", Mine)
     def verb() -> None:
         raise raised

@@ -34,7 +34,9 @@ SECOND = "[[marker]]\nid = 0\nsize_m = 0.02\n"
 
 
 def test_one_id_in_two_families_is_two_markers():
-    spec = parse_object_spec(GOOD.replace("[[marker]]\n", f'{SECOND}family = "25h9"\n[[marker]]\n'), "carton.toml")
+    spec = parse_object_spec(
+        GOOD.replace("[[marker]]\n", f'{SECOND}family = "25h9"\n[[marker]]\n'), "carton.toml"
+    )
     assert [marker.name for marker in spec.marker] == ["25h9-0", 0]
 
 
@@ -50,7 +52,13 @@ def test_what_names_no_marker_is_refused(name):
 
 
 def test_names_are_sorted_by_family_and_number():
-    assert sorted(["5x5_100-3", 12, "25h9-10", 2, "25h9-9"], key=name_order) == [2, 12, "25h9-9", "25h9-10", "5x5_100-3"]
+    assert sorted(["5x5_100-3", 12, "25h9-10", 2, "25h9-9"], key=name_order) == [
+        2,
+        12,
+        "25h9-9",
+        "25h9-10",
+        "5x5_100-3",
+    ]
 
 
 def test_a_good_object():
@@ -72,11 +80,19 @@ def test_a_good_object():
         ("[0.08, 0.06, 0.15]", "[0.08, 0.06, 0.0]", "longer than 0"),
         ("id = 0", "id = 900", "marker.0.id"),
         ("mass_sd_kg = 0.0001", "mass_sd_kg = 0.1", "mass_sd_kg is not below"),
-        ("[[marker]]", '[[marker]]\nfamily = "25h7"', "'25h7' is no tag family: choose 36h11, 36h10, 25h9, 16h5, 4x4_50"),
+        (
+            "[[marker]]",
+            '[[marker]]\nfamily = "25h7"',
+            "'25h7' is no tag family: choose 36h11, 36h10, 25h9, 16h5, 4x4_50",
+        ),
         ("id = 0", 'family = "25h9"\nid = 35', "marker.0.id: 25h9 has no tag 35: its ids are 0 to 34"),
         ("id = 0", 'family = "25h9"\nid = -1', "marker.0.id"),
         ("[[marker]]\n", f"{SECOND}[[marker]]\n", "marker id 0 is listed twice"),
-        ("[[marker]]\n", f'{SECOND}family = "4x4_50"\n[[marker]]\nfamily = "4x4_100"\n', "4x4_50 and 4x4_100 share their codes"),
+        (
+            "[[marker]]\n",
+            f'{SECOND}family = "4x4_50"\n[[marker]]\nfamily = "4x4_100"\n',
+            "4x4_50 and 4x4_100 share their codes",
+        ),
         ("name = ", "name == ", "not valid TOML"),
     ],
 )
@@ -121,8 +137,14 @@ def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
             GOOD.replace("0.044", "-1").replace("id = 0", "id = 900"),
             "mass_kg: Input should be greater than 0, not -1; wrong too: 'marker.0.id'",
         ),
-        (GOOD.replace("[shape.box]\nsize_m = [0.08, 0.06, 0.15]", "shape = 5"), "shape: should be [shape] (file and unit, or"),
-        (GOOD.replace("0.044", '"44 g"'), "mass_kg: should be a number, not '44 g': write it like mass_kg = NUMBER"),
+        (
+            GOOD.replace("[shape.box]\nsize_m = [0.08, 0.06, 0.15]", "shape = 5"),
+            "shape: should be [shape] (file and unit, or",
+        ),
+        (
+            GOOD.replace("0.044", '"44 g"'),
+            "mass_kg: should be a number, not '44 g': write it like mass_kg = NUMBER",
+        ),
         (
             GOOD.replace("id = 0", 'id = "a"'),
             "marker.0.id: should be a whole number, not 'a': write it like id = NUMBER in [[marker]] number 1",
@@ -160,7 +182,17 @@ def test_the_identity_depends_on_specification_and_shape():
     spec = parse_object_spec(GOOD, "a")
     heavier = parse_object_spec(GOOD.replace("0.044", "0.045"), "a")
     assert object_sha256(spec, None) == object_sha256(parse_object_spec(GOOD, "b"), None)
-    assert len({object_sha256(spec, None), object_sha256(heavier, None), object_sha256(spec, b"x"), object_sha256(spec, b"y")}) == 4
+    assert (
+        len(
+            {
+                object_sha256(spec, None),
+                object_sha256(heavier, None),
+                object_sha256(spec, b"x"),
+                object_sha256(spec, b"y"),
+            }
+        )
+        == 4
+    )
 
 
 def test_canonical_json_round_trips():

@@ -8,9 +8,8 @@ import pytest
 
 from acquire.errors import RecorderError
 from acquire.recorder.atomic import refuse_unwritable as acquire_refuses
-from analyze.errors import OutputError
-from analyze.output_file import refuse_unwritable as analyze_refuses
-from schemas.output_file import why_unwritable
+from schemas.output_file import OutputError, why_unwritable
+from schemas.output_file import refuse_unwritable as analyze_refuses
 
 
 def test_a_new_name_and_one_to_replace_are_fine(tmp_path: Path) -> None:
@@ -33,4 +32,4 @@ def test_both_commands_refuse_alike_and_make_no_folder(tmp_path: Path, name: str
 
 def test_what_is_read_is_not_replaced(tmp_path: Path) -> None:
     (tmp_path / "old").touch()
-    assert "is what is read" in (why_unwritable(tmp_path / "old", tmp_path / "old") or "")
+    assert "is also an input" in (why_unwritable(tmp_path / "old", tmp_path / "old") or "")

@@ -12,7 +12,9 @@ from schemas.software import commit, software_version
 
 def git(folder: Path, *arguments: str) -> str:
     identity = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
-    return subprocess.run(["git", "-C", str(folder), *identity, *arguments], check=True, capture_output=True, text=True).stdout.strip()
+    return subprocess.run(
+        ["git", "-C", str(folder), *identity, *arguments], check=True, capture_output=True, text=True
+    ).stdout.strip()
 
 
 @pytest.fixture
@@ -38,7 +40,9 @@ def test_a_hooks_environment_does_not_mislead(checkout: Path, monkeypatch: pytes
     assert commit(checkout) == head
 
 
-def test_without_a_checkout_or_git_there_is_no_commit(checkout: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch) -> None:
+def test_without_a_checkout_or_git_there_is_no_commit(
+    checkout: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch
+) -> None:
     assert commit(tmp_path_factory.mktemp("installed")) == ""
     monkeypatch.setenv("PATH", "/nowhere")
     assert commit(checkout) == ""

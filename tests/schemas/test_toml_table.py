@@ -27,7 +27,9 @@ kind = "manual"
 
 def test_only_the_table_changes():
     new = with_table(TEXT, "camera.calibration", {"K": "[[5, 6], [7, 8]]", "rms_px": "0.1"})
-    assert new == TEXT.replace("K = [\n  [1, 2],\n  [3, 4],\n]\nold = 1\n", "K = [[5, 6], [7, 8]]\nrms_px = 0.1\n")
+    assert new == TEXT.replace(
+        "K = [\n  [1, 2],\n  [3, 4],\n]\nold = 1\n", "K = [[5, 6], [7, 8]]\nrms_px = 0.1\n"
+    )
 
 
 def test_a_table_that_is_not_there_is_added_at_the_end():
@@ -35,7 +37,9 @@ def test_a_table_that_is_not_there_is_added_at_the_end():
     assert new == '[camera]\naddress = "x"\n\n[camera.calibration]\na = 1\n'
 
 
-@pytest.mark.parametrize("text", ["[camera]\ncalibration = { a = 1 }\n", "camera.calibration.a = 1\n", "camera = 3\n", "not toml"])
+@pytest.mark.parametrize(
+    "text", ["[camera]\ncalibration = { a = 1 }\n", "camera.calibration.a = 1\n", "camera = 3\n", "not toml"]
+)
 def test_what_a_line_editor_cannot_do_it_leaves(text):
     new = with_table(text, "camera.calibration", {"a": "2"})
     assert new is None or tomllib.loads(new)["camera"]["calibration"] == {"a": 2}
@@ -73,6 +77,8 @@ def test_one_entry_of_a_table_is_written_and_its_others_stay():
     assert with_entry(TEXT, "camera.calibration", "K", "[[5]]") == TEXT.replace(
         "K = [\n  [1, 2],\n  [3, 4],\n]\nold = 1\n", "old = 1\nK = [[5]]\n"
     )
-    assert with_entry(TEXT, "camera", "name", '"c"') == TEXT.replace('"x"  # ours\n', '"x"  # ours\nname = "c"\n')
+    assert with_entry(TEXT, "camera", "name", '"c"') == TEXT.replace(
+        '"x"  # ours\n', '"x"  # ours\nname = "c"\n'
+    )
     assert with_entry(TEXT, "level", "a", "1") is None
     assert with_entry("[camera]\ncalibration = { a = 1 }\n", "camera.calibration", "a", "2") is None

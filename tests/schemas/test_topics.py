@@ -51,4 +51,6 @@ def test_the_checked_in_messages_are_generated_from_the_proto(tmp_path):
         cwd=ROOT,
     )
     for name in ("percuss_pb2.py", "percuss_pb2.pyi"):
-        assert (tmp_path / name).read_text(encoding="utf-8") == (ROOT / "schemas/proto" / name).read_text(encoding="utf-8")
+        assert (tmp_path / name).read_text(encoding="utf-8") == (ROOT / "schemas/proto" / name).read_text(
+            encoding="utf-8"
+        )

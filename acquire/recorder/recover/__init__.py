@@ -1,1 +1,1 @@
-"""Rebuilding recordings that were cut short, and editing whole ones."""
+"""Recovery of recordings that were cut short, and editing of whole ones."""

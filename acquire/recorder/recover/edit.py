@@ -1,9 +1,8 @@
-"""Adds topics to a finished recording and takes topics out of one. The original is replaced only by a whole new file, or not at all."""
+"""Adds topics to a finished recording, and removes topics from one. The original is replaced only by a complete new file."""
 
 from __future__ import annotations
 
 import os
-import zlib
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -13,37 +12,39 @@ from acquire.errors import RecorderError
 from acquire.recorder import atomic
 from acquire.recorder.recover.rewrite import Layout, Rewriter, mapped, read_layout
 from schemas.mcap import records as container
-from schemas.mcap.records import ContainerError, ContentHash
-from schemas.mcap.summary import ChunkEntry
+from schemas.mcap.chunks import ChunkEntry, MessagePlaces, chunk_messages
+from schemas.mcap.content_hash import ContentHash
+from schemas.mcap.records import ContainerError
+from schemas.mcap.walk import walk
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
 from schemas.topics import TRUTH_PREFIX, Topic
 
 
 def read_manifest(path: Path) -> SessionManifest:
-    """Manifest of a finished recording.
+    """Read the manifest of a finished recording.
 
     Raises:
-        RecorderError: it is missing, cut short, or holds none.
+        RecorderError: the recording is missing, cut short, or holds no manifest.
     """
     with mapped(path) as data:
         metadata = read_layout(path, data).metadata
     try:
         return SessionManifest.model_validate_json(metadata[MANIFEST_NAME]["json"])
     except (KeyError, ValidationError):
-        raise RecorderError(f"{path}: holds no manifest of this version of Percuss") from None
+        raise RecorderError(f"{path}: holds no manifest that this version of Percuss reads") from None
 
 
 def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> None:
-    """Add messages (topic, log time, data) of new /truth/ topics to a finished recording; its content_id stays what it was.
+    """Add messages (topic, log time, data) of new /truth/ topics to a finished recording; its content_id does not change.
 
     Raises:
-        RecorderError: the recording is not whole, has such a topic already, or cannot be rewritten; it is left as it was.
+        RecorderError: the recording is incomplete, has such a topic already, or cannot be rewritten; it is unchanged then.
     """
     with mapped(path) as data:
         layout = read_layout(path, data)
     taken = {channel.topic for channel in layout.channels.values()}
     number = max(layout.channels, default=0)
-    # A schema's number may be higher than any channel's in a file that another program wrote.
+    # In a file that another program wrote, a schema's number may be higher than any channel's.
     number = max([number, *(container.parse_schema(_body(whole)).id for whole in layout.summary.schemas)])
     new: dict[str, int] = {}
     counts: dict[str, int] = {}
@@ -53,15 +54,17 @@ def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> N
         for topic, log_time_ns, body in messages:
             if topic.name not in new:
                 if topic.name in taken:
-                    raise RecorderError(f"{path}: holds {topic.name} already: take it out with remove_topics first")
+                    raise RecorderError(
+                        f"{path}: holds {topic.name} already: remove it with remove_topics first"
+                    )
                 if not topic.name.startswith(TRUTH_PREFIX):
                     raise RecorderError(
-                        f"{path}: {topic.name} is part of what the seal names: only {TRUTH_PREFIX} topics can be added later"
+                        f"{path}: {topic.name} is part of the sealed content: only {TRUTH_PREFIX} topics can be added later"
                     )
                 number += 1
                 writer.add_topic(topic, number)
                 new[topic.name], counts[topic.name] = number, 0
-            writer.message(new[topic.name], counts[topic.name], log_time_ns, log_time_ns, body)
+            writer.write_message(new[topic.name], counts[topic.name], log_time_ns, log_time_ns, body)
             counts[topic.name] += 1
         writer.finish()
         writer.part_path.replace(path)
@@ -71,19 +74,19 @@ def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> N
 
 
 def remove_topics(path: Path, out: Path, prefix: str) -> None:
-    """Write `path` without the topics whose names begin with `prefix` to `out`.
+    """Copy the recording `path` to `out` without the topics whose names begin with `prefix`.
 
-    The content_id stays where only /truth/ topics go, and is made anew where others do.
+    The content_id stays the same if only /truth/ topics are removed, and is computed anew otherwise.
 
     Raises:
-        RecorderError: `path` is not whole or damaged, or `out` cannot be written; nothing is left behind.
+        RecorderError: `path` is incomplete or damaged, or `out` cannot be written; nothing is left behind then.
     """
     atomic.refuse_taken(out)
     with mapped(path) as data:
         layout = read_layout(path, data)
         writer = Rewriter(out, out.with_name(f".{out.name}.{os.getpid()}.removing"))
         try:
-            writer.start()
+            writer.records.begin()
             _copy_without(data, layout, prefix, writer)
             writer.finish()
             atomic.publish(writer.part_path, out)
@@ -94,33 +97,33 @@ def remove_topics(path: Path, out: Path, prefix: str) -> None:
 
 
 def _copy_without(data: memoryview, layout: Layout, prefix: str, writer: Rewriter) -> None:
-    gone = {number for number, channel in layout.channels.items() if channel.topic.startswith(prefix)}
-    kept = {number: channel.topic for number, channel in layout.channels.items() if number not in gone}
+    removed = {number for number, topic in layout.topics.items() if topic.startswith(prefix)}
+    kept = {number: topic for number, topic in layout.topics.items() if number not in removed}
     schemas = {layout.channels[number].schema_id for number in kept}
     for whole in layout.summary.schemas:
         if container.parse_schema(_body(whole)).id in schemas:
-            writer.declare(whole, writer.summary.schemas)
+            writer.copy_declaration(whole)
     for whole in layout.summary.channels:
         if container.parse_channel(_body(whole)).id in kept:
-            writer.declare(whole, writer.summary.channels)
+            writer.copy_declaration(whole)
     digest = ContentHash()
     chunks = {entry.offset: entry for entry in map(ChunkEntry.parse, map(_body, layout.summary.chunks))}
-    for opcode, at, body in container.walk(data[: layout.data_end], len(container.MAGIC)):
+    for opcode, at, body in walk(data[: layout.data_end], len(container.MAGIC)):
         whole = data[at : at + container.RECORD_HEAD + len(body)]
         if opcode == container.ATTACHMENT:
-            writer.attachment(whole)
+            writer.copy_attachment(whole)
         elif opcode == container.METADATA:
             metadata = container.parse_metadata(body)
             entries = metadata.entries
             if metadata.name == SEAL_NAME and not prefix.startswith(TRUTH_PREFIX):
                 entries = {**entries, "content_id": digest.hexdigest()}
-            writer.metadata(metadata.name, entries)
-        elif opcode == container.CHUNK and not _only(chunks.get(at), gone):
-            copy_chunk(container.chunk_messages(container.parse_chunk(body)), kept, writer, digest)
+            writer.write_metadata(metadata.name, entries)
+        elif opcode == container.CHUNK and not _holds_only(chunks.get(at), removed):
+            copy_messages(chunk_messages(container.parse_chunk(body)), kept, writer, digest)
 
 
-def _only(entry: ChunkEntry | None, channels: set[int]) -> bool:
-    """Whether a chunk is known to hold nothing but these channels."""
+def _holds_only(entry: ChunkEntry | None, channels: set[int]) -> bool:
+    """True if a chunk's indexes list these channels only."""
     return entry is not None and bool(entry.index_offsets) and set(entry.index_offsets) <= channels
 
 
@@ -128,25 +131,28 @@ def _body(whole: bytes) -> memoryview:
     return memoryview(whole)[container.RECORD_HEAD :]
 
 
-def copy_chunk(messages: memoryview, topics: dict[int, str], writer: Rewriter, digest: ContentHash) -> int:
-    """Write those messages of a chunk whose channel is in `topics` and take them into `digest`; returns how many.
+def copy_messages(messages: memoryview, topics: dict[int, str], writer: Rewriter, digest: ContentHash) -> int:
+    """Copy those messages of a chunk whose channel is in `topics`, add them to `digest` and return their number.
 
     Raises:
         ContainerError: a message is damaged.
     """
-    records = list(container.walk(messages))
-    found = [(at, container.parse_message(body)) for opcode, at, body in records if opcode == container.MESSAGE]
+    records = list(walk(messages))
+    found = [
+        (at, container.parse_message(body)) for opcode, at, body in records if opcode == container.MESSAGE
+    ]
     kept = [(at, message) for at, message in found if message.channel_id in topics]
     for _, message in kept:
         digest.add(topics[message.channel_id], message.log_time_ns, len(message.data), message.data)
     whole = bool(records) and records[-1][1] + container.RECORD_HEAD + len(records[-1][2]) == len(messages)
     if whole and len(kept) == len(records):
-        index: dict[int, list[tuple[int, int]]] = {}
+        places: MessagePlaces = {}
         for at, message in kept:
-            index.setdefault(message.channel_id, []).append((message.log_time_ns, at))
-        writer.flush()
-        writer.chunk(messages, zlib.crc32(messages), index)
+            places.setdefault(message.channel_id, []).append((message.log_time_ns, at))
+        writer.copy_chunk(messages, places)
         return len(kept)
     for _, message in kept:
-        writer.message(message.channel_id, message.sequence, message.log_time_ns, message.publish_time_ns, message.data)
+        writer.write_message(
+            message.channel_id, message.sequence, message.log_time_ns, message.publish_time_ns, message.data
+        )
     return len(kept)

@@ -1,4 +1,4 @@
-"""Rebuilds a recording that was cut short or damaged: every whole message, attachment and metadata, with a new index and seal."""
+"""Rebuilds a recording that was cut short or damaged from its whole messages, attachments and metadata, with new index and seal."""
 
 from __future__ import annotations
 
@@ -10,23 +10,25 @@ from pathlib import Path
 from typing import Any
 
 from acquire.errors import RecorderError
+from acquire.frames.page_memory import PAGE
 from acquire.recorder import atomic
-from acquire.recorder.page_memory import PAGE
-from acquire.recorder.recover.edit import copy_chunk
+from acquire.recorder.recover.edit import copy_messages
 from acquire.recorder.recover.rewrite import Rewriter, mapped, read_layout, refuse_folder
 from schemas.document import sha256_text
 from schemas.mcap import records as container
-from schemas.mcap.records import ContainerError, ContentHash
-from schemas.mcap.summary import ChunkEntry
+from schemas.mcap.chunks import ChunkEntry, chunk_messages
+from schemas.mcap.content_hash import ContentHash
+from schemas.mcap.records import ContainerError
+from schemas.mcap.walk import walk, walk_chunks
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME
 
 _CHUNK_HEAD = re.compile(rb"\x06.{4}\x00{4}.{16}.{4}\x00{4}", re.DOTALL)
-"""a chunk below 4 GB: opcode, length, two times, size"""
+"""head of a chunk below 4 GB: opcode, length, two times, size"""
 
 
 @dataclass
 class RecoverReport:
-    """What was saved and what was not."""
+    """Result of a recovery: what was saved and what was lost."""
 
     source: Path
     path: Path
@@ -34,28 +36,28 @@ class RecoverReport:
     topics: dict[str, int] = field(default_factory=dict)
     attachments: int = 0
     damaged_records: int = 0
-    """left out: their checksum or their form was wrong"""
+    """records left out because their checksum or their form was wrong"""
     skipped_bytes: int = 0
-    """belonged to no whole record"""
+    """bytes that belong to no whole record"""
     ended_properly: bool = False
-    """its data are there to their end; where they are not, nobody can know how much came later"""
+    """True if the source holds its data to their end; otherwise it is unknown how much is missing"""
     lasts_s: float = 0.0
-    """from the first message that was saved to the last, by their log times"""
+    """time from the first saved message to the last, by their log times"""
     has_manifest: bool = False
     content_id: str = ""
 
     @property
     def anything_lost(self) -> bool:
-        """Whether the recording held more than was saved: bytes that are damaged, or all that came behind a cut."""
+        """True if the recording held more than was saved: damaged bytes, or whatever followed a cut."""
         return self.anything_damaged or not self.ended_properly
 
     @property
     def anything_damaged(self) -> bool:
-        """Whether the source itself holds bytes that could not be saved."""
+        """True if the source holds bytes that could not be saved."""
         return self.damaged_records > 0 or self.skipped_bytes > 0
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Report as a JSON object."""
         return {
             "source": str(self.source),
             "path": str(self.path),
@@ -73,19 +75,25 @@ class RecoverReport:
         }
 
     def text(self) -> str:
-        """For people."""
-        lines = [f"{self.path}: {self.messages} messages on {len(self.topics)} topics, {self.attachments} attachments"]
+        """Report in a few lines for the terminal."""
+        lines = [
+            f"{self.path}: {self.messages} messages on {len(self.topics)} topics, {self.attachments} attachments"
+        ]
         if not self.has_manifest:
-            lines.append("no manifest: the file is good for viewers, `analyze` cannot use it")
+            lines.append("no manifest: viewers can open the file, `analyze` cannot use it")
         if self.anything_damaged:
-            lines.append(f"lost: {self.damaged_records} damaged records, {self.skipped_bytes} bytes of records that are not whole")
+            lines.append(
+                f"lost: {self.damaged_records} damaged records, {self.skipped_bytes} bytes of incomplete records"
+            )
         if not self.ended_properly:
-            lines.append(f"lost: what came later: the file breaks off at t = {self.lasts_s:.3f} s after its first message")
+            lines.append(
+                f"lost: everything later: the file ends {self.lasts_s:.3f} s after its first message"
+            )
         return "\n".join(lines)
 
 
 def default_output(path: Path) -> Path:
-    """Beside a recording, with -recovered before .mcap.
+    """Path beside a recording, with -recovered before .mcap.
 
     Raises:
         RecorderError: `path` is a folder.
@@ -95,10 +103,10 @@ def default_output(path: Path) -> Path:
 
 
 def recover(path: Path, out: Path) -> RecoverReport:
-    """Write everything of `path` that is whole to `out`, and read it back to be sure.
+    """Write everything of `path` that is whole to `out`, and verify the new file by reading it.
 
     Raises:
-        RecorderError: nothing can be saved, or `out` is taken or cannot be written; nothing is left behind then.
+        RecorderError: nothing can be saved, or `out` exists or cannot be written; nothing is left behind then.
     """
     atomic.refuse_unwritable(out)
     atomic.refuse_taken(out)
@@ -106,11 +114,13 @@ def recover(path: Path, out: Path) -> RecoverReport:
     with mapped(path) as data:
         writer = Rewriter(out, out.with_name(f".{out.name}.{os.getpid()}.recovering"))
         try:
-            writer.start()
+            writer.records.begin()
             digest = ContentHash()
             _Salvage(data, writer, report, digest).run()
             if report.messages == 0 and not report.has_manifest:
-                raise RecorderError(f"{path}: nothing can be saved: it holds no whole message and no manifest")
+                raise RecorderError(
+                    f"{path}: nothing can be saved: it holds no whole message and no manifest"
+                )
             writer.finish()
             report.content_id = digest.hexdigest()
             _verify(writer.part_path, report)
@@ -121,9 +131,11 @@ def recover(path: Path, out: Path) -> RecoverReport:
 
 
 class _Salvage:
-    """One pass over the bytes of a recording."""
+    """One pass over the bytes of a damaged recording."""
 
-    def __init__(self, data: memoryview, writer: Rewriter, report: RecoverReport, digest: ContentHash) -> None:
+    def __init__(
+        self, data: memoryview, writer: Rewriter, report: RecoverReport, digest: ContentHash
+    ) -> None:
         self._data = data
         self._writer = writer
         self._report = report
@@ -133,11 +145,11 @@ class _Salvage:
         self._manifest_hash: dict[str, str] = {}
 
     def run(self) -> None:
-        """Copy what is whole, then the seal."""
+        """Copy whole records, then write the seal."""
         at = len(container.MAGIC)
         end = self._without_padding()
         while at < end and not self._report.ended_properly:
-            at = self._walk(at)
+            at = self._copy_records(at)
             if not self._report.ended_properly:
                 saved = self._salvage_cut_chunk(at)
                 following = min(end, self._next_chunk(at + 1))
@@ -148,21 +160,28 @@ class _Salvage:
         for number, topic in self._topics.items():
             if counts[number]:
                 self._report.topics[topic] = self._report.topics.get(topic, 0) + counts[number]
-        chunks = [ChunkEntry.parse(memoryview(entry)[container.RECORD_HEAD :]) for entry in self._writer.summary.chunks]
+        chunks = [
+            ChunkEntry.parse(memoryview(entry)[container.RECORD_HEAD :])
+            for entry in self._writer.summary.chunks
+        ]
         if chunks:
-            self._report.lasts_s = (max(each.end_ns for each in chunks) - min(each.start_ns for each in chunks)) * 1e-9
-        self._writer.metadata(SEAL_NAME, {"content_id": self._digest.hexdigest(), **self._manifest_hash})
+            self._report.lasts_s = (
+                max(each.end_ns for each in chunks) - min(each.start_ns for each in chunks)
+            ) * 1e-9
+        self._writer.write_metadata(
+            SEAL_NAME, {"content_id": self._digest.hexdigest(), **self._manifest_hash}
+        )
 
     def _without_padding(self) -> int:
-        """Where the bytes end: a recording that was written past the page cache fills its last page with zeros."""
+        """Offset where the data end: a recording written past the page cache fills its last page with zeros."""
         padding = bytes(self._data[-PAGE:])
         return len(self._data) - (len(padding) - len(padding.rstrip(b"\0")))
 
-    def _walk(self, start: int) -> int:
-        """Take whole records; returns where they end."""
+    def _copy_records(self, start: int) -> int:
+        """Copy whole records from `start` on and return the offset where they end."""
         at = start
-        for opcode, found, body in container.walk(self._data, start):
-            # Of padding both length and bytes are known: where they are wrong, what follows is searched for.
+        for opcode, found, body in walk(self._data, start):
+            # Padding has a bounded length and holds zeros only; anything else is damage, and the next chunk is searched for.
             padding = opcode == container.PADDING and len(body) < 2 * PAGE and not any(body)
             if not padding and not container.HEADER <= opcode <= container.DATA_END:
                 break
@@ -171,20 +190,20 @@ class _Salvage:
                 self._report.ended_properly = True
                 break
             try:
-                self._record(opcode, body, self._data[found:at])
+                self._copy_record(opcode, body, self._data[found:at])
             except ContainerError:
                 self._report.damaged_records += 1
         return at
 
-    def _record(self, opcode: int, body: memoryview, whole: memoryview) -> None:
+    def _copy_record(self, opcode: int, body: memoryview, whole: memoryview) -> None:
         if opcode == container.CHUNK:
-            self._chunk(container.chunk_messages(container.parse_chunk(body)))
+            self._copy_chunk(chunk_messages(container.parse_chunk(body)))
         elif opcode in {container.SCHEMA, container.CHANNEL}:
             self._declare(opcode, body, whole)
         elif opcode == container.MESSAGE:
-            self._chunk(whole)
+            self._copy_chunk(whole)
         elif opcode == container.ATTACHMENT:
-            self._writer.attachment(whole)
+            self._writer.copy_attachment(whole)
             self._report.attachments += 1
         elif opcode == container.METADATA:
             metadata = container.parse_metadata(body)
@@ -192,7 +211,7 @@ class _Salvage:
                 self._report.has_manifest = True
                 self._manifest_hash = {"manifest_sha256": sha256_text(metadata.entries.get("json", ""))}
             if metadata.name != SEAL_NAME:
-                self._writer.metadata(metadata.name, metadata.entries)
+                self._writer.write_metadata(metadata.name, metadata.entries)
 
     def _declare(self, opcode: int, body: memoryview, whole: memoryview) -> None:
         if opcode == container.CHANNEL:
@@ -202,41 +221,43 @@ class _Salvage:
             container.parse_schema(body)
         if bytes(whole) not in self._declared:
             self._declared.add(bytes(whole))
-            summary = self._writer.summary
-            self._writer.declare(bytes(whole), summary.schemas if opcode == container.SCHEMA else summary.channels)
+            self._writer.copy_declaration(bytes(whole))
 
-    def _chunk(self, messages: memoryview) -> None:
+    def _copy_chunk(self, messages: memoryview) -> None:
         # Other programs declare topics inside their chunks.
-        for opcode, at, body in container.walk(messages):
+        for opcode, at, body in walk(messages):
             if opcode in {container.SCHEMA, container.CHANNEL}:
                 self._declare(opcode, body, messages[at : at + container.RECORD_HEAD + len(body)])
-        self._report.messages += copy_chunk(messages, self._topics, self._writer, self._digest)
+        self._report.messages += copy_messages(messages, self._topics, self._writer, self._digest)
 
     def _salvage_cut_chunk(self, at: int) -> int:
-        """Take whole messages of an uncompressed chunk whose end is missing; returns how many bytes of it are of use.
+        """Copy the whole messages of an uncompressed chunk whose end is missing; return how many of its bytes were used.
 
-        No checksum vouches for them, only their form does.
+        They cannot be checked by the chunk's CRC, only by their form.
         """
-        head = container.RECORD_HEAD + 40
+        head = container.CHUNK_HEAD
         if len(self._data) - at <= head or self._data[at] != container.CHUNK:
             return 0
         size, _, name_size = struct.unpack_from("<QII", self._data, at + container.RECORD_HEAD + 16)
         if name_size != 0 or size <= len(self._data) - at - head:
             return 0
         saved = 0
-        for opcode, found, body in container.walk(self._data[at + head :]):
+        for opcode, found, body in walk(self._data[at + head :]):
             start, length = at + head + found, container.RECORD_HEAD + len(body)
             try:
-                if opcode != container.MESSAGE or container.parse_message(body).channel_id not in self._topics:
+                if (
+                    opcode != container.MESSAGE
+                    or container.parse_message(body).channel_id not in self._topics
+                ):
                     break
             except ContainerError:
                 break
-            self._chunk(self._data[start : start + length])
+            self._copy_chunk(self._data[start : start + length])
             saved = head + found + length
         return saved
 
     def _next_chunk(self, start: int) -> int:
-        """Where the next undamaged chunk begins, or the end: a wrong length must not cost everything behind it."""
+        """Offset of the next undamaged chunk, or of the end: a wrong length must not cost everything after it."""
         data = self._data
         for match in _CHUNK_HEAD.finditer(data, start):
             at = match.start()
@@ -244,7 +265,7 @@ class _Salvage:
             if size <= length <= len(data) - at - container.RECORD_HEAD:
                 body = data[at + container.RECORD_HEAD : at + container.RECORD_HEAD + length]
                 try:
-                    container.chunk_messages(container.parse_chunk(body))
+                    chunk_messages(container.parse_chunk(body))
                     return at
                 except ContainerError:
                     continue
@@ -252,7 +273,7 @@ class _Salvage:
 
 
 def _verify(path: Path, report: RecoverReport) -> None:
-    """Read the new file from its first byte to its last.
+    """Read the new file from its first byte to its last and compare it with the report.
 
     Raises:
         RecorderError: it does not hold what was written.
@@ -260,16 +281,15 @@ def _verify(path: Path, report: RecoverReport) -> None:
     digest, count = ContentHash(), 0
     with mapped(path) as data:
         layout = read_layout(path, data)
+        topics = layout.topics
         try:
-            for opcode, _, body in container.walk(data[: layout.data_end], len(container.MAGIC)):
-                if opcode == container.CHUNK:
-                    for kind, _, record in container.walk(container.chunk_messages(container.parse_chunk(body))):
-                        if kind == container.MESSAGE:
-                            message = container.parse_message(record)
-                            topic = layout.channels[message.channel_id].topic
-                            digest.add(topic, message.log_time_ns, len(message.data), message.data)
-                            count += 1
-        except (ContainerError, KeyError) as error:
-            raise RecorderError(f"{report.path}: does not read back: {error}: check the disk and try again") from None
+            for messages in walk_chunks(data[: layout.data_end]):
+                count += digest.add_chunk(messages, topics)
+        except ContainerError as error:
+            raise RecorderError(
+                f"{report.path}: cannot be read back: {error}: check the disk and try again"
+            ) from None
     if count != report.messages or digest.hexdigest() != report.content_id:
-        raise RecorderError(f"{report.path}: reads back {count} of {report.messages} messages: check the disk and try again")
+        raise RecorderError(
+            f"{report.path}: {count} of {report.messages} messages can be read back: check the disk and try again"
+        )

@@ -1,4 +1,4 @@
-"""Puts a recording together from pieces of another one: whole chunks as they are, messages one by one where a chunk must change."""
+"""Assembles a recording from parts of another: whole chunks unchanged, single messages where a chunk must change."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import mmap
 import os
 import struct
 import zlib
-from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,11 @@ from pathlib import Path
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
 from schemas.mcap import records as container
+from schemas.mcap.chunks import MessagePlaces, PendingMessages
+from schemas.mcap.record_writer import RecordWriter
 from schemas.mcap.records import Buffer, ChannelRecord, ContainerError
-from schemas.mcap.summary import Summary, pack_chunk, pack_topic
+from schemas.mcap.summary import DATA_END_SIZE, Summary, find_summary, parse_message_counts
+from schemas.mcap.walk import record_at, walk
 from schemas.topics import Topic
 
 CHUNK_BYTES = 1 << 20
@@ -30,7 +32,7 @@ def refuse_folder(path: Path) -> None:
 
 @contextmanager
 def mapped(path: Path) -> Iterator[memoryview]:
-    """A file's bytes, read-only.
+    """Map a recording's bytes, read-only.
 
     Raises:
         RecorderError: it is missing, a folder, empty, or no MCAP file.
@@ -41,80 +43,78 @@ def mapped(path: Path) -> Iterator[memoryview]:
             data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except FileNotFoundError:
         raise RecorderError(f"{path}: no such recording: check the path") from None
-    except ValueError:  # mmap of nothing
+    except ValueError:  # mmap of an empty file
         raise RecorderError(f"{path}: is empty: there is nothing to read") from None
     except OSError as error:
         raise RecorderError(f"{path}: cannot be read: {error.strerror}") from None
     if data[: len(container.MAGIC)] != container.MAGIC:
         data.close()
         raise RecorderError(f"{path}: is not a recording: it does not begin like an MCAP file")
-    # Not closed but dropped: views of it may live on in an exception's traceback.
+    # Dropped, not closed: an exception's traceback may still hold views of it.
     yield memoryview(data)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """A finished recording, as its summary tells it."""
+    """Contents of a finished recording, as its summary lists them."""
 
     summary: Summary
     channels: dict[int, ChannelRecord]
     metadata: dict[str, dict[str, str]]
     data_end: int
-    """offset of the DataEnd record: what is appended goes here"""
+    """offset of the DataEnd record, where further records are appended"""
+
+    @property
+    def topics(self) -> dict[int, str]:
+        """Topic names by channel id."""
+        return {number: channel.topic for number, channel in self.channels.items()}
 
 
 def read_layout(path: Path, data: memoryview) -> Layout:
     """Read a finished recording's summary.
 
     Raises:
-        RecorderError: it ends early or is damaged.
+        RecorderError: the recording ends early or is damaged.
     """
-    footer = len(data) - len(container.MAGIC) - container.FOOTER_SIZE
     try:
-        if footer < 0 or data[-len(container.MAGIC) :] != container.MAGIC:
-            raise ContainerError("it ends early")
-        opcode, _, start, _, crc = struct.unpack_from("<BQQQI", data, footer)
-        if opcode != container.FOOTER or not 0 < start < footer:
-            raise ContainerError("it has no summary")
-        if crc and zlib.crc32(data[start : footer + container.FOOTER_SIZE - 4]) != crc:
-            raise ContainerError("its summary is damaged")
-        data_end = start - container.RECORD_HEAD - 4
-        if data[data_end] != container.DATA_END:
-            raise ContainerError("its summary does not follow its data")
-        return _layout(data, data[start:footer], data_end)
-    except (ContainerError, struct.error, IndexError) as error:
-        raise RecorderError(f"{path}: is no whole recording: {error}: `acquire recover` it first") from None
+        section = find_summary(data)
+        data_end = section.start - DATA_END_SIZE
+        record_at(data, data_end, container.DATA_END)
+        return _parse_layout(data, section.records, data_end)
+    except (ContainerError, struct.error) as error:
+        raise RecorderError(
+            f"{path}: is not a whole recording: {error}: `acquire recover` it first"
+        ) from None
 
 
-def _layout(data: memoryview, section: memoryview, data_end: int) -> Layout:
+def _parse_layout(data: memoryview, section: memoryview, data_end: int) -> Layout:
     summary = Summary()
+    groups = {
+        container.SCHEMA: summary.schemas,
+        container.CHANNEL: summary.channels,
+        container.CHUNK_INDEX: summary.chunks,
+        container.ATTACHMENT_INDEX: summary.attachments,
+        container.METADATA_INDEX: summary.metadata,
+    }
     channels: dict[int, ChannelRecord] = {}
     metadata: dict[str, dict[str, str]] = {}
-    for opcode, at, body in container.walk(section):
-        whole = bytes(section[at : at + container.RECORD_HEAD + len(body)])
-        if opcode == container.SCHEMA:
-            summary.schemas.append(whole)
-        elif opcode == container.CHANNEL:
+    for opcode, at, body in walk(section):
+        if (group := groups.get(opcode)) is not None:
+            group.append(bytes(section[at : at + container.RECORD_HEAD + len(body)]))
+        if opcode == container.CHANNEL:
             channel = container.parse_channel(body)
             channels[channel.id] = channel
-            summary.channels.append(whole)
-        elif opcode == container.CHUNK_INDEX:
-            summary.chunks.append(whole)
-        elif opcode == container.ATTACHMENT_INDEX:
-            summary.attachments.append(whole)
         elif opcode == container.METADATA_INDEX:
-            summary.metadata.append(whole)
-            offset, length = struct.unpack_from("<QQ", body)
-            record = container.parse_metadata(data[offset + container.RECORD_HEAD : offset + length])
+            (offset,) = struct.unpack_from("<Q", body)
+            record = container.parse_metadata(record_at(data, offset, container.METADATA))
             metadata[record.name] = record.entries
         elif opcode == container.STATISTICS:
-            counts = body[46:]
-            summary.message_counts = Counter(dict(struct.iter_unpack("<HQ", counts)))
+            summary.message_counts = parse_message_counts(body)
     return Layout(summary, channels, metadata, data_end)
 
 
 class Rewriter:
-    """A new recording under a temporary name; `publish` or `abandon` it.
+    """A new recording under a temporary name; after `finish` it is complete and can be renamed.
 
     Raises:
         RecorderError: the path is taken or the disk refuses.
@@ -123,101 +123,95 @@ class Rewriter:
     def __init__(self, path: Path, part_path: Path) -> None:
         self.path = path
         self.part_path = part_path
-        self.summary = Summary()
-        self.size = 0
+        self.records = RecordWriter(self._append)
         self._fd = atomic.create_part(part_path)
-        self._pending = bytearray()
-        self._index: dict[int, list[tuple[int, int]]] = {}
+        self._pending = PendingMessages()
 
-    def start(self) -> None:
-        """Magic and header."""
-        self._put([container.MAGIC, container.record(container.HEADER, container.string("") + container.string("percuss"))])
+    @property
+    def summary(self) -> Summary:
+        """Summary of everything written so far."""
+        return self.records.summary
 
     def copy_from(self, source: Path, size: int, summary: Summary) -> None:
         """Begin with the first `size` bytes of `source`, which `summary` describes."""
         fd = os.open(source, os.O_RDONLY | os.O_CLOEXEC)
+        copied = 0
         try:
-            while self.size < size:
-                self.size += _copy_range(fd, self._fd, size - self.size, self.size)
+            while copied < size:
+                copied += _copy_range(fd, self._fd, size - copied, copied)
         except OSError as error:
             raise self._disk_error(error) from None
         finally:
             os.close(fd)
-        self.summary = summary
+        self.records.size, self.records.summary = copied, summary
 
     def add_topic(self, topic: Topic, number: int) -> None:
         """Declare a topic as channel and schema `number`."""
-        schema, channel = pack_topic(topic, number)
-        self.declare(schema, self.summary.schemas)
-        self.declare(channel, self.summary.channels)
-
-    def declare(self, whole: bytes, records: list[bytes]) -> None:
-        """Write a whole schema or channel record and note it in `records`."""
         self.flush()
-        self._put([whole])
-        records.append(whole)
+        self.records.add_topic(topic, number)
 
-    def message(self, channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: Buffer) -> None:
-        """Add one message to the chunk that is being filled."""
-        self._index.setdefault(channel_id, []).append((log_time_ns, len(self._pending)))
-        self._pending += container.message_head(channel_id, sequence, log_time_ns, publish_time_ns, len(data))
-        self._pending += data
-        if len(self._pending) >= CHUNK_BYTES:
+    def copy_declaration(self, whole: bytes) -> None:
+        """Write a whole schema or channel record of the source."""
+        self.flush()
+        self.records.copy_declaration(whole)
+
+    def write_message(
+        self, channel_id: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: Buffer
+    ) -> None:
+        """Add one message to the pending chunk."""
+        self._pending.add(channel_id, sequence, log_time_ns, publish_time_ns, data)
+        if len(self._pending.data) >= CHUNK_BYTES:
             self.flush()
 
     def flush(self) -> None:
-        """Write the chunk that is being filled."""
-        if self._pending:
-            self.chunk(self._pending, zlib.crc32(self._pending), self._index)
-            self._pending, self._index = bytearray(), {}
+        """Write the pending chunk."""
+        if self._pending.data:
+            self.records.write_pending(self._pending)
+            self._pending = PendingMessages()
 
-    def chunk(self, messages: Buffer, crc: int, index: dict[int, list[tuple[int, int]]]) -> None:
-        """Write message records as a chunk; `index` is channel id -> (log time, offset) of each."""
-        packed = pack_chunk(self.size, len(messages), crc, index)
-        self._put([packed.head, messages, packed.indexes])
-        self.summary.chunks.append(packed.entry)
-        for channel_id, entries in index.items():
-            self.summary.message_counts[channel_id] += len(entries)
-
-    def attachment(self, whole: memoryview) -> None:
-        """Write a whole attachment record."""
+    def copy_chunk(self, messages: memoryview, places: MessagePlaces) -> None:
+        """Write message records of the source as a chunk of their own; `places` holds log time and offset of each."""
         self.flush()
-        attachment = container.parse_attachment(whole[container.RECORD_HEAD :])
-        offset = self.size
-        self._put([whole])
-        self.summary.add_attachment(offset, len(whole), attachment, len(attachment.data))
+        self.records.write_chunk([messages], len(messages), zlib.crc32(messages), places)
 
-    def metadata(self, name: str, entries: dict[str, str]) -> None:
-        """Write named strings."""
+    def copy_attachment(self, whole: memoryview) -> None:
+        """Write a whole attachment record of the source.
+
+        Raises:
+            ContainerError: it is damaged.
+        """
         self.flush()
-        offset = self.size
-        length = self._put([container.record(container.METADATA, container.string(name) + container.string_map(entries))])
-        self.summary.add_metadata(offset, length, name)
+        self.records.copy_attachment(whole, container.parse_attachment(whole[container.RECORD_HEAD :]))
+
+    def write_metadata(self, name: str, entries: dict[str, str]) -> None:
+        """Write a named map of strings."""
+        self.flush()
+        self.records.write_metadata(name, entries)
 
     def finish(self) -> None:
         """Write the summary and fsync; the file still has its temporary name."""
         self.flush()
-        self._put([self.summary.pack(self.size)])
+        self.records.end()
         try:
             os.fsync(self._fd)
         except OSError as error:
             raise self._disk_error(error) from None
 
     def close(self) -> None:
-        """Close the file; what still has its temporary name is removed."""
+        """Close the file, and remove it if it still has its temporary name."""
         os.close(self._fd)
         self.part_path.unlink(missing_ok=True)
 
-    def _put(self, buffers: list[Buffer]) -> int:
+    def _append(self, buffers: Sequence[Buffer]) -> None:
         try:
-            length = atomic.write_all(self._fd, buffers)
+            atomic.write_all(self._fd, buffers)
         except OSError as error:
             raise self._disk_error(error) from None
-        self.size += length
-        return length
 
     def _disk_error(self, error: OSError) -> RecorderError:
-        return RecorderError(f"{self.path}: cannot be written: {error.strerror}: free space on this disk and try again")
+        return RecorderError(
+            f"{self.path}: cannot be written: {error.strerror}: free space on this disk and try again"
+        )
 
 
 def _copy_range(source: int, target: int, count: int, offset: int) -> int:

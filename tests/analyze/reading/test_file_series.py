@@ -15,7 +15,7 @@ from rich.console import Console
 
 from analyze.cli import main as analyze
 from analyze.errors import RecordingCut
-from analyze.reading.file_series import FileRow, row_of
+from analyze.reading.file_series import SeriesFiles, find_series_files
 from analyze.reading.recording import open_partial, open_recording, read_truth
 from analyze.verbs.inspect.recording import inspect_recording
 from analyze.verbs.inspect.table import render_inspection
@@ -54,32 +54,41 @@ def test_either_file_opens_both(halves: Path) -> None:
             assert [part.path.name for part in recording.parts] == ["a.mcap", "a-0002.mcap"]
             assert recording.missing_parts == ()
             assert recording.strikes == strikes
-            assert {topic.name: topic for topic in recording.topics()} == {topic.name: topic for topic in topics}
+            assert {topic.name: topic for topic in recording.topics()} == {
+                topic.name: topic for topic in topics
+            }
             np.testing.assert_array_equal([frame.image for frame in recording.images()], images)
-            around = recording.images(start_ns=small.frame_time(LAST_FRAME - 1), end_ns=small.frame_time(LAST_FRAME + 2))
-            assert [frame.sequence for frame in around] == [LAST_FRAME - 1, LAST_FRAME, LAST_FRAME + 1, LAST_FRAME + 2]
+            around = recording.images(
+                start_ns=small.frame_time(LAST_FRAME - 1), end_ns=small.frame_time(LAST_FRAME + 2)
+            )
+            assert [frame.sequence for frame in around] == [
+                LAST_FRAME - 1,
+                LAST_FRAME,
+                LAST_FRAME + 1,
+                LAST_FRAME + 2,
+            ]
             ids.add(recording.content_id)
     assert len(ids) == 1
     assert None not in ids
 
 
 def test_what_does_not_belong_is_left_alone(folder: Path) -> None:
-    whole = FileRow((folder / "a.mcap", folder / "a-0002.mcap"))
+    whole = SeriesFiles((folder / "a.mcap", folder / "a-0002.mcap"))
     (folder / "a-0003.mcap").write_bytes(b"none")
     shutil.copy(folder / "a-0002.mcap", folder / "a-0004.mcap")  # carries another number
     small.write_recording(folder / "a-0005.mcap")  # of another recording
     (folder / "a-0006.mcap").mkdir()
     shutil.copy(folder / "a-0002.mcap", folder / "a-0002.mcap.part")  # that one is whole meanwhile
-    assert row_of(folder / "a.mcap") == row_of(folder / "a-0002.mcap") == whole
-    assert row_of(folder / "gone.mcap") == FileRow((folder / "gone.mcap",))
-    assert row_of(folder / "a-0003.mcap") == FileRow((folder / "a-0003.mcap",))
+    assert find_series_files(folder / "a.mcap") == find_series_files(folder / "a-0002.mcap") == whole
+    assert find_series_files(folder / "gone.mcap") == SeriesFiles((folder / "gone.mcap",))
+    assert find_series_files(folder / "a-0003.mcap") == SeriesFiles((folder / "a-0003.mcap",))
 
 
 def test_a_file_that_is_not_there_is_said(folder: Path) -> None:
     (folder / "a.mcap").rename(folder / "elsewhere.mcap")
-    assert row_of(folder / "a-0002.mcap") == FileRow((folder / "a-0002.mcap",), missing=(1,))
+    assert find_series_files(folder / "a-0002.mcap") == SeriesFiles((folder / "a-0002.mcap",), missing=(1,))
     (folder / "a-0002.mcap").rename(folder / "second.mcap")
-    assert row_of(folder / "second.mcap") == FileRow((folder / "second.mcap",), missing=(1,))
+    assert find_series_files(folder / "second.mcap") == SeriesFiles((folder / "second.mcap",), missing=(1,))
     found = inspect_recording(folder / "second.mcap")
     assert found["missing_files"] == [1]
     assert "not here: file 1 of this recording" in rendered(found)
@@ -88,7 +97,10 @@ def test_a_file_that_is_not_there_is_said(folder: Path) -> None:
 def test_a_file_that_is_cut_is_named_with_its_remedy(folder: Path) -> None:
     cut = folder / "a-0002.mcap"
     cut.write_bytes(cut.read_bytes()[: cut.stat().st_size * 2 // 3])
-    with pytest.raises(RecordingCut, match=r"a\.mcap: a-0002\.mcap of the same recording was cut short .*-0002\.mcap -o NEW\.mcap`"):
+    with pytest.raises(
+        RecordingCut,
+        match=r"a\.mcap: a-0002\.mcap of the same recording was cut short .*-0002\.mcap -o NEW\.mcap`",
+    ):
         open_recording(folder / "a.mcap")
     cut.rename(f"{cut}.part")
     with pytest.raises(RecordingCut, match=rf"`acquire recover {cut}\.part -o {cut}`"):
@@ -114,7 +126,10 @@ def test_inspection_tells_of_both(halves: Path) -> None:
     assert [file["bytes"] for file in found["files"]] == sizes
     assert found["bytes"] == sum(sizes)
     for same in ("topics", "cameras", "clocks", "strikes", "duration_s", "complete", "attachments"):
-        by_name = [sorted(each[same], key=str) if isinstance(each[same], list) else each[same] for each in (found, whole)]
+        by_name = [
+            sorted(each[same], key=str) if isinstance(each[same], list) else each[same]
+            for each in (found, whole)
+        ]
         assert by_name[0] == by_name[1], same
     assert "in 2 files: a.mcap, a-0002.mcap" in rendered(found)
 
@@ -122,7 +137,7 @@ def test_inspection_tells_of_both(halves: Path) -> None:
 def test_an_output_in_the_place_of_another_file_is_refused(folder: Path) -> None:
     done = CliRunner().invoke(analyze, ["report", str(folder / "a.mcap"), "-o", str(folder / "a-0002.mcap")])
     assert done.exit_code == 1
-    assert "a-0002.mcap: is what is read" in done.stderr
+    assert "a-0002.mcap: is also an input" in done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -154,12 +169,22 @@ def test_the_sample_in_two_files_gives_the_sample_s_answer(sample_halves: Path, 
     assert first.inputs.content_id != whole.inputs.content_id
     same = first.inputs.model_copy(update={"content_id": whole.inputs.content_id})
     assert first.model_copy(update={"inputs": same}) == whole
-    assert math.dist(first.centre_of_mass.value, read_truth(sample_halves / "s.mcap").body.com_object) < 0.0005
-    for verb, more in (("score", []), ("report", ["-o", str(tmp_path / "r.html")]), ("replay", ["--save", str(tmp_path / "r.rrd")])):
-        done = CliRunner().invoke(analyze, [verb, str(sample_halves / "s-0002.mcap"), *more], catch_exceptions=False)
+    assert (
+        math.dist(first.centre_of_mass.value, read_truth(sample_halves / "s.mcap").body.com_object) < 0.0005
+    )
+    for verb, more in (
+        ("score", []),
+        ("report", ["-o", str(tmp_path / "r.html")]),
+        ("replay", ["--save", str(tmp_path / "r.rrd")]),
+    ):
+        done = CliRunner().invoke(
+            analyze, [verb, str(sample_halves / "s-0002.mcap"), *more], catch_exceptions=False
+        )
         assert done.exit_code == 0, done.stderr
     (sample_halves / "s.mcap").rename(tmp_path / "s.mcap")
-    done = CliRunner().invoke(analyze, ["estimate", str(sample_halves / "s-0002.mcap")], catch_exceptions=False)
+    done = CliRunner().invoke(
+        analyze, ["estimate", str(sample_halves / "s-0002.mcap")], catch_exceptions=False
+    )
     (tmp_path / "s.mcap").rename(sample_halves / "s.mcap")
     assert done.exit_code == 1
     assert "2 good strikes of 2" in done.stderr

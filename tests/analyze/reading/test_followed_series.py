@@ -12,9 +12,9 @@ import pytest
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.writer import McapWriter
 from analyze.reading.followed_recording import FollowedRecording
-from analyze.reading.followed_series import FollowedSeries, next_file
+from analyze.reading.followed_series import FollowedSeries, next_part_path
 from analyze.reading.indexed_file import RecordedMessage
-from analyze.verbs.watch import watch
+from analyze.verbs.watch.follow import watch_recording
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME
@@ -35,7 +35,7 @@ FRAME_NS = 8_333_333
     ],
 )
 def test_the_name_after(path: str, after: str) -> None:
-    assert next_file(Path("d") / path) == Path("d") / after
+    assert next_part_path(Path("d") / path) == Path("d") / after
 
 
 class Row:
@@ -49,7 +49,9 @@ class Row:
     def begin(self, **changes: object) -> McapWriter:
         """The next file, with its head; the one before stays open."""
         self.part += 1
-        writer = McapWriter(self.path if self.part == 1 else self.path.with_name(f"{self.path.stem}-{self.part:04d}.mcap"))
+        writer = McapWriter(
+            self.path if self.part == 1 else self.path.with_name(f"{self.path.stem}-{self.part:04d}.mcap")
+        )
         head = small_recording.manifest(**({"part": self.part, "hashes": {}} | changes))
         writer.metadata(MANIFEST_NAME, {"json": canonical_json(head)})
         writer.attachment("plan.json", "application/json", self.plan)
@@ -58,7 +60,9 @@ class Row:
 
     def images(self, writer: McapWriter, count: int) -> None:
         channel = writer.add_topic(topics.raw_image("main"))
-        image = np.full_like(small_recording.image(0), 120)  # in noise more squares are looked for than in a whole session
+        image = np.full_like(
+            small_recording.image(0), 120
+        )  # in noise more squares are looked for than in a whole session
         encoder = RawImageEncoder("camera", image.shape[1], image.shape[0])
         for _ in range(count):
             time_ns = small_recording.START_NS + self.number * FRAME_NS
@@ -93,7 +97,9 @@ def test_it_goes_on_in_the_next_file_without_missing_a_message(tmp_path: Path) -
     third.finish()  # both ended between two looks
     look()
     assert seen == list(range(10))
-    assert series.image(RecordedMessage("/camera/main/image", 0, 0, _data(tmp_path / "a-0003.mcap"))).image.shape == (64, 96)
+    assert series.image(
+        RecordedMessage("/camera/main/image", 0, 0, _data(tmp_path / "a-0003.mcap"))
+    ).image.shape == (64, 96)
     series.close()
 
 
@@ -103,7 +109,9 @@ def _data(path: Path) -> bytes:
 
 
 @pytest.mark.parametrize("changes", [{"recording_id": "another"}, {"part": 3}])
-def test_an_older_file_of_the_same_name_is_none_of_this_row(tmp_path: Path, changes: dict[str, object]) -> None:
+def test_an_older_file_of_the_same_name_is_none_of_this_row(
+    tmp_path: Path, changes: dict[str, object]
+) -> None:
     row = Row(tmp_path / "a.mcap")
     first = row.begin()
     row.images(first, 1)
@@ -124,7 +132,7 @@ def test_who_comes_late_looks_at_the_present_alone(tmp_path: Path) -> None:
     writer = row.begin()
     row.images(writer, 480)
     out = io.StringIO()
-    watch(writer.part_path, io.StringIO(""), out)
+    watch_recording(writer.part_path, io.StringIO(""), out)
     times = [json.loads(line)["time_ns"] for line in out.getvalue().splitlines()]
     newest = small_recording.START_NS + 479 * FRAME_NS
     assert 10 <= len(times) <= 13

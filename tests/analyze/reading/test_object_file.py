@@ -8,7 +8,7 @@ import pytest
 
 from analyze.errors import ShapeError
 from analyze.geometry.object_model import load_object_model
-from analyze.reading.object_file import object_files
+from analyze.reading.object_file import read_object_files
 from tests.analyze.geometry.shapes import box_triangles, stl
 
 OBJECT = 'name = "b"\nmass_kg = 0.05\nmass_sd_kg = 0.0001\nshape = { file = "b.stl", unit = "mm" }\n[[marker]]\nid = 1\nsize_m = 0.03\n'
@@ -17,12 +17,12 @@ OBJECT = 'name = "b"\nmass_kg = 0.05\nmass_sd_kg = 0.0001\nshape = { file = "b.s
 def test_files_are_read_with_the_shape_beside(tmp_path: Path) -> None:
     (tmp_path / "b.toml").write_text(OBJECT)
     with pytest.raises(ShapeError, match=r"b\.stl: no such shape file"):
-        object_files(tmp_path / "b.toml")
+        read_object_files(tmp_path / "b.toml")
     (tmp_path / "b.stl").write_bytes(stl(box_triangles([60.0, 50.0, 200.0])))
-    files = object_files(tmp_path / "b.toml")
+    files = read_object_files(tmp_path / "b.toml")
     assert load_object_model(files.spec, files.shape_bytes, files.shape_name).name == "b"
 
 
 def test_a_missing_object_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ShapeError, match=r"c\.toml: no such file"):
-        object_files(tmp_path / "c.toml")
+        read_object_files(tmp_path / "c.toml")

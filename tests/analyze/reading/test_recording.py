@@ -64,7 +64,9 @@ def test_what_was_written_comes_back(whole: Path) -> None:
 
 def test_a_range_includes_both_ends(whole: Path) -> None:
     with open_recording(whole) as recording:
-        found = [frame.sequence for frame in recording.images("main", small.frame_time(3), small.frame_time(7))]
+        found = [
+            frame.sequence for frame in recording.images("main", small.frame_time(3), small.frame_time(7))
+        ]
         assert found == [3, 4, 5, 6, 7]
         assert list(recording.messages("/no/such/topic")) == []
 
@@ -81,8 +83,13 @@ def test_truth_has_a_door_of_its_own(whole: Path, tmp_path: Path) -> None:
     path.write_bytes(whole.read_bytes())
     with pytest.raises(RecordingError, match="acquire demo"):
         read_truth(path)
-    poses = [(topics.TRUTH_POSE, small.START_NS + n, pb.TruthPose(world_time_ns=n).SerializeToString()) for n in range(100)]
-    append_topics(path, [*poses, (topics.TRUTH_BODY, small.START_NS, pb.TruthBody(mass_kg=0.05).SerializeToString())])
+    poses = [
+        (topics.TRUTH_POSE, small.START_NS + n, pb.TruthPose(world_time_ns=n).SerializeToString())
+        for n in range(100)
+    ]
+    append_topics(
+        path, [*poses, (topics.TRUTH_BODY, small.START_NS, pb.TruthBody(mass_kg=0.05).SerializeToString())]
+    )
     truth = read_truth(path)
     assert truth.body.mass_kg == 0.05
     assert [pose.world_time_ns for pose in truth.poses] == list(range(100))
@@ -119,10 +126,17 @@ def test_bad_files_are_one_line_each(tmp_path: Path, whole: Path) -> None:
 
 def test_versions(tmp_path: Path) -> None:
     data = json.loads(canonical_json(small.manifest()))
-    small.write_recording(tmp_path / "major.mcap", manifest_json=json.dumps({**data, "schema_version": "2.0"}))
+    small.write_recording(
+        tmp_path / "major.mcap", manifest_json=json.dumps({**data, "schema_version": "2.0"})
+    )
     with pytest.raises(RecordingVersion, match=r"schema version 2\.0"):
         open_recording(tmp_path / "major.mcap")
-    newer = {**data, "schema_version": "1.99", "weather": "fine", "object": {**data["object"], "smell": "of roses"}}
+    newer = {
+        **data,
+        "schema_version": "1.99",
+        "weather": "fine",
+        "object": {**data["object"], "smell": "of roses"},
+    }
     small.write_recording(tmp_path / "minor.mcap", manifest_json=json.dumps(newer))
     with open_recording(tmp_path / "minor.mcap") as recording:
         assert recording.manifest.object == small.manifest().object
@@ -146,7 +160,10 @@ def test_a_damaged_image_is_noticed(tmp_path: Path, whole: Path) -> None:
     at = data.find(small.image(5).tobytes())
     data[at + 100] ^= 1
     (tmp_path / "a.mcap").write_bytes(data)
-    with open_recording(tmp_path / "a.mcap") as recording, pytest.raises(RecordingError, match=r"damaged.*acquire recover"):
+    with (
+        open_recording(tmp_path / "a.mcap") as recording,
+        pytest.raises(RecordingError, match=r"damaged.*acquire recover"),
+    ):
         list(recording.images())
     with open_partial(tmp_path / "a.mcap") as recording:
         assert recording.damaged_chunks == 1
@@ -270,7 +287,9 @@ def test_a_record_is_not_followed_before_it_is_whole(tmp_path: Path, whole: Path
                 file.write(data[file.tell() : end])
             for message in followed.poll():
                 if message.topic == "/camera/main/image":
-                    np.testing.assert_array_equal(followed.image(message).image, small.image(message.sequence))
+                    np.testing.assert_array_equal(
+                        followed.image(message).image, small.image(message.sequence)
+                    )
                     seen.append(message.sequence)
         assert followed.finished
     assert seen == list(range(small.FRAMES))

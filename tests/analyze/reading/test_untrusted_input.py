@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analyze.errors import RecordingError
-from analyze.verbs.watch import Observer, watch
+from analyze.verbs.watch.follow import watch_recording
+from analyze.verbs.watch.observer import Observer
 from schemas.document import DocumentError, validate
 from schemas.object_spec import MarkerSpec, ObjectSpec, parse_object_spec
 from schemas.strike_plan import StrikePlan, parse_strike_plan
@@ -67,7 +68,7 @@ def test_watch_answers_every_request_and_passes_over_the_rest(lines: list[str]) 
             expected += validate(JudgeRequest, json.loads(line), "line").kind == "judge"
     out = io.StringIO()
     with pytest.raises(RecordingError, match="no such recording"):
-        watch(Path("/nowhere/none.mcap.part"), io.StringIO(text), out, FastClock())
+        watch_recording(Path("/nowhere/none.mcap.part"), io.StringIO(text), out, FastClock())
     assert len(out.getvalue().splitlines()) == expected
 
 
@@ -121,7 +122,10 @@ def test_an_object_of_any_values_is_read_or_named(key: str, value: object) -> No
 
 
 @QUICK
-@given(value=JSON | st.lists(st.lists(st.floats(allow_nan=False), min_size=4, max_size=4), min_size=4, max_size=4))
+@given(
+    value=JSON
+    | st.lists(st.lists(st.floats(allow_nan=False), min_size=4, max_size=4), min_size=4, max_size=4)
+)
 def test_a_pose_of_any_values_is_read_or_named(value: object) -> None:
     with contextlib.suppress(DocumentError):
         validate(MarkerSpec, {"id": 1, "size_m": 0.03, "T_object_marker": value}, "object.toml")

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from acquire.errors import RecorderError
 from acquire.recorder.recover.edit import append_topics, read_manifest, remove_topics
 from schemas import topics
-from schemas.mcap.records import ContentHash
+from schemas.mcap.content_hash import ContentHash
 from schemas.proto import percuss_pb2 as pb
 from tests import small_recording as small
 
@@ -24,18 +24,27 @@ def _poses(count: int) -> Iterator[tuple[topics.Topic, int, bytes]]:
             pb.TruthPose(world_time_ns=number, p_world_object=[0, 0, number]).SerializeToString(),
         )
         if number % 50 == 0:
-            yield topics.TRUTH_CONTACT, small.START_NS + number, pb.TruthContact(world_time_ns=number).SerializeToString()
+            yield (
+                topics.TRUTH_CONTACT,
+                small.START_NS + number,
+                pb.TruthContact(world_time_ns=number).SerializeToString(),
+            )
 
 
 def _messages(path: Path) -> list[tuple[str, int, int, bytes]]:
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
-        return [(channel.topic, message.log_time, message.sequence, message.data) for _, channel, message in reader.iter_messages()]
+        return [
+            (channel.topic, message.log_time, message.sequence, message.data)
+            for _, channel, message in reader.iter_messages()
+        ]
 
 
 def _content_id(path: Path) -> str:
     with path.open("rb") as file:
-        return next(m.metadata["content_id"] for m in make_reader(file).iter_metadata() if m.name == "percuss.seal")
+        return next(
+            m.metadata["content_id"] for m in make_reader(file).iter_metadata() if m.name == "percuss.seal"
+        )
 
 
 def test_added_truth_reads_in_the_reference_implementation(tmp_path: Path) -> None:
@@ -74,7 +83,9 @@ def test_removing_a_sealed_topic_seals_anew(tmp_path: Path) -> None:
     seal = small.write_recording(tmp_path / "a.mcap")
     remove_topics(tmp_path / "a.mcap", tmp_path / "b.mcap", "/striker/")
     left = _messages(tmp_path / "b.mcap")
-    assert left == [message for message in _messages(tmp_path / "a.mcap") if not message[0].startswith("/striker/")]
+    assert left == [
+        message for message in _messages(tmp_path / "a.mcap") if not message[0].startswith("/striker/")
+    ]
     assert _content_id(tmp_path / "b.mcap") != seal.content_id
     digest = ContentHash()
     for topic, log_time, _, data in left:

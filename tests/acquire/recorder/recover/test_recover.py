@@ -12,12 +12,16 @@ from acquire.recorder.recover.recover import recover
 from acquire.recorder.writer import McapWriter
 from schemas import topics
 from schemas.mcap import records as container
+from schemas.mcap.walk import walk
 from tests import small_recording as small
 
 
 def _sequences(path: Path, topic: str) -> list[int]:
     with path.open("rb") as file:
-        return [message.sequence for _, _, message in make_reader(file, validate_crcs=True).iter_messages(topics=[topic])]
+        return [
+            message.sequence
+            for _, _, message in make_reader(file, validate_crcs=True).iter_messages(topics=[topic])
+        ]
 
 
 def _attachments(path: Path) -> dict[str, bytes]:
@@ -36,7 +40,7 @@ def test_a_killed_recording(tmp_path: Path) -> None:
     assert not report.ended_properly
     assert report.anything_lost  # whatever had not reached the disk: nobody can know how much
     assert report.topics["/striker/sample"] == small.SAMPLES
-    assert f"lost: what came later: the file breaks off at t = {report.lasts_s:.3f} s" in report.text()
+    assert f"lost: everything later: the file ends {report.lasts_s:.3f} s" in report.text()
     # The same messages have the same name, however they came into a file.
     assert report.content_id == small.write_recording(tmp_path / "b.mcap").content_id
     assert _attachments(tmp_path / "a.mcap") == {"plan.json": small.PLAN, "shape/box.stl": b"solid"}
@@ -57,7 +61,10 @@ def test_a_cut_between_two_records_is_a_loss_and_is_told(tmp_path: Path) -> None
     """Every byte of such a file is whole; what came later, the strike's record too, is not in it."""
     small.write_recording(tmp_path / "a.mcap")
     data = (tmp_path / "a.mcap").read_bytes()
-    sizes = [(at, container.RECORD_HEAD + len(body)) for _, at, body in container.walk(memoryview(data), len(container.MAGIC))]
+    sizes = [
+        (at, container.RECORD_HEAD + len(body))
+        for _, at, body in walk(memoryview(data), len(container.MAGIC))
+    ]
     chunks = [at + size for (at, size) in sizes if data[at] == container.CHUNK]
     cut = chunks[len(chunks) // 2]
     (tmp_path / "cut.mcap").write_bytes(data[:cut])
@@ -70,7 +77,9 @@ def test_a_cut_between_two_records_is_a_loss_and_is_told(tmp_path: Path) -> None
         times = [message.log_time for _, _, message in make_reader(file).iter_messages()]
     assert report.lasts_s == pytest.approx((max(times) - min(times)) * 1e-9)
     assert report.lasts_s < small.FRAMES * small.PERIOD_NS * 1e-9
-    assert report.text().endswith(f"lost: what came later: the file breaks off at t = {report.lasts_s:.3f} s after its first message")
+    assert report.text().endswith(
+        f"lost: everything later: the file ends {report.lasts_s:.3f} s after its first message"
+    )
 
 
 def test_a_cut_behind_the_data_loses_nothing(tmp_path: Path) -> None:
@@ -117,7 +126,9 @@ def test_a_wrong_length_costs_one_record_not_the_rest(tmp_path: Path) -> None:
     (tmp_path / "bad.mcap").write_bytes(data)
     report = recover(tmp_path / "bad.mcap", tmp_path / "b.mcap")
     assert report.anything_lost
-    assert _sequences(tmp_path / "b.mcap", "/camera/main/image")[-10:] == list(range(small.FRAMES - 10, small.FRAMES))
+    assert _sequences(tmp_path / "b.mcap", "/camera/main/image")[-10:] == list(
+        range(small.FRAMES - 10, small.FRAMES)
+    )
     assert len(_sequences(tmp_path / "b.mcap", "/camera/main/image")) >= small.FRAMES - 1
 
 
@@ -147,4 +158,9 @@ def test_what_cannot_be_saved_leaves_nothing_behind(tmp_path: Path) -> None:
             recover(tmp_path / f"{name}.mcap", tmp_path / "out.mcap")
     with pytest.raises(RecorderError, match="exists already"):
         recover(tmp_path / "text.mcap", tmp_path / "taken.mcap")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["empty.mcap", "head.mcap", "taken.mcap", "text.mcap"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "empty.mcap",
+        "head.mcap",
+        "taken.mcap",
+        "text.mcap",
+    ]

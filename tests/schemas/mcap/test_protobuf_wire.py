@@ -4,7 +4,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from hypothesis import given
 from hypothesis import strategies as st
 
-from schemas.mcap.packed import timestamp_field, varint
+from schemas.mcap.protobuf_wire import timestamp_field, varint
 
 
 @given(st.integers(0, 2**63 - 1), st.integers(0, 1 << 15))

@@ -1,0 +1,70 @@
+"""The `content_id` of a recording: a hash of its messages that does not depend on chunking, compression or interleaving."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import zlib
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from schemas.mcap.records import Buffer, ContainerError, pack_string
+from schemas.mcap.walk import walk_messages
+from schemas.topics import TRUTH_PREFIX
+
+LARGE_MESSAGE_BYTES: Final = 4096
+"""Messages of this size and above enter the hash by size and CRC-32."""
+
+HashedMessage = tuple[int, int, Buffer, int | None]
+"""Log time [ns], size, data, CRC-32 of the data. The data of a large message may be empty if the CRC is given."""
+
+_TIME_AND_SIZE: Final = struct.Struct("<QQ")
+_TIME_SIZE_CRC: Final = struct.Struct("<QQI")
+
+
+class ContentHash:
+    """BLAKE2b-256 over every message outside /truth/, per topic, in file order (schemas/README.md, "A file")."""
+
+    def __init__(self) -> None:
+        self._topics: dict[str, hashlib.blake2b] = {}
+
+    def add(self, topic: str, log_time_ns: int, size: int, data: Buffer, crc: int | None = None) -> None:
+        """Add one message; see HashedMessage for `data` and `crc` of a large one."""
+        self.add_all(topic, [(log_time_ns, size, data, crc)])
+
+    def add_all(self, topic: str, messages: Iterable[HashedMessage]) -> None:
+        """Add several messages of one topic, in order."""
+        if topic.startswith(TRUTH_PREFIX):
+            return
+        digest = self._topics.get(topic)
+        if digest is None:
+            digest = self._topics[topic] = hashlib.blake2b(digest_size=32)
+        parts: list[Buffer] = []
+        for log_time_ns, size, data, crc in messages:
+            if size < LARGE_MESSAGE_BYTES:
+                parts += (_TIME_AND_SIZE.pack(log_time_ns, size), data)
+            else:
+                parts.append(_TIME_SIZE_CRC.pack(log_time_ns, size, zlib.crc32(data) if crc is None else crc))
+        digest.update(b"".join(parts))
+
+    def add_chunk(self, records: memoryview, topics: Mapping[int, str]) -> int:
+        """Add every message of a chunk and return their number; `topics` maps channel ids.
+
+        Raises:
+            ContainerError: a message is damaged, or its channel is not described.
+        """
+        count = 0
+        for _, message in walk_messages(records):
+            topic = topics.get(message.channel_id)
+            if topic is None:
+                raise ContainerError(f"a message is on channel {message.channel_id}, which is not described")
+            self.add(topic, message.log_time_ns, len(message.data), message.data)
+            count += 1
+        return count
+
+    def hexdigest(self) -> str:
+        """Hash of all messages added so far, hexadecimal."""
+        digest = hashlib.blake2b(digest_size=32)
+        for topic in sorted(self._topics):
+            digest.update(pack_string(topic) + self._topics[topic].digest())
+        return digest.hexdigest()

@@ -1,0 +1,109 @@
+"""The walker over MCAP records: whole records in file order, and the record that an index points at.
+
+A walk is tolerant: it ends at the first record that is not complete. Whether this is an error is decided by the caller.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterator
+from typing import Final, NamedTuple
+
+from schemas.mcap import records as container
+from schemas.mcap.chunks import chunk_messages
+from schemas.mcap.records import RECORD_HEAD, Buffer, ContainerError, MessageRecord
+
+_HEAD: Final = struct.Struct("<BQ")
+"""opcode and length of a record's body"""
+
+
+def walk(data: memoryview, start: int = 0) -> Iterator[tuple[int, int, memoryview]]:
+    """Whole records from `start` on, as (opcode, offset of the record, body); ends at the first incomplete one."""
+    at, size = start, len(data)
+    while at + RECORD_HEAD <= size:
+        opcode, length = _HEAD.unpack_from(data, at)
+        if opcode == 0 or length > size - at - RECORD_HEAD:
+            return
+        end = at + RECORD_HEAD + length
+        yield opcode, at, data[at + RECORD_HEAD : end]
+        at = end
+
+
+def walk_messages(records: memoryview) -> Iterator[tuple[int, MessageRecord]]:
+    """Messages among `records`, each with its offset.
+
+    Raises:
+        ContainerError: a message is damaged.
+    """
+    for opcode, at, body in walk(records):
+        if opcode == container.MESSAGE:
+            yield at, container.parse_message(body)
+
+
+def walk_chunks(data: memoryview) -> Iterator[memoryview]:
+    """Message records of each chunk of a file, decompressed; `data` begins with the file's magic.
+
+    Raises:
+        ContainerError: a chunk is damaged.
+    """
+    for opcode, _, body in walk(data, len(container.MAGIC)):
+        if opcode == container.CHUNK:
+            yield chunk_messages(container.parse_chunk(body))
+
+
+class WholeRecords(NamedTuple):
+    """Extent of the whole records of a file that may still grow."""
+
+    end: int
+    """offset after the last whole record"""
+    data_ended: bool
+    """True if that record ends the data section: the writer has finished the file"""
+
+
+def whole_records(read: Callable[[int, int], Buffer], start: int, size: int) -> WholeRecords:
+    """Extent of the whole records from `start` to the end of a file of `size` bytes, by reading their heads only.
+
+    Args:
+        read: returns at most so many bytes (first argument) of the file at an offset (second argument).
+        start: offset of a record.
+        size: present size of the file.
+    """
+    at = start
+    while at + RECORD_HEAD <= size:
+        head = read(RECORD_HEAD, at)
+        if len(head) < RECORD_HEAD:
+            break
+        opcode, length = _HEAD.unpack(head)
+        if opcode == 0 or length > size - at - RECORD_HEAD:
+            break
+        at += RECORD_HEAD + length
+        if opcode == container.DATA_END:
+            return WholeRecords(at, data_ended=True)
+    return WholeRecords(at, data_ended=False)
+
+
+def record_at(data: memoryview, offset: int, opcode: int) -> memoryview:
+    """Body of the record that begins at `offset`, which an index states to have this opcode.
+
+    Raises:
+        ContainerError: there is no such record, or it is not whole.
+    """
+    if not 0 <= offset <= len(data) - RECORD_HEAD:
+        raise ContainerError("an index points outside of what it indexes")
+    found, length = _HEAD.unpack_from(data, offset)
+    start = offset + RECORD_HEAD
+    if found != opcode or length > len(data) - start:
+        raise ContainerError("an index points at something else than it states")
+    return data[start : start + length]
+
+
+def index_entries_at(data: memoryview, offset: int, channel_id: int) -> memoryview:
+    """Packed entries of the message index record at `offset`, which must be of this channel.
+
+    Raises:
+        ContainerError: there is no such message index record.
+    """
+    found_id, entries = container.parse_index_entries(record_at(data, offset, container.MESSAGE_INDEX))
+    if found_id != channel_id:
+        raise ContainerError("a chunk index points at the message index of another channel")
+    return entries
