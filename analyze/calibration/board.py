@@ -1,6 +1,7 @@
-"""A ChArUco board as the lens sees it: where its corners and its tags are.
+"""ChArUco board: positions of its corners and tags.
 
-Its frame B: x right and y up as printed, z out of its face, origin at the lower left corner of the squares, where the print has its mark.
+Its frame B: x right and y up as printed, z out of its face, origin at the lower left corner of the squares,
+where the print has its mark.
 """
 
 from __future__ import annotations
@@ -29,21 +30,27 @@ def corner_points(board: Board) -> Array:
 
 @cache
 def tag_squares(columns: int, rows: int) -> IntArray:
-    """(tags, 2) column and row (from the top) of the white square in which tag i stands."""
-    return np.array([(column, row) for row in range(rows) for column in range(columns) if (row + column) % 2], dtype=np.int64)
+    """Column and row from the top (tags, 2) of the white square that holds tag i."""
+    return np.array(
+        [(column, row) for row in range(rows) for column in range(columns) if (row + column) % 2],
+        dtype=np.int64,
+    )
 
 
 def tag_count(board: Board) -> int:
-    """Tags on the board; their ids begin at 0."""
+    """Number of tags on the board; their ids begin at 0."""
     return board.columns * board.rows // 2
 
 
 def tag_corners(board: Board) -> Array:
-    """Corners (4, 2) of a tag about its square's middle, in squares, x right and y down: top-left, top-right, bottom-right, bottom-left."""
+    """Corners (4, 2) of a tag from the middle of its square, in squares, x right and y down.
+
+    Order: top-left, top-right, bottom-right, bottom-left.
+    """
     half = 0.5 * board.marker_mm / board.square_mm
     return np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
 
 
 def rim(board: Board) -> float:
-    """White between a tag and the edge of its square, in squares."""
+    """White margin between a tag and the edge of its square, in squares."""
     return 0.5 * (1.0 - board.marker_mm / board.square_mm)

@@ -1,4 +1,4 @@
-"""From the views of a board to its lens: solve, straighten, fit the corners again, leave out what does not fit, and judge."""
+"""Calibration from the views of a board: solve, straighten, refit the corners, reject outliers, and judge."""
 
 from __future__ import annotations
 
@@ -26,18 +26,19 @@ if TYPE_CHECKING:
     from analyze.types import Array
     from schemas.session_manifest import LensModel
 
-OUTLYING = 5.0
-"""times the scatter of all corners: such a corner is left out"""
-_BAD_VIEW, _BAD_VIEW_PX = 4.0, 0.05
-"""times the others' median and px: such a view is left out"""
-_BAD_SHARE = 0.3
-"""of a view's corners: where more are outliers it is the view that is bad"""
+OUTLIER_RATIO = 5.0
+"""multiple of the scatter of all corners above which a corner is left out"""
+_BAD_VIEW_RATIO, _BAD_VIEW_PX = 4.0, 0.05
+"""multiple of the others' median, and residual [px], above which a view is left out"""
+_MAX_OUTLIER_SHARE = 0.3
+"""largest share of outliers among a view's corners; above it the view is left out"""
 STEPS = 4
+"""number of steps of the calibration"""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """An image with the corners that were found in it."""
+    """Image with the corners found in it."""
 
     name: str
     image: NDArray[np.uint8]
@@ -46,7 +47,7 @@ class Shot:
 
 @dataclass(frozen=True)
 class Dropped:
-    """A view that was left out."""
+    """View that was left out, with the reason."""
 
     name: str
     reason: str
@@ -54,42 +55,56 @@ class Dropped:
 
 @dataclass(frozen=True)
 class Calibration:
-    """A lens, and what is known about it."""
+    """Calibrated lens with its uncertainty and diagnostics."""
 
     lens: Lens
+    """the lens"""
     covariance: Array
-    """(p, p) of its numbers, scaled by what the residuals show"""
+    """(p, p) covariance of its numbers, scaled by the residuals"""
     bundle: Bundle
+    """lens and poses of the board"""
     shots: tuple[Shot, ...]
-    """views that were used, with their corners as refitted"""
+    """views that were used, with their refitted corners"""
     dropped: tuple[Dropped, ...]
+    """views that were left out"""
     corners_dropped: int
+    """number of single corners that were left out"""
     pixels: PixelMap
-    """sd of a direction's pixel over the image"""
+    """standard deviation of a direction's pixel over the image"""
     covered: Coverage
+    """coverage of the image by corners"""
     tilts: tuple[float, ...]
-    """rad, per view"""
+    """tilt of the board per view [rad]"""
     scatter: float
-    """factor on the corners' own sd that the residuals show, at least 1"""
+    """factor on the corners' own sd by the residuals, at least 1"""
     undetermined: tuple[str, ...]
-    """why the lens cannot be used; empty where it can"""
+    """reasons why the lens cannot be used; empty if it can"""
     doubts: tuple[str, ...]
+    """warnings about a usable lens"""
 
     @property
     def sd(self) -> Array:
-        """(p,) of the lens's numbers."""
+        """Standard deviations (p,) of the lens's numbers."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def rms_px(self) -> float:
-        """Of the residuals, both directions together: root mean square distance."""
+        """Root mean square distance of the corners from their predictions [px]."""
         return float(np.sqrt(np.mean(np.sum(np.concatenate(self.bundle.residuals) ** 2, axis=1))))
 
 
-def calibrate(shots: Sequence[Shot], board: Board, model: LensModel, progress: Callable[[str, int, int], None]) -> Calibration:
-    """Lens of the camera that took these shots, all of one size; at least one.
+def calibrate(
+    shots: Sequence[Shot], board: Board, model: LensModel, progress: Callable[[str, int, int], None]
+) -> Calibration:
+    """Calibrate the camera that took these shots, all of one size; at least one.
 
-    The result may be one that must not be used: `undetermined` says so.
+    The result must not be used if its `undetermined` is not empty.
+
+    Args:
+        shots: images with their corners.
+        board: the board.
+        model: lens model.
+        progress: called with a text, the number of finished steps and of all steps.
     """
     points = corner_points(board)
     height, width = shots[0].image.shape
@@ -98,7 +113,8 @@ def calibrate(shots: Sequence[Shot], board: Board, model: LensModel, progress: C
     bundle = solve([observed(shot.view, points) for shot in kept], model, width, height)
     for turn in range(STEPS - 1):
         progress("corners once more, through that lens", turn + 1, STEPS)
-        # What is far off before all is straightened may be the lens: the first turn leaves out gross errors only.
+        # Before the views are straightened a large residual may be due to the lens: first only gross errors
+        # are left out.
         limit = 3.0 if turn == 0 else 1.0
         kept, left, bundle, gone = _without_bad_views(kept, bundle, limit)
         dropped += left
@@ -114,15 +130,17 @@ def calibrate(shots: Sequence[Shot], board: Board, model: LensModel, progress: C
     return assess(kept, bundle, points, dropped, lost)
 
 
-def assess(shots: Sequence[Shot], bundle: Bundle, points: Array, dropped: Sequence[Dropped], corners_dropped: int) -> Calibration:
-    """How well the views determine the lens that fits them.
+def assess(
+    shots: Sequence[Shot], bundle: Bundle, points: Array, dropped: Sequence[Dropped], corners_dropped: int
+) -> Calibration:
+    """Calibration with its uncertainty and diagnostics.
 
     Args:
-        shots: that were used.
-        bundle: what fits them best.
-        points: all corners of the board (n, 3) m in B.
-        dropped: views left out.
-        corners_dropped: single corners left out.
+        shots: views that were used.
+        bundle: best fit of lens and poses.
+        points: (n, 3) all corners of the board in B [m].
+        dropped: views that were left out.
+        corners_dropped: number of single corners that were left out.
     """
     scatter = bundle.scatter()
     covariance = bundle.covariance * scatter**2
@@ -147,50 +165,82 @@ def assess(shots: Sequence[Shot], bundle: Bundle, points: Array, dropped: Sequen
     )
 
 
-def _refitted(shots: Sequence[Shot], board: Board, points: Array, bundle: Bundle) -> tuple[list[Shot], list[Dropped], Bundle]:
-    views = [refit(shot.image, board, shot.view, points, bundle.lens, pose) for shot, pose in zip(shots, bundle.poses, strict=True)]
+def _refitted(
+    shots: Sequence[Shot], board: Board, points: Array, bundle: Bundle
+) -> tuple[list[Shot], list[Dropped], Bundle]:
+    """Shots with refitted corners, the shots that lost too many, and the bundle of the rest."""
+    views = [
+        refit(shot.image, board, shot.view, points, bundle.lens, pose)
+        for shot, pose in zip(shots, bundle.poses, strict=True)
+    ]
     if sum(view is not None for view in views) < min(3, len(shots)):
-        # So bad a lens that its corners are not found again: as they are, they say so.
+        # The lens is too wrong to find the corners again: they are kept, and show it by their residuals.
         return list(shots), [], bundle
-    kept = [Shot(shot.name, shot.image, view) for shot, view in zip(shots, views, strict=True) if view is not None]
-    left = [Dropped(shot.name, "too few corners are sharp") for shot, view in zip(shots, views, strict=True) if view is None]
-    return kept, left, _only(bundle, [view is not None for view in views])
+    kept = [
+        Shot(shot.name, shot.image, view) for shot, view in zip(shots, views, strict=True) if view is not None
+    ]
+    left = [
+        Dropped(shot.name, "too few corners are sharp")
+        for shot, view in zip(shots, views, strict=True)
+        if view is None
+    ]
+    return kept, left, _bundle_of(bundle, [view is not None for view in views])
 
 
-def _without_bad_views(shots: list[Shot], bundle: Bundle, limit: float) -> tuple[list[Shot], list[Dropped], Bundle, bool]:
-    """Less the views whose corners lie far from where the others say: blur from motion, a board that bent, a tag misread."""
+def _without_bad_views(
+    shots: list[Shot], bundle: Bundle, limit: float
+) -> tuple[list[Shot], list[Dropped], Bundle, bool]:
+    """Shots without views whose corners lie far off: motion blur, a bent board, a misread tag."""
     size = np.array([float(np.sqrt(np.median(np.sum(residual**2, axis=1)))) for residual in bundle.residuals])
     usual = float(np.median(size))
-    bad = (size > limit * _BAD_VIEW * usual) & (size > limit * _BAD_VIEW_PX)
+    bad = (size > limit * _BAD_VIEW_RATIO * usual) & (size > limit * _BAD_VIEW_PX)
     if not bad.any() or np.count_nonzero(~bad) < 3:
         return shots, [], bundle, False
     left = [
-        Dropped(shot.name, f"its corners lie {px:.2f} px off, the others' {usual:.2f} px: it moved, or the board was bent")
+        Dropped(
+            shot.name,
+            f"its corners lie {px:.2f} px off, the others' {usual:.2f} px: it moved, or the board was bent",
+        )
         for shot, px, away in zip(shots, size, bad, strict=True)
         if away
     ]
-    return [shot for shot, away in zip(shots, bad, strict=True) if not away], left, _only(bundle, ~bad), True
+    return (
+        [shot for shot, away in zip(shots, bad, strict=True) if not away],
+        left,
+        _bundle_of(bundle, ~bad),
+        True,
+    )
 
 
-def _without_outliers(shots: Sequence[Shot], bundle: Bundle, limit: float) -> tuple[list[Shot], list[Dropped], Bundle, int]:
-    """Less the corners that lie far off, and less the views of which many do; how many single corners."""
+def _without_outliers(
+    shots: Sequence[Shot], bundle: Bundle, limit: float
+) -> tuple[list[Shot], list[Dropped], Bundle, int]:
+    """Shots without outlying corners and without views full of them; also the number of single corners."""
     chi = np.concatenate(bundle.sigmas)
-    most = limit * OUTLYING * max(1.0, float(np.median(chi)) / MEDIAN_CHI)
+    most = limit * OUTLIER_RATIO * max(1.0, float(np.median(chi)) / MEDIAN_CHI)
     good = [sigmas < most for sigmas in bundle.sigmas]
-    bad = [float(np.mean(~each)) > _BAD_SHARE for each in good]
+    bad = [float(np.mean(~each)) > _MAX_OUTLIER_SHARE for each in good]
     if sum(not each for each in bad) < 3:
         return list(shots), [], bundle, 0
     left = [
-        Dropped(shot.name, f"{np.count_nonzero(~each)} of its {len(each)} corners lie off: it moved, or the board was bent")
+        Dropped(
+            shot.name,
+            f"{np.count_nonzero(~each)} of its {len(each)} corners lie off: it moved, or the board was bent",
+        )
         for shot, each, away in zip(shots, good, bad, strict=True)
         if away
     ]
-    kept = [Shot(shot.name, shot.image, shot.view.only(each)) for shot, each, away in zip(shots, good, bad, strict=True) if not away]
+    kept = [
+        Shot(shot.name, shot.image, shot.view.only(each))
+        for shot, each, away in zip(shots, good, bad, strict=True)
+        if not away
+    ]
     lost = sum(int(np.count_nonzero(~each)) for each, away in zip(good, bad, strict=True) if not away)
-    return kept, left, _only(bundle, [not away for away in bad]), lost
+    return kept, left, _bundle_of(bundle, [not away for away in bad]), lost
 
 
-def _only(bundle: Bundle, kept: Sequence[bool] | NDArray[np.bool_]) -> Bundle:
+def _bundle_of(bundle: Bundle, kept: Sequence[bool] | NDArray[np.bool_]) -> Bundle:
+    """Bundle of the views with a True in `kept`."""
     index = [i for i, keep in enumerate(kept) if keep]
     return Bundle(
         bundle.lens,

@@ -1,4 +1,4 @@
-"""Which of many images to calibrate with: one of each place and tilt of the board, and no more than are needed."""
+"""Choice of calibration images: one of each position and tilt of the board, and no more than are needed."""
 
 from __future__ import annotations
 
@@ -16,51 +16,55 @@ if TYPE_CHECKING:
     from analyze.tags.sheet import Board
     from analyze.types import Array
 
-SAME = 0.025
-"""of the image's width: boards whose outlines are nearer than this, in the mean of their corners, are one view"""
+MIN_VIEW_DISTANCE = 0.025
+"""distance between the outlines of two different views, as the mean over corners and a share of the image's
+width"""
 MOST_VIEWS = 40
-"""more cost time and tell little"""
-_LEAST_TAGS = 3
+"""largest number of views; more cost time and add little"""
+_MIN_TAGS = 3
 
 
 def outline(sight: Sight, board: Board) -> Array | None:
-    """The board's four outer corners (4, 2) px as its tags say, to some pixels; None where too few are seen."""
+    """Outer corners (4, 2) of the board [px] by its tags, to some pixels; None if too few are seen."""
     tags = sorted(sight.tags)
-    if len(tags) < _LEAST_TAGS:
+    if len(tags) < _MIN_TAGS:
         return None
     middles = tag_squares(board.columns, board.rows)[tags] + 0.5
     seen = np.array([sight.tags[tag].mean(axis=0) for tag in tags])
-    H, _ = cv2.findHomography(middles, seen, cv2.RANSAC, 5.0) if len(tags) > _LEAST_TAGS else (None, None)
+    H, _ = cv2.findHomography(middles, seen, cv2.RANSAC, 5.0) if len(tags) > _MIN_TAGS else (None, None)
     if H is None:
         M = np.linalg.lstsq(np.column_stack([middles, np.ones(len(tags))]), seen, rcond=None)[0]
         H = np.vstack([M.T, [0.0, 0.0, 1.0]])
-    corners = np.array([[0, 0], [board.columns, 0], [board.columns, board.rows], [0, board.rows]], dtype=float)
+    corners = np.array(
+        [[0, 0], [board.columns, 0], [board.columns, board.rows], [0, board.rows]], dtype=float
+    )
     image = np.column_stack([corners, np.ones(4)]) @ np.asarray(H, dtype=float).T
     return image[:, :2] / image[:, 2:] if np.all(image[:, 2] > 0) else None
 
 
-def different(outlines: Sequence[Array], tags: Sequence[int], width: int) -> list[int]:
-    """Indices of views that differ, at most MOST_VIEWS; of alike ones that with the most tags is taken.
+def distinct_views(outlines: Sequence[Array], tags: Sequence[int], width: int) -> list[int]:
+    """Indices of views that differ, at most MOST_VIEWS; of similar ones that with the most tags.
 
     Args:
-        outlines: (4, 2) px each.
-        tags: how many each shows.
-        width: of the image [px].
+        outlines: outer corners (4, 2) of each view [px].
+        tags: number of tags in each view.
+        width: width of the image [px].
     """
     order = sorted(range(len(outlines)), key=lambda i: (-tags[i], i))
     kept: list[int] = []
     for i in order:
-        if all(_apart(outlines[i], outlines[j]) > SAME * width for j in kept):
+        if all(_distance(outlines[i], outlines[j]) > MIN_VIEW_DISTANCE * width for j in kept):
             kept.append(i)
-    return sorted(kept if len(kept) <= MOST_VIEWS else _spread(kept, outlines))
+    return sorted(kept if len(kept) <= MOST_VIEWS else _farthest_first(kept, outlines))
 
 
-def _apart(first: Array, second: Array) -> float:
+def _distance(first: Array, second: Array) -> float:
+    """Mean distance between the corners of two outlines (4, 2) [px]."""
     return float(np.linalg.norm(first - second, axis=1).mean())
 
 
-def _spread(kept: Sequence[int], outlines: Sequence[Array]) -> list[int]:
-    """The farthest from all that are taken, again and again."""
+def _farthest_first(kept: Sequence[int], outlines: Sequence[Array]) -> list[int]:
+    """Subset of `kept`, chosen repeatedly as the farthest from all that are chosen."""
     points = np.array([outlines[i].ravel() for i in kept])
     taken = [0]
     nearest = np.linalg.norm(points - points[0], axis=1)

@@ -1,4 +1,7 @@
-"""A board in an image: OpenCV reads the tags, each says where the corners beside it are, neighbours must agree, and `saddle` finds them."""
+"""Detection of a board in an image.
+
+Tags predict the corners beside them, neighbours must agree, `saddle` refines.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +24,12 @@ if TYPE_CHECKING:
     from analyze.tags.sheet import Board
     from analyze.types import Array, IntArray
 
-_AGREE = 0.2
-"""squares; two tags that predict their common corner farther apart than this are not on the board that was named, or misread"""
-_LEAST_CORNERS = 6
-_SMALLEST_SQUARE_PX = 9.0
-_MOST_COLUMNS = 24
+_MAX_DISAGREEMENT = 0.2
+"""distance [squares] of two tags' predictions of their common corner above which they are misread or not on
+the named board"""
+_MIN_CORNERS = 6
+_MIN_SQUARE_PX = 9.0
+_MAX_COLUMNS = 24
 
 
 @dataclass(frozen=True)
@@ -33,41 +37,44 @@ class View:
     """Corners of the board in one image."""
 
     index: IntArray
-    """(n,) which corners, as `board.corner_points` counts them"""
+    """(n,) indices of the corners in `board.corner_points`"""
     place: Array
-    """(n, 2) px, raw"""
+    """(n, 2) positions [raw px]"""
     covariance: Array
-    """(n, 2, 2) px^2"""
+    """(n, 2, 2) covariance [px^2]"""
     per_square: Array
-    """(n, 2, 2) px; columns are the image of one square along the board's x and y"""
+    """(n, 2, 2) image of one square along the board's x and y, in columns [px]"""
     blur: float
-    """px, median"""
+    """median blur [px]"""
 
     def only(self, kept: NDArray[np.bool_]) -> View:
-        """Some of its corners."""
-        return View(self.index[kept], self.place[kept], self.covariance[kept], self.per_square[kept], self.blur)
+        """View of the corners with a True in `kept` (n,)."""
+        return View(
+            self.index[kept], self.place[kept], self.covariance[kept], self.per_square[kept], self.blur
+        )
 
 
 @dataclass(frozen=True)
 class Sight:
-    """What one image shows of a board."""
+    """Tags of a board in one image, and the corners that they predict."""
 
     tags: Mapping[int, Array]
-    """id -> corners (4, 2) px, of the board"""
+    """corners (4, 2) [px] by id, of the board's tags"""
     read: Mapping[int, Array]
-    """the same with those that the board does not have"""
+    """the same with tags that the board does not have"""
     beyond: tuple[int, ...]
     """ids that the board does not have"""
     pairs: int
-    """neighbouring tags"""
+    """number of pairs of neighbouring tags"""
     agreeing: int
-    """of those, tags that stand to each other as on the board"""
+    """number of those pairs that agree with the board"""
     start: Mapping[int, tuple[Array, Array]]
-    """corner -> place (2,) px to about a pixel, and the image (2, 2) px of one square along the board's x and y"""
+    """by corner: position (2,) to about a pixel, and image (2, 2) of one square along the board's x and y
+    [px]"""
 
     @property
     def another_layout(self) -> bool:
-        """Whether its tags stand otherwise than on the board."""
+        """True if its tags are arranged otherwise than on the board."""
         return self.pairs >= 3 and self.agreeing < 0.5 * self.pairs
 
 
@@ -86,46 +93,50 @@ def _detector(family: str) -> cv2.aruco.ArucoDetector:
 
 
 def read_tags(image: NDArray[np.uint8], family: str) -> dict[int, Array]:
-    """Tags of a family in an image: id -> corners (4, 2) px, to about half a pixel."""
+    """Corners (4, 2) of a family's tags in an image by id, to about half a pixel."""
     corners, ids, _ = _detector(family).detectMarkers(np.ascontiguousarray(image))
     if ids is None:
         return {}
-    return {int(tag): np.asarray(quad[0], dtype=float) for quad, tag in zip(corners, np.ravel(ids), strict=True)}
+    return {
+        int(tag): np.asarray(quad[0], dtype=float) for quad, tag in zip(corners, np.ravel(ids), strict=True)
+    }
 
 
 def families_seen(image: NDArray[np.uint8]) -> dict[str, int]:
-    """How many tags of each family an image shows, where there are any."""
+    """Number of tags in an image by family, for families with at least one."""
     found = {family: len(read_tags(image, family)) for family in FAMILIES}
     return {family: many for family, many in found.items() if many}
 
 
-def look(image: NDArray[np.uint8], board: Board) -> Sight:
-    """Read the tags, and say where the corners beside them must be."""
+def read_board(image: NDArray[np.uint8], board: Board) -> Sight:
+    """Read the board's tags and predict the corners beside them."""
     return arrange(read_tags(image, board.family), board)
 
 
 def arrange(tags: Mapping[int, Array], board: Board) -> Sight:
-    """The same of tags that were read before."""
+    """Predict the corners beside tags that were read before."""
     known = {tag: quad for tag, quad in tags.items() if tag < tag_count(board)}
     beyond = tuple(sorted(set(tags) - set(known)))
     squares, shape = tag_squares(board.columns, board.rows), tag_corners(board).astype(np.float32)
-    said: dict[int, list[tuple[Array, Array]]] = {}
+    predictions: dict[int, list[tuple[Array, Array]]] = {}
     for tag, quad in known.items():
         H = np.asarray(cv2.getPerspectiveTransform(shape, quad.astype(np.float32)), dtype=float)
         column, row = squares[tag]
         for x, y in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)):
             i, j = int(column + x + 0.5), int(row + y + 0.5)
             if 0 < i < board.columns and 0 < j < board.rows:
-                said.setdefault((j - 1) * (board.columns - 1) + i - 1, []).append(_through(H, np.array([x, y])))
+                predictions.setdefault((j - 1) * (board.columns - 1) + i - 1, []).append(
+                    _through(H, np.array([x, y]))
+                )
     pairs = agreeing = 0
     start: dict[int, tuple[Array, Array]] = {}
-    for corner, words in said.items():
-        place = np.mean([word[0] for word in words], axis=0)
-        per_square = np.mean([word[1] for word in words], axis=0)
-        if len(words) == 2:
+    for corner, found in predictions.items():
+        place = np.mean([each[0] for each in found], axis=0)
+        per_square = np.mean([each[1] for each in found], axis=0)
+        if len(found) == 2:
             pairs += 1
-            apart = np.linalg.norm(words[0][0] - words[1][0])
-            if apart > _AGREE * np.sqrt(abs(np.linalg.det(per_square))) + 2.0:
+            apart = np.linalg.norm(found[0][0] - found[1][0])
+            if apart > _MAX_DISAGREEMENT * np.sqrt(abs(np.linalg.det(per_square))) + 2.0:
                 continue
             agreeing += 1
         start[corner] = (place, per_square)
@@ -133,7 +144,14 @@ def arrange(tags: Mapping[int, Array], board: Board) -> Sight:
 
 
 def _through(H: Array, at: Array) -> tuple[Array, Array]:
-    """A point in squares about a tag's middle (y down) to px, and the derivative by the board's x and y (up)."""
+    """Pixel (2,) of a point in squares from a tag's middle, and its derivative (2, 2).
+
+    The point has y down; the derivative is by the board's x and y (up).
+
+    Args:
+        H: (3, 3) homography from squares to pixels.
+        at: (2,) the point.
+    """
     x = H @ np.array([at[0], at[1], 1.0])
     place = x[:2] / x[2]
     by = (H[:2, :2] - np.outer(place, H[2, :2])) / x[2]
@@ -141,18 +159,34 @@ def _through(H: Array, at: Array) -> tuple[Array, Array]:
 
 
 def find_corners(image: NDArray[np.uint8], board: Board, sight: Sight) -> View | None:
-    """The corners themselves; None where there are too few, or all on a line."""
-    if len(sight.start) < _LEAST_CORNERS:
+    """Corners of the board; None if there are too few, or all on a line."""
+    if len(sight.start) < _MIN_CORNERS:
         return None
     index = np.array(sorted(sight.start), dtype=np.int64)
     start = np.array([sight.start[i][0] for i in index])
     per_square = np.array([sight.start[i][1] for i in index])
-    large = np.linalg.norm(per_square, axis=1).min(axis=1) > _SMALLEST_SQUARE_PX
+    large = np.linalg.norm(per_square, axis=1).min(axis=1) > _MIN_SQUARE_PX
     return refine(image, board, index[large], start[large], per_square[large], None) if large.any() else None
 
 
-def refine(image: NDArray[np.uint8], board: Board, index: IntArray, start: Array, per_square: Array, straight: Array | None) -> View | None:
-    """Fit the corners from `start` (n, 2) px on; `straight` as `saddle.fit_saddles` takes it, None for the pixels as they are."""
+def refine(
+    image: NDArray[np.uint8],
+    board: Board,
+    index: IntArray,
+    start: Array,
+    per_square: Array,
+    straight: Array | None,
+) -> View | None:
+    """Fit the corners from `start` (n, 2) [px]; None if too few are good.
+
+    Args:
+        image: (height, width) grey values.
+        board: the board.
+        index: (n,) indices of the corners.
+        start: (n, 2) first positions [px].
+        per_square: (n, 2, 2) image of one square along the board's x and y, in columns [px].
+        straight: undistorted pixels as for `saddle.fit_saddles`; None for the pixels as they are.
+    """
     height, width = image.shape
     patch = patches(start, per_square, width, height)
     if straight is None:
@@ -160,16 +194,22 @@ def refine(image: NDArray[np.uint8], board: Board, index: IntArray, start: Array
     found = fit_saddles(image, start, per_square, rim(board), patch, straight)
     kept = found.good
     columns, rows = index[kept] % (board.columns - 1), index[kept] // (board.columns - 1)
-    if np.count_nonzero(kept) < _LEAST_CORNERS or min(len(set(columns)), len(set(rows))) < 2:
+    if np.count_nonzero(kept) < _MIN_CORNERS or min(len(set(columns)), len(set(rows))) < 2:
         return None
-    return View(index[kept], found.place[kept], found.covariance[kept], per_square[kept], float(np.median(found.blur[kept])))
+    return View(
+        index[kept],
+        found.place[kept],
+        found.covariance[kept],
+        per_square[kept],
+        float(np.median(found.blur[kept])),
+    )
 
 
 def likely_squares(tags: Sequence[Mapping[int, Array]], board: Board) -> tuple[int, int] | None:
-    """Columns and rows of the board whose layout these images' tags follow; None where there is none."""
+    """Columns and rows of the board with the layout of these images' tags; None if there is none."""
     highest = max((tag for seen in tags for tag in seen), default=0)
     best: tuple[float, int, int] | None = None
-    for columns in range(3, _MOST_COLUMNS + 1):
+    for columns in range(3, _MAX_COLUMNS + 1):
         rows = max(3, next(r for r in range(2, 2 * highest + 4) if columns * r // 2 > highest))
         other = type(board)(board.family, columns, rows, board.square_mm, board.marker_mm)
         sights = [arrange(seen, other) for seen in tags]

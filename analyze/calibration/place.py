@@ -1,4 +1,4 @@
-"""Where the camera stands in W, by one view of a board that lies or stands on the table."""
+"""Pose of the camera in W, from one view of a board that lies or stands on the table."""
 
 from __future__ import annotations
 
@@ -30,17 +30,18 @@ STANDING = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 @dataclass(frozen=True)
 class CameraPlace:
-    """The camera in W."""
+    """Pose of the camera in W with its uncertainty."""
 
     T_world_camera: Array
-    """(4, 4)"""
+    """(4, 4) pose of C in W"""
     turn_sd: Array
-    """(3,) rad about W's axes"""
+    """(3,) standard deviation of the rotation about W's axes [rad]"""
     position_sd: Array
-    """(3,) m along W's axes"""
+    """(3,) standard deviation of the position along W's axes [m]"""
     corners: int
+    """number of corners"""
     rms_px: float
-    """of its corners: root mean square distance"""
+    """root mean square distance of its corners from their predictions [px]"""
 
 
 def place_camera(
@@ -53,17 +54,17 @@ def place_camera(
     R_world_board: Array,
     p_world_board: Array,
 ) -> CameraPlace:
-    """Pose of the camera in W, with its sd by corners and lens; how well the board was laid is not in it.
+    """Pose of the camera in W, with its sd by corners and lens but without that of the board's placement.
 
     Args:
-        image: that shows the board.
+        image: image of the board.
         view: its corners.
-        board: that is seen.
-        lens: of the camera.
-        lens_covariance: (p, p) of its numbers.
+        board: the board.
+        lens: lens of the camera.
+        lens_covariance: (p, p) covariance of its numbers.
         scatter: factor on the corners' own sd.
-        R_world_board: (3, 3) how it lies: LYING or STANDING.
-        p_world_board: (3,) m, where its origin is in W.
+        R_world_board: (3, 3) rotation from B to W: LYING or STANDING.
+        p_world_board: (3,) origin of B in W [m].
     """
     points = corner_points(board)
     seen = observed(view, points)
@@ -79,7 +80,9 @@ def place_camera(
     for i, step in enumerate(steps):
         nudge = np.zeros(6)
         nudge[i] = step
-        moved = _world_camera(Pose(pose.rotation + nudge[:3], pose.translation + nudge[3:]), R_world_board, p_world_board)
+        moved = _world_camera(
+            Pose(pose.rotation + nudge[:3], pose.translation + nudge[3:]), R_world_board, p_world_board
+        )
         J[:3, i] = Rotation.from_matrix(moved[:3, :3] @ T[:3, :3].T).as_rotvec() / step
         J[3:, i] = (moved[:3, 3] - T[:3, 3]) / step
     sd = np.sqrt(np.diag(J @ covariance @ J.T))
@@ -87,28 +90,31 @@ def place_camera(
 
 
 def residual_px(points: Array, place: Array, lens: Lens, pose: Pose) -> float:
-    """Root mean square distance of corners (n, 2) px from where points (n, 3) of the board are drawn."""
+    """Rms distance [px] of corners `place` (n, 2) from the projections of `points` (n, 3) in B."""
     image, _, _ = project(lens, points, pose.rotation, pose.translation)
     return math.sqrt(float(np.mean(np.sum((place - image) ** 2, axis=1))))
 
 
-def oddities(T_world_camera: Array) -> list[str]:
-    """What a rig's camera should not be."""
+def implausibilities(T_world_camera: Array) -> list[str]:
+    """Reasons why a camera's pose is implausible for a rig; empty if there are none."""
     sight, position = T_world_camera[:3, 2], T_world_camera[:3, 3]
     found: list[str] = []
     if position[2] < 0:
         found.append(
-            "the camera would be below the table: the printed side must face up (--upright: face the camera), y arrow away from the camera"
+            "the camera would be below the table: the printed side must face up (--upright: face the camera),"
+            " y arrow away from the camera"
         )
     elif sight[1] < 0.5:
         found.append(
-            f"the camera would look along ({sight[0]:.1f}, {sight[1]:.1f}, {sight[2]:.1f}) in W, where a rig's looks along +y: "
-            "lay the board with its x arrow where objects tip and its y arrow away from the camera"
+            f"the camera would look along ({sight[0]:.1f}, {sight[1]:.1f}, {sight[2]:.1f}) in W,"
+            " where a rig's looks along +y: lay the board with its x arrow where objects tip"
+            " and its y arrow away from the camera"
         )
     return found
 
 
 def _world_camera(pose: Pose, R_world_board: Array, p_world_board: Array) -> Array:
+    """Pose (4, 4) of C in W from the board's pose in C and in W."""
     R_board_camera = pose.matrix.T
     T = np.eye(4)
     T[:3, :3] = R_world_board @ R_board_camera

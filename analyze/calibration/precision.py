@@ -1,7 +1,9 @@
-"""How well a lens is known over its image: the sd of the pixel that a given direction falls on, everywhere, not only where the board was.
+"""Uncertainty of a lens over its image.
 
-An error of the lens that a turn of the camera would hide is none: whoever finds the camera's pose by the same lens has turned it already.
-So the best turn is taken out, over the whole image, before the sd is reckoned.
+The sd of the pixel of a given direction, everywhere, not only where the board was.
+
+A lens error that a rotation of the camera compensates does no harm, because the camera's pose is found with
+the same lens. So the best rotation over the whole image is removed before the sd is computed.
 """
 
 from __future__ import annotations
@@ -19,18 +21,19 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 COLUMNS, ROWS = 41, 31
+"""size of the grid over the image"""
 
 
 @dataclass(frozen=True)
 class PixelMap:
-    """On an even grid over the image, its borders included."""
+    """Values on an even grid over the image, its borders included."""
 
     column: Array
-    """(COLUMNS,) px"""
+    """(COLUMNS,) columns [px]"""
     row: Array
-    """(ROWS,) px"""
+    """(ROWS,) rows [px]"""
     value: Array
-    """(ROWS, COLUMNS) px; NaN where a fisheye sees too far out"""
+    """(ROWS, COLUMNS) standard deviation [px]; NaN beyond a fisheye's range"""
 
     @property
     def worst(self) -> float:
@@ -39,24 +42,29 @@ class PixelMap:
 
     @property
     def worst_at(self) -> tuple[float, float]:
-        """Column and row of it [px]."""
+        """Column and row of the largest value [px]."""
         row, column = np.unravel_index(int(np.nanargmax(self.value)), self.value.shape)
         return float(self.column[column]), float(self.row[row])
 
     @property
     def median(self) -> float:
-        """Of the image [px]."""
+        """Median over the image [px]."""
         return float(np.nanmedian(self.value))
 
 
 def grid(lens: Lens) -> tuple[Array, Array, Array]:
-    """Columns, rows, and all points (ROWS COLUMNS, 2) px."""
+    """Columns (COLUMNS,), rows (ROWS,), and all points (ROWS COLUMNS, 2) [px] of the grid."""
     column, row = np.linspace(0.0, lens.width - 1.0, COLUMNS), np.linspace(0.0, lens.height - 1.0, ROWS)
     return column, row, np.stack(np.meshgrid(column, row), axis=-1).reshape(-1, 2)
 
 
 def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
-    """1 sigma of the distance by which a direction's pixel is off [px], `covariance` (p, p) being that of the lens's numbers."""
+    """Standard deviation of a direction's pixel over the image.
+
+    Args:
+        lens: the lens.
+        covariance: (p, p) covariance of its numbers.
+    """
     column, row, points = grid(lens)
     rays = (undistort(lens.camera(), points) - lens.numbers[2:4]) / lens.numbers[:2]
     seen = np.isfinite(rays).all(axis=1)
@@ -70,5 +78,5 @@ def pixel_sd(lens: Lens, covariance: Array) -> PixelMap:
 
 
 def without_turn(moves: Array, by_turn: Array) -> Array:
-    """Moves (2n, p) of pixels less what the best turn of the camera, by_turn (2n, 3), does for each of them."""
+    """Pixel shifts (2n, p) less the best camera rotation for each, of derivatives `by_turn` (2n, 3)."""
     return moves - by_turn @ np.linalg.lstsq(by_turn, moves, rcond=None)[0]

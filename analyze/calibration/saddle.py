@@ -1,17 +1,19 @@
-"""Corners of chess squares to a few thousandths of a pixel: the crossing of two blurred edges is fitted to the grey values around it.
+"""Corners of chess squares to a few thousandths of a pixel, by a fit of two crossing blurred edges.
 
-Model: I = m + g.u + a erf(d1 / (sqrt(2) s)) erf(d2 / (sqrt(2) s)), with d1, d2 the signed distances of a pixel from the two lines through
-the corner, s the blur. Nine numbers per corner (its place, two directions, level and its slope, contrast, blur) are fitted by
-Gauss-Newton to the raw pixels near the lines: nothing is interpolated, and noise of neighbouring samples stays independent, so the
-covariance is honest. Where the lines are not at right angles the product is not quite what a lens blurs, but the difference is the same
-on opposite sides of the corner and does not move it.
+Model: I = m + g.u + a erf(d1 / (sqrt(2) s)) erf(d2 / (sqrt(2) s)), with d1, d2 the signed distances of a
+pixel from the two lines through the corner, s the blur. Nine numbers per corner (its position, two
+directions, level and its slope, contrast, blur) are fitted by Gauss-Newton to the raw pixels near the lines:
+without interpolation the noise of neighbouring samples stays independent, so that the covariance is honest.
+Where the lines are not at right angles the product is not quite the blur of a lens, but the difference is the
+same on opposite sides of the corner and does not shift it.
 
-Measured on OpenCV 5.0 with rendered boards of known corners (noise 4 grey levels, blur 0.7 px, squares of 30 to 60 px): 0.007 px in x and
-in y, and 0.001 px without noise; CharucoDetector has 0.036 px, and so has cornerSubPix called by itself with a window of 5 px. Neither
-has a bias there (CharucoDetector had +0.5 px before opencv#28380).
+Measured on OpenCV 5.0 with rendered boards of known corners (noise 4 grey levels, blur 0.7 px, squares of 30
+to 60 px): 0.007 px in x and in y, and 0.001 px without noise; CharucoDetector has 0.036 px, and so has
+cornerSubPix called by itself with a window of 5 px. Neither has a bias there (CharucoDetector had +0.5 px
+before opencv#28380).
 
-`u` are pixels straightened by the caller, so that the board's lines are straight in it; without that a lens of k1 = -0.12 moves corners by
-some thousandths, a fisheye's by hundredths of a pixel.
+`u` are pixels undistorted by the caller, so that the board's lines are straight; otherwise a lens of k1 =
+-0.12 shifts corners by some thousandths, a fisheye by hundredths of a pixel.
 """
 
 from __future__ import annotations
@@ -28,62 +30,67 @@ if TYPE_CHECKING:
 
     from analyze.types import Array
 
-_LARGEST_PX = 20
-"""half width of the patch: more of an edge adds little to what pixel noise leaves"""
+_MAX_HALF_WIDTH_PX = 20
+"""largest half width of the patch [px]: more of an edge adds little against pixel noise"""
 _EXTENT = 0.45
-"""squares along each line: beyond lies the next corner's"""
+"""length along each line that is used [squares]; beyond begins the next corner"""
 _REACH_PX = 3.2
-"""pixels farther than this from a line carry no information on its place"""
-_LEAST_REACH_PX = 1.0
+"""distance from a line [px] beyond which a pixel carries no information on its position"""
+_MIN_REACH_PX = 1.0
 _TAG_BLURS = 1.8
-"""blurs that are kept clear of the tag in the white square"""
+"""margin to the tag in the white square [blurs]"""
 _START_BLUR_PX = 0.8
-_BLUR_PX = (0.3, 4.0)
-_FARTHEST_PX = 3.0
-_LEAST_CONTRAST = 12.0
-"""grey levels"""
-_LEAST_PIXELS = 40
-_MISFIT = 0.35
-"""residual over half the contrast: then it is no corner (a finger, a reflection)"""
-_STEPS = 14
-_CONVERGED_PX = 1e-3
+_BLUR_RANGE_PX = (0.3, 4.0)
+"""range of the blur [px]"""
+_MAX_SHIFT_PX = 3.0
+"""largest distance of a corner from its start [px]"""
+_MIN_CONTRAST = 12.0
+"""least contrast [grey levels]"""
+_MIN_PIXELS = 40
+"""least number of pixels of a fit"""
+_MAX_MISFIT = 0.35
+"""largest residual over half the contrast; above it, it is no corner (a finger, a reflection)"""
+_MAX_STEPS = 14
+_STEP_TOLERANCE_PX = 1e-3
 _PARAMETERS = 9
 
 
 @dataclass(frozen=True)
 class Saddles:
-    """What was found at n starts."""
+    """Corners fitted from n starts."""
 
     place: Array
-    """(n, 2) px, raw"""
+    """(n, 2) position [raw px]"""
     covariance: Array
-    """(n, 2, 2) px^2"""
+    """(n, 2, 2) covariance [px^2]"""
     blur: Array
-    """(n,) px"""
+    """(n,) blur [px]"""
     good: NDArray[np.bool_]
-    """(n,)"""
+    """(n,) True for an accepted corner"""
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Pixels around n corners. m is the same for all; `inside` says which pixels are in the image."""
+    """Pixels around n corners, m each."""
 
     column: NDArray[np.int64]
-    """(n, m)"""
+    """(n, m) column"""
     row: NDArray[np.int64]
+    """(n, m) row"""
     inside: NDArray[np.bool_]
+    """(n, m) True for a pixel inside the image"""
 
 
 def patches(start: Array, per_square: Array, width: int, height: int) -> Patch:
     """Pixels that `fit_saddles` may use.
 
     Args:
-        start: (n, 2) px, good to about a pixel.
-        per_square: (n, 2, 2) px; columns are the image of one square along the board's x and y.
-        width: of the image [px].
-        height: of the image [px].
+        start: (n, 2) first positions, good to about a pixel [px].
+        per_square: (n, 2, 2) image of one square along the board's x and y, in columns [px].
+        width: image width [px].
+        height: image height [px].
     """
-    half = int(min(_LARGEST_PX, math.ceil(_EXTENT * float(np.abs(per_square).sum(axis=2).max()))))
+    half = int(min(_MAX_HALF_WIDTH_PX, math.ceil(_EXTENT * float(np.abs(per_square).sum(axis=2).max()))))
     step = np.arange(-half, half + 1)
     middle = np.rint(start).astype(np.int64)
     row, column = np.meshgrid(step, step, indexing="ij")
@@ -93,16 +100,18 @@ def patches(start: Array, per_square: Array, width: int, height: int) -> Patch:
     return Patch(np.clip(columns, 0, width - 1), np.clip(rows, 0, height - 1), inside)
 
 
-def fit_saddles(image: NDArray[np.uint8], start: Array, per_square: Array, rim: float, patch: Patch, straight: Array) -> Saddles:
-    """Refine corners.
+def fit_saddles(
+    image: NDArray[np.uint8], start: Array, per_square: Array, rim: float, patch: Patch, straight: Array
+) -> Saddles:
+    """Refine corners by Gauss-Newton.
 
     Args:
-        image: (height, width).
-        start: (n, 2) px.
-        per_square: (n, 2, 2) px; columns are the image of one square along the board's x and y.
-        rim: white between tag and edge of its square, in squares.
-        patch: as `patches` gives it.
-        straight: (n, m, 2) px, the patch's pixels relative to the start, straightened.
+        image: (height, width) grey values.
+        start: (n, 2) first positions [px].
+        per_square: (n, 2, 2) image of one square along the board's x and y, in columns [px].
+        rim: white margin between a tag and the edge of its square, in squares.
+        patch: pixels from `patches`.
+        straight: (n, m, 2) undistorted pixels of the patch relative to the start [px].
     """
     n = len(start)
     x = np.zeros((n, _PARAMETERS))
@@ -111,17 +120,20 @@ def fit_saddles(image: NDArray[np.uint8], start: Array, per_square: Array, rim: 
     x[:, 8] = _START_BLUR_PX
     at = _Pixels(np.ascontiguousarray(straight[..., 0]), np.ascontiguousarray(straight[..., 1]))
     wanted = _within(at, per_square)
-    wanted &= np.minimum(*map(np.abs, _distances(x, at))) < _REACH_PX + _FARTHEST_PX
-    # A quarter of the patch lies near a line: only that is worked on.
+    wanted &= np.minimum(*map(np.abs, _distances(x, at))) < _REACH_PX + _MAX_SHIFT_PX
+    # Only the quarter of the patch that lies near a line is used.
     order = np.argsort(~wanted, axis=1, kind="stable")[:, : int(wanted.sum(axis=1).max(initial=1))]
     wanted = np.take_along_axis(wanted, order, axis=1)
     at = _Pixels(*(np.where(wanted, np.take_along_axis(each, order, axis=1), 0.0) for each in (at.x, at.y)))
-    grey = image[np.take_along_axis(patch.row, order, axis=1), np.take_along_axis(patch.column, order, axis=1)].astype(np.float64)
+    grey = image[
+        np.take_along_axis(patch.row, order, axis=1), np.take_along_axis(patch.column, order, axis=1)
+    ].astype(np.float64)
     usable = wanted & np.take_along_axis(patch.inside, order, axis=1)
     used, normal, variance = usable, np.zeros((n, _PARAMETERS, _PARAMETERS)), np.zeros(n)
     step = np.full((n, _PARAMETERS), np.inf)
-    for turn in range(_STEPS):
-        # Twice: at the start, and once the corner is known to a tenth of a pixel; in between the samples stay the same.
+    for turn in range(_MAX_STEPS):
+        # Chosen at the start, and once the corner is accurate to a tenth of a pixel; otherwise the samples
+        # stay the same.
         if turn in {0, 4}:
             used = usable & _near(x, at, per_square, rim)
         if turn == 0:
@@ -134,8 +146,8 @@ def fit_saddles(image: NDArray[np.uint8], start: Array, per_square: Array, rim: 
         step[:, 2:4] = np.clip(step[:, 2:4], -0.15, 0.15)
         step[:, 8] = np.clip(step[:, 8], -0.4, 0.6)
         x += step
-        x[:, 8] = np.clip(x[:, 8], *_BLUR_PX)
-        if turn > 4 and float(np.nanmax(np.abs(step[:, :2]), initial=0.0)) < _CONVERGED_PX:
+        x[:, 8] = np.clip(x[:, 8], *_BLUR_RANGE_PX)
+        if turn > 4 and float(np.nanmax(np.abs(step[:, :2]), initial=0.0)) < _STEP_TOLERANCE_PX:
             break
     share = used.sum(axis=1) / np.maximum((wanted & _near(x, at, per_square, rim)).sum(axis=1), 1)
     covariance = _inverse(normal)[:, :2, :2] * variance[:, None, None]
@@ -143,12 +155,12 @@ def fit_saddles(image: NDArray[np.uint8], start: Array, per_square: Array, rim: 
         np.isfinite(x).all(axis=1)
         & np.isfinite(covariance).all(axis=(1, 2))
         & (np.abs(step[:, :2]).max(axis=1) < 0.05)
-        & (np.abs(x[:, :2]).max(axis=1) < _FARTHEST_PX)
-        & (2.0 * np.abs(x[:, 7]) > _LEAST_CONTRAST)
-        & (x[:, 8] > _BLUR_PX[0])
-        & (x[:, 8] < _BLUR_PX[1])
-        & (np.sqrt(variance) < _MISFIT * np.abs(x[:, 7]))
-        & (used.sum(axis=1) >= _LEAST_PIXELS)
+        & (np.abs(x[:, :2]).max(axis=1) < _MAX_SHIFT_PX)
+        & (2.0 * np.abs(x[:, 7]) > _MIN_CONTRAST)
+        & (x[:, 8] > _BLUR_RANGE_PX[0])
+        & (x[:, 8] < _BLUR_RANGE_PX[1])
+        & (np.sqrt(variance) < _MAX_MISFIT * np.abs(x[:, 7]))
+        & (used.sum(axis=1) >= _MIN_PIXELS)
         & (share > 0.8)
     )
     return Saddles(start + x[:, :2], covariance, x[:, 8], good)
@@ -156,14 +168,14 @@ def fit_saddles(image: NDArray[np.uint8], start: Array, per_square: Array, rim: 
 
 @dataclass(frozen=True)
 class _Pixels:
-    """Straightened pixels about the start, (n, m) each."""
+    """Undistorted pixels relative to the start, (n, m) each."""
 
     x: Array
     y: Array
 
 
 def _within(at: _Pixels, per_square: Array) -> NDArray[np.bool_]:
-    """Pixels that are nearer to this corner than to the next along the lines; none where the lens sees nothing."""
+    """Pixels nearer to this corner than to the next along the lines; none where the lens is undefined."""
     to_squares = np.linalg.inv(per_square)[:, :, :, None]
     across = to_squares[:, 0, 0] * at.x + to_squares[:, 0, 1] * at.y
     along = to_squares[:, 1, 0] * at.x + to_squares[:, 1, 1] * at.y
@@ -171,30 +183,36 @@ def _within(at: _Pixels, per_square: Array) -> NDArray[np.bool_]:
 
 
 def _distances(x: Array, at: _Pixels) -> tuple[Array, Array]:
-    """(n, m) from either line."""
+    """Signed distances (n, m) from either line [px]."""
     cos, sin = np.cos(x[:, 2:4]), np.sin(x[:, 2:4])
     ux, uy = at.x - x[:, :1], at.y - x[:, 1:2]
     return uy * cos[:, :1] - ux * sin[:, :1], uy * cos[:, 1:] - ux * sin[:, 1:]
 
 
 def _near(x: Array, at: _Pixels, per_square: Array, rim: float) -> NDArray[np.bool_]:
-    """Pixels near a line and clear of the tags: `rim` is measured across the line, in a square that the view foreshortens."""
+    """Pixels near a line and clear of the tags.
+
+    `rim` is measured across the line, in a square that is foreshortened.
+    """
     area = np.abs(np.linalg.det(per_square))
     across = area[:, None] / np.linalg.norm(per_square, axis=1)
-    reach = np.clip(rim * across - _TAG_BLURS * x[:, 8:9], _LEAST_REACH_PX, _REACH_PX)
+    reach = np.clip(rim * across - _TAG_BLURS * x[:, 8:9], _MIN_REACH_PX, _REACH_PX)
     first, second = _distances(x, at)
     return (np.abs(first) < reach[:, :1]) | (np.abs(second) < reach[:, 1:])
 
 
 def _start_levels(x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]) -> None:
-    """Level, slope and contrast are linear: solve for them."""
+    """Set level, slope and contrast, which are linear, to their least-squares values."""
     first, second = _distances(x, at)
     shape = (2.0 * ndtr(first / x[:, 8:9]) - 1.0) * (2.0 * ndtr(second / x[:, 8:9]) - 1.0)
     rows = np.stack([np.ones_like(shape), at.x, at.y, shape], axis=1) * used[:, None, :]
     x[:, 4:8] = _solve(rows @ rows.transpose(0, 2, 1), (rows @ grey[..., None])[..., 0])
 
 
-def _normal_equations(x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+def _normal_equations(
+    x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_]
+) -> tuple[Array, Array, Array]:
+    """Normal matrices (n, 9, 9), gradients (n, 9) and sums of squares (n,)."""
     d1, d2 = _distances(x, at)
     s, a = x[:, 8:9], x[:, 7:8]
     z1, z2 = d1 / s, d2 / s
@@ -214,15 +232,20 @@ def _normal_equations(x: Array, at: _Pixels, grey: Array, used: NDArray[np.bool_
     rows[:, 8] = -(by_first * z1 + by_second * z2)
     residual = (grey - x[:, 4:5] - x[:, 5:6] * at.x - x[:, 6:7] * at.y - a * rows[:, 7]) * used
     rows *= used[:, None, :]
-    return rows @ rows.transpose(0, 2, 1), (rows @ residual[..., None])[..., 0], np.sum(residual * residual, axis=1)
+    return (
+        rows @ rows.transpose(0, 2, 1),
+        (rows @ residual[..., None])[..., 0],
+        np.sum(residual * residual, axis=1),
+    )
 
 
 def _solve(normal: Array, gradient: Array) -> Array:
-    """Newton's step of each corner; where a corner shows nothing, none."""
+    """Newton's step of each corner; none where a corner is undetermined."""
     return (_inverse(normal) @ gradient[..., None])[..., 0]
 
 
 def _inverse(normal: Array) -> Array:
+    """Pseudo-inverse of normal matrices (n, p, p), scaled to unit diagonals."""
     scale = np.sqrt(np.maximum(np.einsum("npp->np", normal), 1e-12))
     even = normal / scale[:, :, None] / scale[:, None, :]
     return np.linalg.pinv(even, hermitian=True, rcond=1e-10) / scale[:, :, None] / scale[:, None, :]

@@ -1,8 +1,10 @@
-"""Lens and poses of the board together: weighted least squares on the corners (bundle adjustment), with the lens's covariance.
+"""Lens and poses of the board together.
 
-Levenberg-Marquardt on the normal equations, poses eliminated view by view (Schur complement; Triggs et al. 2000, "Bundle adjustment:
-a modern synthesis"). Each corner counts by its own covariance, and less the farther it lies from the rest (Huber). Weak priors keep what
-the views do not show finite: see `lens.prior_sd`.
+Weighted least squares on the corners (bundle adjustment), with covariance.
+
+Levenberg-Marquardt on the normal equations, poses eliminated view by view (Schur complement; Triggs et al.
+2000, "Bundle adjustment: a modern synthesis"). Each corner is weighted by its own covariance, and by Huber's
+loss. Weak priors keep undetermined numbers finite: see `lens.prior_sd`.
 """
 
 from __future__ import annotations
@@ -14,6 +16,8 @@ import cv2
 import numpy as np
 
 from analyze.calibration.lens import Lens, plain_lens, prior_sd, project
+from analyze.least_squares.gauss_newton import Linearised, gauss_newton
+from analyze.least_squares.robust import huber_weights
 from analyze.tracking.camera_model import undistort
 from schemas.session_manifest import LensModel
 
@@ -24,163 +28,216 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 MODEL_PX = 0.003
-"""px, what no corner is better than; a print or a lens that is worse shows in the residuals, and is scaled for"""
-_HUBER = 3.0
-"""sigmas, of the scatter that most corners show"""
-_FEW_VIEWS = 8
-"""enough to tell which focal length to begin with"""
-_PLAIN = float("inf")
-_STARTS = (0.25, 0.4, 0.6, 0.9, 1.4, 2.2, 3.5)
-"""focal lengths to begin with, in image widths"""
+"""least sd of a corner [px]; a worse print or lens shows in the residuals, and the sd is scaled for it"""
+_HUBER_SIGMAS = 3.0
+"""threshold of Huber's loss in standard deviations, of the scatter of most corners"""
+_START_VIEWS = 8
+"""number of views that suffice to choose the first focal length"""
+_NO_HUBER = float("inf")
+_START_FOCALS = (0.25, 0.4, 0.6, 0.9, 1.4, 2.2, 3.5)
+"""first focal lengths that are tried [image widths]"""
 MEDIAN_CHI = 1.177
-"""with two degrees of freedom"""
-_MOST_STEPS = 80
-_CONVERGED = 1e-6
-"""of a prior's sd or a hundredth of a parameter's own"""
+"""median of chi with two degrees of freedom"""
+_MAX_STEPS = 80
+_STEP_TOLERANCE = 1e-6
+"""step that ends the iteration, over the prior's sd"""
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Of the board: x_camera = R x_board + translation."""
+    """Pose of the board: x_camera = R x_board + translation."""
 
     rotation: Array
-    """(3,) rotation vector"""
+    """(3,) rotation vector [rad]"""
     translation: Array
-    """(3,) m"""
+    """(3,) translation [m]"""
 
     @property
     def matrix(self) -> Array:
-        """(3, 3)."""
+        """Rotation (3, 3) from B to C."""
         return np.asarray(cv2.Rodrigues(self.rotation)[0], dtype=float)
 
 
 @dataclass(frozen=True)
-class Observed:
-    """One view as the solver takes it."""
+class ObservedView:
+    """Corners of one view with their weights."""
 
     points: Array
-    """(n, 3) m in B"""
+    """(n, 3) corners in B [m]"""
     place: Array
-    """(n, 2) px"""
+    """(n, 2) positions [px]"""
     root: Array
-    """(n, 2, 2) 1/px: whitens a residual"""
+    """(n, 2, 2) matrices that whiten a residual [1/px]"""
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """What fits best."""
+    """Best fit of lens and poses."""
 
     lens: Lens
+    """the lens"""
     poses: tuple[Pose, ...]
+    """pose of the board per view"""
     residuals: tuple[Array, ...]
-    """per view (n, 2) px"""
+    """per view (n, 2) residuals [px]"""
     sigmas: tuple[Array, ...]
-    """per view (n,) how many of its own sd each corner lies off, over both directions: chi, 2 degrees of freedom"""
+    """per view (n,) distance of each corner over its sd, both directions together: chi, 2 degrees of freedom
+    """
     covariance: Array
-    """(p, p) of the lens's numbers, by the corners' own sd"""
+    """(p, p) covariance of the lens's numbers, by the corners' own sd"""
     cost: float
+    """Huber loss with priors"""
 
     def scatter(self) -> float:
-        """Factor on the corners' own sd that the residuals show, at least 1."""
+        """Factor on the corners' own sd by the residuals, at least 1."""
         chi2 = np.concatenate(self.sigmas) ** 2
         freedom = 2 * len(chi2) - len(self.lens.numbers) - 6 * len(self.poses)
         return float(np.sqrt(max(1.0, chi2.sum() / max(freedom, 1))))
 
 
-def observed(view: View, points: Array) -> Observed:
-    """The view's corners with their weights; `points` are all of the board's (n, 3)."""
+def observed(view: View, points: Array) -> ObservedView:
+    """Corners of a view with their weights.
+
+    Args:
+        view: the view.
+        points: (n, 3) all corners of the board in B [m].
+    """
     covariance = view.covariance + MODEL_PX**2 * np.eye(2)
-    return Observed(
-        points[view.index], view.place, np.asarray(np.linalg.cholesky(np.linalg.inv(covariance)), dtype=np.float64).transpose(0, 2, 1)
+    return ObservedView(
+        points[view.index],
+        view.place,
+        np.asarray(np.linalg.cholesky(np.linalg.inv(covariance)), dtype=np.float64).transpose(0, 2, 1),
     )
 
 
-def solve(views: Sequence[Observed], model: LensModel, width: int, height: int) -> Bundle:
-    """From nothing: the best of several focal lengths to begin with."""
-    some = views[:: -(-len(views) // _FEW_VIEWS)]
+def solve(views: Sequence[ObservedView], model: LensModel, width: int, height: int) -> Bundle:
+    """Fit lens and poses without a start, from the best of several focal lengths."""
+    some = views[:: -(-len(views) // _START_VIEWS)]
     found: list[tuple[float, Lens]] = []
-    for share in _STARTS:
+    for share in _START_FOCALS:
         lens = plain_lens(model, width, height, share * width)
-        lens, _, cost = _minimise(some, lens, [_first_pose(view, lens) for view in some], 6, _HUBER)
+        lens, _, cost = _minimise(some, lens, [_first_pose(view, lens) for view in some], 6, _HUBER_SIGMAS)
         found.append((cost, lens))
     found.sort(key=lambda each: each[0])
     bundles = [resolve(views, lens, [_first_pose(view, lens) for view in views]) for _, lens in found[:2]]
     return min(bundles, key=lambda bundle: bundle.cost)
 
 
-def resolve(views: Sequence[Observed], lens: Lens, poses: Sequence[Pose]) -> Bundle:
-    """From a good start. A board seen nearly face-on has a second pose that fits nearly as well: both are tried."""
-    lens, settled, cost = _minimise(views, lens, list(poses), _MOST_STEPS, _HUBER)
+def resolve(views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pose]) -> Bundle:
+    """Fit lens and poses from a good start.
+
+    A board seen nearly face-on has a second pose that fits nearly as well: both are tried.
+    """
+    lens, settled, cost = _minimise(views, lens, list(poses), _MAX_STEPS, _HUBER_SIGMAS)
     turned = [_better_pose(view, lens, pose) for view, pose in zip(views, settled, strict=True)]
     if any(new is not old for new, old in zip(turned, settled, strict=True)):
-        again = _minimise(views, lens, turned, _MOST_STEPS, _HUBER)
+        again = _minimise(views, lens, turned, _MAX_STEPS, _HUBER_SIGMAS)
         if again[2] < cost:
             lens, settled, cost = again
-    # Where all corners lie farther off than their own noise, that is the scale by which one of them is an outlier.
-    usual = float(np.median(np.concatenate([_chi(view, lens, pose) for view, pose in zip(views, settled, strict=True)]))) / MEDIAN_CHI
+    # If all corners lie farther off than their own noise, outliers are relative to that scale.
+    usual = (
+        float(
+            np.median(
+                np.concatenate([_chi(view, lens, pose) for view, pose in zip(views, settled, strict=True)])
+            )
+        )
+        / MEDIAN_CHI
+    )
     if usual > 1.1:
-        lens, settled, _ = _minimise(views, lens, settled, _MOST_STEPS, _HUBER * usual)
+        lens, settled, _ = _minimise(views, lens, settled, _MAX_STEPS, _HUBER_SIGMAS * usual)
     pairs = list(zip(views, settled, strict=True))
-    residuals = tuple(view.place - project(lens, view.points, pose.rotation, pose.translation)[0] for view, pose in pairs)
+    residuals = tuple(
+        view.place - project(lens, view.points, pose.rotation, pose.translation)[0] for view, pose in pairs
+    )
     sigmas = tuple(_chi(view, lens, pose) for view, pose in pairs)
-    information = _normal(views, lens, settled, prior_sd(lens), _PLAIN).reduced
+    information = _normal(views, lens, settled, prior_sd(lens), _NO_HUBER).reduced
     return Bundle(lens, tuple(settled), residuals, sigmas, _inverse(information), cost)
 
 
-def pose_covariance(view: Observed, lens: Lens, pose: Pose, lens_covariance: Array) -> Array:
-    """(6, 6) of rotation vector and translation, with what the lens's own error does to them."""
-    _, by_pose, by_lens = _whitened(view, lens, pose, _PLAIN)
+def pose_covariance(view: ObservedView, lens: Lens, pose: Pose, lens_covariance: Array) -> Array:
+    """Covariance (6, 6) of rotation vector and translation, the lens's error included.
+
+    Args:
+        view: the view.
+        lens: the lens.
+        pose: pose of the board.
+        lens_covariance: (p, p) covariance of the lens's numbers.
+    """
+    _, by_pose, by_lens = _whitened(view, lens, pose, _NO_HUBER)
     inverse = _inverse(by_pose.T @ by_pose)
     gain = inverse @ by_pose.T @ by_lens
     return inverse + gain @ lens_covariance @ gain.T
 
 
-def fit_pose(view: Observed, lens: Lens) -> Pose:
-    """The board's pose by a lens that is known."""
-    pose = _first_pose(view, lens)
-    for _ in range(30):
-        residual, by_pose, _ = _whitened(view, lens, pose, _HUBER)
-        step = _inverse(by_pose.T @ by_pose) @ (by_pose.T @ residual)
-        pose = Pose(pose.rotation + step[:3], pose.translation + step[3:])
-        if float(np.abs(step).max()) < 1e-10:
-            break
-    return pose
+def fit_pose(view: ObservedView, lens: Lens) -> Pose:
+    """Pose of the board by a known lens."""
+    return _refined_pose(view, lens, _first_pose(view, lens), 30, 1e-10)
 
 
-# --- inside -------------------------------------------------------------------------------------------------------
+def _refined_pose(view: ObservedView, lens: Lens, start: Pose, max_steps: int, tolerance: float) -> Pose:
+    """Pose at the minimum of Huber's loss near `start`, by Gauss-Newton; `tolerance` [rad, m] ends it."""
+
+    def linearise(pose: Pose) -> Linearised:
+        residual, by_pose, _ = _whitened(view, lens, pose, _HUBER_SIGMAS)
+        return Linearised(residual, by_pose)
+
+    return gauss_newton(start, linearise, _stepped, max_steps, tolerance)
 
 
 @dataclass(frozen=True)
 class _Normal:
+    """Normal equations with the poses eliminated."""
+
     reduced: Array
-    """(p, p)"""
+    """(p, p) reduced normal matrix"""
     gradient: Array
-    """(p,)"""
+    """(p,) reduced gradient"""
     pose_information: list[Array]
+    """per view (6, 6)"""
     cross: list[Array]
+    """per view (p, 6)"""
     pose_gradient: list[Array]
+    """per view (6,)"""
 
 
 def _inverse(matrix: Array) -> Array:
+    """Pseudo-inverse of a normal matrix (p, p), scaled to a unit diagonal."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True, rcond=1e-15) / np.outer(scale, scale)
+    return np.linalg.pinv(matrix / np.outer(scale, scale), hermitian=True, rcond=1e-15) / np.outer(
+        scale, scale
+    )
 
 
-def _chi(view: Observed, lens: Lens, pose: Pose) -> Array:
+def _chi(view: ObservedView, lens: Lens, pose: Pose) -> Array:
+    """Distance (n,) of each corner from its prediction, over its sd."""
     image, _, _ = project(lens, view.points, pose.rotation, pose.translation)
-    return np.asarray(np.linalg.norm(np.einsum("nij,nj->ni", view.root, view.place - image), axis=1), dtype=np.float64)
+    return np.asarray(
+        np.linalg.norm(np.einsum("nij,nj->ni", view.root, view.place - image), axis=1), dtype=np.float64
+    )
 
 
-def _whitened(view: Observed, lens: Lens, pose: Pose, huber: float) -> tuple[Array, Array, Array]:
-    """Residual (2n,), derivatives by pose (2n, 6) and lens (2n, p), in sigmas, each corner weighted as Huber says."""
+def _whitened(view: ObservedView, lens: Lens, pose: Pose, huber: float) -> tuple[Array, Array, Array]:
+    """Residual (2n,), derivatives by pose (2n, 6) and lens (2n, p), in sigmas, with Huber's weights."""
     image, by_pose, by_lens = project(lens, view.points, pose.rotation, pose.translation)
     residual = np.einsum("nij,nj->ni", view.root, view.place - image)
-    weight = np.sqrt(np.minimum(1.0, huber / np.maximum(np.linalg.norm(residual, axis=1), 1e-9)))
+    weight = np.sqrt(huber_weights(np.linalg.norm(residual, axis=1), huber))
     root = view.root * weight[:, None, None]
-    return (residual * weight[:, None]).reshape(-1), (root @ by_pose).reshape(-1, 6), (root @ by_lens).reshape(2 * len(image), -1)
+    return (
+        (residual * weight[:, None]).reshape(-1),
+        (root @ by_pose).reshape(-1, 6),
+        (root @ by_lens).reshape(2 * len(image), -1),
+    )
 
 
-def _normal(views: Sequence[Observed], lens: Lens, poses: Sequence[Pose], prior: Array, huber: float, damping: float = 0.0) -> _Normal:
+def _normal(
+    views: Sequence[ObservedView],
+    lens: Lens,
+    poses: Sequence[Pose],
+    prior: Array,
+    huber: float,
+    damping: float = 0.0,
+) -> _Normal:
+    """Normal equations of lens and poses, with `damping` on their diagonals."""
     start = plain_lens(lens.model, lens.width, lens.height, float(lens.numbers[:2].mean()))
     information = np.diag(1.0 / prior**2)
     gradient = (start.numbers - lens.numbers) / prior**2
@@ -205,7 +262,10 @@ def _normal(views: Sequence[Observed], lens: Lens, poses: Sequence[Pose], prior:
     return _Normal(reduced, gradient, pose_information, cross, pose_gradient)
 
 
-def _cost(views: Sequence[Observed], lens: Lens, poses: Sequence[Pose], prior: Array, huber: float) -> float:
+def _cost(
+    views: Sequence[ObservedView], lens: Lens, poses: Sequence[Pose], prior: Array, huber: float
+) -> float:
+    """Huber loss with priors; infinite for a board behind the camera."""
     start = plain_lens(lens.model, lens.width, lens.height, float(lens.numbers[:2].mean()))
     total = float(np.sum(((lens.numbers - start.numbers) / prior) ** 2))
     for view, pose in zip(views, poses, strict=True):
@@ -216,10 +276,13 @@ def _cost(views: Sequence[Observed], lens: Lens, poses: Sequence[Pose], prior: A
     return total if np.isfinite(total) else float("inf")
 
 
-def _minimise(views: Sequence[Observed], lens: Lens, poses: list[Pose], most: int, huber: float) -> tuple[Lens, list[Pose], float]:
+def _minimise(
+    views: Sequence[ObservedView], lens: Lens, poses: list[Pose], max_steps: int, huber: float
+) -> tuple[Lens, list[Pose], float]:
+    """Lens, poses and cost at the minimum, by Levenberg-Marquardt."""
     prior = prior_sd(lens)
     cost, damping = _cost(views, lens, poses, prior, huber), 1e-3
-    for _ in range(most):
+    for _ in range(max_steps):
         normal = _normal(views, lens, poses, prior, huber, damping)
         try:
             step: Array = np.asarray(np.linalg.solve(normal.reduced, normal.gradient), dtype=np.float64)
@@ -228,12 +291,16 @@ def _minimise(views: Sequence[Observed], lens: Lens, poses: list[Pose], most: in
         moved = lens.moved(step)
         turned = [
             _stepped(pose, np.asarray(np.linalg.solve(V, g - W.T @ step), dtype=np.float64))
-            for pose, V, W, g in zip(poses, normal.pose_information, normal.cross, normal.pose_gradient, strict=True)
+            for pose, V, W, g in zip(
+                poses, normal.pose_information, normal.cross, normal.pose_gradient, strict=True
+            )
         ]
-        focal_fits = bool(np.all((moved.numbers[:2] > 0.05 * lens.width) & (moved.numbers[:2] < 50.0 * lens.width)))
+        focal_fits = bool(
+            np.all((moved.numbers[:2] > 0.05 * lens.width) & (moved.numbers[:2] < 50.0 * lens.width))
+        )
         new = _cost(views, moved, turned, prior, huber) if focal_fits else float("inf")
         if new < cost:
-            still = float(np.max(np.abs(step) / prior)) < _CONVERGED and cost - new < 1e-9 * cost
+            still = float(np.max(np.abs(step) / prior)) < _STEP_TOLERANCE and cost - new < 1e-9 * cost
             lens, poses, cost, damping = moved, turned, new, max(damping / 10.0, 1e-12)
             if still:
                 break
@@ -245,19 +312,23 @@ def _minimise(views: Sequence[Observed], lens: Lens, poses: list[Pose], most: in
 
 
 def _stepped(pose: Pose, step: Array) -> Pose:
+    """Pose after a step (6,) [rad, m]."""
     return Pose(pose.rotation + step[:3], pose.translation + step[3:])
 
 
 def _rays(lens: Lens, place: Array) -> Array:
-    """(n, 2) X/Z, Y/Z; what a lens cannot see is put at its rim."""
+    """Directions X/Z, Y/Z (n, 2) of pixels (n, 2); pixels beyond the lens's range are put at its rim."""
     ideal = np.nan_to_num(undistort(lens.camera(), place), nan=5.0 * lens.width)
     return (ideal - lens.numbers[2:4]) / lens.numbers[:2]
 
 
-def _planar(view: Observed, lens: Lens) -> list[Pose]:
+def _planar(view: ObservedView, lens: Lens) -> list[Pose]:
+    """Both poses of a plane that fit the corners, those in front of the camera."""
     rays = _rays(lens, view.place)
     middle = view.points.mean(axis=0)
-    count, rotations, translations, _ = cv2.solvePnPGeneric(view.points - middle, rays, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+    count, rotations, translations, _ = cv2.solvePnPGeneric(
+        view.points - middle, rays, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+    )
     found: list[Pose] = []
     for rotation, translation in zip(rotations[:count], translations[:count], strict=True):
         R = np.asarray(cv2.Rodrigues(rotation)[0], dtype=float)
@@ -267,12 +338,14 @@ def _planar(view: Observed, lens: Lens) -> list[Pose]:
     return found
 
 
-def _misfit(view: Observed, lens: Lens, pose: Pose) -> float:
+def _misfit(view: ObservedView, lens: Lens, pose: Pose) -> float:
+    """Sum of squared residuals [px^2]."""
     image, _, _ = project(lens, view.points, pose.rotation, pose.translation)
     return float(np.sum((view.place - image) ** 2))
 
 
-def _first_pose(view: Observed, lens: Lens) -> Pose:
+def _first_pose(view: ObservedView, lens: Lens) -> Pose:
+    """First pose of the board: the better one of a plane's, or a rough one if there is none."""
     found = _planar(view, lens)
     if not found:
         depth = float(np.ptp(view.points[:, :2])) * lens.numbers[0] / max(float(np.ptp(view.place)), 1.0)
@@ -280,17 +353,11 @@ def _first_pose(view: Observed, lens: Lens) -> Pose:
     return min(found, key=lambda pose: _misfit(view, lens, pose))
 
 
-def _better_pose(view: Observed, lens: Lens, pose: Pose) -> Pose:
-    """The other of the two poses of a plane, where it fits better."""
+def _better_pose(view: ObservedView, lens: Lens, pose: Pose) -> Pose:
+    """The other pose of a plane, if it fits better."""
     best, least = pose, _misfit(view, lens, pose)
     for other in _planar(view, lens):
-        refined = other
-        for _ in range(8):
-            residual, by_pose, _ = _whitened(view, lens, refined, _HUBER)
-            step = _inverse(by_pose.T @ by_pose) @ (by_pose.T @ residual)
-            refined = _stepped(refined, step)
-            if float(np.abs(step).max()) < 1e-7:
-                break
+        refined = _refined_pose(view, lens, other, 8, 1e-7)
         if refined.translation[2] > 0 and _misfit(view, lens, refined) < 0.98 * least:
             best, least = refined, _misfit(view, lens, refined)
     return best

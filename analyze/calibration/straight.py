@@ -1,4 +1,4 @@
-"""Pixels straightened by a lens and a pose that are nearly right: round each corner the board's lines become straight and evenly spaced."""
+"""Refit of a view's corners on pixels straightened by an approximate lens and pose."""
 
 from __future__ import annotations
 
@@ -20,21 +20,24 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 
-def refit(image: NDArray[np.uint8], board: Board, view: View, points: Array, lens: Lens, pose: Pose) -> View | None:
-    """Fit a view's corners again, through this lens.
+def refit(
+    image: NDArray[np.uint8], board: Board, view: View, points: Array, lens: Lens, pose: Pose
+) -> View | None:
+    """Refit a view's corners through a lens; None if too few are sharp.
 
     Args:
         image: (height, width).
-        board: that is seen.
+        board: the board.
         view: its corners so far.
-        points: all corners of the board (n, 3) m in B.
-        lens: as known so far.
-        pose: of the board, by that lens.
+        points: (n, 3) all corners of the board in B [m].
+        lens: lens as estimated so far.
+        pose: pose of the board by that lens.
     """
     seen = points[view.index]
     start, by_pose, _ = project(lens, seen, pose.rotation, pose.translation)
     square = 1e-3 * board.square_mm
-    # d pixel / d point in C, by the translation's columns, times R's first two columns: px per m along the board's x and y.
+    # d pixel / d point in C, by the translation's columns, times R's first two columns: px per m along the
+    # board's x and y.
     per_square = by_pose[:, :, 3:] @ pose.matrix[:, :2] * square
     patch = patches(start, per_square, lens.width, lens.height)
     rays = (pixel_map(lens.camera()).ideal[patch.row, patch.column] - lens.numbers[2:4]) / lens.numbers[:2]

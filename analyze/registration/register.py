@@ -1,4 +1,7 @@
-"""Places of an object's markers from its strikes: each strike alone first, to find those placed otherwise, then all together."""
+"""Marker poses on an object from its strikes.
+
+Each strike alone first, to find wrong placements, then all together.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ import numpy as np
 from analyze.errors import EstimationError
 from analyze.geometry.rotations import matrix_from_vector, vector_from_matrix
 from analyze.registration.solve import Problem, Solution
-from analyze.registration.surface import LIES_ON, height_over, surface_under
+from analyze.registration.surface import MAX_TILT_ON_SURFACE, height_over, surface_under
 from analyze.registration.table import LAID_BOARD, TablePrior, corrected_camera
 
 if TYPE_CHECKING:
@@ -20,17 +23,19 @@ if TYPE_CHECKING:
     from analyze.registration.views import StrikeView
     from analyze.types import Array, CameraModel
 
-SAME_TURN, SAME_PLACE = math.radians(5.0), 0.005
-"""rad, m: two strikes that show a marker within these (and their own sd) agree on how the object lay"""
-TWISTED, DISAGREES, USUAL_MISFIT = 4.0, 25.0, 0.1
-"""times the usual misfit (at least the third), from which a blow is taken to have turned the body, and a strike to fit with no other"""
-UNKNOWN_TURN, UNKNOWN_PLACE = math.radians(0.5), 1e-3
-"""rad, m: a direction whose sd is above it is not determined"""
+MAX_SAME_TURN, MAX_SAME_DISTANCE = math.radians(5.0), 0.005
+"""largest differences of a marker's pose [rad, m], beside its sd, between two strikes that agree on the
+placement"""
+TWISTED_RATIO, DISAGREES_RATIO, MIN_USUAL_MISFIT = 4.0, 25.0, 0.1
+"""multiples of the usual misfit (at least the third) above which an impact turned the body, and above which a
+strike fits with no other"""
+MAX_TURN_SD, MAX_PLACE_SD = math.radians(0.5), 1e-3
+"""standard deviations [rad, m] above which a direction is undetermined"""
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A strike that was not used, and why."""
+    """Strike that was not used, with the reason."""
 
     strike_id: str
     reason: str
@@ -38,56 +43,61 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class MarkerPlace:
-    """Where one marker is glued."""
+    """Pose of one marker on the object."""
 
     marker_id: int | str
     T_object_marker: Array
-    """(4, 4)"""
+    """(4, 4) pose of M in O"""
     covariance: Array
-    """(6, 6) of its turn in O [rad] and its centre in O [m]"""
+    """(6, 6) covariance of its turn in O [rad] and its centre in O [m]"""
     strikes: tuple[str, ...]
-    """that show it"""
+    """strikes that show it"""
     rms_px: float
+    """rms residual of its corners [px]"""
     on_surface: bool
-    """its distance from the surface was held to its thickness"""
+    """True if its distance from the surface was held to its thickness"""
     undetermined: tuple[str, ...]
-    """directions in O that are not known, in words; empty: all are"""
+    """undetermined directions in O, in words; empty if there are none"""
     remedy: str = ""
+    """action that would determine them; empty if there are none"""
 
     @property
     def turn_sd(self) -> float:
-        """Worst direction [rad]."""
+        """Standard deviation of the turn in its worst direction [rad]."""
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
 
     @property
     def place_sd(self) -> float:
-        """Worst direction [m]."""
+        """Standard deviation of the centre in its worst direction [m]."""
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[3:, 3:])[-1]))
 
 
 @dataclass(frozen=True)
 class TablePlace:
-    """How the table lies against the recorded T_world_camera, in one recording."""
+    """Pose of the table relative to the recorded T_world_camera, in one recording."""
 
     setup: int
     """number of the recording"""
     offset: Array
     """(3,) tilts about W's x and y [rad], and the height [m]"""
     sd: Array
-    """(3,)"""
+    """(3,) their standard deviations"""
     T_world_camera: Array
-    """(4, 4), of the W whose z = 0 is the table as found"""
+    """(4, 4) pose of C in the W whose z = 0 is the estimated table"""
     undetermined: tuple[str, ...]
-    """what of it is not known; empty: all is"""
+    """undetermined components, in words; empty if there are none"""
 
 
 @dataclass(frozen=True)
 class Registration:
-    """What the strikes tell of markers, placements and the table."""
+    """Markers, placements and tables estimated from strikes."""
 
     markers: tuple[MarkerPlace, ...]
+    """pose of each marker"""
     left_out: tuple[LeftOut, ...]
+    """strikes that were not used"""
     solution: Solution
+    """the joint fit"""
     tables: tuple[TablePlace, ...]
     """one per recording of which a strike was used"""
 
@@ -99,29 +109,89 @@ def register(
     model: ObjectModel,
     table: TablePrior = LAID_BOARD,
 ) -> Registration:
-    """Solve for all markers that the strikes show.
+    """Estimate the poses of all markers that the strikes show.
 
     Args:
-        views: what the strikes show.
-        sizes: m, edge of each marker's black square.
-        thickness: m, of each marker's card.
+        views: views of the strikes.
+        sizes: edge of each marker's black square [m].
+        thickness: thickness of each marker's card [m].
         model: the object's exterior.
-        table: how well the recorded T_world_camera knows the table; UNKNOWN_TABLE: its tilts and height are to be found.
+        table: prior of the table against the recorded T_world_camera; UNKNOWN_TABLE to estimate its tilts and
+            height.
 
     Raises:
-        EstimationError: nothing was seen, or the strikes contradict each other so that nobody can say which are right.
+        EstimationError: nothing was seen, or the strikes contradict each other so that nobody can say which
+            are right.
     """
     if not views:
-        raise EstimationError("no strike shows a marker at rest: check light and focus, and that the object file names its tags")
-    left_out: list[LeftOut] = []
+        raise EstimationError(
+            "no strike shows a marker at rest: check light and focus, and that the object file names its tags"
+        )
+    single, left_out = _solve_each(views, sizes, model, table)
+    start, good, misplaced = _starts(views, single)
+    left_out += misplaced
+    used = [view for view in views if view.strike_id in good]
+    if not used:
+        reasons = "; ".join(f"{left.strike_id}: {left.reason}" for left in left_out)
+        raise EstimationError(f"no strike can be used: {reasons}")
+    twisted: set[str] = set()
+    while True:
+        surface = surface_under(model, start, sizes, thickness)
+        solution = Problem(used, sizes, table, surface, twisted).solve(start)
+        if not solution.converged:
+            raise EstimationError(
+                "the strikes do not determine the markers' places:"
+                " strike over other edges, and on another resting face"
+            )
+        more = _strikes_with_misfit(solution, TWISTED_RATIO) - twisted
+        if more:
+            twisted |= more
+            continue
+        worst = max(
+            _strikes_with_misfit(solution, DISAGREES_RATIO),
+            key=lambda name: solution.misfit[name],
+            default=None,
+        )
+        if worst is None or len(used) <= 2:
+            break
+        misfit = f"its misfit is {solution.misfit[worst]:.0f} times the noise"
+        left_out.append(LeftOut(worst, f"fits with no other strike ({misfit}): left out"))
+        used = [view for view in used if view.strike_id != worst]
+        start = {**start, **solution.T_object_marker}
+    _refuse_one_on_another(used, solution, sizes)
+    held = surface_under(model, start, sizes, thickness).fits
+    return Registration(
+        tuple(_marker_place(name, solution, used, name in held) for name in solution.T_object_marker),
+        tuple(left_out),
+        solution,
+        tuple(
+            _table_place(setup, solution, next(view.camera for view in used if view.setup == setup))
+            for setup in solution.table
+        ),
+    )
+
+
+def _solve_each(
+    views: Sequence[StrikeView], sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior
+) -> tuple[dict[str, Solution], list[LeftOut]]:
+    """Solutions of the strikes each by itself, by strike, and the strikes that have none."""
     single: dict[str, Solution] = {}
+    left_out: list[LeftOut] = []
     for view in views:
         try:
-            single[view.strike_id] = _alone(view, sizes, model, table)
+            single[view.strike_id] = _solve_alone(view, sizes, model, table)
         except EstimationError as error:
-            left_out.append(LeftOut(view.strike_id, f"{error}: is its marker read aright?"))
+            left_out.append(LeftOut(view.strike_id, f"{error}: is its marker the right one?"))
+    return single, left_out
+
+
+def _starts(
+    views: Sequence[StrikeView], single: Mapping[str, Solution]
+) -> tuple[dict[int | str, Array], set[str], list[LeftOut]]:
+    """First pose (4, 4) of each marker, the strikes that agree on all of theirs, and the others."""
     start: dict[int | str, Array] = {}
     good = set(single)
+    left_out: list[LeftOut] = []
     for name in dict.fromkeys(i for view in views for i in view.marker_ids):
         some = [view for view in views if name in view.marker_ids and view.strike_id in good]
         if not some:
@@ -131,130 +201,133 @@ def register(
         for view in some:
             if view not in agreeing:
                 good.discard(view.strike_id)
-                left_out.append(LeftOut(view.strike_id, _otherwise(view, single[view.strike_id].T_object_marker[name], start[name])))
-    used = [view for view in views if view.strike_id in good]
-    if not used:
-        raise EstimationError(f"no strike can be used: {'; '.join(f'{left.strike_id}: {left.reason}' for left in left_out)}")
-    twisted: set[str] = set()
-    while True:
-        solution = Problem(used, sizes, table, surface_under(model, start, sizes, thickness), twisted).solve(start)
-        if not solution.converged:
-            raise EstimationError("the strikes do not determine the markers' places: strike over other edges, and on another resting face")
-        more = _misfits(solution, TWISTED) - twisted
-        if more:
-            twisted |= more
-            continue
-        worst = max(_misfits(solution, DISAGREES), key=lambda name: solution.misfit[name], default=None)
-        if worst is None or len(used) <= 2:
-            break
-        left_out.append(LeftOut(worst, f"fits with no other strike (its misfit is {solution.misfit[worst]:.0f} times the noise): left out"))
-        used = [view for view in used if view.strike_id != worst]
-        start = {**start, **solution.T_object_marker}
-    _refuse_one_on_another(used, solution, sizes)
-    held = surface_under(model, start, sizes, thickness).lying
-    return Registration(
-        tuple(_place(name, solution, used, name in held) for name in solution.T_object_marker),
-        tuple(left_out),
-        solution,
-        tuple(_table(setup, solution, next(view.camera for view in used if view.setup == setup)) for setup in solution.table),
-    )
+                found = single[view.strike_id].T_object_marker[name]
+                left_out.append(LeftOut(view.strike_id, _placement_difference(view, found, start[name])))
+    return start, good, left_out
 
 
-def _alone(view: StrikeView, sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior) -> Solution:
-    """One strike by itself."""
+def _solve_alone(
+    view: StrikeView, sizes: Mapping[int | str, float], model: ObjectModel, table: TablePrior
+) -> Solution:
+    """Solution of one strike by itself."""
     camera = view.camera
     R_world_camera, p_world_camera = camera.T_world_camera[:3, :3], camera.T_world_camera[:3, 3]
     start: dict[int | str, Array] = {}
     for name, R, p in zip(view.marker_ids, view.R_camera_marker, view.p_camera_marker, strict=True):
         T = np.eye(4)
         T[:3, :3] = view.R_world_object.T @ R_world_camera @ R
-        T[:3, 3] = view.R_world_object.T @ (R_world_camera @ p + p_world_camera - np.array([0, 0, view.radius])) + view.p_object_pivot
+        T[:3, 3] = (
+            view.R_world_object.T @ (R_world_camera @ p + p_world_camera - np.array([0, 0, view.radius]))
+            + view.p_object_pivot
+        )
         start[name] = _laid_flat(T, model)
     return Problem([view], sizes, table, surface_under(model, start, sizes, {})).solve(start)
 
 
 def _laid_flat(T: Array, model: ObjectModel) -> Array:
-    """The pose turned until its normal is the surface's, where it nearly is: a square seen face-on hardly shows its tilt."""
+    """Pose turned until its normal is the surface's, if it nearly is.
+
+    a square seen face-on hardly shows its tilt.
+    """
     _, normal = height_over(model, T[:3, 3])
     axis = np.cross(T[:3, 2], normal)
     sine, cosine = float(np.linalg.norm(axis)), float(T[:3, 2] @ normal)
-    if cosine < math.cos(2 * LIES_ON) or sine < 1e-9:
+    if cosine < math.cos(2 * MAX_TILT_ON_SURFACE) or sine < 1e-9:
         return T
     flat = T.copy()
     flat[:3, :3] = matrix_from_vector(axis / sine * math.atan2(sine, cosine)) @ T[:3, :3]
     return flat
 
 
-def _agreeing(views: Sequence[StrikeView], single: Mapping[str, Solution], name: int | str) -> list[StrikeView]:
-    """The largest set of strikes that show the marker at one place, those that know it best first.
+def _agreeing(
+    views: Sequence[StrikeView], single: Mapping[str, Solution], name: int | str
+) -> list[StrikeView]:
+    """Largest set of strikes that agree on the marker's pose, those with the smallest covariance first.
 
     Raises:
-        EstimationError: two sets are equally large: nobody can say which is right.
+        EstimationError: two sets are equally large, so that neither can be preferred.
     """
-    agree = [[_same(single[a.strike_id], single[b.strike_id], name) for b in views] for a in views]
+    agree = [[_agree_on(single[a.strike_id], single[b.strike_id], name) for b in views] for a in views]
     sets = {tuple(i for i in range(len(views)) if row[i]) for row in agree}
     ranked = sorted(sets, key=len, reverse=True)
     best = ranked[0]
     if len(best) < len(views):
-        rival = next((other for other in ranked[1:] if len(other) == len(best) and not set(other) & set(best)), None)
+        rival = next(
+            (other for other in ranked[1:] if len(other) == len(best) and not set(other) & set(best)), None
+        )
         if rival is not None:
             one, two = (", ".join(views[i].strike_id for i in each) for each in (best, rival))
-            turned = _otherwise(views[rival[0]], *(single[views[each[0]].strike_id].T_object_marker[name] for each in (rival, best)))
-            raise EstimationError(
-                f"strikes {one} and {two} contradict each other on marker {name} ({turned}): look which was placed otherwise than its card "
-                "says, and leave it out with --exclude"
+            turned = _placement_difference(
+                views[rival[0]],
+                *(single[views[each[0]].strike_id].T_object_marker[name] for each in (rival, best)),
             )
-    return sorted((views[i] for i in best), key=lambda view: float(np.trace(single[view.strike_id].covariance[name][:3, :3])))
+            raise EstimationError(
+                f"strikes {one} and {two} contradict each other on marker {name} ({turned}):"
+                " find the one that was not placed as on its card, and leave it out with --exclude"
+            )
+    return sorted(
+        (views[i] for i in best),
+        key=lambda view: float(np.trace(single[view.strike_id].covariance[name][:3, :3])),
+    )
 
 
-def _same(one: Solution, two: Solution, name: int | str) -> bool:
+def _agree_on(one: Solution, two: Solution, name: int | str) -> bool:
+    """True if two solutions agree on a marker's pose within their errors."""
     a, b = one.T_object_marker[name], two.T_object_marker[name]
     covariance = one.covariance[name] + two.covariance[name]
-    apart = np.concatenate([vector_from_matrix(a[:3, :3] @ b[:3, :3].T), a[:3, 3] - b[:3, 3]])
-    allowed = covariance + np.diag([SAME_TURN**2 / 9] * 3 + [SAME_PLACE**2 / 9] * 3)
-    return float(apart @ np.linalg.solve(allowed, apart)) < 25.0
+    difference = np.concatenate([vector_from_matrix(a[:3, :3] @ b[:3, :3].T), a[:3, 3] - b[:3, 3]])
+    allowed = covariance + np.diag([MAX_SAME_TURN**2 / 9] * 3 + [MAX_SAME_DISTANCE**2 / 9] * 3)
+    return float(difference @ np.linalg.solve(allowed, difference)) < 25.0
 
 
-def _otherwise(view: StrikeView, found: Array, expected: Array) -> str:
-    """How the object lay, against the plan."""
+def _placement_difference(view: StrikeView, found: Array, expected: Array) -> str:
+    """Difference between a strike's placement and the plan, in words."""
     turn = view.R_world_object @ found[:3, :3] @ expected[:3, :3].T @ view.R_world_object.T
     vector = vector_from_matrix(turn.T)
     angle = math.degrees(float(np.linalg.norm(vector)))
-    if angle < math.degrees(SAME_TURN):
+    if angle < math.degrees(MAX_SAME_TURN):
         apart_mm = 1000 * float(np.linalg.norm(found[:3, 3] - expected[:3, 3]))
         return f"its marker is {apart_mm:.0f} mm off where other strikes show it: another edge"
     if abs(vector[2]) > 0.9 * np.linalg.norm(vector):
-        return f"placed otherwise than its card says: turned by {angle:.0f} deg about the vertical"
-    return f"placed otherwise than its card says: turned by {angle:.0f} deg, on another face"
+        return f"not placed as on its card: turned by {angle:.0f} deg about the vertical"
+    return f"not placed as on its card: turned by {angle:.0f} deg, on another face"
 
 
-def _misfits(solution: Solution, times: float) -> set[str]:
-    """Strikes that fit so much worse than the others do."""
-    usual = max(float(np.median(list(solution.misfit.values()))), USUAL_MISFIT)
+def _strikes_with_misfit(solution: Solution, times: float) -> set[str]:
+    """Strikes whose misfit exceeds `times` the usual one."""
+    usual = max(float(np.median(list(solution.misfit.values()))), MIN_USUAL_MISFIT)
     return {name for name, misfit in solution.misfit.items() if misfit > times * usual}
 
 
-def _refuse_one_on_another(used: Sequence[StrikeView], solution: Solution, sizes: Mapping[int | str, float]) -> None:
-    """Two markers at one place: the object lay otherwise in the strikes of one of them."""
+def _refuse_one_on_another(
+    used: Sequence[StrikeView], solution: Solution, sizes: Mapping[int | str, float]
+) -> None:
+    """Refuse two markers at one place: the object was placed wrongly in the strikes of one of them."""
     names = list(solution.T_object_marker)
     for i, one in enumerate(names):
         for two in names[i + 1 :]:
             a, b = solution.T_object_marker[one], solution.T_object_marker[two]
             near = float(np.linalg.norm(a[:3, 3] - b[:3, 3])) < 0.5 * (sizes[one] + sizes[two])
             if near and float(a[:3, 2] @ b[:3, 2]) > 0.5:
-                by = {name: ", ".join(view.strike_id for view in used if name in view.marker_ids) for name in (one, two)}
+                by = {
+                    name: ", ".join(view.strike_id for view in used if name in view.marker_ids)
+                    for name in (one, two)
+                }
                 raise EstimationError(
-                    f"markers {one} (strikes {by[one]}) and {two} (strikes {by[two]}) come out at one place: the object lay otherwise than "
-                    "its card says in the strikes of one of them: look which, and leave them out with --exclude"
+                    f"markers {one} (strikes {by[one]}) and {two} (strikes {by[two]}) come out at one place:"
+                    " in the strikes of one of them the object was not placed as on its card:"
+                    " find them, and leave them out with --exclude"
                 )
 
 
-def _place(name: int | str, solution: Solution, used: Sequence[StrikeView], on_surface: bool) -> MarkerPlace:
+def _marker_place(
+    name: int | str, solution: Solution, used: Sequence[StrikeView], on_surface: bool
+) -> MarkerPlace:
     covariance = solution.covariance[name]
     mine = [view for view in used if name in view.marker_ids]
     words = [
-        *(f"turn about {_axis(v)}" for v in _unknown(covariance[:3, :3], UNKNOWN_TURN)),
-        *(f"place along {_axis(v)}" for v in _unknown(covariance[3:, 3:], UNKNOWN_PLACE)),
+        *(f"turn about {_axis(v)}" for v in _undetermined_directions(covariance[:3, :3], MAX_TURN_SD)),
+        *(f"place along {_axis(v)}" for v in _undetermined_directions(covariance[3:, 3:], MAX_PLACE_SD)),
     ]
     return MarkerPlace(
         name,
@@ -269,24 +342,29 @@ def _place(name: int | str, solution: Solution, used: Sequence[StrikeView], on_s
 
 
 def _remedy(mine: Sequence[StrikeView]) -> str:
-    """What would determine a marker's place that these strikes do not."""
+    """Strike that would determine a marker's undetermined directions."""
     tipped = [view for view in mine if len(view.theta) > 1]
     if any(view.rolls for view in mine):
-        return "the body is round there: it shows nothing of how it is turned about its axis: measure T_object_marker by hand"
-    if not tipped and any(view.flank for view in mine):
-        return "the body rolls on a curved flank there, about no line: strike it over a sharp edge, or measure T_object_marker by hand"
+        return "the body is round there: its turn about its axis is unknown: measure T_object_marker by hand"
+    if not tipped and any(view.on_curve for view in mine):
+        return (
+            "the body rolls on a curve there, about no line:"
+            " strike it over a sharp edge, or measure T_object_marker by hand"
+        )
     if not tipped:
         return "strike the object so that this marker is seen while it tips"
-    return "strike it on another resting face, over an edge that is not parallel to " + ", ".join(sorted({v.axis_id for v in tipped}))
+    return "strike it on another resting face, over an edge that is not parallel to " + ", ".join(
+        sorted({v.axis_id for v in tipped})
+    )
 
 
-def _unknown(covariance: Array, limit: float) -> list[Array]:
+def _undetermined_directions(covariance: Array, limit: float) -> list[Array]:
     values, vectors = np.linalg.eigh(covariance)
     return [vectors[:, i] for i in range(3) if math.sqrt(max(float(values[i]), 0.0)) > limit]
 
 
 def _axis(vector: Array) -> str:
-    """A direction in O, either way."""
+    """Name of a direction in O, regardless of its sign."""
     v = vector if vector[np.argmax(np.abs(vector))] > 0 else -vector
     largest = int(np.argmax(v))
     if v[largest] > 0.99:
@@ -294,9 +372,9 @@ def _axis(vector: Array) -> str:
     return f"({v[0]:.2f}, {v[1]:.2f}, {v[2]:.2f}) in O"
 
 
-def _table(setup: int, solution: Solution, camera: CameraModel) -> TablePlace:
+def _table_place(setup: int, solution: Solution, camera: CameraModel) -> TablePlace:
     offset, sd = solution.table[setup], np.sqrt(np.diag(solution.table_covariance[setup]))
     names = ("tilt about W's x", "tilt about W's y", "height")
-    limits = (UNKNOWN_TURN, UNKNOWN_TURN, UNKNOWN_PLACE)
+    limits = (MAX_TURN_SD, MAX_TURN_SD, MAX_PLACE_SD)
     unknown = tuple(name for name, value, limit in zip(names, sd, limits, strict=True) if value > limit)
     return TablePlace(setup, offset, sd, corrected_camera(camera, offset).T_world_camera, unknown)

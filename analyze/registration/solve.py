@@ -1,14 +1,16 @@
-"""Places of markers, placements and the table's plane in one least-squares problem on the reprojection of the markers' corners.
+"""Marker poses, placements and the table's plane by one least-squares problem on the markers' corners.
 
-A corner q of a marker (in M) is seen where the body's motion carries it:
+A corner q of a marker (in M) is carried by the body's motion to
 
-    x_O = R_m q + t_m,  x_W = Rz(psi + kappa + tau theta + d_psi) Ry(theta) R_s (x_O - p_e - U d_e) + (x + d_x, y + d_y, rho + d_z)
-    x_C = T_camera_world E x_W
+    x_O = R_m q + t_m,  x_W = Rz(psi + kappa + tau theta + d_psi) Ry(theta) R_s (x_O - p_e - U d_e) + (x +
+    d_x, y + d_y, rho + d_z) x_C = T_camera_world E x_W
 
-m: marker, s: strike, e: edge. What is sure of a placement is R_s, but for its heading psi, and that the centre line p_e of the edge's
-rounding is as high over the table as its radius rho; psi, x and y are as a hand left them. While the body tips over the edge, theta and
-where the edge goes along the table (it may slide) are free in every frame; that it does not leave the table (d_z) is known to LIFT_SD.
-E is how the table lies against the recorded T_world_camera: two tilts and a height. Frames are eliminated one by one (Schur).
+m: marker, s: strike, e: edge. Known of a placement are R_s, except for its heading psi, and that the centre
+line p_e of the edge's rounding is at the height of its radius rho over the table; psi, x and y are as the
+hand left them. While the body tips over the edge, theta and the edge's position along the table (it may
+slide) are free in every frame; its height d_z is known to be 0 to within FRAME_SD. E is the pose of the table
+relative to the recorded T_world_camera: two tilts and a height. Frames are eliminated one by one (Schur
+complement): docs/decisions/0028 gives the reason why this solver is not the dense one.
 """
 
 from __future__ import annotations
@@ -34,52 +36,60 @@ if TYPE_CHECKING:
     from analyze.types import Array, IntArray
 
 HEADING_SD, PLACE_SD = math.radians(6.0), 0.02
-"""rad, m: of a placement by hand; wide, so that the hand tells nothing beyond where to begin"""
-BLOW_SD, TWISTED_SD, DRIFT_SD = math.radians(0.05), math.radians(3.0), math.radians(0.1)
-"""rad, rad, rad per rad: turn about the vertical by the blow, by one that clearly missed the body's middle, and while it tips"""
+"""prior sd of a placement by hand [rad, m]; wide, so that the hand gives no information beyond the start"""
+IMPACT_TURN_SD, TWISTED_SD, DRIFT_SD = math.radians(0.05), math.radians(3.0), math.radians(0.1)
+"""sd of the turn about the vertical by the impact [rad], by one that clearly missed the body's middle [rad],
+and while it tips [rad per rad]"""
 FRAME_SD = np.array([np.inf, math.radians(0.05), 0.02, 2e-4, 3e-5])
-"""of theta, heading, slip along x and along y, lift in one frame of a tip: rad, m"""
+"""sd of theta, heading, slip along x and along y, and lift in one frame of a tip [rad, m]"""
 _FRAME_WEIGHT = 1.0 / FRAME_SD
 MARKER_SD = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 1.0])
-"""rad, m: nothing is known of a marker's place; keeps what nothing determines finite"""
-_STEPS = 40
-_CONVERGED = 1e-7
-_MOST_DAMPING = 1e8
+"""prior sd of a marker's pose [rad, m]: no information, but it keeps undetermined directions finite"""
+_MAX_STEPS = 40
+_COST_TOLERANCE = 1e-7
+_MAX_DAMPING = 1e8
 _PER_STRIKE, _PER_EDGE, _TABLE, _PER_FRAME = 5, 2, 3, 5
-_OUTLIER = 25.0
-"""times the median chi^2 of a strike's frames: such a frame is left out"""
+_OUTLIER_CHI2_RATIO = 25.0
+"""multiple of the median chi^2 of a strike's frames above which a frame is left out"""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What fits best. Rotations of a marker are small turns in O, added before its place."""
+    """Best fit of all markers, placements and tables.
+
+    Rotations of a marker are small turns in O, applied before its position.
+    """
 
     T_object_marker: Mapping[int | str, Array]
+    """(4, 4) pose of M in O per marker"""
     covariance: Mapping[int | str, Array]
     """(6, 6) per marker, of its turn in O [rad] and its centre in O [m]"""
     placements: Mapping[str, Array]
-    """per strike (3,): heading [rad], x, y [m] in W, against the plan"""
+    """per strike (3,): heading [rad], x, y [m] in W, relative to the plan"""
     placement_sd: Mapping[str, Array]
+    """per strike (3,) standard deviations of the placement"""
     table: Mapping[int, Array]
-    """per recording (3,) rad, rad, m: E, tilts about W's x and y, and the height"""
+    """per recording (3,) E: tilts about W's x and y [rad], and the height [m]"""
     table_covariance: Mapping[int, Array]
-    """(3, 3)"""
+    """per recording (3, 3)"""
     misfit: Mapping[str, float]
     """per strike: chi^2 per degree of freedom"""
     rms_px: Mapping[int | str, float]
-    """per marker, of its corners"""
+    """per marker: rms residual of its corners [px]"""
     scale: float
-    """factor on all sd, by the residuals"""
+    """factor on all standard deviations, by the residuals"""
     converged: bool
-    """False: it still moved along a direction that hardly anything determines"""
+    """False if it still moved along a direction that is hardly determined"""
 
 
 @dataclass
 class _Unknowns:
+    """Values of all unknowns."""
+
     R: list[Array]
     t: list[Array]
     strike: Array
-    """(s, 5) psi, x, y, kappa, tau"""
+    """(s, 5) psi, x, y, kappa, tau [rad, m, m, rad, 1]"""
     edge: Array
     """(e, 2)"""
     table: Array
@@ -88,6 +98,7 @@ class _Unknowns:
     """per strike (f - 1, 5): theta, heading, x, y, z"""
 
     def moved(self, shared: Array, frames: list[Array]) -> _Unknowns:
+        """Unknowns after a step of the shared ones (n,) and of the frames' own."""
         many, strikes, edges = len(self.R), len(self.strike), len(self.edge)
         markers = shared[: 6 * many].reshape(many, 6)
         at = 6 * many
@@ -105,7 +116,7 @@ class _Unknowns:
 
 
 class Problem:
-    """Some strikes, solved together."""
+    """Least-squares problem of some strikes, solved together."""
 
     def __init__(
         self,
@@ -115,14 +126,19 @@ class Problem:
         surface: Surface,
         twisted: Collection[str] = (),
     ) -> None:
-        self._blow_sd = [TWISTED_SD if view.strike_id in twisted else BLOW_SD for view in views]
+        self._impact_turn_sd = [TWISTED_SD if view.strike_id in twisted else IMPACT_TURN_SD for view in views]
         self._views = list(views)
-        self._surface, self._converges = surface, True
+        self._surface, self._has_converged = surface, True
         self.setups = sorted({view.setup for view in views})
         self.markers: list[int | str] = list(dict.fromkeys(i for view in views for i in view.marker_ids))
         self._edges = list(dict.fromkeys(view.axis_id for view in views))
-        self._basis = [np.stack(plane_basis(next(v.direction for v in views if v.axis_id == edge)), axis=-1) for edge in self._edges]
-        self._edge_sd = np.array([max(next(v.pivot_sd for v in views if v.axis_id == edge), 1e-6) for edge in self._edges])
+        self._basis = [
+            np.stack(plane_basis(next(v.direction for v in views if v.axis_id == edge)), axis=-1)
+            for edge in self._edges
+        ]
+        self._edge_sd = np.array(
+            [max(next(v.pivot_sd for v in views if v.axis_id == edge), 1e-6) for edge in self._edges]
+        )
         self._table_sd = np.tile([table.tilt_sd, table.tilt_sd, table.height_sd], len(self.setups))
         self._corners = {i: marker_corners(sizes[i]) for i in self.markers}
         self._seen = [np.isfinite(view.sd) for view in views]
@@ -135,13 +151,13 @@ class Problem:
         """Best fit from `start`: T_object_marker (4, 4) per marker, near the truth.
 
         Raises:
-            EstimationError: it runs away.
+            EstimationError: the iteration diverges.
         """
         unknowns = self._first(start)
         unknowns, normal = self._converged(unknowns)
         if self._drop_outliers(unknowns):
             unknowns, normal = self._converged(unknowns)
-        return self._told(unknowns, normal)
+        return self._solution(unknowns, normal)
 
     def _first(self, start: Mapping[int | str, Array]) -> _Unknowns:
         frames: list[Array] = []
@@ -159,13 +175,15 @@ class Problem:
         )
 
     def _converged(self, unknowns: _Unknowns) -> tuple[_Unknowns, Array]:
-        """Levenberg and Marquardt; the best, and the normal matrix of what frames share there."""
+        """Minimum by Levenberg-Marquardt, and the normal matrix of the shared unknowns there."""
         damping, cost = 1e-4, self._cost(unknowns)
-        for _ in range(_STEPS):
+        for _ in range(_MAX_STEPS):
             normal, gradient, back = self._normal(unknowns)
             better: tuple[float, _Unknowns] | None = None
-            while better is None and damping < _MOST_DAMPING:
-                step: Array = np.asarray(np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient), dtype=np.float64)
+            while better is None and damping < _MAX_DAMPING:
+                step: Array = np.asarray(
+                    np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient), dtype=np.float64
+                )
                 tried = unknowns.moved(step, back(step))
                 new = self._cost(tried)
                 if new <= cost * (1 + 1e-12):
@@ -175,21 +193,29 @@ class Problem:
             if better is None:
                 break
             gained, (cost, unknowns), damping = cost - better[0], better, max(damping * 0.1, 1e-12)
-            if gained < _CONVERGED * (1 + cost):
+            if gained < _COST_TOLERANCE * (1 + cost):
                 break
         else:
-            self._converges = False
+            self._has_converged = False
         if not math.isfinite(cost):
             raise EstimationError("the markers' places do not converge")
         return unknowns, self._normal(unknowns)[0]
 
     def _model(self, s: int, u: _Unknowns) -> tuple[Array, Array, Array, Array]:
-        """Corners in C (f, m, 4, 3), and on the way there: arm turned by theta, by the heading too, and in W."""
+        """Corners in C (f, m, 4, 3), and intermediate results.
+
+        Arm turned by theta, also by the heading, and in W.
+        """
         view = self._views[s]
         e = self._edges.index(view.axis_id)
         _, x, y, *_ = u.strike[s]
         pivot = view.p_object_pivot + self._basis[e] @ u.edge[e]
-        on_body = np.stack([self._corners[i] @ u.R[j].T + u.t[j] for i, j in zip(view.marker_ids, self._numbers(view), strict=True)])
+        on_body = np.stack(
+            [
+                self._corners[i] @ u.R[j].T + u.t[j]
+                for i, j in zip(view.marker_ids, self._numbers(view), strict=True)
+            ]
+        )
         arm = (on_body - pivot) @ view.R_world_object.T
         frame = np.concatenate([np.zeros((1, _PER_FRAME)), u.frames[s]])
         B = arm[None] @ _turns(1, frame[:, 0]).transpose(0, 2, 1)[:, None]
@@ -204,7 +230,7 @@ class Problem:
         return [self.markers.index(name) for name in view.marker_ids]
 
     def _weight(self, s: int) -> Array:
-        """(f, m) 1/px, 0 where nothing is seen."""
+        """Weights (f, m) [1/px], 0 where nothing was seen."""
         return np.where(self._seen[s], 1.0 / self._views[s].sd, 0.0)
 
     def _residual(self, s: int, in_camera: Array) -> Array:
@@ -212,12 +238,16 @@ class Problem:
         return np.clip(off * self._weight(s)[:, :, None, None], -1e6, 1e6)
 
     def _prior(self, u: _Unknowns) -> tuple[Array, Array]:
-        """Deviation and weight (n,) of what is shared."""
-        value = np.concatenate([np.zeros(6 * len(self.markers)), u.strike.ravel(), u.edge.ravel(), u.table.ravel()])
+        """Deviation and weight (n,) of the shared unknowns from their priors."""
+        value = np.concatenate(
+            [np.zeros(6 * len(self.markers)), u.strike.ravel(), u.edge.ravel(), u.table.ravel()]
+        )
         sd = np.concatenate(
             [
                 np.tile(MARKER_SD, len(self.markers)),
-                np.ravel([[HEADING_SD, PLACE_SD, PLACE_SD, blow, DRIFT_SD] for blow in self._blow_sd]),
+                np.ravel(
+                    [[HEADING_SD, PLACE_SD, PLACE_SD, turn_sd, DRIFT_SD] for turn_sd in self._impact_turn_sd]
+                ),
                 np.repeat(self._edge_sd, _PER_EDGE),
                 self._table_sd,
             ]
@@ -225,18 +255,26 @@ class Problem:
         return value, 1.0 / sd
 
     def _off_surface(self, u: _Unknowns) -> list[tuple[int, Array, Array]]:
-        """Per marker that is held to the surface: its number, how far off it is in sd (3,), and that by its six unknowns (3, 6)."""
+        """Per marker held to the surface.
+
+        Its index, its distance from it in sd (3,), and the derivative (3, 6).
+        """
         found: list[tuple[int, Array, Array]] = []
         for j, name in enumerate(self.markers):
-            lying = self._surface.lying.get(name)
-            if lying is None:
+            fit = self._surface.fits.get(name)
+            if fit is None:
                 continue
             height, normal = self._surface.height(u.t[j])
             across = np.stack(plane_basis(normal))
-            off = np.array([(height - lying.thickness) / lying.height_sd, *(across @ np.cross(normal, u.R[j][:, 2])) / lying.tilt_sd])
+            off = np.array(
+                [
+                    (height - fit.thickness) / fit.height_sd,
+                    *(across @ np.cross(normal, u.R[j][:, 2])) / fit.tilt_sd,
+                ]
+            )
             by = np.zeros((3, 6))
-            by[0, 3:] = normal / lying.height_sd
-            by[1:, :3] = across / lying.tilt_sd
+            by[0, 3:] = normal / fit.height_sd
+            by[1:, :3] = across / fit.tilt_sd
             found.append((j, off, by))
         return found
 
@@ -246,10 +284,14 @@ class Problem:
             total += float(np.sum(self._residual(s, self._model(s, u)[0]) ** 2))
             total += float(np.sum((u.frames[s] * _FRAME_WEIGHT) ** 2))
         value, weight = self._prior(u)
-        return total + float(np.sum((value * weight) ** 2)) + sum(float(off @ off) for _, off, _ in self._off_surface(u))
+        return (
+            total
+            + float(np.sum((value * weight) ** 2))
+            + sum(float(off @ off) for _, off, _ in self._off_surface(u))
+        )
 
     def _normal(self, u: _Unknowns) -> tuple[Array, Array, Callable[[Array], list[Array]]]:
-        """Normal matrix and gradient of what frames share, frames eliminated, and what a step of it makes of the frames."""
+        """Normal matrix and gradient of the shared unknowns, and the frames' steps by the shared step."""
         value, weight = self._prior(u)
         normal, gradient = np.diag(weight**2), -value * weight**2
         for j, off, by in self._off_surface(u):
@@ -259,13 +301,18 @@ class Problem:
         kept: list[tuple[IntArray, Array, Array, Array]] = []
         for s, view in enumerate(self._views):
             columns, J, own, residual = self._jacobian(s, u)
-            # Rest: nothing of its own is free.
+            # At rest a frame has no unknowns of its own.
             at = np.ix_(columns, columns)
             normal[at] += J[0].T @ J[0]
             gradient[columns] += J[0].T @ residual[0]
             if len(view.theta) == 1:
                 kept.append(
-                    (columns, np.zeros((0, _PER_FRAME, _PER_FRAME)), np.zeros((0, _PER_FRAME, len(columns))), np.zeros((0, _PER_FRAME)))
+                    (
+                        columns,
+                        np.zeros((0, _PER_FRAME, _PER_FRAME)),
+                        np.zeros((0, _PER_FRAME, len(columns))),
+                        np.zeros((0, _PER_FRAME)),
+                    )
                 )
                 continue
             tip, own, residual = J[1:], own[1:], residual[1:]
@@ -275,16 +322,26 @@ class Problem:
             right = (own.transpose(0, 2, 1) @ residual[..., None])[..., 0] - u.frames[s] * _FRAME_WEIGHT**2
             reduced = of_frames @ across
             normal[at] += np.einsum("fki,fkj->ij", tip, tip) - np.einsum("fki,fkj->ij", across, reduced)
-            gradient[columns] += np.einsum("fki,fk->i", tip, residual) - np.einsum("fki,fk->i", reduced, right)
+            gradient[columns] += np.einsum("fki,fk->i", tip, residual) - np.einsum(
+                "fki,fk->i", reduced, right
+            )
             kept.append((columns, of_frames, across, right))
 
         def back(step: Array) -> list[Array]:
-            return [(inverse @ (right - across @ step[columns])[..., None])[..., 0] for columns, inverse, across, right in kept]
+            return [
+                (inverse @ (right - across @ step[columns])[..., None])[..., 0]
+                for columns, inverse, across, right in kept
+            ]
 
         return normal, gradient, back
 
     def _jacobian(self, s: int, u: _Unknowns) -> tuple[IntArray, Array, Array, Array]:
-        """Which shared columns a strike has, weighted derivatives (f, k, c) by them and (f, k, 5) by a frame's own, residuals (f, k)."""
+        """Shared columns of a strike, weighted derivatives by them and by the frames' own, and residuals.
+
+        Returns:
+            (c,) columns, derivatives (f, k, c), derivatives by a frame's own unknowns (f, k, 5), residuals
+            (f, k).
+        """
         view = self._views[s]
         e = self._edges.index(view.axis_id)
         in_camera, B, C, world = self._model(s, u)
@@ -299,7 +356,7 @@ class Problem:
         by_point = project_jacobian(view.camera, in_camera) * self._weight(s)[:, :, None, None, None]
 
         def pixels(by: Array) -> Array:
-            """(f, m, 4, 2, c) of derivatives (f, m, 4, 3, c) of points in C."""
+            """Weighted derivatives of pixels (f, m, 4, 2, c) from those of points in C (f, m, 4, 3, c)."""
             return by_point @ by
 
         columns: list[IntArray] = []
@@ -318,7 +375,17 @@ class Problem:
         columns.append(self._strike_at + _PER_STRIKE * s + np.arange(_PER_STRIKE))
         along = np.broadcast_to(out[:, :2], (*about_up.shape[:-1], 3, 2))
         parts.append(
-            pixels(np.concatenate([about_up[..., None], along, (about_up * tips)[..., None], (about_up * turn_of)[..., None]], axis=-1))
+            pixels(
+                np.concatenate(
+                    [
+                        about_up[..., None],
+                        along,
+                        (about_up * tips)[..., None],
+                        (about_up * turn_of)[..., None],
+                    ],
+                    axis=-1,
+                )
+            )
         )
         columns.append(self._edge_at + 2 * e + np.arange(2))
         parts.append(pixels(np.broadcast_to((-carry @ self._basis[e])[:, None, None], (F, M, 4, 3, 2))))
@@ -328,25 +395,28 @@ class Problem:
         parts.append(pixels(np.stack([*tilt, lifted], axis=-1)))
         about_edge = np.cross(np.array([0.0, 1.0, 0.0]), B) @ heading.transpose(0, 2, 1)[:, None] @ out.T
         shift = np.broadcast_to(out, (*about_edge.shape[:-1], 3, 3))
-        own = pixels(np.concatenate([(about_edge + tau * about_up)[..., None], about_up[..., None], shift], axis=-1))
+        own = pixels(
+            np.concatenate([(about_edge + tau * about_up)[..., None], about_up[..., None], shift], axis=-1)
+        )
         J = np.concatenate(parts, axis=-1).reshape(F, M * 8, -1)
         return np.concatenate(columns), J, own.reshape(F, M * 8, _PER_FRAME), residual.reshape(F, M * 8)
 
     def _drop_outliers(self, u: _Unknowns) -> bool:
-        """Leave out single frames of tips whose corners were misread; whether there were any."""
+        """Leave out single frames of tips whose corners were misread; True if there were any."""
         dropped = False
         for s in range(len(self._views)):
             chi2 = np.mean(self._residual(s, self._model(s, u)[0]) ** 2, axis=(2, 3))
             seen = self._seen[s][1:]
             if not np.any(seen):
                 continue
-            bad = seen & (chi2[1:] > _OUTLIER * max(float(np.median(chi2[1:][seen])), 1.0))
+            bad = seen & (chi2[1:] > _OUTLIER_CHI2_RATIO * max(float(np.median(chi2[1:][seen])), 1.0))
             if np.any(bad):
                 self._seen[s] = np.concatenate([self._seen[s][:1], seen & ~bad])
                 dropped = True
         return dropped
 
-    def _told(self, u: _Unknowns, normal: Array) -> Solution:
+    def _solution(self, u: _Unknowns, normal: Array) -> Solution:
+        """Solution at the minimum, with covariance and misfits."""
         chi2, freedom = 0.0, 0
         misfit: dict[str, float] = {}
         off_px: dict[int | str, list[float]] = {name: [] for name in self.markers}
@@ -354,7 +424,7 @@ class Problem:
             residual = self._residual(s, self._model(s, u)[0])
             tip = u.frames[s] * _FRAME_WEIGHT
             own = float(np.sum(residual**2) + np.sum(tip**2))
-            # Of a frame's five unknowns all but theta and the slip are held by what is known of them.
+            # Of a frame's five unknowns only theta and the slip are not held by their priors.
             shown = int(np.count_nonzero(np.any(self._seen[s][1:], axis=1)))
             free = 8 * int(np.count_nonzero(self._seen[s])) - 2 * shown - 6
             misfit[view.strike_id] = own / max(free, 1)
@@ -373,26 +443,31 @@ class Problem:
             T[name][:3, :3], T[name][:3, 3] = u.R[j], u.t[j]
         return Solution(
             T_object_marker=T,
-            covariance={name: covariance[6 * j : 6 * j + 6, 6 * j : 6 * j + 6] for j, name in enumerate(self.markers)},
+            covariance={
+                name: covariance[6 * j : 6 * j + 6, 6 * j : 6 * j + 6] for j, name in enumerate(self.markers)
+            },
             placements={view.strike_id: u.strike[s, :3] for s, view in enumerate(self._views)},
             placement_sd={view.strike_id: strikes[s, :3] for s, view in enumerate(self._views)},
             table={setup: u.table[i] for i, setup in enumerate(self.setups)},
-            table_covariance={setup: covariance[a : a + _TABLE, a : a + _TABLE] for setup, a in zip(self.setups, at, strict=True)},
+            table_covariance={
+                setup: covariance[a : a + _TABLE, a : a + _TABLE]
+                for setup, a in zip(self.setups, at, strict=True)
+            },
             misfit=misfit,
             rms_px={name: math.sqrt(float(np.mean(off))) if off else 0.0 for name, off in off_px.items()},
             scale=scale,
-            converged=self._converges,
+            converged=self._has_converged,
         )
 
 
 def _heading(strike: Array, frame: Array) -> Array:
-    """Heading (f,) in every frame; frame 0 is at rest."""
+    """Heading (f,) in every frame [rad]; frame 0 is at rest."""
     psi, _, _, kappa, tau = strike
     return psi + kappa * (np.arange(len(frame)) > 0) + tau * frame[:, 0] + frame[:, 1]
 
 
 def _turns(axis: int, angle: Array) -> Array:
-    """(n, 3, 3) about the axis of that number by angles (n,)."""
+    """Rotations (n, 3, 3) about the axis of that index by angles (n,) [rad]."""
     vector = np.zeros((len(angle), 3))
     vector[:, axis] = angle
     return matrix_from_vector(vector)

@@ -1,4 +1,4 @@
-"""What it tells of a marker's place that it lies on the body's surface."""
+"""Constraint on a marker's pose by the body's surface on which it lies."""
 
 from __future__ import annotations
 
@@ -13,65 +13,86 @@ if TYPE_CHECKING:
     from analyze.geometry.object_model import ObjectModel
     from analyze.types import Array
 
-CARD_SD, CARD_TILT_SD = 1e-4, math.radians(0.2)
-"""m, rad: how far off a flat surface a tag may be, beyond its stated thickness: glue, paper that does not lie flat"""
-FLAT_HEIGHT, FLAT_TURN = 1e-4, math.radians(1.0)
-"""m, rad: by which the surface under a tag's corners may differ from its middle to be called flat"""
-LIES_ON = math.radians(15.0)
-"""between a marker's normal and the surface's, up to which it is taken to lie on it"""
-NEAR_SURFACE = 0.02
-"""m, for the same: along its normal a start is known no better than a hand places"""
+CARD_HEIGHT_SD, CARD_TILT_SD = 1e-4, math.radians(0.2)
+"""sd of a tag's distance [m] and tilt [rad] from a flat surface beyond its stated thickness: glue, uneven
+paper"""
+MAX_FLAT_HEIGHT, MAX_FLAT_TURN = 1e-4, math.radians(1.0)
+"""largest differences [m, rad] of the surface under a tag's corners from its middle that count as flat"""
+MAX_TILT_ON_SURFACE = math.radians(15.0)
+"""largest angle between a marker's normal and the surface's [rad] of a marker that lies on it"""
+MAX_HEIGHT_ON_SURFACE = 0.02
+"""largest first distance from the surface [m] of such a marker: along its normal a start is as inaccurate as
+a hand"""
 
 
 @dataclass(frozen=True)
-class Lying:
-    """How well it is known that a marker lies on the surface."""
+class SurfaceFit:
+    """Accuracy with which a marker lies on the surface."""
 
     thickness: float
-    """m, its centre's height over the surface"""
+    """height of its centre over the surface [m]"""
     height_sd: float
-    """m"""
+    """standard deviation of that height [m]"""
     tilt_sd: float
-    """rad, of its normal against the surface's; inf where the surface is not flat under it"""
+    """standard deviation of its normal against the surface's [rad]; infinite where the surface is not flat
+    under it"""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """The body's exterior, and which markers lie on it."""
+    """Exterior of the body, and the markers that lie on it."""
 
     height: Callable[[Array], tuple[float, Array]]
-    """of a point in O: height over the surface [m], and the outward normal (3,)"""
-    lying: Mapping[int | str, Lying]
-    """one that is missing is not held to the surface"""
+    """height over the surface [m] and outward normal (3,), of a point in O (3,) [m]"""
+    fits: Mapping[int | str, SurfaceFit]
+    """markers that are held to the surface; others are missing"""
 
 
 def height_over(model: ObjectModel, point: Array) -> tuple[float, Array]:
-    """Height over the surface [m], and the outward normal."""
+    """Height of a point (3,) over the surface [m], and the outward normal (3,)."""
     depth = model.depth_and_gradient(point)
     return -float(depth.value[0]), -depth.gradient[0]
 
 
 def surface_under(
-    model: ObjectModel, start: Mapping[int | str, Array], sizes: Mapping[int | str, float], thickness: Mapping[int | str, float]
+    model: ObjectModel,
+    start: Mapping[int | str, Array],
+    sizes: Mapping[int | str, float],
+    thickness: Mapping[int | str, float],
 ) -> Surface:
-    """Which markers lie on the surface, as far as `start` can tell."""
-    unsure = model.surface_sd if model.cloud is None else math.hypot(model.surface_sd, model.cloud.smooth_sd)
-    lying: dict[int | str, Lying] = {}
+    """Surface with the markers that lie on it by their first poses.
+
+    Args:
+        model: the object's exterior.
+        start: first T_object_marker (4, 4) per marker.
+        sizes: edge of each marker's black square [m].
+        thickness: thickness of each marker's card [m].
+    """
+    surface_sd = (
+        model.surface_sd if model.cloud is None else math.hypot(model.surface_sd, model.cloud.smooth_sd)
+    )
+    fits: dict[int | str, SurfaceFit] = {}
     for name, T in start.items():
         height, normal = height_over(model, T[:3, 3])
-        if float(normal @ T[:3, 2]) > math.cos(LIES_ON) and abs(height) < NEAR_SURFACE:
+        if float(normal @ T[:3, 2]) > math.cos(MAX_TILT_ON_SURFACE) and abs(height) < MAX_HEIGHT_ON_SURFACE:
             flat = _flat_under(model, T, sizes[name], height, normal)
-            lying[name] = Lying(thickness.get(name, 0.0), math.hypot(CARD_SD, unsure), CARD_TILT_SD if flat else math.inf)
-    return Surface(lambda point: height_over(model, point), lying)
+            fits[name] = SurfaceFit(
+                thickness.get(name, 0.0),
+                math.hypot(CARD_HEIGHT_SD, surface_sd),
+                CARD_TILT_SD if flat else math.inf,
+            )
+    return Surface(lambda point: height_over(model, point), fits)
 
 
 def _flat_under(model: ObjectModel, T: Array, size: float, height: float, normal: Array) -> bool:
-    """Whether the surface under the whole tag is one plane."""
-    corners = T[:3, 3] + 0.5 * size * np.array([sx * T[:3, 0] + sy * T[:3, 1] for sx in (-1, 1) for sy in (-1, 1)])
+    """True if the surface under the whole tag is one plane."""
+    corners = T[:3, 3] + 0.5 * size * np.array(
+        [sx * T[:3, 0] + sy * T[:3, 1] for sx in (-1, 1) for sy in (-1, 1)]
+    )
     for corner in corners:
-        # Beside the tag's own tilt, which is what is asked.
+        # Without the tag's own tilt, which is the unknown.
         on_plane = corner - normal * float(normal @ (corner - T[:3, 3]))
         above, other = height_over(model, on_plane)
-        if abs(above - height) > FLAT_HEIGHT or float(other @ normal) < math.cos(FLAT_TURN):
+        if abs(above - height) > MAX_FLAT_HEIGHT or float(other @ normal) < math.cos(MAX_FLAT_TURN):
             return False
     return True

@@ -1,4 +1,4 @@
-"""How the table lies against the W that a recorded T_world_camera speaks of: two tilts and a height."""
+"""Pose of the table relative to the W of a recorded T_world_camera: two tilts and a height."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TablePrior:
-    """1 sigma of how the table lies against the recorded T_world_camera."""
+    """Prior standard deviations of the table's pose relative to the recorded T_world_camera."""
 
     tilt_sd: float
-    """rad, about W's x and y"""
+    """tilt about W's x and y [rad]"""
     height_sd: float
-    """m"""
+    """height [m]"""
 
 
 LAID_BOARD = TablePrior(math.radians(0.1), 5e-4)
-"""as well as a board is laid by hand"""
+"""accuracy of a board laid by hand"""
 UNKNOWN_TABLE = TablePrior(math.radians(10.0), 0.1)
-"""no board was seen: poses and pivots must tell"""
+"""no board was seen: poses and pivots must determine the table"""
 
 
 def table_transform(table: Array) -> Array:
-    """E (4, 4): where points of the table's own frame are in the W that the recorded T_world_camera speaks of."""
+    """Transform E (4, 4) from the table's own frame to the W of the recorded T_world_camera."""
     E = np.eye(4)
     E[:3, :3] = tilted(table)
     E[2, 3] = table[2]
@@ -49,6 +49,9 @@ def tilted(table: Array) -> Array:
 
 
 def tilt_axes(table: Array) -> Array:
-    """Axes (2, 3) in W about which E turns as its two tilts change: the exponential's derivative, to third order of tilts below 20 deg."""
+    """Axes (2, 3) in W about which E turns as its two tilts change.
+
+    The exponential's derivative, to third order for tilts below 20 deg.
+    """
     K = hat(np.array([table[0], table[1], 0.0]))
     return (np.eye(3) + K / 2 + K @ K / 6)[:, :2].T

@@ -1,4 +1,7 @@
-"""What one strike shows of where its markers are: the object at rest on a known face, and as it turns about a known edge."""
+"""Views of one strike for registration.
+
+The object at rest on a known face, and turning about a known edge.
+"""
 
 from __future__ import annotations
 
@@ -14,64 +17,72 @@ from schemas.result import Verdict
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from analyze.motion.flank import Flank
+    from analyze.motion.support_function import SupportFunction
     from analyze.types import Array, CameraModel, IntArray, Marker, MarkerTrack, TipMotion
     from schemas.strike_plan import PlannedStrike
 
-TIP_FRAMES = 60
-"""of a tip at most, evenly over its angle"""
-IMAGE_PX = 0.02
-"""px, what a lens model and the camera's pixels may add to each corner's noise; it comes out anew as the tag moves on, not at rest"""
+MAX_TIP_FRAMES = 60
+"""most frames of a tip that are used, evenly over its angle"""
+MODEL_SD_PX = 0.02
+"""error of each corner by lens model and pixels [px]; it varies as the tag moves, but not at rest"""
 _NOTHING: tuple[IntArray, Array] = np.zeros(0, dtype=np.int64), np.zeros(0)
-LEAST_RESTING = 3
-LEAST_TURN = 0.1
-"""rad; of a smaller turn the axis cannot be told"""
-TURNED_ABOUT_ITS_EDGE = (Verdict.GOOD, Verdict.ROCKED_BACK, Verdict.SLID)
-"""the edge stayed on the table; where it went along it is left open"""
-SEEN_AT_REST = (*TURNED_ABOUT_ITS_EDGE, Verdict.STRUCK_TWICE, Verdict.TWISTED, Verdict.ROLLED, Verdict.AIRBORNE, Verdict.NOT_MOVED)
-"""the object lay as planned before it was struck"""
+MIN_RESTING_FRAMES = 3
+"""least number of frames at rest"""
+MIN_TURN_RAD = 0.1
+"""least turn [rad] that determines the axis"""
+EDGE_ON_TABLE = (Verdict.GOOD, Verdict.ROCKED_BACK, Verdict.SLID)
+"""verdicts with the edge on the table; its position along the table is left free"""
+PLACED_AS_PLANNED = (
+    *EDGE_ON_TABLE,
+    Verdict.STRUCK_TWICE,
+    Verdict.TWISTED,
+    Verdict.ROLLED,
+    Verdict.AIRBORNE,
+    Verdict.NOT_MOVED,
+)
+"""verdicts with the object as planned before the impact"""
 
 
 @dataclass(frozen=True)
 class StrikeView:
-    """One strike: frame 0 is the mean of the resting ones, the others are of the tip."""
+    """Images of one strike: frame 0 is the mean of the resting ones, the others are of the tip."""
 
     strike_id: str
     axis_id: str
     marker_ids: tuple[int | str, ...]
-    """(m,)"""
+    """(m,) names of the markers seen"""
     R_world_object: Array
-    """(3, 3) as planned; its heading is only as the hand placed it"""
+    """(3, 3) planned rotation from O to W; its heading is as accurate as the hand"""
     p_object_pivot: Array
-    """(3,) m, on the centre line of the edge's rounding"""
+    """(3,) point on the centre line of the edge's rounding, in O [m]"""
     direction: Array
-    """(3,) unit, of that line in O"""
+    """(3,) unit vector of that line in O"""
     radius: float
-    """m"""
+    """radius of the rounding [m]"""
     pivot_sd: float
-    """m, of that line across itself"""
+    """standard deviation of that line across itself [m]"""
     rolls: bool
-    """it is a rim: nobody knows which point of it the body tipped over"""
+    """True if the edge is a rim: the point of it that touches is unknown"""
     ideal: Array
-    """(f, m, 4, 2) px"""
+    """(f, m, 4, 2) corners [ideal px]"""
     sd: Array
-    """(f, m) px, inf where the marker was not seen"""
+    """(f, m) standard deviation of a corner [px], infinite if the marker was not seen"""
     theta: Array
-    """(f,) rad, 0 at rest; start values"""
+    """(f,) first guess of theta [rad], 0 at rest"""
     R_camera_marker: Array
-    """(m, 3, 3) at rest, as the images alone show it"""
+    """(m, 3, 3) rotation from M to C at rest, by the images alone"""
     p_camera_marker: Array
-    """(m, 3) m"""
+    """(m, 3) position in C at rest [m]"""
     camera: CameraModel
-    """with its place in W as recorded"""
+    """camera with its recorded pose in W"""
     setup: int = 0
-    """number of the recording: strikes of one share a camera and a table"""
-    flank: bool = False
-    """the shape is a curve there: the body rolls, and no line of it keeps its height"""
+    """number of the recording: its strikes share a camera and a table"""
+    on_curve: bool = False
+    """True if the shape is a curve there: the body rolls, and no line of it keeps its height"""
 
     @property
     def turn(self) -> float:
-        """Largest angle seen of the tip [rad]."""
+        """Largest tipping angle seen [rad]."""
         return float(np.max(self.theta, initial=0.0))
 
 
@@ -82,24 +93,29 @@ def strike_view(
     planned: PlannedStrike,
     motion: TipMotion,
     setup: int = 0,
-    section: Flank | None = None,
+    section: SupportFunction | None = None,
 ) -> StrikeView | None:
-    """Choose the frames that tell of the markers' places; None where no marker was surely seen at rest.
+    """Frames of a strike that determine marker poses; None if no marker was clearly seen at rest.
 
     Args:
-        tracks: of the strike's window.
-        markers: of the object; nothing but their ids and sizes is used.
-        camera: that saw it.
-        planned: how the object was to lie, and the edge.
-        motion: what the strike was taken for.
+        tracks: tracks of the strike's window.
+        markers: markers of the object; only their ids and sizes are used.
+        camera: camera that took them.
+        planned: planned placement and edge.
+        motion: analysed motion with its verdict.
         setup: number of the recording.
-        section: the curved flank that it rolls on, by its shape; None: its edge is one, rounded as planned. A flank's tip is left out.
+        section: cross-section on which it rolls, if curved; None for an edge with the planned rounding. Tips
+            on a curve are left out.
     """
-    if motion.verdict not in SEEN_AT_REST:
+    if motion.verdict not in PLACED_AS_PLANNED:
         return None
     known = {marker.id for marker in markers}
     end_ns = rest_end(tracks, 0)
-    seen = [t for t in tracks if t.marker_id in known and np.count_nonzero(t.time_ns < end_ns) >= LEAST_RESTING]
+    seen = [
+        t
+        for t in tracks
+        if t.marker_id in known and np.count_nonzero(t.time_ns < end_ns) >= MIN_RESTING_FRAMES
+    ]
     if not seen:
         return None
     time_ns, theta = _tip(motion, planned) if section is None else _NOTHING
@@ -110,14 +126,14 @@ def strike_view(
         corners = undistort(camera, track.corners_px)
         still = np.flatnonzero(track.time_ns < end_ns)
         ideal[0, j] = np.median(corners[still], axis=0)
-        sd[0, j] = np.hypot(np.median(track.corner_sd_px[still]) / np.sqrt(len(still)), IMAGE_PX)
+        sd[0, j] = np.hypot(np.median(track.corner_sd_px[still]) / np.sqrt(len(still)), MODEL_SD_PX)
         middle = still[len(still) // 2]
         R[j], p[j] = track.R_camera_marker[middle], track.p_camera_marker[middle]
         at = np.searchsorted(track.time_ns, time_ns)
         for f, index in enumerate(at.tolist()):
             if index < len(track.time_ns) and track.time_ns[index] == time_ns[f]:
                 ideal[1 + f, j] = corners[index]
-                sd[1 + f, j] = np.hypot(track.corner_sd_px[index], IMAGE_PX)
+                sd[1 + f, j] = np.hypot(track.corner_sd_px[index], MODEL_SD_PX)
     direction = np.array(planned.pivot.direction, dtype=np.float64)
     return StrikeView(
         strike_id=motion.strike_id,
@@ -136,19 +152,28 @@ def strike_view(
         p_camera_marker=p,
         camera=camera,
         setup=setup,
-        flank=section is not None,
+        on_curve=section is not None,
     )
 
 
 def _tip(motion: TipMotion, planned: PlannedStrike) -> tuple[IntArray, Array]:
-    """Times [ns] and angles [rad] of the chosen frames of the tip; none where it did not turn about its edge, or that is a rim."""
+    """Times [ns] and angles [rad] of the chosen frames of the tip.
+
+    None if it did not turn about its edge, or on a rim.
+    """
     angle, phases = motion.angle, motion.phases
-    if angle is None or phases is None or phases.stage_one is None or planned.rolls or motion.verdict not in TURNED_ABOUT_ITS_EDGE:
+    if (
+        angle is None
+        or phases is None
+        or phases.stage_one is None
+        or planned.rolls
+        or motion.verdict not in EDGE_ON_TABLE
+    ):
         return _NOTHING
     start, stop = (phases.stage_one[0], phases.stage_one[1]) if motion.fit is None else motion.fit.window
     theta = angle.theta[start:stop]
-    if len(theta) == 0 or float(np.max(theta)) < LEAST_TURN:
+    if len(theta) == 0 or float(np.max(theta)) < MIN_TURN_RAD:
         return _NOTHING
-    wanted = np.linspace(float(np.min(theta)), float(np.max(theta)), TIP_FRAMES)
+    wanted = np.linspace(float(np.min(theta)), float(np.max(theta)), MAX_TIP_FRAMES)
     chosen = start + np.unique(np.argmin(np.abs(theta[None, :] - wanted[:, None]), axis=1))
     return angle.time_ns[chosen], angle.theta[chosen]

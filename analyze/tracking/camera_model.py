@@ -1,10 +1,14 @@
-"""Pinhole camera with OpenCV distortion, or OpenCV's fisheye: raw pixels, ideal (distortion-free) pixels, and points in W.
+"""Pinhole camera with OpenCV distortion, or OpenCV's fisheye.
 
-Integer pixel coordinates are pixel centres. Ideal pixels are what the same camera matrix would give as a pinhole without distortion:
-straight edges are straight there. Only undistort and distort know the lens; all else works on ideal pixels.
+Raw pixels, ideal (distortion-free) pixels and points in W.
 
-A fisheye (Kannala and Brandt 2006, as in OpenCV) draws a ray that is theta off the optical axis at theta (1 + k1 theta^2 + k2 theta^4 +
-k3 theta^6 + k4 theta^8) focal lengths from the middle. Its ideal pixels grow with tan(theta): beyond `WIDEST` there are none (NaN).
+Integer pixel coordinates are pixel centres. Ideal pixels are those of a pinhole with the same camera matrix
+and no distortion: straight edges are straight in them. Only `undistort` and `distort` depend on the lens; all
+other code works on ideal pixels.
+
+A fisheye (Kannala and Brandt 2006, as in OpenCV) draws a ray at theta off the optical axis at theta (1 + k1
+theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8) focal lengths from the middle. Its ideal pixels grow with
+tan(theta): beyond `MAX_FISHEYE_ANGLE_RAD` there are none (NaN).
 """
 
 from __future__ import annotations
@@ -24,13 +28,15 @@ if TYPE_CHECKING:
     from schemas.session_manifest import CameraCalibrationSpec
 
 _NEWTON_STEPS = 12
+"""number of Newton steps on a fisheye's theta"""
 _UNDISTORT_STEPS = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-WIDEST = math.radians(80.0)
-"""off a fisheye's axis; there an ideal pixel is a 33rd of a raw one, and a marker's edge no edge any more"""
+MAX_FISHEYE_ANGLE_RAD = math.radians(80.0)
+"""largest angle off a fisheye's axis [rad]; there an ideal pixel is a 33rd of a raw one, and a marker's edge
+can no longer be fitted"""
 
 
 def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
-    """Build the model from a recording's calibration."""
+    """Camera model of a recording's calibration."""
     return CameraModel(
         width=spec.width,
         height=spec.height,
@@ -43,27 +49,36 @@ def camera_from_spec(spec: CameraCalibrationSpec) -> CameraModel:
 
 
 def undistort(camera: CameraModel, points_px: Array) -> Array:
-    """Ideal pixels (..., 2) of raw image points (..., 2); NaN where a fisheye sees farther out than `WIDEST`."""
+    """Ideal pixels (..., 2) of raw image points (..., 2); NaN beyond a fisheye's `MAX_FISHEYE_ANGLE_RAD`."""
     points = np.ascontiguousarray(points_px, dtype=float)
     if camera.model is LensModel.FISHEYE:
         return _undistort_fisheye(camera, points)
     if not np.any(camera.distortion):
         return points.copy()
-    ideal = cv2.undistortPoints(points.reshape(-1, 1, 2), camera.K, camera.distortion, None, None, camera.K, criteria=_UNDISTORT_STEPS)
+    ideal = cv2.undistortPoints(
+        points.reshape(-1, 1, 2), camera.K, camera.distortion, None, None, camera.K, criteria=_UNDISTORT_STEPS
+    )
     return np.asarray(ideal, dtype=float).reshape(points.shape)
 
 
 def fisheye_coefficients(distortion: Array) -> Array:
-    """(4,) k1, k2, k3, k4; zeros of any number mean none."""
-    return np.asarray(distortion, dtype=float) if len(distortion) == FISHEYE_COEFFICIENTS else np.zeros(FISHEYE_COEFFICIENTS)
+    """Coefficients (4,) k1, k2, k3, k4 of a fisheye; any other number of coefficients means none."""
+    return (
+        np.asarray(distortion, dtype=float)
+        if len(distortion) == FISHEYE_COEFFICIENTS
+        else np.zeros(FISHEYE_COEFFICIENTS)
+    )
 
 
 def _undistort_fisheye(camera: CameraModel, points: Array) -> Array:
-    """Newton's steps on theta; cv2.fisheye.undistortPoints stops at the first stationary point of the polynomial and says -1000000."""
+    """Ideal pixels of a fisheye by Newton's method on theta.
+
+    cv2.fisheye.undistortPoints stops at the first stationary point of the polynomial and returns -1000000.
+    """
     k = fisheye_coefficients(camera.distortion)
     drawn = (points - camera.K[:2, 2]) @ np.linalg.inv(camera.K[:2, :2]).T
     radius = np.hypot(drawn[..., 0], drawn[..., 1])
-    theta = np.minimum(radius, WIDEST)
+    theta = np.minimum(radius, MAX_FISHEYE_ANGLE_RAD)
     for _ in range(_NEWTON_STEPS):
         t2 = theta * theta
         value = theta * (1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3]))))
@@ -71,9 +86,11 @@ def _undistort_fisheye(camera: CameraModel, points: Array) -> Array:
         theta = np.clip(theta - (value - radius) / np.maximum(slope, 0.1), 0.0, 0.5 * math.pi)
     t2 = theta * theta
     found = np.abs(theta * (1.0 + t2 * (k[0] + t2 * (k[1] + t2 * (k[2] + t2 * k[3])))) - radius) < 1e-9
-    scale = np.where(radius > 1e-9, np.tan(np.minimum(theta, WIDEST)) / np.maximum(radius, 1e-9), 1.0)
+    scale = np.where(
+        radius > 1e-9, np.tan(np.minimum(theta, MAX_FISHEYE_ANGLE_RAD)) / np.maximum(radius, 1e-9), 1.0
+    )
     ideal = (drawn * scale[..., None]) @ camera.K[:2, :2].T + camera.K[:2, 2]
-    return np.where((found & (theta < WIDEST))[..., None], ideal, np.nan)
+    return np.where((found & (theta < MAX_FISHEYE_ANGLE_RAD))[..., None], ideal, np.nan)
 
 
 def distort(camera: CameraModel, ideal_px: Array) -> Array:
@@ -81,7 +98,9 @@ def distort(camera: CameraModel, ideal_px: Array) -> Array:
     points = np.asarray(ideal_px, dtype=float)
     if camera.model is LensModel.FISHEYE:
         rays = (points - camera.K[:2, 2]) @ np.linalg.inv(camera.K[:2, :2]).T
-        raw = cv2.fisheye.distortPoints(rays.reshape(-1, 1, 2), camera.K, fisheye_coefficients(camera.distortion))
+        raw = cv2.fisheye.distortPoints(
+            rays.reshape(-1, 1, 2), camera.K, fisheye_coefficients(camera.distortion)
+        )
         return np.asarray(raw, dtype=float).reshape(points.shape)
     if not np.any(camera.distortion):
         return points.copy()
@@ -91,7 +110,7 @@ def distort(camera: CameraModel, ideal_px: Array) -> Array:
 
 
 def world_to_camera(camera: CameraModel) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) that map W to C."""
+    """Rotation (3, 3) and translation (3,) [m] that map W to C."""
     R_camera_world = camera.T_world_camera[:3, :3].T
     return R_camera_world, -R_camera_world @ camera.T_world_camera[:3, 3]
 
@@ -103,16 +122,21 @@ def project_ideal(camera: CameraModel, points_camera: Array) -> Array:
 
 
 def project(camera: CameraModel, points_camera: Array) -> Array:
-    """Raw image points (..., 2) of points in C (..., 3) [m] before the camera.
+    """Raw image points (..., 2) of points in C (..., 3) [m] in front of the camera.
 
-    Far outside the image, where a lens's polynomial may turn back into it, they are where a pinhole would draw them.
+    Far outside the image, where a lens's polynomial may turn back into it, they are those of a pinhole.
+
+    Far outside the image, where a lens's polynomial may turn back into it, they are where a pinhole would
+    draw them.
     """
     ideal = project_ideal(camera, points_camera)
     reach = math.hypot(camera.width, camera.height)
     if camera.model is LensModel.FISHEYE:
-        reach = math.tan(WIDEST) * min(camera.K[0, 0], camera.K[1, 1])
+        reach = math.tan(MAX_FISHEYE_ANGLE_RAD) * min(camera.K[0, 0], camera.K[1, 1])
     near = np.linalg.norm(ideal - camera.K[:2, 2], axis=-1) < reach
-    return np.where(near[..., None], distort(camera, np.where(near[..., None], ideal, camera.K[:2, 2])), ideal)
+    return np.where(
+        near[..., None], distort(camera, np.where(near[..., None], ideal, camera.K[:2, 2])), ideal
+    )
 
 
 def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
@@ -130,20 +154,32 @@ def project_jacobian(camera: CameraModel, points_camera: Array) -> Array:
 
 
 class PixelMap:
-    """Ideal coordinates of every pixel centre of one camera, worked out once, so that following a marker costs look-ups only."""
+    """Ideal coordinates of every pixel centre of one camera, computed once for look-up."""
 
     def __init__(self, camera: CameraModel) -> None:
-        columns, rows = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
+        columns, rows = np.meshgrid(
+            np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float)
+        )
         self.ideal = undistort(camera, np.stack([columns, rows], axis=-1))
         """(height, width, 2) ideal px of each pixel centre"""
 
 
 @lru_cache(maxsize=4)
 def _pixel_map(width: int, height: int, K: bytes, distortion: bytes, model: LensModel) -> PixelMap:
-    return PixelMap(CameraModel(width, height, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), np.eye(4), model))
+    return PixelMap(
+        CameraModel(
+            width, height, np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), np.eye(4), model
+        )
+    )
 
 
 def pixel_map(camera: CameraModel) -> PixelMap:
-    """Map of this camera; kept, because building it takes 0.1 s."""
+    """Pixel map of this camera, cached because it takes 0.1 s to build."""
     K = np.asarray(camera.K, dtype=float)
-    return _pixel_map(camera.width, camera.height, K.tobytes(), np.asarray(camera.distortion, dtype=float).tobytes(), camera.model)
+    return _pixel_map(
+        camera.width,
+        camera.height,
+        K.tobytes(),
+        np.asarray(camera.distortion, dtype=float).tobytes(),
+        camera.model,
+    )

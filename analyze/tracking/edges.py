@@ -1,13 +1,16 @@
-"""Corners of a black square to a few hundredths of a pixel: each edge is fitted to the grey values of the pixels along it.
+"""Corners of a black square to a few hundredths of a pixel.
 
-Model of one edge: I = black + (white - black) * Phi(d / s), with d the signed distance of a pixel's centre from the edge line in ideal
-(distortion-free) coordinates, Phi the normal distribution function, s the blur of lens and pixel. Five numbers per edge (position,
-direction, black, white, s) are fitted by Gauss-Newton to the raw pixels: nothing is interpolated, so nothing is biased towards pixel
-centres and the noise of neighbouring samples stays independent, which makes the covariance honest. Corners are intersections of
-neighbouring edges.
+Each edge is fitted to the grey values of the pixels along it.
 
-A pixel adds up what falls on its square. Beside a lens that blurs by half a pixel that is as good as a little more blur; an edge that is
-sharper (sharpened by a phone, or drawn) is fitted with Phi averaged over the pixel's breadth across the edge.
+Model of one edge: I = black + (white - black) * Phi(d / s), with d the signed distance of a pixel's centre
+from the edge line in ideal (distortion-free) coordinates, Phi the normal distribution function, s the blur of
+lens and pixel. Five numbers per edge (position, direction, black, white, s) are fitted by Gauss-Newton to the
+raw pixels: without interpolation there is no bias towards pixel centres, and the noise of neighbouring
+samples stays independent, which makes the covariance honest. Corners are intersections of neighbouring edges.
+
+A pixel integrates over its square. With a lens that blurs by half a pixel that is equivalent to a little more
+blur; an edge that is sharper (sharpened by a phone, or drawn) is fitted with Phi averaged over the pixel's
+breadth across the edge.
 """
 
 from __future__ import annotations
@@ -26,163 +29,178 @@ if TYPE_CHECKING:
     from analyze.types import Array, IntArray
 
 _HALF_BAND = 4
-"""rows (or columns) taken on either side of the edge"""
+"""number of rows (or columns) on either side of the edge"""
 _REACH_PX = 2.6
-"""pixels farther than this from the edge carry no information on its place"""
+"""distance from the edge [px] beyond which a pixel carries no information on its position"""
 END_MARGIN_PX = 2.6
-"""stretch left out at each end, where the blurred corner bends the edge"""
+"""stretch left out at each end [px], where the blurred corner bends the edge"""
 _END_MARGIN_BLURS = 3.4
-"""the same in units of the blur, where that is more: at s = 2 px it costs 0.008 px otherwise"""
-_CONVERGED_PX = 0.02
-"""Gauss-Newton converges quadratically: after a step this small the rest is below 0.001 px"""
-_CONVERGED_BLUR_PX = 0.1
-"""of s, which the covariance hangs on: left at half its size it makes the sd half as large as the errors"""
-_MOST_STEP, _LEAST_STEP = np.array([0.8, 0.8, 0.5]), np.array([-0.8, -0.8, -0.3])
-"""px, of one step: line at the middle and its turn, blur"""
-_ROUNDING = 1.0 / 12.0
-"""grey levels^2, of whole grey levels: a drawn image may have no other noise"""
-_LEAST_CONTRAST = 12.0
-"""grey levels"""
-_LEAST_START = 1.0
-"""grey levels of contrast on the way there"""
-_START = np.array([[0.0, 0.0, 0.8]] * 4)
-"""line [px], blur [px]"""
+"""the same in units of the blur, used if it is more: at s = 2 px the error is 0.008 px otherwise"""
+_LINE_TOLERANCE_PX = 0.02
+"""line step [px] that ends the iteration; Gauss-Newton converges quadratically, so that the rest is below
+0.001 px"""
+_BLUR_TOLERANCE_PX = 0.1
+"""blur step [px] that ends the iteration; the covariance depends on s: at half its true size it halves the sd
+"""
+_MAX_STEP, _MIN_STEP = np.array([0.8, 0.8, 0.5]), np.array([-0.8, -0.8, -0.3])
+"""limits of one step [px]: line at the middle and its turn, blur"""
+_ROUNDING_VARIANCE = 1.0 / 12.0
+"""variance of rounding to whole grey levels [grey levels^2]: a drawn image may have no other noise"""
+_MIN_CONTRAST = 12.0
+"""least contrast of an edge [grey levels]"""
+_MIN_START_CONTRAST = 1.0
+"""least contrast during the iteration [grey levels]"""
+_START_SHAPE = np.array([[0.0, 0.0, 0.8]] * 4)
+"""first line [px, px] and blur [px] of each edge"""
 _RESTART_PX = 0.6
-"""px; a start farther off than this is worth a second fit"""
+"""distance from the start [px] beyond which a second fit is made"""
 _SAME_BAND_PX = 0.4
-"""px that a square may be expected away from where its band was laid"""
-_ITERATIONS = 8
-"""most Gauss-Newton steps; two or three are the rule"""
+"""expected motion [px] up to which the band of the image before is used again"""
+_MAX_STEPS = 8
+"""most Gauss-Newton steps; two or three are usual"""
 _SHARP_PX = 0.5
-"""px; at less blur than this the pixel's own breadth is told from a blur: corners would be 0.004 px off, at 0.3 px 0.06"""
-_LEAST_BLUR, _MOST_BLUR = 0.45, 3.0
-"""px, of lens and pixel"""
-_LEAST_LENS_BLUR = 0.1
-"""px, of the lens alone"""
+"""blur [px] below which the pixel's own breadth is distinguished from blur: corners would be 0.004 px off, at
+0.3 px 0.06"""
+_MIN_BLUR, _MAX_BLUR = 0.45, 3.0
+"""range of the blur of lens and pixel [px]"""
+_MIN_LENS_BLUR = 0.1
+"""least blur of the lens alone [px]"""
 _NEXT, _BEFORE = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])
 _EDGE = np.arange(4)
 _ACROSS = np.arange(-_HALF_BAND, _HALF_BAND + 1)
-_PER_SIGMA = 512
-_STEEPEST = 16
-"""sigma on either side that the tables of the normal distribution hold; blur is never below 0.25 px, the band never beyond 4"""
-_Z = np.arange(-_STEEPEST * _PER_SIGMA, _STEEPEST * _PER_SIGMA + 1) / _PER_SIGMA
+_TABLE_STEPS_PER_SIGMA = 512
+_TABLE_SIGMAS = 16
+"""range of the tables of the normal distribution [sigma]; blur is never below 0.25 px, the band never beyond
+4"""
+_Z = (
+    np.arange(-_TABLE_SIGMAS * _TABLE_STEPS_PER_SIGMA, _TABLE_SIGMAS * _TABLE_STEPS_PER_SIGMA + 1)
+    / _TABLE_STEPS_PER_SIGMA
+)
 _CUMULATIVE = ndtr(_Z)
 _DENSITY = np.exp(-0.5 * _Z * _Z) / math.sqrt(2.0 * math.pi)
 
 
 @dataclass(frozen=True)
 class Square:
-    """Corners in ideal pixels with what their uncertainty is."""
+    """Fitted corners of a square with their uncertainty."""
 
     corners: Array
     """(4, 2) ideal px, in the order given"""
     covariance: Array
-    """(4, 2, 2) px^2, each corner's own"""
+    """(4, 2, 2) covariance of each corner [px^2]"""
     sd: float
-    """px, root mean square over corners and axes"""
+    """root mean square standard deviation over corners and axes [px]"""
     contrast: float
-    """grey levels between inside and outside, the weakest edge"""
+    """contrast of the weakest edge [grey levels]"""
     noise: float
-    """grey levels, 1 sigma of the residuals"""
+    """standard deviation of the residuals [grey levels]"""
     blur: float
-    """px, mean s"""
+    """mean s [px]"""
 
 
 @dataclass(frozen=True)
 class _Band:
-    """The pixels along a square's four edges, and where each lies."""
+    """Pixels along a square's four edges, with their coordinates."""
 
     corners_ideal: Array
-    """(4, 2) px, of the square that it was laid around"""
+    """(4, 2) corners of the square around which the band lies [ideal px]"""
     corners_raw: Array
-    """(4, 2) px"""
+    """(4, 2) the same [raw px]"""
     index: IntArray
-    """(4, s) into the image's pixels, row by row"""
+    """(4, s) index of the pixels in the image, row by row"""
     t: Array
-    """(4, s) along each edge, from -1 to 1"""
+    """(4, s) coordinate along each edge, from -1 to 1"""
     v: Array
-    """(4, s) ideal px out of the square"""
+    """(4, s) distance out of the square [ideal px]"""
     valid: NDArray[np.bool_]
-    """(4, s)"""
+    """(4, s) True for a pixel that is used"""
     window: tuple[float, float]
-    """px, middle and half width of the stretch of v that is fitted"""
+    """middle and half width of the range of v that is fitted [px]"""
     middle: Array
-    """(4, 2) ideal px, of the edges"""
+    """(4, 2) middle of the edges [ideal px]"""
     along: Array
-    """(4, 2) unit"""
+    """(4, 2) unit vectors along the edges"""
     outward: Array
-    """(4, 2) unit"""
+    """(4, 2) unit vectors out of the square"""
     half: Array
-    """(4,) ideal px, half an edge's length"""
+    """(4,) half the edges' lengths [ideal px]"""
 
 
 @dataclass(frozen=True)
 class _Level:
-    """Where the descent ended."""
+    """Result of the descent."""
 
     shape: Array
-    """(4, 3) a, b, s of each edge, s of lens and pixel"""
+    """(4, 3) a, b, s of each edge [px], s of lens and pixel"""
     products: Array
-    """(4, 6, 6) as of `_products`, before the last step"""
+    """(4, 6, 6) as from `_products`, before the last step"""
     contrast: Array
-    """(4,) grey levels"""
+    """(4,) contrast [grey levels]"""
     variance: Array
-    """(4,) grey levels^2, of the residuals"""
+    """(4,) variance of the residuals [grey levels^2]"""
     moved: float
-    """px, the last step"""
+    """last step [px]"""
 
 
 @dataclass(frozen=True)
 class SquareFit:
-    """A fitted square with what the next image's fit can start from."""
+    """Fitted square with the start for the next image's fit."""
 
     square: Square
+    """the square"""
     band: _Band
+    """its pixels"""
     shape: Array
-    """(4, 3) a, b, s of each edge, in the band"""
+    """(4, 3) a, b, s of each edge in the band [px]"""
 
 
-def fit_square(image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array) -> Square | None:
-    """`find_square`, the square alone."""
+def fit_square(
+    image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array
+) -> Square | None:
+    """The square alone, as found by `find_square`."""
     found = find_square(image, pixels, corners_ideal, corners_raw)
     return None if found is None else found.square
 
 
-def find_square(image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array) -> SquareFit | None:
-    """Refine a dark square's corners.
+def find_square(
+    image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array
+) -> SquareFit | None:
+    """Refine the corners of a dark square.
 
     Args:
         image: (height, width) grey values.
         pixels: ideal coordinates of the pixel centres.
-        corners_ideal: (4, 2) start, ideal px, within about 2 px, in either sense of rotation.
-        corners_raw: (4, 2) the same in raw px.
+        corners_ideal: (4, 2) first corners [ideal px], within about 2 px, in either sense of rotation.
+        corners_raw: (4, 2) the same [raw px].
 
     Returns:
-        The square, or None where an edge leaves the image, is too short, or does not look like one.
+        The square, or None if an edge leaves the image, is too short, or does not look like one.
     """
     band = _band(image.shape, pixels, corners_ideal, corners_raw, END_MARGIN_PX)
-    found = None if band is None else _fit(image, band, _START)
+    found = None if band is None else _fit(image, band, _START_SHAPE)
     if found is None:
         return None
     moved = found.square.corners - corners_ideal
     margin = max(END_MARGIN_PX, _END_MARGIN_BLURS * found.square.blur)
     if float(np.max(np.abs(moved))) < _RESTART_PX and margin < 1.3 * END_MARGIN_PX:
         return found
-    # The band of pixels was laid around a poor start and may miss part of the edge, or the blur is larger than thought.
+    # The band lies around a poor start and may miss part of the edge, or the blur is larger than assumed.
     band = _band(image.shape, pixels, found.square.corners, corners_raw + moved, margin)
-    return None if band is None else _fit(image, band, _START)
+    return None if band is None else _fit(image, band, _START_SHAPE)
 
 
-def find_again(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Array) -> SquareFit | None:
-    """The square of the image before, where it has moved so little that the same pixels tell its place: a third of the work.
+def find_square_again(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Array) -> SquareFit | None:
+    """Square of the image before, if it has moved so little that the same pixels show it.
+
+    a third of the work.
 
     Args:
-        image: of the same size.
-        before: what was found in it.
-        expected_ideal: (4, 2) ideal px, where it is expected.
+        image: grey values, of the same size.
+        before: the square in the image before.
+        expected_ideal: (4, 2) expected corners [ideal px].
 
     Returns:
-        None where it has moved too far, or is not there: `find_square` may know.
+        None if it has moved too far or is not there; `find_square` may find it.
     """
     if float(np.abs(expected_ideal - before.band.corners_ideal).max()) > _SAME_BAND_PX:
         return None
@@ -190,10 +208,13 @@ def find_again(image: NDArray[np.uint8], before: SquareFit, expected_ideal: Arra
     if found is None or float(np.abs(found.square.corners - before.band.corners_ideal).max()) > _RESTART_PX:
         return None
     # The blur that the band's ends were cut for is still about the same.
-    return found if abs(found.square.blur - before.square.blur) < _CONVERGED_BLUR_PX else None
+    return found if abs(found.square.blur - before.square.blur) < _BLUR_TOLERANCE_PX else None
 
 
-def _band(shape: tuple[int, ...], pixels: PixelMap, corners_ideal: Array, corners_raw: Array, end_margin: float) -> _Band | None:
+def _band(
+    shape: tuple[int, ...], pixels: PixelMap, corners_ideal: Array, corners_raw: Array, end_margin: float
+) -> _Band | None:
+    """Pixels along the edges of a square; None if an edge leaves the image or is too short."""
     taken = _pixels_along(shape, corners_raw)
     if taken is None:
         return None
@@ -220,67 +241,91 @@ def _band(shape: tuple[int, ...], pixels: PixelMap, corners_ideal: Array, corner
 
 
 def _fit(image: NDArray[np.uint8], band: _Band, start: Array) -> SquareFit | None:
-    """Gauss-Newton from `start` (4, 3)."""
+    """Fit of a square by Gauss-Newton from `start` (4, 3); None if it does not look like one."""
     grey = image.reshape(-1).take(band.index).astype(float)
     level = _descend(grey, band, start, None)
     if level is not None and float(level.shape[:, 2].sum()) < 4.0 * _SHARP_PX:
         breadth = _breadth(band)
         sharp = level.shape.copy()
-        sharp[:, 2] = np.sqrt(np.maximum(sharp[:, 2] ** 2 - breadth**2 / 12.0, _LEAST_LENS_BLUR**2))
+        sharp[:, 2] = np.sqrt(np.maximum(sharp[:, 2] ** 2 - breadth**2 / 12.0, _MIN_LENS_BLUR**2))
         level = _descend(grey, band, sharp, breadth)
-    if level is None or level.moved > 0.3 or np.abs(level.shape[:, :2]).max() > _HALF_BAND or not level.contrast.min() >= _LEAST_CONTRAST:
+    if (
+        level is None
+        or level.moved > 0.3
+        or np.abs(level.shape[:, :2]).max() > _HALF_BAND
+        or not level.contrast.min() >= _MIN_CONTRAST
+    ):
         return None
-    covariance_line = np.linalg.inv(level.products[:, :5, :5])[:, :2, :2] * (level.variance / level.contrast**2)[:, None, None]
+    covariance_line = (
+        np.linalg.inv(level.products[:, :5, :5])[:, :2, :2]
+        * (level.variance / level.contrast**2)[:, None, None]
+    )
     corners, covariance = _intersect(band, level.shape[:, :2], covariance_line)
     sd = math.sqrt(float((covariance[:, 0, 0] + covariance[:, 1, 1]).sum()) / 8.0)
     if not math.isfinite(sd):
         return None
     blur = float(level.shape[:, 2].sum()) / 4.0
     noise = math.sqrt(float(level.variance.sum()) / 4.0)
-    return SquareFit(Square(corners, covariance, sd, float(level.contrast.min()), noise, blur), band, level.shape)
+    return SquareFit(
+        Square(corners, covariance, sd, float(level.contrast.min()), noise, blur), band, level.shape
+    )
 
 
 def _descend(grey: Array, band: _Band, start: Array, breadth: Array | None) -> _Level | None:
-    """Gauss-Newton from `start` (4, 3) with pixels as points, or of `breadth` (4,) px; None where there is no edge."""
+    """Gauss-Newton from `start` (4, 3); None if there is no edge.
+
+    Args:
+        grey: (4, s) grey values of the band.
+        band: the pixels.
+        start: (4, 3) a, b, s of each edge [px].
+        breadth: (4,) breadth of a pixel across each edge [px]; None for pixels as points.
+    """
     shape = start.copy()
-    least = _LEAST_BLUR if breadth is None else _LEAST_LENS_BLUR
+    least = _MIN_BLUR if breadth is None else _MIN_LENS_BLUR
     products = np.zeros((4, 6, 6))
     fitted, contrast, moved, weight = np.zeros((4, 5)), np.zeros(4), math.inf, np.zeros(4)
-    for _ in range(_ITERATIONS):
+    for _ in range(_MAX_STEPS):
         products, weight = _products(shape, band, grey, breadth)
-        # Black and white are linear in the image: solved for with the step, they need no start.
+        # Black and white are linear in the image: solved for together with the step, they need no start.
         try:
             fitted = np.linalg.solve(products[:, :5, :5], products[:, :5, 5:])[..., 0]
         except np.linalg.LinAlgError:
             return None
         contrast = fitted[:, 4] - fitted[:, 3]
-        if not contrast.min() > _LEAST_START:
+        if not contrast.min() > _MIN_START_CONTRAST:
             return None
-        step = np.minimum(np.maximum(fitted[:, :3] / -contrast[:, None], _LEAST_STEP), _MOST_STEP)
+        step = np.minimum(np.maximum(fitted[:, :3] / -contrast[:, None], _MIN_STEP), _MAX_STEP)
         shape += step
-        np.minimum(np.maximum(shape[:, 2], least), _MOST_BLUR, out=shape[:, 2])
+        np.minimum(np.maximum(shape[:, 2], least), _MAX_BLUR, out=shape[:, 2])
         size = np.abs(step).max(axis=0)
         moved = max(size[0], size[1])
-        if moved < _CONVERGED_PX and size[2] < _CONVERGED_BLUR_PX:
+        if moved < _LINE_TOLERANCE_PX and size[2] < _BLUR_TOLERANCE_PX:
             break
-    # The sum is of before the last step; what the step takes off it is known, because the model is as good as linear there.
+    # The sum is that before the last step, whose effect follows from the linear model.
     remaining = products[:, 5, 5] - (products[:, :5, 5] * fitted).sum(axis=1)
-    variance = np.maximum(remaining / np.maximum(weight - 5.0, 1.0), _ROUNDING)
+    variance = np.maximum(remaining / np.maximum(weight - 5.0, 1.0), _ROUNDING_VARIANCE)
     if breadth is not None:
         shape[:, 2] = np.sqrt(shape[:, 2] ** 2 + breadth**2 / 12.0)
     return _Level(shape, products, contrast, variance, moved)
 
 
 def _breadth(band: _Band) -> Array:
-    """(4,) ideal px, a pixel's breadth across each edge. That along the longer of its axes: what the shorter adds is as good as blur."""
+    """Breadth (4,) of a pixel across each edge [ideal px], along the longer of its axes.
+
+    The contribution of the shorter axis is equivalent to blur.
+    """
     ideal, raw = (corners[_NEXT] - corners for corners in (band.corners_ideal, band.corners_raw))
     return np.abs(raw).max(axis=1) * np.hypot(ideal[:, 0], ideal[:, 1]) / (raw**2).sum(axis=1)
 
 
 def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> tuple[Array, Array]:
-    """Sums of products (4, 6, 6) over the pixels of each edge, and how many pixels it has (4,).
+    """Sums of products (4, 6, 6) over the pixels of each edge, and the number of pixels (4,).
 
-    Of: the change of the edge's profile (0 inside, 1 outside) with a, b and s, its sign turned; 1 - profile; profile; grey.
+    Columns: minus the derivative of the edge's profile (0 inside, 1 outside) by a, b and s; 1 - profile;
+    profile; grey.
+
+    Of: the change of the edge's profile (0 inside, 1 outside) with a, b and s, its sign turned; 1 - profile;
+    profile; grey.
     """
     s = shape[:, 2, None]
     d = shape[:, 1, None] * band.t
@@ -297,7 +342,8 @@ def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> 
         np.divide(density, s, out=rows[:, 0])
         np.multiply(rows[:, 0], d, out=rows[:, 2])
     else:
-        # The mean of Phi over the breadth w: its integral is s (z Phi(z) + phi(z)), which changes with s by phi(z).
+        # The mean of Phi over the breadth w: its integral is s (z Phi(z) + phi(z)), which changes with s by
+        # phi(z).
         w = breadth[:, None]
         lower, upper = (d - 0.5 * w) / s, (d + 0.5 * w) / s
         (below, density_below), (above, density_above) = _normal(lower), _normal(upper)
@@ -312,14 +358,14 @@ def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> 
 
 
 def _normal(z: Array) -> tuple[Array, Array]:
-    """The normal distribution's function and density, from tables, to 1e-7: the functions themselves cost more than all the rest."""
-    place = z * _PER_SIGMA
+    """Normal distribution function and density at `z`, from tables, to 1e-7, for speed."""
+    place = z * _TABLE_STEPS_PER_SIGMA
     index = np.rint(place).astype(np.intp)
     place -= index
-    index += _STEEPEST * _PER_SIGMA
+    index += _TABLE_SIGMAS * _TABLE_STEPS_PER_SIGMA
     density = _DENSITY.take(index, mode="clip")
     place *= density
-    place /= _PER_SIGMA
+    place /= _TABLE_STEPS_PER_SIGMA
     place += _CUMULATIVE.take(index, mode="clip")
     return place, density
 
@@ -339,7 +385,8 @@ def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray,
     first = np.ceil(low)
     last = np.floor(high)
     steps = np.arange(int((last - first).max()) + 1)
-    # Shorter edges repeat their last pixel, unused: beyond it the image may end, as below a tag seen from the side.
+    # Shorter edges repeat their last pixel, unused: beyond it the image may end, as below a tag seen from the
+    # side.
     along = np.minimum(first[:, None] + steps, last[:, None])
     slope = delta[_EDGE, 1 - major] / delta[_EDGE, major]
     across = start[_EDGE, 1 - major][:, None] + slope[:, None] * (along - from_major[:, None])
@@ -349,7 +396,9 @@ def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray,
     (left, top), (right, bottom) = corners_raw.min(axis=0), corners_raw.max(axis=0)
     reach = _HALF_BAND + 2
     if left < reach or top < reach or right > width - 1 - reach or bottom > height - 1 - reach:
-        along_px, middle = _within(along_px, middle, used, np.where(steep, height, width), np.where(steep, width, height))
+        along_px, middle = _within(
+            along_px, middle, used, np.where(steep, height, width), np.where(steep, width, height)
+        )
         if np.any(used.sum(axis=1) < 0.9 * len(_ACROSS) * (last - first + 1)):
             return None
     step_across = np.where(steep, 1, width)[:, None]
@@ -358,17 +407,32 @@ def _pixels_along(shape: tuple[int, ...], corners_raw: Array) -> tuple[IntArray,
     return index, used
 
 
-def _within(along: IntArray, middle: IntArray, used: NDArray[np.bool_], length: IntArray, breadth: IntArray) -> tuple[IntArray, IntArray]:
-    """Bands (4, n) moved into the image, of `length` and `breadth` (4,) as each edge sees it; clears `used` (4, n * band) beyond it."""
+def _within(
+    along: IntArray, middle: IntArray, used: NDArray[np.bool_], length: IntArray, breadth: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Bands (4, n) clipped to the image; `used` (4, n * band) is cleared beyond it.
+
+    Args:
+        along: (4, n) pixel along each edge.
+        middle: (4, n) pixel across it.
+        used: (4, n * band) True for a pixel that is used, changed in place.
+        length: (4,) size of the image along each edge [px].
+        breadth: (4,) size across it [px].
+    """
     across = middle[..., None] + _ACROSS
-    inside = (along >= 0)[..., None] & (along < length[:, None])[..., None] & (across >= 0) & (across < breadth[:, None, None])
+    inside = (
+        (along >= 0)[..., None]
+        & (along < length[:, None])[..., None]
+        & (across >= 0)
+        & (across < breadth[:, None, None])
+    )
     used &= inside.reshape(4, -1)
     kept = np.clip(middle, _HALF_BAND, breadth[:, None] - 1 - _HALF_BAND)
     return np.clip(along, 0, length[:, None] - 1), kept
 
 
 def _intersect(band: _Band, line: Array, covariance: Array) -> tuple[Array, Array]:
-    """Corner i = edge i-1 x edge i, with covariance (4, 2, 2) from both lines' (a, b)."""
+    """Corners (4, 2), corner i of edges i - 1 and i, with covariance (4, 2, 2) from both lines' (a, b)."""
     point = band.middle + line[:, :1] * band.outward
     direction = band.along + (line[:, 1] / band.half)[:, None] * band.outward
     normal = direction[:, ::-1] * np.array([-1.0, 1.0])
@@ -376,8 +440,11 @@ def _intersect(band: _Band, line: Array, covariance: Array) -> tuple[Array, Arra
     level = (normal * point).sum(axis=1)
     matrix = np.stack([normal[_BEFORE], normal], axis=1)
     inverse = np.linalg.inv(matrix)
-    corners = np.asarray(inverse @ np.stack([level[_BEFORE], level], axis=-1)[..., None], dtype=np.float64)[..., 0]
-    # Offsets of the two lines at the corner: a + b t with t = +1 on the incoming edge, -1 on the outgoing one.
+    corners = np.asarray(inverse @ np.stack([level[_BEFORE], level], axis=-1)[..., None], dtype=np.float64)[
+        ..., 0
+    ]
+    # Offsets of the two lines at the corner: a + b t with t = +1 on the incoming edge, -1 on the outgoing
+    # one.
     even, odd = covariance[:, 0, 0] + covariance[:, 1, 1], 2 * covariance[:, 0, 1]
     variance = np.stack([(even + odd)[_BEFORE], even - odd], axis=-1)
     return corners, (inverse * variance[:, None, :]) @ inverse.transpose(0, 2, 1)

@@ -1,8 +1,8 @@
-"""Finding square markers in an image, and checking who a known square is.
+"""Detection of square markers in an image, and verification of a known marker's code.
 
-OpenCV finds the squares and reads their code; its corners serve as a start only. Measured on OpenCV 5.0 with rendered tags of known
-corners: CORNER_REFINE_APRILTAG is biased by +0.45 px in x and y, SUBPIX and CONTOUR have no bias but 0.2-0.5 px of noise; the edge
-fit of `edges` has 0.011 px and none.
+OpenCV finds the squares and reads their code; its corners serve as a start only. Measured on OpenCV 5.0 with
+rendered tags of known corners: CORNER_REFINE_APRILTAG is biased by +0.45 px in x and y, SUBPIX and CONTOUR
+have no bias but 0.2-0.5 px of noise; the edge fit of `edges` has 0.011 px and none.
 """
 
 from __future__ import annotations
@@ -23,23 +23,27 @@ if TYPE_CHECKING:
 
     from analyze.types import Array
 
-_ELSEWHERE = tuple(TagFamily(name) for name in ("36h11", "36h10", "25h9", "mip_36h12", "5x5_100", "6x6_100", "7x7_100", "4x4_50"))
-"""looked for where nothing was found: the printed marker may be of another family than the object file says. The surest come first"""
-_UNIT = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
+_OTHER_FAMILIES = tuple(
+    TagFamily(name)
+    for name in ("36h11", "36h10", "25h9", "mip_36h12", "5x5_100", "6x6_100", "7x7_100", "4x4_50")
+)
+"""families that are searched if no marker was found, the most reliable first: the printed marker may be of
+another family than the object file states"""
+_UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """A marker as OpenCV sees it: raw px, good to about half a pixel."""
+    """Marker as OpenCV detects it, good to about half a pixel."""
 
     marker_id: int | str
-    """its name: see schemas.tags"""
+    """name of the marker: see schemas.tags"""
     corners_px: Array
-    """(4, 2) top-left, top-right, bottom-right, bottom-left of the marker"""
+    """(4, 2) raw px: top-left, top-right, bottom-right, bottom-left of the marker"""
 
 
 def families_of(names: Iterable[int | str]) -> tuple[TagFamily, ...]:
-    """The families to search an image for, the usual one where nothing is named."""
+    """Families of the named markers; the usual one if there are none."""
     return tuple(sorted({family_and_id(name)[0] for name in names})) or (USUAL_FAMILY,)
 
 
@@ -55,12 +59,14 @@ def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
     # One wrong bit of 36 (none of 16 or 25): enough for noise, and random patches do not become markers.
     parameters.errorCorrectionRate = 0.3
     parameters.minMarkerPerimeterRate = 0.05
-    # Two windows suit tags of 30 to 200 px; the constant keeps sensor noise on flat areas from becoming thousands of contours.
+    # Two windows suit tags of 30 to 200 px; the constant keeps sensor noise on flat areas from becoming
+    # thousands of contours.
     parameters.adaptiveThreshWinSizeMin = 15
     parameters.adaptiveThreshWinSizeMax = 39
     parameters.adaptiveThreshWinSizeStep = 24
     parameters.adaptiveThreshConstant = 10
-    # The default 0.125 merges a large tag with quads of its own code and then keeps the wrong one (4 % of 120 px tags were missed).
+    # The default 0.125 merges a large tag with quads of its own code and then keeps the wrong one (4 % of 120
+    # px tags were missed).
     parameters.minMarkerDistanceRate = 0.05
     return cv2.aruco.ArucoDetector([_dictionary(family) for family in families], parameters)
 
@@ -68,36 +74,45 @@ def _detector(families: tuple[TagFamily, ...]) -> cv2.aruco.ArucoDetector:
 @cache
 def _cells(name: int | str) -> NDArray[np.bool_]:
     family, tag_id = family_and_id(name)
-    return np.asarray(cv2.aruco.generateImageMarker(_dictionary(family), tag_id, _dictionary(family).markerSize + 2)) > 127
+    return (
+        np.asarray(
+            cv2.aruco.generateImageMarker(_dictionary(family), tag_id, _dictionary(family).markerSize + 2)
+        )
+        > 127
+    )
 
 
 @dataclass(frozen=True)
-class _Reading:
-    """What it takes to check one marker's cells."""
+class _CodePattern:
+    """Cells of one marker, for the verification of its code."""
 
     code: NDArray[np.bool_]
-    """(n,) True is white"""
+    """(n,) True for a white cell"""
     centres: Array
-    """(n, 3) of the cells, homogeneous, the black square from (0, 0) to (1, 1)"""
+    """(n, 3) centres of the cells, homogeneous, with the black square from (0, 0) to (1, 1)"""
     means: Array
-    """(2, n) that take the mean of the white and of the black cells"""
+    """(2, n) weights for the means of the white and of the black cells"""
     wrong: int
+    """number of cells that may be misread"""
 
 
 @cache
-def _reading(name: int | str) -> _Reading:
+def _code_pattern(name: int | str) -> _CodePattern:
     code = _cells(name)
     centre = (np.arange(len(code)) + 0.5) / len(code)
     x, y = np.meshgrid(centre, centre)
     white = code.ravel()
     means = np.stack([white / white.sum(), ~white / (~white).sum()])
     centres = np.stack([x.ravel(), y.ravel(), np.ones(white.size)], axis=-1)
-    return _Reading(white, centres, means, wrong_cells(family_and_id(name)[0]))
+    return _CodePattern(white, centres, means, wrong_cells(family_and_id(name)[0]))
 
 
 @cache
 def wrong_cells(family: TagFamily) -> int:
-    """Cells that may read wrong in a square whose place is already known: half of those in which two tags of the family differ at least."""
+    """Number of cells that may be misread in a square of known place.
+
+    Half the least distance of two tags of the family.
+    """
     codes = np.asarray(_dictionary(family).bytesList, dtype=np.uint8)
     many = len(codes)
     # (tag, turn by 90 degrees, byte): OpenCV keeps each code in all four orientations.
@@ -111,13 +126,17 @@ def wrong_cells(family: TagFamily) -> int:
     return (least + 1) // 2
 
 
-def detect(image: NDArray[np.uint8], families: Sequence[TagFamily] = (USUAL_FAMILY,), origin: tuple[int, int] = (0, 0)) -> list[Sighting]:
-    """All markers of `families` in `image`; `origin` (column, row) is added to their corners.
+def detect(
+    image: NDArray[np.uint8],
+    families: Sequence[TagFamily] = (USUAL_FAMILY,),
+    origin: tuple[int, int] = (0, 0),
+) -> list[Sighting]:
+    """Detect all markers of `families` in `image`; `origin` (column, row) is added to their corners.
 
     One marker found twice in the same place (outer and inner contour) is reported once, the larger one.
     """
     families = tuple(families)
-    # Squares are looked for once, whatever the number of families; each is then read as each of them.
+    # Squares are searched once, whatever the number of families; each is then read as every family.
     corners, ids, _, which = _detector(families).detectMarkersMultiDict(np.ascontiguousarray(image))
     if ids is None:
         return []
@@ -127,25 +146,27 @@ def detect(image: NDArray[np.uint8], families: Sequence[TagFamily] = (USUAL_FAMI
         name = marker_name(families[family], int(tag_id))
         points = np.asarray(quad[0], dtype=float) + origin
         centre, reach = points.mean(axis=0), 0.5 * np.ptp(points, axis=0).max()
-        if any(s.marker_id == name and np.max(np.abs(s.corners_px.mean(axis=0) - centre)) < reach for s in found):
+        if any(
+            s.marker_id == name and np.max(np.abs(s.corners_px.mean(axis=0) - centre)) < reach for s in found
+        ):
             continue
         found.append(Sighting(name, points))
     return found
 
 
-def of_another_family(image: NDArray[np.uint8], families: Sequence[TagFamily]) -> int | str | None:
-    """Name of the largest marker that is of none of `families`, as far as that can be told."""
+def marker_of_other_family(image: NDArray[np.uint8], families: Sequence[TagFamily]) -> int | str | None:
+    """Name of the largest marker of any family but `families`; None if none is found."""
     codes = {family.codes for family in families}
-    for family in _ELSEWHERE:
+    for family in _OTHER_FAMILIES:
         if family.codes not in codes and (seen := detect(image, (family,))):
             return seen[0].marker_id
     return None
 
 
 def is_marker(image: NDArray[np.uint8], corners_px: Array, name: int | str) -> bool:
-    """Whether the square with these raw corners (4, 2) shows this marker, in this orientation."""
-    read = _reading(name)
-    H = cv2.getPerspectiveTransform(_UNIT, corners_px.astype(np.float32))
+    """True if the square with these raw corners (4, 2) shows this marker, in this orientation."""
+    read = _code_pattern(name)
+    H = cv2.getPerspectiveTransform(_UNIT_SQUARE, corners_px.astype(np.float32))
     points = read.centres @ H.T
     pixel = np.rint(points[:, :2] / points[:, 2:]).astype(np.intp)
     (left, top), (right, bottom) = pixel.min(axis=0), pixel.max(axis=0)

@@ -1,8 +1,9 @@
-"""Pose of one square marker, with the second solution that a square seen face-on always has, and the choice between them by the motion.
+"""Pose of a square marker: both solutions of a square seen face-on, and the choice between them.
 
-Start: infinitesimal plane-based pose estimation (Collins and Bartoli 2014, "Infinitesimal Plane-Based Pose Estimation"), OpenCV's
-SOLVEPNP_IPPE_SQUARE; both solutions are refined on the reprojection error. One image cannot tell them apart where the tag is small;
-a body moves smoothly, so the cheapest path through all frames can (Viterbi).
+Start: infinitesimal plane-based pose estimation (Collins and Bartoli 2014, "Infinitesimal Plane-Based Pose
+Estimation"), OpenCV's SOLVEPNP_IPPE_SQUARE; both solutions are refined on the reprojection error. One image
+of a small tag cannot distinguish them; a body moves smoothly, so that the cheapest path through all frames
+can (Viterbi).
 """
 
 from __future__ import annotations
@@ -17,23 +18,25 @@ from scipy.spatial.transform import Rotation
 if TYPE_CHECKING:
     from analyze.types import Array
 
-_TURN_SD = 0.05
-"""rad between neighbouring frames; a tip at 6 rad/s turns by 0.05 at 120 fps"""
+_FRAME_TURN_SD = 0.05
+"""standard deviation of the turn between neighbouring frames [rad]; a tip at 6 rad/s turns by 0.05 at 120 fps
+"""
 _POSE_STEPS = 12
-_POSE_CONVERGED = 1e-6
-"""of the sum of squares, gained by one step"""
+"""most Levenberg-Marquardt steps"""
+_POSE_TOLERANCE = 1e-6
+"""relative gain of the sum of squares that ends the refinement"""
 
 
 @dataclass(frozen=True)
 class PosePair:
-    """Both solutions of one view, the better one first."""
+    """Both pose solutions of one view, the better one first."""
 
     R_camera_marker: Array
-    """(2, 3, 3)"""
+    """(2, 3, 3) rotations from M to C"""
     p_camera_marker: Array
-    """(2, 3) m"""
+    """(2, 3) marker centre in C [m]"""
     error_px: Array
-    """(2,) root mean square reprojection error"""
+    """(2,) root mean square reprojection error [px]"""
 
 
 def marker_corners(size: float) -> Array:
@@ -43,9 +46,17 @@ def marker_corners(size: float) -> Array:
 
 
 def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
-    """Both poses of a square marker from its ideal (distortion-free) corners (4, 2), or None where the four points are no square's view."""
+    """Both poses of a square marker; None if the four points are no view of a square.
+
+    Args:
+        corners_ideal: (4, 2) distortion-free corners [ideal px].
+        size: edge of the marker [m].
+        K: (3, 3) camera matrix [px].
+    """
     points = marker_corners(size)
-    count, rotations, translations, _ = cv2.solvePnPGeneric(points, corners_ideal, K, None, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+    count, rotations, translations, _ = cv2.solvePnPGeneric(
+        points, corners_ideal, K, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
+    )
     if count < 1:
         return None
     R, p, error = [], [], []
@@ -61,19 +72,31 @@ def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
     if len(order) == 1:
         order = np.array([0, 0])
     pair = PosePair(np.array(R)[order], np.array(p)[order], np.array(error)[order])
-    return pair if bool(np.all(np.isfinite(pair.p_camera_marker))) and bool(np.all(pair.p_camera_marker[:, 2] > 0)) else None
+    return (
+        pair
+        if bool(np.all(np.isfinite(pair.p_camera_marker))) and bool(np.all(pair.p_camera_marker[:, 2] > 0))
+        else None
+    )
 
 
 def solve_poses(corners_ideal: Array, size: float, K: Array) -> list[PosePair | None]:
-    """`solve_pose` of many views (n, 4, 2) at once: the same minima for a fifth of the time."""
+    """Poses of many views (n, 4, 2) [ideal px] at once, as by `solve_pose`.
+
+    The same minima for a fifth of the time.
+    """
     points = marker_corners(size)
-    starts = [cv2.solvePnPGeneric(points, corners, K, None, flags=cv2.SOLVEPNP_IPPE_SQUARE)[:3] for corners in corners_ideal]
+    starts = [
+        cv2.solvePnPGeneric(points, corners, K, None, flags=cv2.SOLVEPNP_IPPE_SQUARE)[:3]
+        for corners in corners_ideal
+    ]
     view = [i for i, (count, rotations, _) in enumerate(starts) if count for _ in rotations]
     found: list[PosePair | None] = [None] * len(starts)
     if not view:
         return found
     rotation = np.array([r for _, rotations, _ in starts for r in rotations], dtype=float).reshape(-1, 3)
-    translation = np.array([p for _, _, translations in starts for p in translations], dtype=float).reshape(-1, 3)
+    translation = np.array([p for _, _, translations in starts for p in translations], dtype=float).reshape(
+        -1, 3
+    )
     R, p = _refined(Rotation.from_rotvec(rotation).as_matrix(), translation, points, corners_ideal[view], K)
     off = _reprojected(R, p, points, K)[0] - corners_ideal[view]
     error = np.sqrt(np.mean(off**2, axis=(1, 2)))
@@ -90,21 +113,33 @@ def solve_poses(corners_ideal: Array, size: float, K: Array) -> list[PosePair | 
 
 
 def _reprojected(R: Array, p: Array, points: Array, K: Array) -> tuple[Array, Array]:
-    """Ideal pixels (m, 4, 2) of the corners `points` (4, 3) at poses (m, 3, 3), (m, 3); and the corners in C (m, 4, 3)."""
+    """Ideal pixels (m, 4, 2) of the corners `points` (4, 3) at poses (m, 3, 3), (m, 3).
+
+    And the corners in C (m, 4, 3).
+    """
     in_camera = points @ R.transpose(0, 2, 1) + p[:, None]
     image = in_camera @ K.T
     return image[..., :2] / image[..., 2:], in_camera
 
 
 def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tuple[Array, Array]:
-    """Poses (m, 3, 3), (m, 3) moved until `points`, reprojected, fit `corners` (m, 4, 2) best nearby (Levenberg-Marquardt)."""
+    """Poses (m, 3, 3), (m, 3) [m] at the nearest minimum of the reprojection error, by Levenberg-Marquardt.
+
+    Args:
+        R: (m, 3, 3) first rotations.
+        p: (m, 3) first positions [m].
+        points: (4, 3) corners in M [m].
+        corners: (m, 4, 2) corners in the images [ideal px].
+        K: (3, 3) camera matrix [px].
+    """
     many = len(R)
     damping = np.full(many, 1e-3)
     seen, in_camera = _reprojected(R, p, points, K)
     off = corners - seen
     cost = np.sum(off**2, axis=(1, 2))
     for _ in range(_POSE_STEPS):
-        # Of the pixel by the point in C, and of that by a turn w about C's axes (w x arm) and a shift.
+        # Derivative of the pixel by the point in C, and of the point by a turn w about C's axes (w x arm) and
+        # a shift.
         by_point = _by_point(seen, in_camera, K)
         arm = in_camera - p[:, None]
         by_turn = np.cross(arm[:, :, None, :], by_point)
@@ -112,7 +147,9 @@ def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tup
         normal = J.transpose(0, 2, 1) @ J
         gradient = (J.transpose(0, 2, 1) @ off.reshape(many, 8, 1))[..., 0]
         diagonal = np.einsum("mii->mi", normal)
-        step = np.linalg.solve(normal + (damping[:, None] * diagonal)[..., None] * np.eye(6), gradient[..., None])[..., 0]
+        step = np.linalg.solve(
+            normal + (damping[:, None] * diagonal)[..., None] * np.eye(6), gradient[..., None]
+        )[..., 0]
         R_new, p_new = Rotation.from_rotvec(step[:, :3]).as_matrix() @ R, p + step[:, 3:]
         seen_new, in_camera_new = _reprojected(R_new, p_new, points, K)
         off_new = corners - seen_new
@@ -120,10 +157,13 @@ def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tup
         better = cost_new <= cost
         gained = np.where(better, cost - cost_new, 0.0)
         R, p = np.where(better[:, None, None], R_new, R), np.where(better[:, None], p_new, p)
-        seen, in_camera = np.where(better[:, None, None], seen_new, seen), np.where(better[:, None, None], in_camera_new, in_camera)
+        seen, in_camera = (
+            np.where(better[:, None, None], seen_new, seen),
+            np.where(better[:, None, None], in_camera_new, in_camera),
+        )
         off, cost = corners - seen, np.minimum(cost, cost_new)
         damping = np.clip(np.where(better, 0.1 * damping, 10.0 * damping), 1e-12, 1e6)
-        if np.all(better & (gained <= _POSE_CONVERGED * cost + 1e-18)):
+        if np.all(better & (gained <= _POSE_TOLERANCE * cost + 1e-18)):
             break
     return R, p
 
@@ -134,7 +174,15 @@ def _by_point(seen: Array, in_camera: Array, K: Array) -> Array:
 
 
 def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K: Array) -> Array:
-    """Covariance (m, 3, 3) [m^2] of positions p (m, 3) at poses R (m, 3, 3), from corners that scatter by `corner_sd_px` (m,)."""
+    """Covariance (m, 3, 3) [m^2] of marker positions by the noise of the corners.
+
+    Args:
+        R: (m, 3, 3) rotations from M to C.
+        p: (m, 3) positions in C [m].
+        corner_sd_px: (m,) standard deviation of the corners [px].
+        size: edge of the marker [m].
+        K: (3, 3) camera matrix [px].
+    """
     seen, in_camera = _reprojected(R, p, marker_corners(size), K)
     by_point = _by_point(seen, in_camera, K)
     by_turn = np.cross((in_camera - p[:, None])[:, :, None, :], by_point)
@@ -145,20 +193,25 @@ def position_covariance(R: Array, p: Array, corner_sd_px: Array, size: float, K:
 def choose_by_motion(pairs: list[PosePair], time_ns: Array, corner_sd_px: Array) -> list[int]:
     """Index (0 or 1) of the solution per frame along the path that fits the corners and turns least.
 
-    Cost of a frame: (error / sd)^2 summed over eight coordinates; of a step: (angle / turn sd)^2 / elapsed frames.
+    Cost of a frame: (error / sd)^2 summed over eight coordinates; of a step: (angle / turn sd)^2 / elapsed
+    frames.
     """
     if not pairs:
         return []
     frame_ns = float(np.median(np.diff(time_ns))) if len(time_ns) > 1 else 1.0
-    cost = np.array([8.0 * (pair.error_px / max(sd, 0.01)) ** 2 for pair, sd in zip(pairs, corner_sd_px, strict=True)])
+    cost = np.array(
+        [8.0 * (pair.error_px / max(sd, 0.01)) ** 2 for pair, sd in zip(pairs, corner_sd_px, strict=True)]
+    )
     total = cost[0].copy()
     back = np.zeros((len(pairs), 2), dtype=int)
     for i in range(1, len(pairs)):
         # tr(A^T B) = 1 + 2 cos(angle)
-        cosine = 0.5 * (np.einsum("aij,bij->ab", pairs[i - 1].R_camera_marker, pairs[i].R_camera_marker) - 1.0)
+        cosine = 0.5 * (
+            np.einsum("aij,bij->ab", pairs[i - 1].R_camera_marker, pairs[i].R_camera_marker) - 1.0
+        )
         angle = np.arccos(np.clip(cosine, -1.0, 1.0))
         steps = max(1.0, float(time_ns[i] - time_ns[i - 1]) / frame_ns)
-        path = total[:, None] + (angle / _TURN_SD) ** 2 / steps
+        path = total[:, None] + (angle / _FRAME_TURN_SD) ** 2 / steps
         back[i] = np.argmin(path, axis=0)
         total = path[back[i], [0, 1]] + cost[i]
     chosen = [int(np.argmin(total))]

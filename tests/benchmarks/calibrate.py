@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from analyze.calibration.calibrate import Shot, calibrate
-from analyze.calibration.detect import find_corners, look
+from analyze.calibration.detect import find_corners, read_board
 from analyze.calibration.lens import Lens
 from analyze.tags.printing import BoardOptions, parse_board
 from schemas.session_manifest import LensModel
@@ -30,7 +30,15 @@ def camera(rng):
     """A lens as a rig's may be."""
     f = 1430 * rng.uniform(0.95, 1.05)
     k = (-0.12 + rng.uniform(-0.03, 0.03), 0.1 + rng.uniform(-0.05, 0.05), *rng.uniform(-3e-4, 3e-4, 2), 0.0)
-    return TrueLens(WIDTH, HEIGHT, f, f * rng.uniform(0.9995, 1.0005), 327.5 + rng.uniform(-6, 6), 245.5 + rng.uniform(-6, 6), k)
+    return TrueLens(
+        WIDTH,
+        HEIGHT,
+        f,
+        f * rng.uniform(0.9995, 1.0005),
+        327.5 + rng.uniform(-6, 6),
+        245.5 + rng.uniform(-6, 6),
+        k,
+    )
 
 
 def session(rng, many=VIEWS, tilts=(0.2, 0.75), reach=(0.13, 0.1), depth=0.6):
@@ -38,7 +46,11 @@ def session(rng, many=VIEWS, tilts=(0.2, 0.75), reach=(0.13, 0.1), depth=0.6):
     return [
         facing(
             PRINTED,
-            [rng.uniform(-1, 1) * reach[0] * depth, rng.uniform(-1, 1) * reach[1] * depth, depth * rng.uniform(0.95, 1.15)],
+            [
+                rng.uniform(-1, 1) * reach[0] * depth,
+                rng.uniform(-1, 1) * reach[1] * depth,
+                depth * rng.uniform(0.95, 1.15),
+            ],
             rng.uniform(*tilts),
             rng.uniform(0, 2 * np.pi),
             rng.uniform(0, 2 * np.pi),
@@ -51,7 +63,7 @@ def ours(images):
     """Calibration from images."""
     shots = []
     for number, image in enumerate(images):
-        view = find_corners(image, BOARD, look(image, BOARD))
+        view = find_corners(image, BOARD, read_board(image, BOARD))
         if view is not None:
             shots.append(Shot(f"view {number + 1}", image, view))
     return calibrate(shots, BOARD, LensModel.PINHOLE, lambda *_: None)
@@ -60,7 +72,9 @@ def ours(images):
 def opencv(images):
     """Lens and stated sd by OpenCV's defaults."""
     tags = cv2.aruco.getPredefinedDictionary(PRINTED.family)
-    board = cv2.aruco.CharucoBoard((PRINTED.columns, PRINTED.rows), PRINTED.square, 0.7 * PRINTED.square, tags)
+    board = cv2.aruco.CharucoBoard(
+        (PRINTED.columns, PRINTED.rows), PRINTED.square, 0.7 * PRINTED.square, tags
+    )
     detector = cv2.aruco.CharucoDetector(board)
     objects, places = [], []
     for image in images:
@@ -82,7 +96,10 @@ def say(line):
 
 def row(name, unit, mine, theirs, digits):
     """One line of the table: median and worst of both, and errors over the stated sd (rms)."""
-    cells = [f"{np.median(np.abs(errors)):.{digits}f} ({np.abs(errors).max():.{digits}f})" for errors, _ in (mine, theirs)]
+    cells = [
+        f"{np.median(np.abs(errors)):.{digits}f} ({np.abs(errors).max():.{digits}f})"
+        for errors, _ in (mine, theirs)
+    ]
     ratio = ["–" if z is None else f"{np.sqrt(np.mean(np.square(z))):.2f}" for _, z in (mine, theirs)]
     return f"| {name}{f' [{unit}]' if unit else ''} | {cells[0]} | {ratio[0]} | {cells[1]} | {ratio[1]} |"
 
@@ -114,12 +131,16 @@ def main() -> None:
     errors, z, their_errors, their_z = map(np.array, (errors, z, their_errors, their_z))
     say(f"\n{seeds} cameras, {VIEWS} views each; median (worst) of the errors' sizes\n")
     say("| | ours | error / stated sd | OpenCV's defaults | error / stated sd |\n|---|---|---|---|---|")
-    for i, (name, unit, digits) in enumerate(zip(NAMES, ("px",) * 4 + ("", ""), (3, 3, 3, 3, 4, 3), strict=True)):
+    for i, (name, unit, digits) in enumerate(
+        zip(NAMES, ("px",) * 4 + ("", ""), (3, 3, 3, 3, 4, 3), strict=True)
+    ):
         say(row(name, unit, (errors[:, i], z[:, i]), (their_errors[:, i], their_z[:, i]), digits))
     ratio = np.array(worst) / np.array(stated)
     say(row("worst pixel over the image", "px", (np.array(worst), ratio), (np.array(their_worst), None), 3))
     inside = np.mean(np.abs(z[:, : len(NAMES)]) < 1.96)
-    say(f"\nwithin 1.96 stated sd: {100 * inside:.0f} %; {np.median(seconds):.1f} s of CPU per camera, detection included\n")
+    say(
+        f"\nwithin 1.96 stated sd: {100 * inside:.0f} %; {np.median(seconds):.1f} s of CPU per camera, detection included\n"
+    )
     refusals()
 
 

@@ -18,7 +18,7 @@ from analyze.reading.recording import open_recording
 from analyze.sources.open_source import SourceOptions, open_source
 from analyze.sources.source import FrameSource
 from analyze.tracking.camera_model import camera_from_spec
-from analyze.tracking.marker import detect, of_another_family
+from analyze.tracking.marker import detect, marker_of_other_family
 from analyze.tracking.pose import position_covariance
 from analyze.tracking.track import MarkerFollower
 from analyze.types import CameraModel, ImageFrame, Marker, MarkerTrack
@@ -183,10 +183,8 @@ def _measure(footage: _Footage, options: DropOptions, progress: Progress = no_pr
     if not found:
         raise CalibrationError(
             f"{footage.name}: marker {marker_id} is seen in {len(track.time_ns)} of {frames} frames, but no "
-            f"free fall of {MIN_FALL_M:g} m: "
-            "hold it still in view, let go without a push, and let it fall 0.3 m or more before the camera; "
-            "more light and a shorter "
-            "exposure if it blurs"
+            f"free fall of {MIN_FALL_M:g} m: hold it still in view, let go without a push, and let it fall "
+            "0.3 m or more before the camera; more light and a shorter exposure if it blurs"
         )
     falls = _consistent(found)
     stated = float(np.median([fall.frame_s for fall in falls]))
@@ -247,7 +245,7 @@ def _first_tag(footage: _Footage) -> int | str:
                 return seen[0].marker_id
     if first is None:
         raise CalibrationError(f"{footage.name}: contains no images: film the tag while it falls")
-    other = of_another_family(first, (USUAL_FAMILY,))
+    other = marker_of_other_family(first, (USUAL_FAMILY,))
     hint = f"; one of family {other} is: name it with --marker" if other is not None else ""
     raise CalibrationError(
         f"{footage.name}: no tag is seen in {looked_at} images{hint}: print one (analyze print-tags) and "

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from analyze.calibration.verdict import where
+from analyze.calibration.verdict import place_in_image
 from analyze.cameras.calibrate import CalibrationAnswer
 from analyze.cameras.calibration_toml import calibration_spec
 from schemas.document import SCHEMA_VERSION
@@ -49,7 +49,7 @@ def render_calibration(answer: CalibrationAnswer, console: Console | None = None
     table.add_row(
         "a direction's pixel",
         f"± {found.pixels.median:.3f} px in the median, ± {found.pixels.worst:.3f} px at worst "
-        f"({where(lens, *found.pixels.worst_at)})",
+        f"({place_in_image(lens, *found.pixels.worst_at)})",
     )
     table.add_row(
         "board tilted by",
@@ -88,8 +88,7 @@ def notes(answer: CalibrationAnswer) -> list[str]:
     if answer.place is not None:
         lines.append(
             f"the camera's distance depends on squares of {answer.options.board.square_mm:g} mm, which no "
-            "image can check: measure "
-            "both rulers on the print; errors in placing the board are not in the sd"
+            "image can check: measure both rulers on the print; errors in placing the board are not in the sd"
         )
     elif answer.rig_place is not None:
         lines.append(

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from analyze.calibration.plumb import (
-    APART_PX,
-    DETERMINED,
+    MIN_SEPARATION_PX,
+    MAX_SD_SHARE,
     PlumbedTable,
     PlumbLine,
     find_plumb_lines,
     plumbed_table,
-    together,
+    merged_line,
     upright,
 )
 from analyze.cameras.board_images import RECORDING, Image, read_images, resolve_inputs
@@ -74,10 +74,9 @@ class GravityAnswer:
             camera = np.degrees(self.options.camera_turn_sd)
             raise CalibrationError(
                 f"the strings do not determine the table's tilt towards +x: ±{x:.2f}°, from ±{before:.2f}° "
-                "before; "
-                f"{DETERMINED * before:.2f}° is needed: use a camera that looks along y, with a pose known "
-                "better than "
-                f"±{camera:.2f}° against the table (calibrate --table; then --camera-sd-deg)"
+                f"before; {MAX_SD_SHARE * before:.2f}° is needed: use a camera that looks along y, with a pose "
+                f"known better than ±{camera:.2f}° against the table (calibrate --table; then "
+                "--camera-sd-deg)"
             )
 
 
@@ -101,8 +100,7 @@ def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> G
         if (width, height) != (camera.width, camera.height):
             raise CalibrationError(
                 f"{name} has {width} x {height} px, the camera's calibration {camera.width} x "
-                f"{camera.height}: take it with the rig's "
-                "region, uncropped and unscaled"
+                f"{camera.height}: take it with the rig's region, uncropped and unscaled"
             )
         if looked_at == MAX_IMAGES:
             break
@@ -117,12 +115,11 @@ def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> G
         off = f" ({slanted} straight lines are more than 5° off W's vertical)" if slanted else ""
         raise CalibrationError(
             f"no plumb line is seen in {looked_at} image{'' if looked_at == 1 else 's'}{off}: hang a thin "
-            "string with a weight before a "
-            "uniform background, dark on bright or bright on dark, over half the image's height or more, "
-            "and wait until it is still"
+            "string with a weight before a uniform background, dark on bright or bright on dark, over half "
+            "the image's height or more, and wait until it is still"
         )
     groups = _same_string(seen)
-    lines = tuple(together([seen[i] for i in group]) for group in groups)
+    lines = tuple(merged_line([seen[i] for i in group]) for group in groups)
     seen_in = tuple(len({of_image[i] for i in group}) for group in groups)
     return GravityAnswer(
         plumbed_table(lines, camera, prior_sd, options.camera_turn_sd),
@@ -158,7 +155,7 @@ def _same_string(lines: Sequence[PlumbLine]) -> list[list[int]]:
     middles: Array = np.array([(line.bottom + line.top)[0] / 2 for line in lines])
     groups: list[list[int]] = []
     for i in np.argsort(middles, kind="stable").tolist():
-        if groups and middles[i] - middles[groups[-1][-1]] < APART_PX:
+        if groups and middles[i] - middles[groups[-1][-1]] < MIN_SEPARATION_PX:
             groups[-1].append(i)
         else:
             groups.append([i])

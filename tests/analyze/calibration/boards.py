@@ -1,9 +1,10 @@
-"""Pictures of a ChArUco board with known corners, independent of the estimator: own lens formulas, exact area coverage, blur before the
-pixels add up.
+"""Pictures of a ChArUco board with known corners, independent of the estimator: own lens formulas, exact area
+coverage, blur before the pixels add up.
 
-The board's own frame: x right, y up the page, z out of its face; origin at the lower left corner of the squares [m]. Upper left square
-black, tags in the white ones row by row (OpenCV's pattern since 4.6). Models perspective, lens, blur, noise, a white rim round the board
-and the grey around it; no shading, no depth of field, no bent paper unless `bend` is given. Integer coordinates are pixel centres.
+The board's own frame: x right, y up the page, z out of its face; origin at the lower left corner of the
+squares [m]. Upper left square black, tags in the white ones row by row (OpenCV's pattern since 4.6). Models
+perspective, lens, blur, noise, a white rim round the board and the grey around it; no shading, no depth of
+field, no bent paper unless `bend` is given. Integer coordinates are pixel centres.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from schemas.session_manifest import LensModel
 from tests.analyze.tracking.rendering import FINE, Look, add_border
 
 UNITS = 20
-"""raster units per square: a tag of 0.7 squares with 5 x 5 bits and its border has cells of two units, and 3 units of white round it"""
+"""raster units per square: a tag of 0.7 squares with 5 x 5 bits and its border has cells of two units, and 3
+units of white round it"""
 RIM = 16
 """units of white paper round the squares"""
 
@@ -76,7 +78,8 @@ class TrueBoard:
         return np.array([self.columns, self.rows]) * self.square
 
     def corners(self):
-        """((columns - 1) (rows - 1), 3) inner corners, row by row from the top, as OpenCV counts them from the top left."""
+        """((columns - 1) (rows - 1), 3) inner corners, row by row from the top, as OpenCV counts them from
+        the top left."""
         x, y = np.meshgrid(np.arange(1, self.columns), self.rows - np.arange(1, self.rows))
         return self.surface(np.stack([x.ravel(), y.ravel()], 1) * self.square)
 
@@ -88,7 +91,8 @@ class TrueBoard:
 
 @cache
 def _borders(columns, rows, square, family):
-    """Where the grey changes: start, end (n, 2) m, and greys inside and outside (n, 2); 0 black, 1 white, NaN beyond the paper."""
+    """Where the grey changes: start, end (n, 2) m, and greys inside and outside (n, 2); 0 black, 1 white, NaN
+    beyond the paper."""
     paper = np.ones((rows * UNITS, columns * UNITS))
     tags = cv2.aruco.getPredefinedDictionary(family)
     tag = 0
@@ -169,7 +173,8 @@ def photograph(lens, board, R, p, rng, look=None, pieces=1):
 
 
 def facing(board, middle, tilt=0.0, towards=0.0, spin=0.0):
-    """R, p of a board whose middle is at `middle` (3,) in C, tilted about `towards` in the image and spun in its own plane [rad]."""
+    """R, p of a board whose middle is at `middle` (3,) in C, tilted about `towards` in the image and spun in
+    its own plane [rad]."""
     lean = cv2.Rodrigues(tilt * np.array([np.cos(towards), np.sin(towards), 0.0]))[0]
     turn = cv2.Rodrigues(np.array([0.0, 0.0, spin]))[0]
     R = lean @ turn @ np.diag([1.0, -1.0, -1.0])

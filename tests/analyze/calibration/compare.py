@@ -15,7 +15,8 @@ def truth(lens):
 
 
 def pixel_errors(found, lens):
-    """Distance (n,) px, over the image's grid, of the pixel that each direction falls on from where it should be, the best turn taken out.
+    """Distance (n,) px, over the image's grid, of the pixel that each direction falls on from where it should
+    be, the best turn taken out.
 
     Args:
         found: Lens.

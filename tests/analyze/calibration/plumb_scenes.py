@@ -1,7 +1,9 @@
-"""Pictures of strings that hang plumb over a table that slopes: own lens formulas, blur before the pixels add up.
+"""Pictures of strings that hang plumb over a table that slopes: own lens formulas, blur before the pixels add
+up.
 
-Models perspective, lens, strings as thick as so many pixels, an uneven ground, a box with a tag-like square before it, blur, noise; no
-depth of field, no swinging unless `swing` is given. Integer coordinates are pixel centres.
+Models perspective, lens, strings as thick as so many pixels, an uneven ground, a box with a tag-like square
+before it, blur, noise; no depth of field, no swinging unless `swing` is given. Integer coordinates are pixel
+centres.
 """
 
 from __future__ import annotations
@@ -42,7 +44,9 @@ def photograph(strings, slope, rng, scene=None, pose=WORLD_CAMERA, lens=LENS):
     """Strings hang through the points (x, y) of W's table; the vertical leans by `slope` (2,)."""
     scene = scene or Scene()
     cells, rows = np.arange(lens.width * FINE), np.arange(lens.height * FINE)[:, None]
-    image = (scene.ground + 12.0 * np.sin(cells / (90.0 * FINE)) + 8.0 * np.cos(rows / (70.0 * FINE))).astype(np.float32)
+    image = (scene.ground + 12.0 * np.sin(cells / (90.0 * FINE)) + 8.0 * np.cos(rows / (70.0 * FINE))).astype(
+        np.float32
+    )
     if scene.box:
         image[220 * FINE : 460 * FINE, 240 * FINE : 330 * FINE] = 120.0
         image[300 * FINE : 380 * FINE, 250 * FINE : 325 * FINE] = 205.0
@@ -57,7 +61,9 @@ def photograph(strings, slope, rng, scene=None, pose=WORLD_CAMERA, lens=LENS):
         u = np.interp(v, seen[order, 1], seen[order, 0])
         left, right = ((u + side * scene.width_px / 2 + 0.5) * FINE for side in (-1, 1))
         band = slice(max(int(left.min()) - 1, 0), int(right.max()) + 2)
-        share = np.clip(np.minimum(cells[band] + 1, right[:, None]) - np.maximum(cells[band], left[:, None]), 0, 1)
+        share = np.clip(
+            np.minimum(cells[band] + 1, right[:, None]) - np.maximum(cells[band], left[:, None]), 0, 1
+        )
         image[:, band] += (share * (scene.string - image[:, band])).astype(np.float32)
     image = cv2.GaussianBlur(image, (0, 0), scene.blur * FINE)
     image = image.reshape(lens.height, FINE, lens.width, FINE).mean(axis=(1, 3))

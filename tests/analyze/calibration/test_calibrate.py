@@ -1,4 +1,5 @@
-"""A lens from the corners of many views: what it says of itself holds, and what the views do not determine is refused by name."""
+"""A lens from the corners of many views: what it says of itself holds, and what the views do not determine is
+refused by name."""
 
 import numpy as np
 import pytest
@@ -43,7 +44,13 @@ def seen(lens, views, rng, sd=CORNER_SD):
         if len(index) < 8:
             continue
         noisy = place[index] + rng.normal(0, sd, (len(index), 2))
-        view = View(index, noisy, np.tile(CORNER_SD**2 * np.eye(2), (len(index), 1, 1)), np.zeros((len(index), 2, 2)), 0.7)
+        view = View(
+            index,
+            noisy,
+            np.tile(CORNER_SD**2 * np.eye(2), (len(index), 1, 1)),
+            np.zeros((len(index), 2, 2)),
+            0.7,
+        )
         shots.append(Shot(f"{number}.png", np.zeros((lens.height, lens.width), np.uint8), view))
     return shots
 
@@ -78,7 +85,10 @@ def test_the_stated_error_of_pixels_holds_over_the_whole_image():
 
 
 def test_errors_beyond_the_corners_own_noise_widen_what_is_stated():
-    quiet, loud = (calibrated(LENS, all_over(np.random.default_rng(6)), np.random.default_rng(6), sd) for sd in (CORNER_SD, 10 * CORNER_SD))
+    quiet, loud = (
+        calibrated(LENS, all_over(np.random.default_rng(6)), np.random.default_rng(6), sd)
+        for sd in (CORNER_SD, 10 * CORNER_SD)
+    )
     assert loud.scatter == pytest.approx(10.0, rel=0.1)
     assert loud.sd[0] / quiet.sd[0] == pytest.approx(10.0, rel=0.2)
     assert any("the board is not flat" in doubt for doubt in loud.doubts)
@@ -86,7 +96,11 @@ def test_errors_beyond_the_corners_own_noise_widen_what_is_stated():
 
 def test_boards_that_all_face_the_camera_do_not_determine_the_focal_length():
     rng = np.random.default_rng(7)
-    found = calibrated(LENS, [(middle, 0.03 * rng.uniform(), towards, spin) for middle, _, towards, spin in all_over(rng)], rng)
+    found = calibrated(
+        LENS,
+        [(middle, 0.03 * rng.uniform(), towards, spin) for middle, _, towards, spin in all_over(rng)],
+        rng,
+    )
     (reason,) = found.undetermined
     assert "focal length" in reason
     assert "± " in reason
@@ -99,7 +113,12 @@ def test_boards_that_all_face_the_camera_do_not_determine_the_focal_length():
 def test_views_of_the_middle_only_do_not_determine_the_corners():
     rng = np.random.default_rng(8)
     found = calibrated(
-        LENS, [([0.005, 0.0, 1.1], rng.uniform(0.4, 0.75), rng.uniform(0, 6.28), rng.uniform(0, 6.28)) for _ in range(15)], rng
+        LENS,
+        [
+            ([0.005, 0.0, 1.1], rng.uniform(0.4, 0.75), rng.uniform(0, 6.28), rng.uniform(0, 6.28))
+            for _ in range(15)
+        ],
+        rng,
     )
     (reason,) = found.undetermined
     assert "distortion is not determined at the" in reason
@@ -119,13 +138,17 @@ def test_bare_sides_of_the_image_are_named():
     views = [([-0.13 + 0.02 * rng.uniform(), y, 0.9], t, a, s) for ([_, y, _], t, a, s) in all_over(rng, 0.9)]
     found = calibrated(LENS, views, rng)
     assert found.pixels.worst_at[0] > 500
-    assert any("follows from its model only" in doubt and "reaches the right" in doubt for doubt in found.doubts)
+    assert any(
+        "follows from its model only" in doubt and "reaches the right" in doubt for doubt in found.doubts
+    )
 
 
 def test_a_print_stretched_in_one_direction_is_suspected():
     rng = np.random.default_rng(10)
     stretched = TrueLens(656, 492, 1430.0, 1430.0 * 1.006, 331.0, 242.0, LENS.k)
-    assert any("compare its two rulers" in doubt for doubt in calibrated(stretched, all_over(rng), rng).doubts)
+    assert any(
+        "compare its two rulers" in doubt for doubt in calibrated(stretched, all_over(rng), rng).doubts
+    )
 
 
 def test_a_turn_of_the_camera_counts_for_nothing():

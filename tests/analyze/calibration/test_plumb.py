@@ -1,4 +1,4 @@
-"""Gravity from strings in view, on rendered images: right within what is said, and what one view cannot tell is said."""
+"""Gravity from strings in view, on rendered images: right within the stated errors; one view may not suffice."""
 
 import json
 import tomllib
@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from acquire.config import read_rig
-from analyze.calibration.plumb import find_plumb_lines, plumbed_table, together, upright
+from analyze.calibration.plumb import find_plumb_lines, merged_line, plumbed_table, upright
 from analyze.cli import main
 from analyze.types import CameraModel
 from tests.analyze.calibration.plumb_scenes import LENS, WORLD_CAMERA, Scene, photograph, turned
@@ -27,7 +27,9 @@ def table(strings, scene=None, seed=1, camera_sd=EXACT):
     return plumbed_table(upright(find_plumb_lines(image, CAMERA), CAMERA), CAMERA, PRIOR, camera_sd)
 
 
-@pytest.mark.parametrize("scene", [Scene(), Scene(string=240, ground=90), Scene(width_px=5.0), Scene(box=True)])
+@pytest.mark.parametrize(
+    "scene", [Scene(), Scene(string=240, ground=90), Scene(width_px=5.0), Scene(box=True)]
+)
 def test_two_strings_tell_both_rises_within_what_is_said(scene):
     found = table(TWO, scene)
     assert found.determined == (True, True)
@@ -45,7 +47,9 @@ def test_one_string_tells_the_rise_across_the_view_only():
 
 def test_how_well_the_camera_stands_is_in_the_answer():
     found = table(TWO, camera_sd=np.radians(0.1))
-    assert np.degrees(found.sd[0]) == pytest.approx(0.1 * 0.2 / np.hypot(0.1, 0.2), rel=0.05), "the camera's and the prior's together"
+    assert np.degrees(found.sd[0]) == pytest.approx(0.1 * 0.2 / np.hypot(0.1, 0.2), rel=0.05), (
+        "the camera's and the prior's merged_line"
+    )
 
 
 def test_a_lean_far_beyond_what_was_known_is_doubted():
@@ -68,8 +72,8 @@ def test_images_of_one_string_are_averaged_and_a_swinging_one_is_known_worse():
         lean = SLOPE + np.array([0.005 * np.sin(number), 0])
         swinging += find_plumb_lines(photograph(ONE, lean, rng), CAMERA)
     assert len(still) == len(swinging) == 4
-    assert together(still).end_sd < 0.025
-    assert together(swinging).end_sd > 0.2
+    assert merged_line(still).end_sd < 0.025
+    assert merged_line(swinging).end_sd > 0.2
 
 
 def test_nothing_is_found_where_there_is_no_string():
@@ -97,7 +101,10 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def photographs():
-    return {name: photograph(strings, SLOPE, np.random.default_rng(5)) for name, strings in (("two", TWO), ("none", []))}
+    return {
+        name: photograph(strings, SLOPE, np.random.default_rng(5))
+        for name, strings in (("two", TWO), ("none", []))
+    }
 
 
 @pytest.fixture
@@ -110,7 +117,16 @@ def folder(tmp_path, photographs):
 
 def test_the_reading_is_written_where_the_estimate_finds_it(folder):
     rig = folder / "rig.toml"
-    answer = run(folder / "two.png", "--rig", rig, "--camera-sd-deg", "0.03", "--write", "--picture", folder / "seen.png")
+    answer = run(
+        folder / "two.png",
+        "--rig",
+        rig,
+        "--camera-sd-deg",
+        "0.03",
+        "--write",
+        "--picture",
+        folder / "seen.png",
+    )
     assert answer.exit_code == 0, answer.output
     assert "the table rises towards +x" in answer.output
     assert rig.read_text(encoding="utf-8").startswith(RIG)
@@ -120,10 +136,13 @@ def test_the_reading_is_written_where_the_estimate_finds_it(folder):
     assert level.read_by == "plumb line"
     assert cv2.imread(str(folder / "seen.png")).shape == (492, 656, 3)
     again = run(folder / "two.png", "--rig", rig, "--camera-sd-deg", "0.03", "--json")
-    told = json.loads(again.stdout)
-    assert told["determined"] == [True, True]
-    assert len(told["strings"]) == 2
-    assert tomllib.loads("\n".join(f"{key} = {value}" for key, value in told["level"].items()))["read_by"] == "plumb line"
+    document = json.loads(again.stdout)
+    assert document["determined"] == [True, True]
+    assert len(document["strings"]) == 2
+    assert (
+        tomllib.loads("\n".join(f"{key} = {value}" for key, value in document["level"].items()))["read_by"]
+        == "plumb line"
+    )
 
 
 @pytest.mark.parametrize(
@@ -131,10 +150,13 @@ def test_the_reading_is_written_where_the_estimate_finds_it(folder):
     [
         (("two.png",), "give --rig RIG.toml"),
         (("none.png", "--rig", "rig.toml"), "no plumb line is seen in 1 image: hang a thin string"),
-        (("two.png", "--rig", "rig.toml", "--camera-sd-deg", "1"), "do not tell how the table rises towards +x: ±0.2"),
+        (
+            ("two.png", "--rig", "rig.toml", "--camera-sd-deg", "1"),
+            "do not determine the table's tilt towards +x: ±0.2",
+        ),
     ],
 )
-def test_what_cannot_be_told_is_refused_in_one_line(folder, arguments, said):
+def test_what_cannot_be_determined_is_refused_in_one_line(folder, arguments, said):
     found = run(*(folder / each if "." in each and each[0].isalpha() else each for each in arguments))
     assert found.exit_code == 1
     assert said in found.stderr
@@ -143,7 +165,9 @@ def test_what_cannot_be_told_is_refused_in_one_line(folder, arguments, said):
 
 def test_a_camera_that_leans_is_told_from_a_table_that_does():
     image = photograph(TWO, SLOPE, np.random.default_rng(7), pose=turned(WORLD_CAMERA, (0.03, 0.05, -0.02)))
-    leaning = CameraModel(LENS.width, LENS.height, MATRIX, np.array(LENS.k), turned(WORLD_CAMERA, (0.03, 0.05, -0.02)))
+    leaning = CameraModel(
+        LENS.width, LENS.height, MATRIX, np.array(LENS.k), turned(WORLD_CAMERA, (0.03, 0.05, -0.02))
+    )
     found = plumbed_table(upright(find_plumb_lines(image, leaning), leaning), leaning, PRIOR, EXACT)
     assert np.all(np.abs(found.lean - SLOPE) < 3 * found.sd)
 

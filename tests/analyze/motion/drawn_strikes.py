@@ -145,9 +145,8 @@ def draw(kind: str, rng: np.random.Generator, noise: float | None = None) -> Str
             return strike
 
 
-def _drawn(kind: str, rng: np.random.Generator, noise: float | None) -> Strike | None:
-    body = draw_body(rng)
-    noise = math.radians(0.01 * 10 ** rng.uniform(0, 1)) if noise is None else noise
+def _energy_and_height(kind: str, body: Body, rng: np.random.Generator) -> tuple[float, float]:
+    """Energy ratio and height of the push [m] of a strike of this kind."""
     energy = rng.uniform(0.35, 0.97) if kind == "rocked back" else 1 + rng.exponential(0.25) + 0.02
     height = holding_height(body) * rng.uniform(0.9, 1.05)
     if kind == "slid":
@@ -156,8 +155,14 @@ def _drawn(kind: str, rng: np.random.Generator, noise: float | None) -> Strike |
     if kind == "not moved":
         energy = rng.uniform(0.0, 0.003)
     if kind == "airborne":
-        energy = rng.uniform(4.0, 9.0)
-    energy = min(energy, 3.0) if kind != "airborne" else energy
+        return rng.uniform(4.0, 9.0), height
+    return min(energy, 3.0), height
+
+
+def _drawn(kind: str, rng: np.random.Generator, noise: float | None) -> Strike | None:
+    body = draw_body(rng)
+    noise = math.radians(0.01 * 10 ** rng.uniform(0, 1)) if noise is None else noise
+    energy, height = _energy_and_height(kind, body, rng)
     pushes = [push_for(body, energy, min(height, 0.98 * body.height))]
     if kind == "struck twice":
         first = pushes[0]

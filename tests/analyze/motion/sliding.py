@@ -134,7 +134,11 @@ def simulate(
         if th >= land:
             landed = True
         t += STEP
-    table = np.array(log)
+    return _course(body, np.array(log), frames)
+
+
+def _course(body: Body, table: np.ndarray, frames: np.ndarray) -> Course:
+    """The course at the times of the frames, of (t, theta, slip, lift) in every step."""
     at = np.clip(np.searchsorted(table[:, 0], frames), 0, len(table) - 1)
     seen = np.where(frames[:, None] < 0, 0.0, table[at, 1:])
     near = table[:, 1] < body.phi + math.radians(5)

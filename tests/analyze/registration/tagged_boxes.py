@@ -1,8 +1,10 @@
-"""Boxes with tags stuck on anywhere, placed by hand, struck and seen: for tests and `make bench-registration`.
+"""Boxes with tags stuck on anywhere, placed by hand, struck and seen: for tests and `make
+bench-registration`.
 
-Motions come from the planar simulation with dry friction of tests/analyze/motion/sliding.py. Nothing of the solver is used. What a case
-draws: where tags are and how they lie on their faces, the hand's placements, how the table lies against the recorded T_world_camera, where
-edges really are. Corners are either drawn with noise and a bias that follows the pixels, or found in rendered images.
+Motions come from the planar simulation with dry friction of tests/analyze/motion/sliding.py. Nothing of the
+solver is used. What a case draws: where tags are and how they lie on their faces, the hand's placements, how
+the table lies against the recorded T_world_camera, where edges really are. Corners are either drawn with
+noise and a bias that follows the pixels, or found in rendered images.
 """
 
 from __future__ import annotations
@@ -14,7 +16,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from analyze.geometry.object_model import load_object_model
-from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.motion.strike import analyse_strike
+from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.evidence import unplaced_markers
 from analyze.registration.views import strike_view
 from analyze.tracking.track import track_markers
@@ -45,8 +48,8 @@ class Draw:
     table_height: float = 5e-4
     lock_px: float = LOCK_PX
     """amplitude"""
-    blow: float = 0.0
-    """turn about the vertical by the blow"""
+    impact_turn: float = 0.0
+    """turn about the vertical by the impact"""
     drift: float = 0.0
     """the same while it tips, rad per rad"""
     wobble: float = 0.0
@@ -55,8 +58,15 @@ class Draw:
     """of the edge along itself, from frame to frame"""
 
 
-ALLOWED = Draw(lock_px=0.02 * math.sqrt(2), blow=math.radians(0.05), drift=math.radians(0.1), wobble=math.radians(0.05), aside=2e-4)
-"""all that the solver allows for: lens and pixels that are off by 0.02 px, a body that does not quite turn about its edge"""
+ALLOWED = Draw(
+    lock_px=0.02 * math.sqrt(2),
+    impact_turn=math.radians(0.05),
+    drift=math.radians(0.1),
+    wobble=math.radians(0.05),
+    aside=2e-4,
+)
+"""all that the solver allows for: lens and pixels that are off by 0.02 px, a body that does not quite turn
+about its edge"""
 
 
 @dataclass(frozen=True)
@@ -94,7 +104,8 @@ def about(axis, angle):
 
 
 def draw_box(rng, draw=None, edges=5) -> TaggedBox:
-    """A box of 60 to 200 mm with a tag on each side that is large enough; `edges` of those that a camera can watch."""
+    """A box of 60 to 200 mm with a tag on each side that is large enough; `edges` of those that a camera can
+    watch."""
     draw = draw or Draw()
     size = np.array([rng.uniform(0.06, 0.09), rng.uniform(0.055, 0.08), rng.uniform(0.11, 0.19)])
     T, markers = {}, []
@@ -104,7 +115,10 @@ def draw_box(rng, draw=None, edges=5) -> TaggedBox:
         u, v = (np.eye(3)[i] for i in range(3) if i != axis)
         v = v if np.cross(u, v) @ normal > 0 else -v
         spin = rng.uniform(0, 2 * math.pi)
-        R = np.stack([math.cos(spin) * u + math.sin(spin) * v, -math.sin(spin) * u + math.cos(spin) * v, normal], axis=-1)
+        R = np.stack(
+            [math.cos(spin) * u + math.sin(spin) * v, -math.sin(spin) * u + math.cos(spin) * v, normal],
+            axis=-1,
+        )
         tilt = rng.normal(0, draw.card_tilt, 2)
         room = [max(size[i] / 2 - 0.022, 0.0) for i in range(3) if i != axis]
         thickness = 1e-4
@@ -116,7 +130,12 @@ def draw_box(rng, draw=None, edges=5) -> TaggedBox:
         T[number] = pose
         markers.append(MarkerSpec(id=number, size_m=SIZE, thickness_m=thickness))
     spec = ObjectSpec(
-        name="box", mass_kg=0.1, mass_sd_kg=1e-4, shape=Shape(box=Box(size_m=size.tolist())), edge_radius_m=EDGE_RADIUS, marker=markers
+        name="box",
+        mass_kg=0.1,
+        mass_sd_kg=1e-4,
+        shape=Shape(box=Box(size_m=size.tolist())),
+        edge_radius_m=EDGE_RADIUS,
+        marker=markers,
     )
     table = np.array([*rng.normal(0, draw.table_tilt, 2), rng.normal(0, draw.table_height)])
     every = [(f, s, a, d) for f in range(3) for s in (-1, 1) for a in range(3) if a != f for d in (-1, 1)]
@@ -135,7 +154,9 @@ def plan_of(size, edge, number=0):
     """The strike's plan; which marker is seen follows from what faces the camera."""
     strike = planned_strike(SimpleNamespace(size=size, edge_radius=EDGE_RADIUS), *edge, number)
     pivot = strike.pivot.model_copy(update={"sd_m": EDGE_SD})
-    return strike.model_copy(update={"id": f"s{number}", "pivot": pivot, "phi_predicted_rad": _balance(size, edge)})
+    return strike.model_copy(
+        update={"id": f"s{number}", "pivot": pivot, "phi_predicted_rad": _balance(size, edge)}
+    )
 
 
 def facing(plan):
@@ -146,10 +167,11 @@ def facing(plan):
 
 
 def poses(box, plan, course, yaw=0.0, at=(0.0, 0.0), off_edge=(0.0, 0.0, 0.0), lay=None):
-    """R_camera_marker (n, 3, 3) and p_camera_marker (n, 3) of the tag that faces the camera, as things really are.
+    """R_camera_marker (n, 3, 3) and p_camera_marker (n, 3) of the tag that faces the camera, as things really
+    are.
 
-    `yaw` and `at`: of all frames, or one for each. `lay`: how the object was turned against the plan before it was put down (a wrong
-    placement).
+    `yaw` and `at`: of all frames, or one for each. `lay`: how the object was turned against the plan before
+    it was put down (a wrong placement).
     """
     number = facing(plan)
     T = box.T[number]
@@ -160,7 +182,9 @@ def poses(box, plan, course, yaw=0.0, at=(0.0, 0.0), off_edge=(0.0, 0.0, 0.0), l
     pivot = lay.T @ np.array(plan.pivot.point) + np.array(off_edge)
     Rs, ps = [], []
     yaws, places = np.broadcast_to(yaw, len(course.theta)), np.broadcast_to(at, (len(course.theta), 2))
-    for theta, slip, lift, turn, place in zip(course.theta, course.slip, course.lift, yaws, places, strict=True):
+    for theta, slip, lift, turn, place in zip(
+        course.theta, course.slip, course.lift, yaws, places, strict=True
+    ):
         R = about([0, 0, 1], turn) @ about([0, 1, 0], theta) @ R_nominal
         edge = about([0, 0, 1], turn) @ np.array([slip + EDGE_RADIUS * theta, 0.0, 0.0])
         edge = edge + np.array([*place, EDGE_RADIUS + lift])
@@ -175,7 +199,11 @@ def _in_view(box, edge):
     turn = np.linspace(0, _balance(box.size, edge) + math.radians(28), 12)
     R, p = poses(box, plan, SimpleNamespace(theta=turn, slip=0 * turn, lift=0 * turn))
     seen = np.array([project(box.camera, corners_of(SIZE) @ a.T + b) for a, b in zip(R, p, strict=True)])
-    return bool(np.all(seen > 12) and np.all(seen[..., 0] < box.camera.width - 12) and np.all(seen[..., 1] < box.camera.height - 12))
+    return bool(
+        np.all(seen > 12)
+        and np.all(seen[..., 0] < box.camera.width - 12)
+        and np.all(seen[..., 1] < box.camera.height - 12)
+    )
 
 
 def strike_course(box, edge, rng):
@@ -185,9 +213,13 @@ def strike_course(box, edge, rng):
     R, phi = math.hypot(a, b), math.atan2(a, b)
     height = box.size[face]
     inertia = (box.size[face] ** 2 + box.size[3 - face - along] ** 2) / 12
-    body = sliding.Body(R=R, phi=phi, inertia=inertia, rho=EDGE_RADIUS, friction=rng.uniform(0.4, 0.8), height=height)
+    body = sliding.Body(
+        R=R, phi=phi, inertia=inertia, rho=EDGE_RADIUS, friction=rng.uniform(0.4, 0.8), height=height
+    )
     holding = min(0.95 * height, (inertia + R * R) / (R * math.cos(phi)))
-    return sliding.simulate(body, [sliding.push_for(body, rng.uniform(1.05, 1.4), holding)], seconds=0.7, phase=rng.uniform(0, 1))
+    return sliding.simulate(
+        body, [sliding.push_for(body, rng.uniform(1.05, 1.4), holding)], seconds=0.7, phase=rng.uniform(0, 1)
+    )
 
 
 def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, section=None):
@@ -214,7 +246,11 @@ def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, sec
         yaw, at = rng.normal(0, draw.yaw), rng.normal(0, draw.place, 2)
         R, p = poses(box, plan, course, *_unsteady(yaw, at, course, draw, rng), across, lay)
         plan = plan.model_copy(update={"visible_markers": [facing(plan)]})
-        tracks = _rendered(box, plan, course, R, p, rng) if rendered else [_drawn(box, plan, course, R, p, draw, rng)]
+        tracks = (
+            _rendered(box, plan, course, R, p, rng)
+            if rendered
+            else [_drawn(box, plan, course, R, p, draw, rng)]
+        )
         time_ns = T0 + int(course.time[-1] * 1e9)
         motion = analyse_strike(tracks, markers, box.camera, StrikeTask(plan.id, plan, T0, time_ns))
         view = strike_view(tracks, markers, box.camera, plan, motion, section=section)
@@ -226,18 +262,33 @@ def seen_strikes(box, rng, strikes=8, draw=None, rendered=False, wrong=None, sec
 def _shortened(course):
     """Fewer frames to render: some at rest, and none long after."""
     first = int(np.searchsorted(course.time, 0)) - 8
-    last = min(len(course.time), int(np.argmax(course.theta > 1.5)) + 2 if np.any(course.theta > 1.5) else len(course.time))
+    last = min(
+        len(course.time),
+        int(np.argmax(course.theta > 1.5)) + 2 if np.any(course.theta > 1.5) else len(course.time),
+    )
     kept = slice(first, last)
-    return replace(course, time=course.time[kept], theta=course.theta[kept], slip=course.slip[kept], lift=course.lift[kept])
+    return replace(
+        course,
+        time=course.time[kept],
+        theta=course.theta[kept],
+        slip=course.slip[kept],
+        lift=course.lift[kept],
+    )
 
 
 def _unsteady(yaw, at, course, draw, rng):
     """Heading (n,) and place (n, 2) in every frame, where anything of it is drawn."""
-    if not (draw.blow or draw.drift or draw.wobble or draw.aside):
+    if not (draw.impact_turn or draw.drift or draw.wobble or draw.aside):
         return yaw, at
     tips = course.theta > 0
-    drawn = rng.normal(0, draw.blow) + rng.normal(0, draw.drift) * course.theta + rng.normal(0, draw.wobble, len(tips))
-    return yaw + tips * drawn, at + (tips * rng.normal(0, draw.aside, len(tips)))[:, None] * np.array([0.0, 1.0])
+    drawn = (
+        rng.normal(0, draw.impact_turn)
+        + rng.normal(0, draw.drift) * course.theta
+        + rng.normal(0, draw.wobble, len(tips))
+    )
+    return yaw + tips * drawn, at + (tips * rng.normal(0, draw.aside, len(tips)))[:, None] * np.array(
+        [0.0, 1.0]
+    )
 
 
 def _drawn(box, plan, course, R, p, draw, rng):
@@ -248,13 +299,20 @@ def _drawn(box, plan, course, R, p, draw, rng):
     inside = np.all((seen > 2) & (seen < [box.camera.width - 3, box.camera.height - 3]), axis=(1, 2))
     stop = int(np.argmin(inside)) if not np.all(inside) else len(seen)
     time_ns = np.rint(course.time * 1e9).astype(np.int64) + T0
-    return MarkerTrack(facing(plan), time_ns[:stop], seen[:stop], np.full(stop, CORNER_PX), R[:stop], p[:stop], len(seen))
+    return MarkerTrack(
+        facing(plan), time_ns[:stop], seen[:stop], np.full(stop, CORNER_PX), R[:stop], p[:stop], len(seen)
+    )
 
 
 def _rendered(box, plan, course, R, p, rng):
     time_ns = np.rint(course.time * 1e9).astype(np.int64) + T0
-    frames = (ImageFrame(int(time_ns[i]), i, render(box.camera, [(facing(plan), SIZE, R[i], p[i])], rng)) for i in range(len(time_ns)))
-    return track_markers(frames, box.camera, [Marker(m.name, m.size_m, None) for m in box.spec.marker], [facing(plan)]).tracks
+    frames = (
+        ImageFrame(int(time_ns[i]), i, render(box.camera, [(facing(plan), SIZE, R[i], p[i])], rng))
+        for i in range(len(time_ns))
+    )
+    return track_markers(
+        frames, box.camera, [Marker(m.name, m.size_m, None) for m in box.spec.marker], [facing(plan)]
+    ).tracks
 
 
 def errors(box, place):

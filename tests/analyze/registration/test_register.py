@@ -1,4 +1,5 @@
-"""Tags stuck on anywhere are found where they are; what cannot be known is said; wrong placements are named."""
+"""Tags stuck on anywhere are found where they are; what cannot be known is said; wrong placements are
+named."""
 
 from __future__ import annotations
 
@@ -9,13 +10,14 @@ import numpy as np
 import pytest
 
 from analyze.errors import EstimationError
-from analyze.motion.flank import circle
+from analyze.motion.support_function import circle
 from analyze.registration.register import register
 from analyze.registration.table import UNKNOWN_TABLE
 from tests.analyze.registration.tagged_boxes import about, draw_box, errors, facing, plan_of, seen_strikes
 
 TURN, PLACE = math.radians(0.25), 4e-4
-"""the aims, 0.2 deg and 0.3 mm, hold in the median by far; a test's single worst tag may lie a little over them"""
+"""the aims, 0.2 deg and 0.3 mm, hold in the median by far; a test's single worst tag may lie a little over
+them"""
 
 
 def found(box, views, **how):
@@ -64,10 +66,11 @@ def test_a_marker_seen_only_at_rest_is_said_to_be_undetermined(case):
 
 
 def test_one_edge_without_a_surface_leaves_the_place_along_it_open(case, monkeypatch):
-    """A tag that does not lie flat on a face: along the edge it may be anywhere, and another face is asked for."""
+    """A tag that does not lie flat on a face: along the edge it may be anywhere, and another face is asked
+    for."""
     box, views = case
-    monkeypatch.setattr("analyze.registration.surface.LIES_ON", -1.0)
-    monkeypatch.setattr("analyze.registration.surface.NEAR_SURFACE", -1.0)
+    monkeypatch.setattr("analyze.registration.surface.MAX_TILT_ON_SURFACE", -1.0)
+    monkeypatch.setattr("analyze.registration.surface.MAX_HEIGHT_ON_SURFACE", -1.0)
     place = found(box, views[:1]).markers[0]
     assert not place.on_surface
     assert [words for words in place.undetermined if words.startswith("place along")]
@@ -75,26 +78,31 @@ def test_one_edge_without_a_surface_leaves_the_place_along_it_open(case, monkeyp
 
 
 def test_a_tip_over_a_curved_flank_is_left_out():
-    """A rounding of 8 mm that the mesh has and the object file does not name: the line that keeps its height is 8 mm over the edge."""
+    """A rounding of 8 mm that the mesh has and the object file does not name: the line that keeps its height
+    is 8 mm over the edge."""
     rng = np.random.default_rng(11)
     box = draw_box(rng, edges=1)
     believed = {}
     for section in (None, circle(8e-3)):
         views = seen_strikes(box, np.random.default_rng(5), strikes=2, section=section)
         assert all((len(view.theta) == 1) == (section is not None) for view in views)
-        views = [replace(view, p_object_pivot=view.p_object_pivot - 8e-3 * view.R_world_object[2]) for view in views]
+        views = [
+            replace(view, p_object_pivot=view.p_object_pivot - 8e-3 * view.R_world_object[2])
+            for view in views
+        ]
         (believed[section is None],) = found(box, views).markers
     (hinge, flank) = believed[True], believed[False]
     _, away = errors(box, hinge)
     assert np.linalg.norm(away) > 5 * hinge.place_sd, "as a hinge it would be wrong, and sure of itself"
     assert flank.undetermined
-    assert "curved flank" in flank.remedy
+    assert "rolls on a curve" in flank.remedy
 
 
 def test_a_wrong_placement_is_found_and_left_out():
     rng = np.random.default_rng(7)
     box = draw_box(rng, edges=2)
-    # The third strike is made on the first's edge again, but the object is turned by 180 degrees: what is seen is another side's tag.
+    # The third strike is made on the first's edge again, but the object is turned by 180 degrees: what is
+    # seen is another side's tag.
     views = seen_strikes(box, rng, strikes=6)
     first, again = views[0], views[2]
     assert first.axis_id == again.axis_id

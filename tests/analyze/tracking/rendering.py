@@ -1,10 +1,12 @@
-"""A small renderer with known corners, independent of the virtual rig's: exact area coverage, so that no direction of an edge is favoured.
+"""A small renderer with known corners, independent of the virtual rig's: exact area coverage, so that no
+direction of an edge is favoured.
 
-The area of a surface within {x < X, y < Y} is the line integral of min(x, X) dy along the part of its border with y < Y (Green); a pixel's
-share is the second difference of that over its four corners, exact to rounding. Borders between cells carry the difference of the greys.
-The lens blurs before the pixels add up: areas are taken on a grid four times finer, blurred there, and then averaged over each pixel.
-It models perspective, lens distortion (each cell's border in two straight pieces, 0.001 px), blur and noise; no exposure time, no shading.
-Integer coordinates are pixel centres.
+The area of a surface within {x < X, y < Y} is the line integral of min(x, X) dy along the part of its border
+with y < Y (Green); a pixel's share is the second difference of that over its four corners, exact to rounding.
+Borders between cells carry the difference of the greys. The lens blurs before the pixels add up: areas are
+taken on a grid four times finer, blurred there, and then averaged over each pixel. It models perspective,
+lens distortion (each cell's border in two straight pieces, 0.001 px), blur and noise; no exposure time, no
+shading. Integer coordinates are pixel centres.
 """
 
 from __future__ import annotations
@@ -47,12 +49,23 @@ def bits(name: int | str) -> np.ndarray:
 
 def project(camera, points_camera):
     if camera.model is LensModel.FISHEYE:
-        # Kannala and Brandt 2006: the ray's angle to the axis, bent, is the distance from the middle in focal lengths.
+        # Kannala and Brandt 2006: the ray's angle to the axis, bent, is the distance from the middle in focal
+        # lengths.
         X, Y, Z = np.asarray(points_camera, float).reshape(-1, 3).T
         angle = np.arctan2(np.hypot(X, Y), Z)
         bent = angle + sum(k * angle ** (3 + 2 * i) for i, k in enumerate(camera.distortion))
-        return np.stack([bent * np.cos(np.arctan2(Y, X)), bent * np.sin(np.arctan2(Y, X))], 1) @ camera.K[:2, :2].T + camera.K[:2, 2]
-    raw, _ = cv2.projectPoints(np.asarray(points_camera, float).reshape(-1, 1, 3), np.zeros(3), np.zeros(3), camera.K, camera.distortion)
+        return (
+            np.stack([bent * np.cos(np.arctan2(Y, X)), bent * np.sin(np.arctan2(Y, X))], 1)
+            @ camera.K[:2, :2].T
+            + camera.K[:2, 2]
+        )
+    raw, _ = cv2.projectPoints(
+        np.asarray(points_camera, float).reshape(-1, 1, 3),
+        np.zeros(3),
+        np.zeros(3),
+        camera.K,
+        camera.distortion,
+    )
     return raw.reshape(-1, 2)
 
 
@@ -63,8 +76,8 @@ def corners_of(size):
 
 @cache
 def borders(marker_id, look):
-    """Pieces of border between cells of different grey: start (n, 2), end (n, 2) in units of the size, and grey inside minus outside (n,);
-    anticlockwise around the inside as seen on the tag (x right, y up)."""
+    """Pieces of border between cells of different grey: start (n, 2), end (n, 2) in units of the size, and
+    grey inside minus outside (n,); anticlockwise around the inside as seen on the tag (x right, y up)."""
     code = bits(marker_id)[::-1]
     half = len(code) / 2
     lines = np.array([-half - RIM_CELLS, *(np.arange(len(code) + 1) - half), half + RIM_CELLS]) / len(code)
@@ -86,11 +99,15 @@ def borders(marker_id, look):
 
 
 def add_border(image, start, end, weight, beyond=None):
-    """Add weight times the signed area between a directed line and the image's left border to every pixel; positive if it runs down.
+    """Add weight times the signed area between a directed line and the image's left border to every pixel;
+    positive if it runs down.
 
-    `beyond` (height, width + 1): whole pixels to the line's left are kept there, in the line's column, to be summed once for many lines.
+    `beyond` (height, width + 1): whole pixels to the line's left are kept there, in the line's column, to be
+    summed once for many lines.
     """
-    (x0, y0), (x1, y1) = (start.tolist(), end.tolist()) if start[1] < end[1] else (end.tolist(), start.tolist())
+    (x0, y0), (x1, y1) = (
+        (start.tolist(), end.tolist()) if start[1] < end[1] else (end.tolist(), start.tolist())
+    )
     signed = weight if start[1] < end[1] else -weight
     height, width = image.shape
     top, bottom = max(round(y0), 0), min(round(y1) + 1, height)
@@ -118,7 +135,8 @@ def add_border(image, start, end, weight, beyond=None):
 
 
 def paint(camera, tags, look, project=project):
-    """The image (height, width) without noise. tags: list of (id, size, R_camera_marker, p_camera_marker), none hiding another."""
+    """The image (height, width) without noise. tags: list of (id, size, R_camera_marker, p_camera_marker),
+    none hiding another."""
     image = np.full((camera.height, camera.width), float(look.background))
     for marker_id, size, R, p in tags:
         start, end, weight = borders(marker_id, look)

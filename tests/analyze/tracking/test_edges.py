@@ -1,4 +1,5 @@
-"""Corners against an independent renderer: no half-pixel bias, little noise, honest sd, and the per-frame angle of METHOD's targets."""
+"""Corners against an independent renderer: no half-pixel bias, little noise, honest sd, and the per-frame
+angle of METHOD's targets."""
 
 from dataclasses import dataclass
 
@@ -37,7 +38,8 @@ class Errors:
 
 
 def views(camera, px, count, rng, turned_deg=(0, 360), develop=lambda image: image, **look):
-    """Tags at random places, tilted by up to 8 deg, turned in the image by anything in `turned_deg`; `develop` is done to each image."""
+    """Tags at random places, tilted by up to 8 deg, turned in the image by anything in `turned_deg`;
+    `develop` is done to each image."""
     errors, sds, angles = [], [], []
     depth = camera.K[0, 0] * SIZE / px
     for _ in range(count):
@@ -48,7 +50,9 @@ def views(camera, px, count, rng, turned_deg=(0, 360), develop=lambda image: ima
         image = develop(render(camera, [(7, SIZE, R, p)], rng, **look))
         truth = undistort(camera, project(camera, corners_of(SIZE) @ R.T + p))
         (sighting,) = detect(image)
-        square = fit_square(image, pixel_map(camera), undistort(camera, sighting.corners_px), sighting.corners_px)
+        square = fit_square(
+            image, pixel_map(camera), undistort(camera, sighting.corners_px), sighting.corners_px
+        )
         assert square is not None
         errors.append(square.corners - truth)
         sds.append(square.sd)
@@ -57,9 +61,12 @@ def views(camera, px, count, rng, turned_deg=(0, 360), develop=lambda image: ima
     return Errors(np.array(errors), np.array(sds), np.array(angles))
 
 
-# Measured over 8 seeds of 60 views: rms over sd 0.94-0.96; of single seeds 0.88-1.02. 25 views have 200 independent numbers and scatter
-# by 5 %: the limits are four of these sigmas below what is measured, and seven above.
-@pytest.mark.parametrize("seed", [SEEDS[0], *(pytest.param(seed, marks=pytest.mark.slow) for seed in SEEDS[1:])])
+# Measured over 8 seeds of 60 views: rms over sd 0.94-0.96; of single seeds 0.88-1.02. 25 views have 200
+# independent numbers and scatter by 5 %: the limits are four of these sigmas below what is measured, and
+# seven above.
+@pytest.mark.parametrize(
+    "seed", [SEEDS[0], *(pytest.param(seed, marks=pytest.mark.slow) for seed in SEEDS[1:])]
+)
 @pytest.mark.parametrize(
     ("px", "corner_rms_px", "angle_deg"),
     [
@@ -78,7 +85,11 @@ def test_corners_are_unbiased_precise_and_honest(camera, px, corner_rms_px, angl
 
 @pytest.mark.parametrize(
     "look",
-    [{"white": 110, "black": 60, "background": 80, "blur": 1.2}, pytest.param({"blur": 2.0}, marks=pytest.mark.slow), {"noise": 1.0}],
+    [
+        {"white": 110, "black": 60, "background": 80, "blur": 1.2},
+        pytest.param({"blur": 2.0}, marks=pytest.mark.slow),
+        {"noise": 1.0},
+    ],
 )
 def test_the_sd_is_honest_for_other_looks_too(camera, rng, look):
     assert 0.75 < views(camera, 80, 30, rng, **look).rms_over_sd < 1.3
@@ -90,7 +101,8 @@ def test_edges_along_the_pixel_grid_are_as_good_as_others(camera, rng):
     assert 0.75 < errors.rms_over_sd < 1.3
 
 
-# Fitted with pixels as points: along the pixel grid 0.09 px off, seven times the sd. Measured here: 0.006 to 0.008 px, 0.95 to 1.02.
+# Fitted with pixels as points: along the pixel grid 0.09 px off, seven times the sd. Measured here: 0.006 to
+# 0.008 px, 0.95 to 1.02.
 @pytest.mark.parametrize(("blur", "turned_deg"), [(0.02, (0, 0)), (0.3, (0, 360))])
 def test_sharper_edges_than_a_lens_makes_are_as_good(camera, rng, blur, turned_deg):
     errors = views(camera, 80, 25, rng, turned_deg, blur=blur)
@@ -100,12 +112,17 @@ def test_sharper_edges_than_a_lens_makes_are_as_good(camera, rng, blur, turned_d
 
 def sharpened(image, amount):
     grey = image.astype(float)
-    return np.clip(np.rint(grey + amount * (grey - cv2.GaussianBlur(grey, (0, 0), 1.0))), 0, 255).astype(np.uint8)
+    return np.clip(np.rint(grey + amount * (grey - cv2.GaussianBlur(grey, (0, 0), 1.0))), 0, 255).astype(
+        np.uint8
+    )
 
 
 def test_edges_that_a_phone_sharpened_are_found(camera, rng):
-    """Unsharp masking, twice the difference to a blur of 1 px: a step that overshoots by a third of its height on either side."""
-    errors = views(camera, 80, 15, rng, develop=lambda image: sharpened(image, 2.0), white=160, black=80, blur=0.5)
+    """Unsharp masking, twice the difference to a blur of 1 px: a step that overshoots by a third of its
+    height on either side."""
+    errors = views(
+        camera, 80, 15, rng, develop=lambda image: sharpened(image, 2.0), white=160, black=80, blur=0.5
+    )
     assert errors.rms < 0.05
     assert errors.rms_over_sd < 1.3
 
@@ -127,11 +144,14 @@ def test_no_square_at_the_border(camera, rng):
 
 
 def test_a_tag_seen_from_the_side_at_the_lower_border(camera, rng):
-    """Its upright edges are short and its level ones long; what is looked at along each must stay in the image."""
+    """Its upright edges are short and its level ones long; what is looked at along each must stay in the
+    image."""
     image = np.full((camera.height, camera.width), 180, dtype=np.uint8)
     bottom = camera.height - 12
     image[bottom - 14 : bottom, 200:300] = 30
-    raw = np.array([[199.5, bottom - 14.5], [299.5, bottom - 14.5], [299.5, bottom - 0.5], [199.5, bottom - 0.5]])
+    raw = np.array(
+        [[199.5, bottom - 14.5], [299.5, bottom - 14.5], [299.5, bottom - 0.5], [199.5, bottom - 0.5]]
+    )
     found = fit_square(image, pixel_map(camera), undistort(camera, raw), raw)
     assert found is None or np.abs(distort(camera, found.corners) - raw).max() < 1.0
 

@@ -41,7 +41,14 @@ def test_distort_undoes_undistort_over_the_whole_image(lens):
 
 
 def test_what_lies_too_far_out_has_no_ideal_place():
-    wide = CameraModel(656, 492, np.array([[180.0, 0, 328], [0, 180.0, 246], [0, 0, 1]]), np.zeros(4), np.eye(4), LensModel.FISHEYE)
+    wide = CameraModel(
+        656,
+        492,
+        np.array([[180.0, 0, 328], [0, 180.0, 246], [0, 0, 1]]),
+        np.zeros(4),
+        np.eye(4),
+        LensModel.FISHEYE,
+    )
     corner, middle = undistort(wide, np.array([[0.0, 0.0], [328.0, 300.0]]))
     assert np.all(np.isnan(corner))
     assert middle == pytest.approx([328.0, 246 + 180 * np.tan(54 / 180)])
@@ -52,7 +59,12 @@ def test_corners_are_unbiased_and_honest_off_the_axis(lens, off_axis_deg):
     rng, errors, sds = np.random.default_rng(off_axis_deg), [], []
     for _ in range(12):
         swing = aside(np.radians(off_axis_deg), rng.choice([0, np.pi]) + rng.uniform(-0.6, 0.6))
-        R = swing @ aside(rng.uniform(0, 0.15), rng.uniform(0, 7)) @ cv2.Rodrigues(np.array([0, 0, rng.uniform(0, 6.3)]))[0] @ FACING
+        R = (
+            swing
+            @ aside(rng.uniform(0, 0.15), rng.uniform(0, 7))
+            @ cv2.Rodrigues(np.array([0, 0, rng.uniform(0, 6.3)]))[0]
+            @ FACING
+        )
         p = swing @ np.array([0, 0, 300.0 * SIZE / 80])
         image = render(lens, [(7, SIZE, R, p)], rng)
         (sighting,) = detect(image)
@@ -60,7 +72,8 @@ def test_corners_are_unbiased_and_honest_off_the_axis(lens, off_axis_deg):
         assert square is not None
         errors.append(square.corners - undistort(lens, project(lens, corners_of(SIZE) @ R.T + p)))
         sds.append(square.sd)
-    # Off the axis an ideal pixel is a smaller part of a raw one, by up to 1 / cos^2: the same noise is more of them.
+    # Off the axis an ideal pixel is a smaller part of a raw one, by up to 1 / cos^2: the same noise is more
+    # of them.
     rms = np.sqrt(np.mean(np.square(errors)))
     assert rms < 0.018 / np.cos(np.radians(off_axis_deg)) ** 2
     assert 0.7 < rms / np.sqrt(np.mean(np.square(sds))) < 1.35
@@ -91,7 +104,9 @@ def test_a_calibration_says_which_lens_it_is_of():
     data = {"width": 656, "height": 492, "K": K.tolist(), "T_world_camera": np.eye(4).tolist()}
     assert camera_from_spec(validate(CameraCalibrationSpec, data, "x")).model is LensModel.PINHOLE
     assert (
-        camera_from_spec(validate(CameraCalibrationSpec, data | {"model": "fisheye", "distortion": BENT.tolist()}, "x")).model
+        camera_from_spec(
+            validate(CameraCalibrationSpec, data | {"model": "fisheye", "distortion": BENT.tolist()}, "x")
+        ).model
         is LensModel.FISHEYE
     )
     with pytest.raises(DocumentError, match="a fisheye has 4 coefficients k1, k2, k3, k4, not 5"):

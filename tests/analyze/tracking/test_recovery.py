@@ -1,4 +1,5 @@
-"""A tag that is hidden, jumps or is blurred by its motion: found again, at the middle of the exposure, with the sd that its errors have."""
+"""A tag that is hidden, jumps or is blurred by its motion: found again, at the middle of the exposure, with
+the sd that its errors have."""
 
 import cv2
 import numpy as np
@@ -24,7 +25,9 @@ def film(camera, rng, places):
     """places: for each frame a list of (name, R, p); one that is the same list again is drawn once."""
     drawn = {id(each): paint(camera, [(name, SIZE, R, p) for name, R, p in each], Look()) for each in places}
     return [
-        ImageFrame(i * FRAME_NS, i, grey(drawn[id(each)] + rng.normal(0, Look().noise, drawn[id(each)].shape)))
+        ImageFrame(
+            i * FRAME_NS, i, grey(drawn[id(each)] + rng.normal(0, Look().noise, drawn[id(each)].shape))
+        )
         for i, each in enumerate(places)
     ]
 
@@ -73,7 +76,9 @@ def test_a_tag_behind_an_arm_for_ten_frames_is_found_where_it_has_gone(camera, r
     assert 10 <= gap.frames <= 16
     after = seen.time_ns > 26 * FRAME_NS
     assert after.sum() == 13
-    truth = np.array([project(camera, corners_of(SIZE) @ at(0)[0].T + at(-0.04 + 0.0015 * i)[1]) for i in range(27, 40)])
+    truth = np.array(
+        [project(camera, corners_of(SIZE) @ at(0)[0].T + at(-0.04 + 0.0015 * i)[1]) for i in range(27, 40)]
+    )
     assert np.abs(seen.corners_px[after] - truth).max() < 0.07
     whole = camera.width * camera.height
     assert sum(size == whole for size in searches) <= 5
@@ -119,7 +124,8 @@ def test_a_resting_tags_errors_are_as_independent_as_the_noise(camera):
 
 @pytest.mark.parametrize("noise", [1.0, pytest.param(4.0, marks=pytest.mark.slow), 8.0])
 def test_the_covariance_is_what_the_errors_show(camera, noise):
-    """Normalised by each corner's own 2 x 2 covariance: 1 within 0.1, over 200 draws of noise at 10 places."""
+    """Normalised by each corner's own 2 x 2 covariance: 1 within 0.1, over 200 draws of noise at 10
+    places."""
     rng, pixels, squares = np.random.default_rng(int(noise)), pixel_map(camera), []
     for _ in range(10):
         R, p = at(rng.uniform(-0.06, 0.06), rng.uniform(-0.03, 0.03), rng.uniform(0, 6.3))
@@ -136,7 +142,8 @@ def test_the_covariance_is_what_the_errors_show(camera, noise):
 
 @pytest.mark.parametrize("exposure_ms", [pytest.param(2.0, marks=pytest.mark.slow), 4.0])
 def test_a_moving_tag_is_measured_at_the_middle_of_the_exposure(camera, exposure_ms):
-    """6 rad/s about a point 70 px from its middle and 0.3 m/s besides, the mean of 8 images over the exposure."""
+    """6 rad/s about a point 70 px from its middle and 0.3 m/s besides, the mean of 8 images over the
+    exposure."""
     rng, pixels, turned, off = np.random.default_rng(2), pixel_map(camera), [], []
     steps = 1e-3 * exposure_ms * ((np.arange(8) + 0.5) / 8 - 0.5)
     for _ in range(12):
@@ -145,7 +152,9 @@ def test_a_moving_tag_is_measured_at_the_middle_of_the_exposure(camera, exposure
 
         def pose(t, start=start, way=way, lever=lever):
             turn = cv2.Rodrigues(np.array([0.0, 0.0, start + 6.0 * t]))[0]
-            return turn @ FACING, turn @ lever + np.array([0.3 * t * np.cos(way), 0.3 * t * np.sin(way), 0.55])
+            return turn @ FACING, turn @ lever + np.array(
+                [0.3 * t * np.cos(way), 0.3 * t * np.sin(way), 0.55]
+            )
 
         clean = np.mean([paint(camera, [(7, SIZE, *pose(t))], Look()) for t in steps], axis=0)
         R, p = pose(0.0)

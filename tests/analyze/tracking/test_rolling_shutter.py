@@ -1,7 +1,8 @@
-"""A tip seen by a camera that reads its rows one after the other: without its line time phi and k are off, with it they are not.
+"""A tip seen by a camera that reads its rows one after the other: without its line time phi and k are off,
+with it they are not.
 
-Each point of the tag is drawn where it is at the time at which its own row is read (the row that it falls on: solved for), so that edges
-bow and shear as a sensor shows them. Not modelled: exposure time.
+Each point of the tag is drawn where it is at the time at which its own row is read (the row that it falls on:
+solved for), so that edges bow and shear as a sensor shows them. Not modelled: exposure time.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 
 from analyze.errors import TrackingError
-from analyze.motion.strike import StrikeTask, analyse_strike
+from analyze.motion.strike import analyse_strike
+from analyze.motion.strike_task import StrikeTask
 from analyze.tracking.camera_model import distort, project_ideal, undistort, world_to_camera
-from analyze.tracking.rolling_shutter import at_one_time
+from analyze.tracking.rolling_shutter import corners_at_one_time
 from analyze.tracking.track import track_markers
 from analyze.types import ImageFrame
 from schemas.result import Verdict
@@ -44,8 +46,12 @@ class Tipping:
         T = self.marker.T_object_marker
         arm = points_marker @ T[:3, :3].T + T[:3, 3] + np.array(planned(RHO).p_world_object) - [0, 0, RHO]
         cos, sin = np.cos(theta), np.sin(theta)
-        turned = np.stack([cos * arm[:, 0] + sin * arm[:, 2], arm[:, 1], cos * arm[:, 2] - sin * arm[:, 0]], axis=-1)
-        return (turned + np.array([0, 0, RHO]) + np.stack([RHO * theta, 0 * theta, 0 * theta], axis=-1)) @ self.R.T + self.t
+        turned = np.stack(
+            [cos * arm[:, 0] + sin * arm[:, 2], arm[:, 1], cos * arm[:, 2] - sin * arm[:, 0]], axis=-1
+        )
+        return (
+            turned + np.array([0, 0, RHO]) + np.stack([RHO * theta, 0 * theta, 0 * theta], axis=-1)
+        ) @ self.R.T + self.t
 
     def draw(self, cam, points_marker, frame_s, line_s):
         """Raw px (n, 2) in the frame whose middle row is read at `frame_s`."""
@@ -64,7 +70,13 @@ def frames_of(tipping, line_s, rng, noise=2.0):
         def drawn(cam, points, frame_s=frame_s):
             return tipping.draw(cam, points, frame_s, line_s)
 
-        seen.append(ImageFrame(ANCHOR + round(1e9 * frame_s), i, render(cam, [(3, SIZE, np.eye(3), np.zeros(3))], rng, drawn, noise=noise)))
+        seen.append(
+            ImageFrame(
+                ANCHOR + round(1e9 * frame_s),
+                i,
+                render(cam, [(3, SIZE, np.eye(3), np.zeros(3))], rng, drawn, noise=noise),
+            )
+        )
     return seen
 
 
@@ -98,13 +110,16 @@ def test_phi_and_k(tipping, rolled):
     assert abs(motion.fit.k - tip.k) < min(3 * sd_k, 0.004 * tip.k)
     seen = np.interp(1e-9 * (motion.angle.time_ns - ANCHOR), tip.time, tip.theta)
     assert np.degrees(np.std(motion.angle.theta - seen)) < 0.006
-    assert np.abs(track.late_ns - 1e9 * LINE_S * (track.corners_px[:, :, 1].mean(axis=1) - MIDDLE)).max() < 1e5
+    assert (
+        np.abs(track.late_ns - 1e9 * LINE_S * (track.corners_px[:, :, 1].mean(axis=1) - MIDDLE)).max() < 1e5
+    )
     assert track.frame_ns.tolist() == [frame.time_ns for frame in rolled]
 
 
 def test_a_line_time_that_is_none_of_these_frames_is_named(tipping, rolled):
     with pytest.raises(
-        TrackingError, match=r"line_time_s says that an image is read in 49\.2 ms, but one comes every 16\.7 ms: correct it"
+        TrackingError,
+        match=r"by line_time_s an image is read in 49\.2 ms, but one comes every 16\.7 ms: correct",
     ):
         analysed(tipping, rolled[:5], 1e-4)
 
@@ -116,10 +131,16 @@ def test_a_camera_that_reads_all_rows_at_once_keeps_its_times(tipping, rolled):
 
 
 def fitted(tipping, frame_s, size, line_s):
-    """Ideal corners (4, 2) as edges.py finds them without noise, lines fitted to the bowed edges but their ends; and their rows."""
+    """Ideal corners (4, 2) as edges.py finds them without noise, lines fitted to the bowed edges but their
+    ends; and their rows."""
     cam = camera()
     corners = corners_of(size)
-    points = np.concatenate([corners[i] + (corners[(i + 1) % 4] - corners[i]) * np.linspace(0.04, 0.96, 40)[:, None] for i in range(4)])
+    points = np.concatenate(
+        [
+            corners[i] + (corners[(i + 1) % 4] - corners[i]) * np.linspace(0.04, 0.96, 40)[:, None]
+            for i in range(4)
+        ]
+    )
     seen = undistort(cam, tipping.draw(cam, points, frame_s, line_s)).reshape(4, 40, 2)
     middle = seen.mean(axis=1)
     normal = np.array([np.linalg.svd(edge - edge.mean(axis=0))[2][1] for edge in seen])
@@ -128,16 +149,26 @@ def fitted(tipping, frame_s, size, line_s):
     return ideal, distort(cam, ideal)[:, 1]
 
 
-@pytest.mark.parametrize(("energy", "size", "rate"), [(1.05, 0.03, 60.0), (3.0, 0.04, 60.0), (1.3, 0.03, 30.0)])
+@pytest.mark.parametrize(
+    ("energy", "size", "rate"), [(1.05, 0.03, 60.0), (3.0, 0.04, 60.0), (1.3, 0.03, 30.0)]
+)
 def test_corners_are_where_they_were(energy, size, rate):
-    """At rest, through the blow and after it; but for the frame that the blow falls into."""
+    """At rest, through the impact and after it, except for the frame of the impact."""
     tipping, cam = Tipping(energy), camera()
     frame_s = np.arange(0.1, min(0.6, tipping.tip.time[np.argmax(tipping.tip.theta > 1.0)] or 1), 1 / rate)
     seen = [fitted(tipping, each, size, LINE_S) for each in frame_s]
-    ideal, late_s = np.array([each for each, _ in seen]), LINE_S * (np.array([row for _, row in seen]) - MIDDLE)
+    ideal, late_s = (
+        np.array([each for each, _ in seen]),
+        LINE_S * (np.array([row for _, row in seen]) - MIDDLE),
+    )
     common_s = late_s.mean(axis=1)
-    found = at_one_time(frame_s, ideal, late_s, common_s, 0.01)
-    truth = np.array([project_ideal(cam, tipping.points(corners_of(size), np.full(4, each))) for each in frame_s + common_s])
+    found = corners_at_one_time(frame_s, ideal, late_s, common_s, 0.01)
+    truth = np.array(
+        [
+            project_ideal(cam, tipping.points(corners_of(size), np.full(4, each)))
+            for each in frame_s + common_s
+        ]
+    )
     span = frame_s[:, None] + late_s
     struck = (span.min(axis=1) < tipping.tip.contact) & (span.max(axis=1) > tipping.tip.contact)
     assert np.count_nonzero(struck) <= 1
@@ -150,8 +181,13 @@ def test_the_rows_may_be_read_upwards(tipping):
     frame_s = np.arange(0.3, 0.5, 1 / RATE)
     seen = [fitted(tipping, each, SIZE, -LINE_S) for each in frame_s]
     late_s = -LINE_S * (np.array([row for _, row in seen]) - MIDDLE)
-    found = at_one_time(frame_s, np.array([each for each, _ in seen]), late_s, late_s.mean(axis=1), 0.01)
-    truth = [project_ideal(camera(), tipping.points(corners_of(SIZE), np.full(4, each))) for each in frame_s + late_s.mean(axis=1)]
+    found = corners_at_one_time(
+        frame_s, np.array([each for each, _ in seen]), late_s, late_s.mean(axis=1), 0.01
+    )
+    truth = [
+        project_ideal(camera(), tipping.points(corners_of(SIZE), np.full(4, each)))
+        for each in frame_s + late_s.mean(axis=1)
+    ]
     assert np.abs(found - truth).max() < 0.01
 
 
@@ -160,6 +196,11 @@ def test_a_marker_seen_in_a_few_frames_only(tipping, frames):
     frame_s = 0.4 + np.arange(frames) / RATE
     seen = [fitted(tipping, each, SIZE, LINE_S) for each in frame_s]
     late_s = LINE_S * (np.array([row for _, row in seen]) - MIDDLE)
-    found = at_one_time(frame_s, np.array([each for each, _ in seen]), late_s, late_s.mean(axis=1), 0.01)
-    truth = [project_ideal(camera(), tipping.points(corners_of(SIZE), np.full(4, each))) for each in frame_s + late_s.mean(axis=1)]
+    found = corners_at_one_time(
+        frame_s, np.array([each for each, _ in seen]), late_s, late_s.mean(axis=1), 0.01
+    )
+    truth = [
+        project_ideal(camera(), tipping.points(corners_of(SIZE), np.full(4, each)))
+        for each in frame_s + late_s.mean(axis=1)
+    ]
     assert np.abs(found - truth).max() < [3.0, 0.3, 0.05][frames - 1]

@@ -52,7 +52,8 @@ def test_every_frame_of_a_tip_is_tracked_cheaply(camera, turning):
     assert len(track.time_ns) == 26
     assert not report.gaps
     assert track.corner_sd_px.mean() < 0.02
-    # The target is 1.5 ms on a free machine. A busy one shares caches and cores: the same thread's empty loops tell how much.
+    # The target is 1.5 ms on a free machine. A busy one shares caches and cores: the same thread's empty
+    # loops measure by how much.
     assert np.median(costs[1:]) < 4.0 * np.median(loops)
 
 
@@ -78,7 +79,12 @@ def test_a_gap_is_stated_and_the_marker_found_again(camera, rng, turning):
 def two(camera, rng, first, second):
     at = [np.array([-0.04, 0.0, 0.55]), np.array([0.04, 0.0, 0.55])]
     return [
-        ImageFrame(i * FRAME_NS, i, render(camera, [(first, SIZE, FACING, at[0]), (second, SIZE, FACING, at[1])], rng)) for i in range(3)
+        ImageFrame(
+            i * FRAME_NS,
+            i,
+            render(camera, [(first, SIZE, FACING, at[0]), (second, SIZE, FACING, at[1])], rng),
+        )
+        for i in range(3)
     ]
 
 
