@@ -39,7 +39,8 @@ def parts_of_bodies(
     used = {number for label in labels for number in label.bodies}
     if beyond := sorted(number for number in used if number > len(bodies)):
         raise ShapeError(
-            f"{name}: has {len(bodies)} closed bodies, the object file's labels name number {beyond[0]}: see `analyze parts`"
+            f"{name}: has {len(bodies)} closed bodies, the object file's labels name number {beyond[0]}: see "
+            "`analyze parts`"
         )
     parts = [
         (label.name, merged_solid([bodies[number - 1].properties for number in label.bodies]))
@@ -75,7 +76,8 @@ def parts_of_cells(labels: Sequence[PartLabel], cells: Cells, name: str) -> list
             left_inside = left_inside - share
         if share.sum() <= MIN_VOLUME_FRACTION * cells.volumes.sum():
             raise ShapeError(
-                f"{name}: part {label.name!r} contains nothing of the object: check its ends, in metres from O along `along`"
+                f"{name}: part {label.name!r} contains nothing of the object: check its ends, in metres from "
+                "O along `along`"
             )
         parts.append((label.name, _solid(cells, share)))
     if left_inside.min() < -1e-6 * cells.volumes.max():

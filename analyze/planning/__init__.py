@@ -1,1 +1,1 @@
-"""Which strikes to make: stable planes, pivots, impact points, the best set."""
+"""Planning of strikes: stable planes, pivot axes, impact points, and the most informative set."""

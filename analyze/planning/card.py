@@ -1,18 +1,20 @@
-"""How to put the object down, in words for the person at the table."""
+"""Text of a placement card: how to put the object down for one strike."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning.footing import WHERE_IT_FALLS
+from analyze.planning.footing import IF_IT_FALLS
 from analyze.planning.pivots import PivotAxis
 from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 
 TURNED_CARD = (
-    "This one is turned by 180 degrees, for the table's tilt: set the striker's stand down on the other side of the line, at the mark, so "
-    "that it swings back over it; the object then stands on that side and tips the other way, the camera stays. "
+    "This one is turned by 180 degrees, for the table's tilt: set the striker's stand down on the other side "
+    "of the line, at the mark, so "
+    "that it swings back over it; the object then stands on that side and tips the other way, the camera "
+    "stays. "
 )
 AXIS_NAMES = ("x", "y", "z")
 
@@ -26,9 +28,19 @@ def placement_card(
     stands: bool = True,
     turned: bool = False,
 ) -> str:
-    """Which side goes down and which faces where, then where the striker hits; and what to do if it does not stand there, as it may not.
+    """Text of a placement card: sides down, to the camera and away from the striker, impact height.
 
-    Of a turned strike the camera sees the other end of the edge.
+    For a turned strike the camera sees the other end of the edge. If the object may not stand on the face,
+    the text says so and gives the remedy.
+
+    Args:
+        model: Shape of the object.
+        spec: Name and markers.
+        axis: Pivot axis of the strike.
+        impact_height: Height of the impact point over the table [m].
+        markers: Names of the visible markers, the best one first.
+        stands: False if the object may fall over on the face.
+        turned: True for a strike with the object turned by 180 degrees.
     """
     down, right = _side(-axis.plane.up, spec), _side(axis.tip, spec)
     facing = (
@@ -39,16 +51,20 @@ def placement_card(
     height = float(np.ptp(model.hull_vertices @ axis.plane.up))
     edge = "rim" if axis.rolls else "edge"
     return (
-        f"Put {spec.name} on its {down} side, {facing}, its {right} side away from the striker with that {edge} on the line. "
-        f"It then stands {height * 1000:.0f} mm tall; the striker meets it {impact_height * 1000:.0f} mm above the table."
-        + ("" if stands else f" That it stays on this side is expected, not sure. {WHERE_IT_FALLS}.")
+        f"Put {spec.name} on its {down} side, {facing}, its {right} side away from the striker with that "
+        f"{edge} on the line. "
+        f"It then stands {height * 1000:.0f} mm tall; the striker meets it {impact_height * 1000:.0f} mm "
+        "above the table."
+        + ("" if stands else f" That it stays on this side is expected, not sure. {IF_IT_FALLS}.")
     )
 
 
 def _side(direction: Array, spec: ObjectSpec) -> str:
-    """Name of the side that looks along `direction` (3,): a marker on it, or O's nearest axis."""
+    """Name of the side that faces along `direction` (3,) in O: O's nearest axis, and a marker on it."""
     for marker in spec.marker:
-        if marker.T_object_marker is not None and np.array(marker.T_object_marker)[:3, 2] @ direction > np.cos(np.radians(10)):
+        if marker.T_object_marker is not None and np.array(marker.T_object_marker)[
+            :3, 2
+        ] @ direction > np.cos(np.radians(10)):
             return f"{_axis_name(direction)} (marker {marker.name})"
     return _axis_name(direction)
 

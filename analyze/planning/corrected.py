@@ -1,4 +1,4 @@
-"""A plan's edges as an object file has them that was corrected afterwards: its rounding, measured since, and the error of its surface."""
+"""Update a plan's pivots to an object file with corrected edge radius or surface error."""
 
 from __future__ import annotations
 
@@ -13,31 +13,45 @@ from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import Pivot, StrikePlan
 
 TOUCHES = 3e-4
-"""of the longest edge: a face that is no farther off the rounding touches it"""
+"""Distance of a face from the rounding, over the object's longest extent, up to which the two touch."""
 
 
 def corrected_plan(plan: StrikePlan, before: ObjectSpec, given: ObjectSpec, model: ObjectModel) -> StrikePlan:
-    """The plan with every pivot as `given` has it.
+    """Plan with every pivot updated to the corrected object file.
 
     Args:
-        plan: made with `before`.
-        before: the object as it was described.
-        given: as it is described now; its shape is the same.
-        model: that shape.
+        plan: Plan made with `before`.
+        before: Object file that the plan was made with.
+        given: Corrected object file of the same shape.
+        model: Shape of the object.
     """
     if (before.edge_radius_m, before.shape.surface_sd_m) == (given.edge_radius_m, given.shape.surface_sd_m):
         return plan
     strikes = [
-        strike.model_copy(update={"pivot": corrected_pivot(strike.pivot, np.array(strike.R_world_object), before, given, model)})
+        strike.model_copy(
+            update={
+                "pivot": corrected_pivot(strike.pivot, np.array(strike.R_world_object), before, given, model)
+            }
+        )
         for strike in plan.strikes
     ]
     return plan.model_copy(update={"strikes": strikes})
 
 
-def corrected_pivot(pivot: Pivot, R_world_object: Array, before: ObjectSpec, given: ObjectSpec, model: ObjectModel) -> Pivot:
-    """One pivot; the centre line lies the rounding's radius inside the table's face and the one that rises from the edge.
+def corrected_pivot(
+    pivot: Pivot, R_world_object: Array, before: ObjectSpec, given: ObjectSpec, model: ObjectModel
+) -> Pivot:
+    """Pivot updated to the corrected object file.
 
-    A moulded edge, whose radius is the shape's, keeps it.
+    The centre line lies one radius inside the resting face and the face that rises from the edge. A moulded
+    edge, whose radius is part of the shape, keeps it.
+
+    Args:
+        pivot: Pivot as planned, in O.
+        R_world_object: (3, 3) rotation from O to W at rest.
+        before: Object file that the plan was made with.
+        given: Corrected object file.
+        model: Shape of the object.
     """
     surface, now = before.shape.surface_sd_m, given.shape.surface_sd_m
     sd = math.sqrt(max(pivot.sd_m**2 - surface**2, 0.0) + now**2)
@@ -51,12 +65,20 @@ def corrected_pivot(pivot: Pivot, R_world_object: Array, before: ObjectSpec, giv
 
 
 def wall_lean(pivot: Pivot, R_world_object: Array, model: ObjectModel) -> float | None:
-    """Angle [rad] by which the normal of the face that rises from the edge, which the rounding touches too, points upwards.
+    """Lean of the face that rises from the edge [rad]: angle by which its normal points upwards.
 
-    None where no face ends at the edge, or one so flat that it hardly rises.
+    Args:
+        pivot: Pivot of the edge, in O.
+        R_world_object: (3, 3) rotation from O to W at rest.
+        model: Shape of the object.
+
+    Returns:
+        None if no face ends at the edge, or if it leans beyond `STEEPEST_WALL`.
     """
     tip, up, planes = R_world_object[0], R_world_object[2], model.hull_planes
-    touches = np.abs(planes[:, :3] @ np.array(pivot.point) + planes[:, 3] + pivot.radius_m) < TOUCHES * float(model.extent.max())
+    touches = np.abs(planes[:, :3] @ np.array(pivot.point) + planes[:, 3] + pivot.radius_m) < TOUCHES * float(
+        model.extent.max()
+    )
     normals = planes[touches & (planes[:, :3] @ up > -0.999), :3]
     if not len(normals):
         return None

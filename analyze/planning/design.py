@@ -1,4 +1,4 @@
-"""Which axes to strike and how often: the set that tells most about c and the moments, never a degenerate one (METHOD 1.6)."""
+"""Design of the experiment: axes and repeats that best determine c and the moments (method 1.6)."""
 
 from __future__ import annotations
 
@@ -12,57 +12,70 @@ from analyze.planning.information import COM, INERTIA, Information, spread
 from analyze.types import Array
 
 SINGULAR = 0.05
-"""least singular value of the unit normals over the square root of their number, below which a set is refused"""
+"""Smallest singular value of the unit normals over the square root of their number below which a set is
+refused."""
 MOMENT_WORTH = 0.5
-"""weight of a moment's ln sd beside that of c along one direction: without tips about all three directions a moment stays unmeasured, and
-with it what is shell and what is inside"""
+"""Weight of a moment's ln sd relative to that of c along one direction.
+
+Without tips about all three directions one moment stays unmeasured, and with it the split between shell and
+inside."""
 PLACEMENT_WORTH = 0.15
-"""a further axis must lessen the loss by this, 5 % of c's error: every one is a placement by hand"""
-MOST_AXES = 6
-"""in one plan, unless there are so many strikes that each still gets `STRIKES_PER_AXIS`"""
+"""Decrease of the loss that a further axis must bring (5 % of c's error): every axis is a placement by
+hand."""
+MAX_AXES = 6
+"""Largest number of axes of a plan, unless each one still gets `STRIKES_PER_AXIS`."""
 STRIKES_PER_AXIS = 4
-MANY_AXES = 10
-"""more placements than anybody makes"""
-LEAST = 3
-"""strikes that determine c, if none was made before"""
-POOL = 24
-"""axes that are tried in all triples; the others join by exchange"""
+"""Strikes per axis from which on a plan may have more than `MAX_AXES` axes."""
+ABSOLUTE_MAX_AXES = 10
+"""Largest number of axes of any plan."""
+MIN_STRIKES = 3
+"""Smallest number of strikes that determine c if none was made before."""
+POOL_SIZE = 24
+"""Number of axes tried in all triples; the others enter by exchange."""
 STARTS = 3
-BETTER = 1e-6
+"""Number of sets that the search starts from."""
+MIN_GAIN = 1e-6
+"""Smallest decrease of the loss that counts as an improvement."""
 
 
 @dataclass(frozen=True)
 class Design:
-    """Chosen candidates, how often each is struck, and what that tells."""
+    """Chosen candidates, their numbers of strikes, and the predicted covariance."""
 
     chosen: tuple[int, ...]
-    """indices into the candidates"""
+    """Indices into the candidates."""
     repeats: tuple[int, ...]
+    """Number of strikes on each of them."""
     covariance: Array
-    """(14, 14) of the shared unknowns, in SI"""
+    """(14, 14) predicted covariance of the shared unknowns, in SI units."""
 
     @property
     def com_covariance(self) -> Array:
-        """(3, 3) m^2."""
+        """Predicted covariance (3, 3) of c [m^2], in O."""
         return self.covariance[COM, COM]
 
     @property
     def com_rms(self) -> float:
-        """Root mean square distance of c from the truth [m]."""
+        """Predicted root mean square distance of c from the truth [m]."""
         return float(np.sqrt(np.trace(self.com_covariance)))
 
 
-def choose(information: Information, strikes: int, most_axes: int | None = None) -> Design | None:
-    """The set with the least loss; None: no set of rank 3.
+def choose_design(information: Information, strikes: int, most_axes: int | None = None) -> Design | None:
+    """Design with the smallest loss.
 
-    Loss: 3*ln(rms error of c) + MOMENT_WORTH*ln(determinant of the inertia's sd). Sets whose normals, with those of the strikes made, do
-    not span space are never considered. Search: the best triples, then one axis more at a time, each set improved by exchange (Fedorov
-    1972) until no swap helps. The same candidates in the same order give the same design.
+    The loss is 3 ln(rms error of c) + MOMENT_WORTH ln(determinant of the inertia's sd). Sets whose normals,
+    together with those of the strikes made, do not span space are excluded. The search starts from the best
+    triples, adds one axis at a time, and improves each set by exchange (Fedorov 1972) until no swap helps.
+    The same candidates in the same order give the same design.
 
     Args:
-        information: candidates, what is known, errors.
-        strikes: how many more.
-        most_axes: at most so many different axes; default: `MOST_AXES`, or so many that each gets `STRIKES_PER_AXIS`.
+        information: Candidates, prior knowledge and errors.
+        strikes: Number of further strikes.
+        most_axes: Largest number of different axes; None for `MAX_AXES`, or as many as get `STRIKES_PER_AXIS`
+            each.
+
+    Returns:
+        None if no set has rank 3.
     """
     candidates = information.candidates
     if not candidates or strikes < 1:
@@ -70,17 +83,19 @@ def choose(information: Information, strikes: int, most_axes: int | None = None)
     search = _Search(information)
     struck = len(information.belief.struck)
     least = max(1, min(strikes, 3 - struck))
-    most = most_axes or min(max(min(strikes, MOST_AXES), strikes // STRIKES_PER_AXIS), MANY_AXES)
+    most = most_axes or min(max(min(strikes, MAX_AXES), strikes // STRIKES_PER_AXIS), ABSOLUTE_MAX_AXES)
     best: tuple[float, tuple[int, ...], tuple[int, ...]] | None = None
     sets: list[tuple[int, ...]] = []
     for size in range(least, min(most, len(candidates), strikes) + 1):
         each = strikes // size
-        sets = search.first_sets(size, each) if not sets else [search.grown(members, each) for members in sets]
+        sets = (
+            search.first_sets(size, each) if not sets else [search.grown(members, each) for members in sets]
+        )
         sets = list(dict.fromkeys(search.exchanged(members, each) for members in sets if members))
         for members in sets:
-            repeats = search.shared_out(members, strikes)
+            repeats = search.distributed(members, strikes)
             loss = search.loss(members, repeats) + PLACEMENT_WORTH * size
-            if np.isfinite(loss) and (best is None or loss < best[0] - BETTER):
+            if np.isfinite(loss) and (best is None or loss < best[0] - MIN_GAIN):
                 best = (loss, members, repeats)
         if not sets:
             return None
@@ -91,7 +106,7 @@ def choose(information: Information, strikes: int, most_axes: int | None = None)
 
 
 class _Search:
-    """Losses of many sets at once."""
+    """Search for the set with the smallest loss, with the losses of many sets at once."""
 
     def __init__(self, information: Information) -> None:
         self._information = information
@@ -100,20 +115,26 @@ class _Search:
         made = [each.normal for each in information.belief.struck]
         self._made = np.array(made).reshape(-1, 3)
         self._before = information.before()
-        # What a struck axis has told already is in `before`: a further strike on it counts by what it adds.
+        # Information of strikes already made is in `before`: a further strike on their axis counts by its
+        # increment.
         ids = {each.axis.id for each in information.belief.struck}
-        self._already = [information.of_axis(each, 0) if each.axis.id in ids else 0.0 for each in self._candidates]
+        self._already = [
+            information.axis_information(each, 0) if each.axis.id in ids else 0.0 for each in self._candidates
+        ]
         self._tables: dict[int, Array] = {}
 
     def table(self, repeats: int) -> Array:
-        """(n, 14, 14): what `repeats` strikes on each candidate add."""
+        """Information (n, 14, 14) that `repeats` strikes on each candidate add."""
         if repeats not in self._tables:
-            added = [self._information.of_axis(each, repeats) - old for each, old in zip(self._candidates, self._already, strict=True)]
+            added = [
+                self._information.axis_information(each, repeats) - old
+                for each, old in zip(self._candidates, self._already, strict=True)
+            ]
             self._tables[repeats] = np.array(added)
         return self._tables[repeats]
 
     def losses(self, total: Array, normals: Array) -> Array:
-        """(s,) for information (s, 14, 14) and sums of n n^T (s, 4, 3, 3 without the 4): inf where degenerate."""
+        """Losses (s,) of sets with information (s, 14, 14) and sums of n n^T (s, 3, 3); inf if degenerate."""
         P = np.linalg.inv(total)
         com = np.trace(P[:, COM, COM], axis1=1, axis2=2)
         _, moments = np.linalg.slogdet(P[:, INERTIA, INERTIA])
@@ -128,13 +149,15 @@ class _Search:
         return self._before + self.table(each)[index].sum(axis=0), normals.T @ normals
 
     def loss(self, members: tuple[int, ...], repeats: tuple[int, ...]) -> float:
-        """Of one set with its own repeats."""
-        total = self._before + sum(self.table(many)[i] for i, many in zip(members, repeats, strict=True) if many)
+        """Loss of one set of candidates with its numbers of strikes."""
+        total = self._before + sum(
+            self.table(many)[i] for i, many in zip(members, repeats, strict=True) if many
+        )
         normals = np.vstack([self._made, self._normals[list(members)]])
         return float(self.losses(total[None], (normals.T @ normals)[None])[0])
 
     def first_sets(self, size: int, each: int) -> list[tuple[int, ...]]:
-        """The best sets of `size` (1 to 3) among the pool."""
+        """Sets of `size` (1 to 3) of the pool with the smallest losses, with `each` strikes per axis."""
         pool = self._pool(each)
         sets = np.array(list(combinations(pool, size)))
         if not len(sets):
@@ -143,22 +166,27 @@ class _Search:
         outer = np.einsum("ni,nj->nij", self._normals, self._normals)
         losses = np.concatenate(
             [
-                self.losses(self._before + table[part].sum(axis=1), self._made.T @ self._made + outer[part].sum(axis=1))
+                self.losses(
+                    self._before + table[part].sum(axis=1),
+                    self._made.T @ self._made + outer[part].sum(axis=1),
+                )
                 for part in np.array_split(sets, max(1, len(sets) // 512))
             ]
         )
-        order = [int(i) for i in np.argsort(np.round(losses, 9), kind="stable")[:STARTS] if np.isfinite(losses[i])]
+        order = [
+            int(i) for i in np.argsort(np.round(losses, 9), kind="stable")[:STARTS] if np.isfinite(losses[i])
+        ]
         return [tuple(int(i) for i in sets[k]) for k in order]
 
     def _pool(self, each: int) -> list[int]:
-        """Up to `POOL` candidates: first three that span space best, then one by one what lessens the loss most."""
+        """Up to `POOL_SIZE` candidates: three that span space well, then those that lower the loss most."""
         everything = list(range(len(self._candidates)))
-        if len(everything) <= POOL:
+        if len(everything) <= POOL_SIZE:
             return everything
         taken = _widest_three(self._normals)
         total = self._before + self.table(each)[taken].sum(axis=0)
         solid = np.eye(3)[None]
-        while len(taken) < POOL:
+        while len(taken) < POOL_SIZE:
             left = [i for i in everything if i not in taken]
             losses = self.losses(total + self.table(each)[left], np.repeat(solid, len(left), axis=0))
             best = left[int(np.argmin(np.round(losses, 9)))]
@@ -167,7 +195,7 @@ class _Search:
         return sorted(taken)
 
     def grown(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
-        """With the candidate added that lessens the loss most."""
+        """Set enlarged by the candidate that lowers the loss most."""
         left = [i for i in range(len(self._candidates)) if i not in members]
         if not left:
             return members
@@ -177,7 +205,7 @@ class _Search:
         return tuple(sorted([*members, left[int(np.argmin(np.round(losses, 9)))]]))
 
     def exchanged(self, members: tuple[int, ...], each: int) -> tuple[int, ...]:
-        """Swapped one for one while that helps."""
+        """Set improved by one-for-one exchange until no swap lowers the loss."""
         table = self.table(each)
         current = float(self.losses(*(part[None] for part in self._sums(members, each)))[0])
         for _ in range(50):
@@ -189,19 +217,23 @@ class _Search:
             outer = np.einsum("ni,nj->nij", self._normals, self._normals)
             totals = (total - table[gone])[:, None] + table[left]
             spans = (normals - outer[gone])[:, None] + outer[left]
-            losses = self.losses(totals.reshape(-1, *total.shape), spans.reshape(-1, 3, 3)).reshape(len(gone), len(left))
+            losses = self.losses(totals.reshape(-1, *total.shape), spans.reshape(-1, 3, 3)).reshape(
+                len(gone), len(left)
+            )
             swaps: list[tuple[float, tuple[int, ...]]] = []
             for out, row in zip(members, losses, strict=True):
                 i = int(np.argmin(np.round(row, 9)))
-                swaps.append((float(row[i]), tuple(sorted([*(k for k in members if k != out), int(left[i])]))))
+                swaps.append(
+                    (float(row[i]), tuple(sorted([*(k for k in members if k != out), int(left[i])])))
+                )
             loss, swapped = min(swaps, key=lambda pair: round(pair[0], 9))
-            if not loss < current - BETTER:
+            if not loss < current - MIN_GAIN:
                 break
             current, members = loss, swapped
         return members
 
-    def shared_out(self, members: tuple[int, ...], strikes: int) -> tuple[int, ...]:
-        """Strikes shared out evenly, what is left over where it tells most."""
+    def distributed(self, members: tuple[int, ...], strikes: int) -> tuple[int, ...]:
+        """Number of strikes on each member: equal shares, and the remainder where it lowers the loss most."""
         each, left = divmod(strikes, len(members))
         repeats = [each] * len(members)
         index = list(members)
@@ -216,16 +248,21 @@ class _Search:
         return tuple(repeats)
 
 
-def determines(information: Information) -> bool:
-    """Whether any set of candidates, with the strikes made, leaves no direction of c unknown."""
-    normals = np.array([each.normal for each in (*information.candidates, *information.belief.struck)]).reshape(-1, 3)
+def can_determine_com(information: Information) -> bool:
+    """True if some set of candidates, with the strikes made, determines every direction of c."""
+    normals = np.array(
+        [each.normal for each in (*information.candidates, *information.belief.struck)]
+    ).reshape(-1, 3)
     if len(normals) < 3:
         return False
-    return spread(normals[_widest_three(normals)]) >= SINGULAR or choose(information, LEAST) is not None
+    return (
+        spread(normals[_widest_three(normals)]) >= SINGULAR
+        or choose_design(information, MIN_STRIKES) is not None
+    )
 
 
 def _widest_three(normals: Array) -> list[int]:
-    """Three of unit vectors (n, 3) that span space well, found one after the other."""
+    """Indices of three of n unit vectors (n, 3) that span space well, found greedily."""
     taken: list[int] = []
     rest = normals.copy()
     for _ in range(3):
@@ -236,7 +273,9 @@ def _widest_three(normals: Array) -> list[int]:
     return taken
 
 
-def degenerate(information: Information, members: Sequence[int]) -> bool:
-    """Whether the normals of `members`, with those of the strikes made, leave a direction of c unknown."""
-    normals = [information.candidates[i].normal for i in members] + [each.normal for each in information.belief.struck]
+def is_degenerate(information: Information, members: Sequence[int]) -> bool:
+    """True if the normals of `members`, with those of the strikes made, leave a direction of c unknown."""
+    normals = [information.candidates[i].normal for i in members] + [
+        each.normal for each in information.belief.struck
+    ]
     return spread(np.array(normals).reshape(-1, 3)) < SINGULAR

@@ -1,4 +1,4 @@
-"""Every axis tried: can the camera see it, the striker reach it, the edge hold; those that cannot be used are named with the number."""
+"""Check of every axis: visible to the camera, reachable by the striker, edge that holds."""
 
 from __future__ import annotations
 
@@ -18,22 +18,24 @@ from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import Rejection
 
-STEEPEST_PHI = np.radians(50.0)
+MAX_PHI = np.radians(50.0)
+"""Largest phi [rad] of a usable axis."""
 ENERGIES = (1.15, 1.1, 1.2, 1.05, 1.25, 1.3)
-"""tried in this order until the edge holds"""
+"""Energy ratios E (energy over that needed to reach balance), tried in this order until the edge holds."""
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What the object is struck with and seen by."""
+    """Striker, camera and table that a plan is made for."""
 
     striker: StrikerModel
     camera: CameraModel
     friction: float
-    """least coefficient between object and table"""
+    """Smallest friction coefficient between object and table."""
     gravity: float = impact.GRAVITY
+    """Gravity [m/s^2]."""
     frame_rate: float = FRAME_RATE
-    """Hz, of the camera"""
+    """Frame rate of the camera [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,13 @@ class Usable:
     candidate: Candidate
     impact: ImpactPoint
     energy: float
+    """Energy ratio E of the strike."""
     friction: float
-    """least coefficient with which the edge holds"""
+    """Smallest friction coefficient with which the edge holds."""
     phi_sd: float
-    """rad, 1 sigma of phi over Q"""
+    """1 sigma of phi over Q [rad]."""
     markers: list[int | str]
+    """Names of the markers that the camera sees through the tip."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +65,21 @@ class _Reached:
 def examine(
     model: ObjectModel, spec: ObjectSpec, axes: Sequence[PivotAxis], believed: Hypothesis, bench: Bench
 ) -> tuple[list[Usable], list[Rejection]]:
-    """Usable axes, in the order given, and why the others are not."""
+    """Usable axes in the order given, and rejections of the others.
+
+    Args:
+        model: Shape of the object.
+        spec: Mass, edge radius and markers.
+        axes: Pivot axes to check.
+        believed: Region Q of c and inertia per kilogram.
+        bench: Striker, camera and table.
+    """
     rejected: list[Rejection] = []
     reached: list[_Reached] = []
     for axis in axes:
         outcome = _reach(model, spec, axis, believed, bench)
         (rejected if isinstance(outcome, Rejection) else reached).append(outcome)  # pyright: ignore[reportArgumentType]
-    held = _held(reached, believed, bench)
+    held = _friction_checks(reached, believed, bench)
     passed: list[tuple[_Reached, SeenSwing, float]] = []
     for each, outcome in zip(reached, held, strict=True):
         if isinstance(outcome, Rejection):
@@ -80,7 +92,7 @@ def examine(
             continue
         pixels = each.sight.pixels if each.sight.markers else FRAME_PX
         passed.append((each, SeenSwing(each.expected, energy, frame_sd(pixels)), friction))
-    told = strike_covariances([seen for _, seen, _ in passed], bench.frame_rate)
+    covariances = strike_covariances([seen for _, seen, _ in passed], bench.frame_rate)
     usable = [
         Usable(
             Candidate(each.axis, each.expected, noise),
@@ -90,24 +102,29 @@ def examine(
             phi_spread(each.axis, believed),
             each.sight.markers,
         )
-        for (each, seen, friction), noise in zip(passed, told, strict=True)
+        for (each, seen, friction), noise in zip(passed, covariances, strict=True)
     ]
     return usable, rejected
 
 
 def phi_spread(axis: PivotAxis, believed: Hypothesis) -> float:
-    """1 sigma [rad] of phi over Q."""
+    """1 sigma of phi [rad] of an axis, from the covariance of c over Q."""
     arm = believed.region.centre - axis.point
     arm = arm - axis.direction * float(arm @ axis.direction)
     across = np.cross(axis.direction, arm) / float(arm @ arm)
     return float(np.sqrt(across @ believed.region.covariance() @ across))
 
 
-def _reach(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, believed: Hypothesis, bench: Bench) -> _Reached | Rejection:
+def _reach(
+    model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, believed: Hypothesis, bench: Bench
+) -> _Reached | Rejection:
     expected = swing(axis, believed.region.centre, spec.mass_kg, believed.unit_inertia, bench.gravity)
-    if expected.phi > STEEPEST_PHI:
+    if expected.phi > MAX_PHI:
         return _reject(
-            axis, "too_steep", expected.phi, f"balances only after {np.degrees(expected.phi):.0f} deg: the edge would slip or lift"
+            axis,
+            "too_steep",
+            expected.phi,
+            f"balances only after {np.degrees(expected.phi):.0f} deg: the edge would slip or lift",
         )
     placed = [marker for marker in spec.marker if marker.T_object_marker is not None]
     sight = view.visible_markers(model, spec, axis, expected.phi, bench.camera)
@@ -116,28 +133,35 @@ def _reach(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, believed: Hypo
     cards = [(np.array(marker.T_object_marker)[:3, 3], marker.size_m) for marker in placed]
     rise = axis.plane.up * float(np.sqrt(axis.plane.up @ believed.region.covariance() @ axis.plane.up))
     swings = [expected] + [
-        swing(axis, believed.region.centre + sign * rise, spec.mass_kg, believed.unit_inertia, bench.gravity) for sign in (-1, 1)
+        swing(axis, believed.region.centre + sign * rise, spec.mass_kg, believed.unit_inertia, bench.gravity)
+        for sign in (-1, 1)
     ]
-    point = impact.best_impact(impact.impact_points(model, axis, swings, cards, bench.striker), bench.friction)
+    point = impact.best_impact(
+        impact.impact_points(model, axis, swings, cards, bench.striker), bench.friction
+    )
     if point is None:
         text = (
-            f"no upright surface beside the edge's middle that the striker reaches ({1000 * bench.striker.lowest_m:.0f} to "
+            "no upright surface beside the edge's middle that the striker reaches "
+            f"({1000 * bench.striker.lowest_m:.0f} to "
             f"{1000 * bench.striker.highest_m:.0f} mm over the table)"
         )
         return _reject(axis, "impact_unreachable", None, text)
     return _Reached(axis, expected, point, sight)
 
 
-def _held(reached: Sequence[_Reached], believed: Hypothesis, bench: Bench) -> list[tuple[float, float] | Rejection]:
-    """Energy and least friction of each axis whose edge holds."""
+def _friction_checks(
+    reached: Sequence[_Reached], believed: Hypothesis, bench: Bench
+) -> list[tuple[float, float] | Rejection]:
+    """Energy ratio and smallest sufficient friction of each axis whose edge holds, or its rejection."""
     many = len(ENERGIES)
     cases = [_case(each, energy, believed, bench) for each in reached for energy in ENERGIES]
-    outcome = feasibility.tips(cases, bench.gravity)
+    outcome = feasibility.simulate_tips(cases, bench.gravity)
     slip, load = outcome.slip.reshape(-1, many), outcome.least_load.reshape(-1, many)
     holds = (slip <= feasibility.SLIP_LIMIT) & (load > 0)
     best = [int(np.argmax(row)) if row.any() else int(np.argmin(slip[i])) for i, row in enumerate(holds)]
     needed = feasibility.least_friction(
-        [_case(each, ENERGIES[k], believed, bench) for each, k in zip(reached, best, strict=True)], bench.gravity
+        [_case(each, ENERGIES[k], believed, bench) for each, k in zip(reached, best, strict=True)],
+        bench.gravity,
     )
     result: list[tuple[float, float] | Rejection] = []
     for i, (each, k) in enumerate(zip(reached, best, strict=True)):
@@ -148,18 +172,33 @@ def _held(reached: Sequence[_Reached], believed: Hypothesis, bench: Bench) -> li
             wanted = float(needed[i])
             if np.isfinite(wanted):
                 result.append(
-                    _reject(each.axis, "slips", wanted, f"{slides}: it needs friction {wanted:.2f}, there is {bench.friction:.2f}")
+                    _reject(
+                        each.axis,
+                        "slips",
+                        wanted,
+                        f"{slides}: it needs friction {wanted:.2f}, there is {bench.friction:.2f}",
+                    )
                 )
             else:
                 result.append(_reject(each.axis, "slips", None, f"{slides} at any friction"))
         else:
-            result.append(_reject(each.axis, "lifts", float(load[i, k]), "the edge would leave the table before balance"))
+            result.append(
+                _reject(
+                    each.axis, "lifts", float(load[i, k]), "the edge would leave the table before balance"
+                )
+            )
     return result
 
 
 def _case(each: _Reached, energy: float, believed: Hypothesis, bench: Bench) -> feasibility.Case:
-    return feasibility.case(
-        each.axis, each.expected, believed.region.centre, believed.unit_inertia, each.point.height, _impulse(each, energy), bench.friction
+    return feasibility.strike_case(
+        each.axis,
+        each.expected,
+        believed.region.centre,
+        believed.unit_inertia,
+        each.point.height,
+        _impulse(each, energy),
+        bench.friction,
     )
 
 

@@ -1,11 +1,12 @@
-"""Whether an edge holds through a strike and the swing after it: a rigid body on a rounded edge, with dry friction (METHOD 1.6).
+"""Simulation of a strike on a rounded edge with dry friction: does the edge hold (method 1.6).
 
-The body turns about the centre line P of an edge that rolls on the table. A half-sine push of the striker acts along the table at
-height h, then only gravity and the contact. At every instant the edge is tried as sticking; where it would need more friction than there
-is, it slides. In the plane across the edge this is exact for a rigid body. Across that plane a c that does not lie beside the strike, and a
-tilted principal axis, must be held by the edge's two ends (yaw and roll); where they cannot, the body yaws.
+The body turns about the centre line P of an edge that rolls on the table. A half-sine push of the striker
+acts along the table at height h, then only gravity and the contact. At every instant the edge is tried as
+sticking; where it would need more friction than there is, it slides. In the plane across the edge this is
+exact for a rigid body. Out of that plane, a c that does not lie beside the strike and a tilted principal axis
+must be held by the edge's two ends (yaw and roll); where they cannot, the body yaws.
 
-What this leaves out: the striker's friction, the spring of mat and striker, a rim that rolls away sideways.
+Not modelled: the striker's friction, the compliance of mat and striker, a rim that rolls away sideways.
 """
 
 from __future__ import annotations
@@ -20,67 +21,94 @@ from analyze.planning.pivots import PivotAxis, Swing
 from analyze.types import Array
 
 SLIP_LIMIT = 3e-4
-"""m that an edge may slide before balance: about what the fit of the motion does not feel"""
+"""Largest slip of an edge before balance [m]: it has no noticeable effect on the fit of the motion."""
 CONTACT = 0.003
-"""s, of a strike"""
+"""Contact time of a strike [s]."""
 PUSH_STEPS = 24
+"""Integration steps during contact."""
 FREE_STEP = 2e-3
-LOOKED_THROUGH = 10
-"""steps after which strikes that have ended are left out; of `LONGEST` / `FREE_STEP` a part without rest"""
-LONGEST = 0.9
-"""s after the strike; whoever needs longer stands nearly balanced, where nothing slides"""
-CREEP = 1e-7
-"""m/s below which a contact counts as sticking"""
-FRICTIONS = np.array([0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.8, 0.9, 1.0, 1.3, 2.0])
-"""tried to find the least that holds"""
+"""Integration step after contact [s]."""
+STEPS_BETWEEN_CHECKS = 10
+"""Steps after which ended strikes are dropped; divides `MAX_FREE_TIME` / `FREE_STEP`."""
+MAX_FREE_TIME = 0.9
+"""Simulated time after the strike [s]; a body that still rises then is nearly balanced, where nothing
+slides."""
+STICTION_SPEED = 1e-7
+"""Speed below which a contact counts as sticking [m/s]."""
+FRICTIONS = np.array(
+    [0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.8, 0.9, 1.0, 1.3, 2.0]
+)
+"""Friction coefficients tried to find the smallest that holds."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One strike on one edge. W's axes at rest: x the tip's direction, y along the edge, z up; y = 0 at the strike."""
+    """One strike on one edge, in W at rest: x along the tip, y along the edge, z up; y = 0 at the strike."""
 
     distance: float
-    """R [m]"""
+    """Distance R of c from the centre line [m]."""
     phi: float
-    """rad"""
+    """Balance angle [rad]."""
     i_com: float
-    """kg m^2, about the edge's direction through c"""
+    """Moment of inertia about the edge's direction through c [kg m^2]."""
     mass: float
-    """kg"""
+    """Mass [kg]."""
     radius: float
-    """rho [m]"""
+    """Radius rho of the edge's rounding [m]."""
     height: float
-    """m over the table"""
+    """Impact height over the table [m]."""
     impulse: float
-    """N s"""
+    """Impulse of the strike [N s]."""
     friction: float
+    """Friction coefficient between edge and table."""
     beside: float = 0.0
-    """m, y of c"""
+    """y of c [m]."""
     i_xy: float = 0.0
-    """kg m^2, entries of the inertia tensor about c, so -sum(m*x*y)"""
+    """Entry xy of the inertia tensor about c, -sum(m x y) [kg m^2]."""
     i_zy: float = 0.0
+    """Entry zy of the inertia tensor about c [kg m^2]."""
     i_zz: float = np.inf
+    """Entry zz of the inertia tensor about c [kg m^2]."""
     low: float = 0.0
-    """m, y of the edge's one end"""
+    """y of the edge's lower end [m]."""
     high: float = 0.0
-    """m, of the other; the same: not known, no moments across"""
+    """y of the edge's upper end [m]; equal to `low` if not known: no moments out of the plane."""
     duration: float = CONTACT
+    """Contact time [s]."""
 
 
 @dataclass(frozen=True)
 class Tips:
-    """What happens between the strike and balance; (n,) each, one entry per case."""
+    """Outcome of n simulated strikes up to balance."""
 
     slip: Array
-    """m, greatest displacement of the contact, or of an end of it, against rolling"""
+    """(n,) largest displacement of the contact, or of an end of it, relative to rolling [m]."""
     least_load: Array
-    """least normal force over weight after the strike; not above 0: the edge leaves the table"""
+    """(n,) smallest normal force over weight after the strike; 0 or less if the edge leaves the table."""
     over: NDArray[np.bool_]
-    """whether it comes to balance, or is so near after `LONGEST` that it still rises"""
+    """(n,) True if the body reaches balance, or still rises after `MAX_FREE_TIME`."""
 
 
-def case(axis: PivotAxis, expected: Swing, com: Array, unit_inertia: Array, height: float, impulse: float, friction: float) -> Case:
-    """The case of one axis with c at `com` (3,) [m, in O] and the inertia about it (3, 3) [m^2 per kg]."""
+def strike_case(
+    axis: PivotAxis,
+    expected: Swing,
+    com: Array,
+    unit_inertia: Array,
+    height: float,
+    impulse: float,
+    friction: float,
+) -> Case:
+    """Simulation input for a strike on one axis.
+
+    Args:
+        axis: Pivot axis.
+        expected: Expected swing about it.
+        com: (3,) centre of mass [m], in O.
+        unit_inertia: (3, 3) inertia about c per kilogram [m^2], in O.
+        height: Impact height over the table [m].
+        impulse: Impulse of the strike [N s].
+        friction: Friction coefficient between edge and table.
+    """
     R = axis.R_world_object
     inertia = expected.mass * R @ unit_inertia @ R.T
     low, high = axis_ends(axis)
@@ -103,29 +131,30 @@ def case(axis: PivotAxis, expected: Swing, com: Array, unit_inertia: Array, heig
 
 
 def axis_ends(axis: PivotAxis) -> tuple[float, float]:
-    """Where the edge begins and ends [m], along its direction from the strike; 0, 0 for a rim, which touches in one point."""
+    """Ends of the edge [m] along its direction, from the strike; 0, 0 for a rim (contact in one point)."""
     if axis.rolls:
         return 0.0, 0.0
     start, end = axis.plane.edges
     edge = int(np.argmax(axis.plane.outward() @ axis.tip))
     along = sorted(float(axis.direction @ (corner - axis.point)) for corner in (start[edge], end[edge]))
-    # A rounding of all edges is one of the corners too; a moulded one begins where the face that is known ends.
+    # A rounding of all edges rounds the corners too; a moulded one begins where the known face ends.
     inset = 0.0 if axis.moulded else axis.radius
     return min(along[0] + inset, -1e-4), max(along[1] - inset, 1e-4)
 
 
-def tips(cases: Sequence[Case], gravity: float, most_slip: float = np.inf) -> Tips:
-    """Integrate strike and swing up to balance, all cases at once.
+def simulate_tips(cases: Sequence[Case], gravity: float, most_slip: float = np.inf) -> Tips:
+    """Integrate n strikes and swings up to balance, all at once.
 
-    With b = phi - theta, z_c = rho + R*cos b, u = dx_P/dt - rho*theta' the contact's sliding speed, F and N the contact's forces:
-    m*x_c'' = F + S, m*z_c'' = N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F - R*sin b*N. Sticking: u' = 0. Sliding: F = -mu*N*sign u.
-    About P's x and z the contact must give M_x = I_xy*theta'' + I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2, which its
-    two ends share: y1*N1 + y2*N2 = M_x, y1*F1 + y2*F2 = -M_z. A body that is pushed too little to rise stands on its whole face.
+    With b = phi - theta, z_c = rho + R*cos b, u = dx_P/dt - rho*theta' the contact's sliding speed, F and N
+    the contact's forces: m*x_c'' = F + S, m*z_c'' = N - m*g, I_c*theta'' = (h - z_c)*S - z_c*F - R*sin b*N.
+    Sticking: u' = 0. Sliding: F = -mu*N*sign u. About P's x and z the contact must give M_x = I_xy*theta'' +
+    I_zy*theta'^2 + m*g*y_c and M_z = I_zy*theta'' - I_xy*theta'^2, which its two ends share: y1*N1 + y2*N2 =
+    M_x, y1*F1 + y2*F2 = -M_z. A body that is pushed too little to rise stands on its whole face.
 
     Args:
-        cases: n strikes.
-        gravity: m/s^2.
-        most_slip: m; of a case that slips farther no more is asked, and it ends there.
+        cases: The n strikes.
+        gravity: Gravity [m/s^2].
+        most_slip: Slip [m] at which the integration of a case ends.
     """
     if not cases:
         return Tips(np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool))
@@ -137,25 +166,29 @@ def tips(cases: Sequence[Case], gravity: float, most_slip: float = np.inf) -> Ti
     body.load_counts, body.most_slip = True, most_slip
     result = Tips(body.slip.copy(), body.least_load.copy(), np.zeros(len(cases), dtype=bool))
     going = np.arange(len(cases))
-    for i in range(1, round(LONGEST / FREE_STEP) + 1):
+    for i in range(1, round(MAX_FREE_TIME / FREE_STEP) + 1):
         body.step(np.full(len(going), FREE_STEP), np.zeros(len(going)))
-        if i % LOOKED_THROUGH == 0 or not body.goes_on.any():
-            # Those that have ended change no more.
+        if i % STEPS_BETWEEN_CHECKS == 0 or not body.goes_on.any():
+            # Cases that have ended no longer change.
             result.slip[going], result.least_load[going] = body.slip, body.least_load
             result.over[going] = (body.theta >= body.phi) | body.goes_on
             going = going[body.goes_on]
             if not len(going):
                 break
-            body = body.going_on()
+            body = body.still_moving()
     return result
 
 
 def least_friction(cases: Sequence[Case], gravity: float) -> Array:
-    """Least coefficient (n,) with which each case slides no farther than `SLIP_LIMIT`, to 0.05 or better; inf: none of `FRICTIONS`."""
+    """Smallest friction coefficients (n,) with which each of n cases slides at most `SLIP_LIMIT`.
+
+    The resolution is that of `FRICTIONS`, 0.05 or better below 0.7; inf if none of them suffices.
+    """
     many = len(FRICTIONS)
     tried = [_with_friction(each, mu) for each in cases for mu in FRICTIONS]
-    fails = (tips(tried, gravity, SLIP_LIMIT).slip > SLIP_LIMIT).reshape(len(cases), many)
-    # The least above which all hold: slip does not fall with mu everywhere (a sliding edge may happen to stop early).
+    fails = (simulate_tips(tried, gravity, SLIP_LIMIT).slip > SLIP_LIMIT).reshape(len(cases), many)
+    # The smallest above which all hold: slip is not monotonic in mu (a sliding edge may happen to stop
+    # early).
     last = np.where(fails.any(axis=1), many - np.argmax(fails[:, ::-1], axis=1), 0)
     return np.append(FRICTIONS, np.inf)[last]
 
@@ -166,10 +199,13 @@ def _with_friction(each: Case, friction: float) -> Case:
 
 
 class _Bodies:
-    """Parameters and state (n,) of all cases: theta, theta', displacement and speed of the contact against rolling."""
+    """Parameters and state (n,) of all cases: theta, theta', the contact's slip and sliding speed."""
 
     def __init__(self, cases: Sequence[Case], gravity: float) -> None:
-        table = {field.name: np.array([getattr(each, field.name) for each in cases], dtype=np.float64) for field in fields(Case)}
+        table = {
+            field.name: np.array([getattr(each, field.name) for each in cases], dtype=np.float64)
+            for field in fields(Case)
+        }
         self._p = table
         self._g = gravity
         self.phi, self.duration, self.impulse = table["phi"], table["duration"], table["impulse"]
@@ -184,8 +220,8 @@ class _Bodies:
         self.load_counts = False
         self.most_slip = np.inf
 
-    def going_on(self) -> _Bodies:
-        """Those of them that go on."""
+    def still_moving(self) -> _Bodies:
+        """Parameters and state of the cases that have not ended."""
         rest = _Bodies.__new__(_Bodies)
         for name, value in vars(self).items():
             setattr(rest, name, value[..., self.goes_on] if isinstance(value, np.ndarray) else value)
@@ -193,7 +229,7 @@ class _Bodies:
         return rest
 
     def step(self, dt: Array, push: Array) -> None:
-        """Semi-implicit Euler: rates first. `dt` (n,) s, `push` (n,) N."""
+        """Advance all cases by semi-implicit Euler steps `dt` (n,) [s] under pushes `push` (n,) [N]."""
         p, g = self._p, self._g
         m, mu, i_com, h = p["mass"], p["friction"], p["i_com"], p["height"]
         b = self.phi - self.theta
@@ -204,14 +240,19 @@ class _Bodies:
         load = m * (g + s * turning - c * square)
         shear = m * (z * turning + s * square) - push
         flat = (self.theta <= 0) & (turning <= 0) & (self._rate <= 0)
-        turning, load, shear = np.where(flat, 0.0, turning), np.where(flat, m * g, load), np.where(flat, -push, shear)
+        turning, load, shear = (
+            np.where(flat, 0.0, turning),
+            np.where(flat, m * g, load),
+            np.where(flat, -push, shear),
+        )
         self._turn(dt, turning, load, shear, flat, s, z)
-        moving = np.abs(self._u) > CREEP
+        moving = np.abs(self._u) > STICTION_SPEED
         slides = moving | (np.abs(shear) > mu * load)
-        # Against the motion, or against where the missing friction lets it go.
+        # Friction acts against the motion, or against the direction in which the contact would start to
+        # slide.
         way = np.where(moving, np.sign(self._u), -np.sign(shear))
         lever = way * mu * z - s
-        # Where dry friction would jam (Painleve), the body is taken as stiff.
+        # Where dry friction would jam (Painleve), the inertia is bounded below.
         inertia = np.maximum(i_com - m * s * lever, 0.05 * i_com)
         skidding = ((h - z) * push + lever * m * (g - c * square)) / inertia
         skidding = np.where((self.theta <= 0) & (self._rate <= 0), np.maximum(skidding, 0.0), skidding)
@@ -219,7 +260,7 @@ class _Bodies:
         load = np.where(slides, np.where(skidding == 0.0, m * g, m * (g + s * skidding - c * square)), load)
         faster = (-way * mu * np.maximum(load, 0.0) + push) / m - z * turning - s * square
         u = np.where(slides, self._u + dt * faster, 0.0)
-        # Friction stops a contact, it does not turn it round.
+        # Friction stops a contact, it does not reverse it.
         u = np.where(moving & (u * self._u < 0), 0.0, u)
         self._advance(dt, turning, u, load / (m * g))
 
@@ -235,11 +276,26 @@ class _Bodies:
         self.slip = np.maximum(self.slip, np.maximum(np.abs(self._slid), by_yaw))
         if self.load_counts:
             self.least_load = np.where(go, np.minimum(self.least_load, load), self.least_load)
-            rocks_back = (self._rate <= 0) & (np.abs(self._u) <= CREEP)
-            self.goes_on = go & (self.theta < self.phi) & np.logical_not(rocks_back) & (load > 0) & (self.slip <= self.most_slip)
+            rocks_back = (self._rate <= 0) & (np.abs(self._u) <= STICTION_SPEED)
+            self.goes_on = (
+                go
+                & (self.theta < self.phi)
+                & np.logical_not(rocks_back)
+                & (load > 0)
+                & (self.slip <= self.most_slip)
+            )
 
-    def _turn(self, dt: Array, turning: Array, load: Array, shear: Array, flat: NDArray[np.bool_], s: Array, z: Array) -> None:
-        """Yaw, where it asks more friction of an end than that has: about the edge, as if the plane's motion went on undisturbed."""
+    def _turn(
+        self,
+        dt: Array,
+        turning: Array,
+        load: Array,
+        shear: Array,
+        flat: NDArray[np.bool_],
+        s: Array,
+        z: Array,
+    ) -> None:
+        """Advance the yaw where an end's friction cannot hold it, without effect on the plane's motion."""
         p = self._p
         m, square, y = p["mass"], self._rate**2, p["beside"]
         sine, cosine = np.sin(self.theta), np.cos(self.theta)
@@ -251,12 +307,13 @@ class _Bodies:
         low, high, room = p["low"], p["high"], np.maximum(load, 0.0)
         at_low = p["friction"] * np.minimum(np.maximum((high * load - roll) / self._length, 0.0), room)
         at_high = p["friction"] * np.minimum(np.maximum((roll - low * load) / self._length, 0.0), room)
-        # F at the low end; the other carries the rest of the shear. What it must be, and what the two ends' friction allows.
+        # F at the low end, required and allowed by the two ends' friction; the other end carries the rest of
+        # the shear.
         least, greatest = np.maximum(-at_low, shear - at_high), np.minimum(at_low, shear + at_high)
         middle = (least + greatest) / 2
         least, greatest = np.minimum(least, middle), np.maximum(greatest, middle)
         wanted = (high * shear + yaw) / self._length
-        turns = np.abs(self._yaw_rate) > CREEP
+        turns = np.abs(self._yaw_rate) > STICTION_SPEED
         held: Array = np.minimum(np.maximum(wanted, least), greatest)
         forwards = np.asarray(self._yaw_rate > 0, dtype=np.float64)
         against = forwards * least + (1 - forwards) * greatest

@@ -1,7 +1,8 @@
-"""What the planned strikes would say of the region masses: plausible fillings are drawn, and each is asked how well it could be told.
+"""Predicted precision of the region masses from planned strikes, over plausible fillings (method 6).
 
-The masses of shell, upper and lower interior and the border between the two (a plane: direction and offset) are unknown together; mass, c
-and the moments about the struck directions are measured, with the joint covariance that the design predicts (METHOD section 6).
+Unknown together are the masses of shell, upper and lower interior and the dividing plane between the two
+(direction and offset); measured are mass, c and the moments about the struck directions, with the joint
+covariance that the design predicts.
 """
 
 from __future__ import annotations
@@ -15,55 +16,60 @@ from analyze.geometry.object_model import LEVER_ERROR, MODEL_ERROR
 from analyze.planning.information import COM, INERTIA, MASS, moment_row
 from analyze.types import Array
 
-NAMES = ("surface", "upper", "lower")
+NAMES = ("shell", "upper", "lower")
 DRAWS = 24
+"""Number of fillings drawn."""
 DETERMINED = 0.5
-"""a mass counts as determined if its sd is below this part of what is known without strikes"""
+"""Fraction of the prior sd below which a mass counts as determined."""
 SHARE_SD = 0.2357
-"""sd of one of three shares of a whole, if all divisions are as likely"""
+"""Sd of one of three shares of a whole, if all divisions are equally likely."""
 ALIKE = np.cos(np.radians(15.0))
-"""cosine above which two directions measure the same moment"""
+"""Cosine above which two directions measure the same moment."""
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """The body cut up; each piece lies in the wall or in the interior."""
+    """Pieces of the body, each in the shell or in the interior."""
 
     points: Array
-    """(n, 3) m, centroids in O"""
-    wall: Array
-    """(n,) m^3, 0 for pieces of the interior"""
+    """(n, 3) centroids [m], in O."""
+    shell: Array
+    """(n,) volumes [m^3]; 0 for pieces of the interior."""
     interior: Array
-    """(n,) m^3, 0 for pieces of the wall"""
-    own: Array
-    """(n,) m^2: a piece's moment about its own centroid per kilogram"""
+    """(n,) volumes [m^3]; 0 for pieces of the shell."""
+    own_inertia: Array
+    """(n,) moment of inertia about the own centroid per kilogram [m^2]."""
     pitch: float
-    """m, edge of the cubes they were cut from"""
+    """Edge of the cubes that the pieces were cut from [m]."""
 
     @property
     def centroid(self) -> Array:
-        """(3,) m, of the uniform solid."""
-        volume = self.wall + self.interior
+        """Centroid (3,) of the uniform solid [m], in O."""
+        volume = self.shell + self.interior
         return volume @ self.points / volume.sum()
 
 
 @dataclass(frozen=True)
 class RegionForecast:
-    """Predicted 1 sigma [kg] of each mass: the median over the fillings; and whether the strikes determine it."""
+    """Predicted precision of the region masses."""
 
     names: tuple[str, ...]
     sd: Array
+    """(3,) 1 sigma of each mass [kg], the median over the fillings."""
     determined: tuple[bool, ...]
+    """True for a mass that the strikes determine."""
 
 
-def region_forecast(cells: Pieces, mass: float, covariance: Array, directions: Sequence[Array]) -> RegionForecast:
-    """Predict the region masses' sd.
+def region_forecast(
+    cells: Pieces, mass: float, covariance: Array, directions: Sequence[Array]
+) -> RegionForecast:
+    """Predicted 1 sigma of the region masses of a design.
 
     Args:
-        cells: the body.
-        mass: kg.
-        covariance: (14, 14) SI, of the design's shared unknowns.
-        directions: (3,) each, of the struck axes.
+        cells: Pieces of the body.
+        mass: Mass of the object [kg].
+        covariance: (14, 14) covariance of the design's shared unknowns, in SI units.
+        directions: Unit directions (3,) of the struck axes, in O.
     """
     distinct: list[Array] = []
     for direction in directions:
@@ -82,19 +88,26 @@ def region_forecast(cells: Pieces, mass: float, covariance: Array, directions: S
 
 
 class _Fillings:
+    """Linearised mass, c and moments as functions of region masses and dividing plane."""
+
     def __init__(self, cells: Pieces, directions: Array, mass: float) -> None:
         self._cells, self._mass = cells, mass
         self._centre = cells.centroid
         arm = cells.points - self._centre
         self._reach = float(np.sqrt(np.max(np.sum(arm**2, axis=1))))
-        square = np.sum(arm**2, axis=1) + cells.own
+        square = np.sum(arm**2, axis=1) + cells.own_inertia
         along = arm @ directions.T
         # About the centroid; moved to c in `_seen`.
         self._features = np.column_stack([np.ones(len(arm)), arm, square[:, None] - along**2])
         self._directions = directions
 
     def sd(self, measured: Array, drawn: Array) -> Array:
-        """(3,) kg for one filling, chosen by five numbers `drawn` from 0 to 1: shares, border's direction and place."""
+        """1 sigma (3,) of the masses [kg] for one filling.
+
+        Args:
+            measured: (4 + a, 4 + a) covariance of mass, c and the moments.
+            drawn: (5,) numbers from 0 to 1 that choose shares, direction and place of the dividing plane.
+        """
         surface, upper = 0.2 + 0.6 * float(drawn[0]), 0.1 + 0.8 * float(drawn[1])
         masses = self._mass * np.array([surface, (1 - surface) * upper, (1 - surface) * (1 - upper)])
         turn, z = 2 * np.pi * float(drawn[2]), 2 * float(drawn[3]) - 1
@@ -107,7 +120,8 @@ class _Fillings:
         steps = np.array([1e-3, 1e-3, 1e-3, 0.01, 0.01, 0.01])
         seen = self._seen(unknown, normal, across)
         columns = [
-            (self._seen(unknown + step, normal, across) - self._seen(unknown - step, normal, across)) / (2 * step.sum())
+            (self._seen(unknown + step, normal, across) - self._seen(unknown - step, normal, across))
+            / (2 * step.sum())
             for step in np.diag(steps)
         ]
         rows = np.stack(columns, axis=1)
@@ -115,21 +129,28 @@ class _Fillings:
         scale = np.sqrt(np.diag(measured) + model**2 + 1e-30)
         whole = (measured + np.diag(model**2)) / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
         rows = rows / scale[:, None]
-        # Without strikes: any share of the mass, any direction, an offset within the body.
+        # Prior: any share of the mass, any direction, an offset within the body.
         prior = np.diag(1 / np.array([SHARE_SD, SHARE_SD, SHARE_SD, 0.3, 1.0, 1.0]) ** 2)
         covariance = np.linalg.inv(rows.T @ np.linalg.solve(whole, rows) + prior)
         return self._mass * np.sqrt(np.diag(covariance)[:3])
 
     def _seen(self, unknown: Array, normal: Array, across: Array) -> Array:
-        """Mass, c and moments about c of a filling: shares of the masses, offset over the reach, two tilts of the border."""
+        """Mass [kg], c [m] and moments about c [kg m^2] of a filling, (4 + a,).
+
+        Args:
+            unknown: (6,) shares of the masses, offset over the reach, two tilts of the dividing plane.
+            normal: (3,) unit normal of the plane, in O.
+            across: (2, 3) unit vectors in the plane, in O.
+        """
         cells = self._cells
         n = normal + unknown[4] * across[0] + unknown[5] * across[1]
         n = n / np.linalg.norm(n)
         heights = (cells.points - self._centre) @ n - unknown[3] * self._reach
         above = np.clip(heights / cells.pitch + 0.5, 0.0, 1.0) * cells.interior
-        parts = [cells.wall, above, cells.interior - above]
+        parts = [cells.shell, above, cells.interior - above]
         total = sum(
-            share * self._mass * (part @ self._features) / max(part.sum(), 1e-18) for share, part in zip(unknown, parts, strict=False)
+            share * self._mass * (part @ self._features) / max(part.sum(), 1e-18)
+            for share, part in zip(unknown, parts, strict=False)
         )
         total = np.asarray(total, dtype=np.float64)
         mass, c = float(total[0]), total[1:4] / total[0]
@@ -138,6 +159,6 @@ class _Fillings:
 
 
 def _even_draws(count: int, width: int) -> Array:
-    """(count, width) numbers from 0 to 1, evenly spread (Kronecker sequence), the same every time."""
+    """Low-discrepancy numbers (count, width) from 0 to 1: a Kronecker sequence."""
     roots = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])[:width])
     return np.remainder(np.outer(np.arange(1.0, count + 1), roots) + 0.5, 1.0)

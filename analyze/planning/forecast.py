@@ -1,4 +1,4 @@
-"""What a design promises, in numbers: sd of every result, what causes the error of c, what more strikes would bring, when to stop."""
+"""Predicted precision of a design: sd of results, sources of c's error, gain of more strikes."""
 
 from __future__ import annotations
 
@@ -7,21 +7,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analyze.planning.design import Design, choose
+from analyze.planning.design import Design, choose_design
 from analyze.planning.information import COM, ENTRIES, INERTIA, MASS, Candidate, Information, moment_row
 from analyze.types import Array
 
-PAYS = 0.10
-"""more strikes pay if they lessen the error of c by more than this part, and by as much for each doubling of their number"""
-MOST_STRIKES = 36
-ENDLESS = 100_000
-"""strikes per axis that stand for any number"""
+MIN_GAIN_PER_DOUBLING = 0.10
+"""Relative decrease of c's error, for each doubling of the number of strikes, above which more strikes
+pay."""
+MAX_STRIKES = 36
+"""Largest number of strikes tried for a target, unless more are requested."""
+UNLIMITED_STRIKES = 100_000
+"""Strikes per axis that represent any number."""
 MOMENT_DETERMINED = 0.5
-"""a moment counts as determined if its sd is below this part of what the shape alone says"""
-SHAPE_SAYS = 0.25
-"""relative 1 sigma of a moment that is only guessed from the shape"""
+"""Fraction of the shape's prior sd below which a moment counts as determined."""
+SHAPE_MOMENT_SD = 0.25
+"""Relative 1 sigma of a moment estimated from the shape alone."""
 REMEDIES = {
-    "tilt of gravity": "strike an edge turned as well (`analyze plan --gravity`), or write what a level shows into the rig file's [level]",
+    "tilt of gravity": (
+        "strike an edge turned as well (`analyze plan --gravity`), or write what a level shows into the rig "
+        "file's [level]"
+    ),
     "radius of the edges": "measure edge_radius_m",
     "place of the edges": "a better scan",
     "scale of the shape": "measure a length of the object and correct the shape's scale",
@@ -37,31 +42,35 @@ class AxisForecast:
 
     axis_id: str
     phi_sd: float
-    """rad, of one strike"""
+    """1 sigma of phi from one strike [rad]."""
     k_sd: float
-    """relative, of one strike"""
+    """Relative 1 sigma of k from one strike."""
     i_edge: float
-    """kg m^2, of one strike"""
+    """1 sigma of I_edge from one strike [kg m^2]."""
     i_com: float
-    """kg m^2, about the parallel axis through c, from all strikes"""
+    """1 sigma of the moment about the parallel axis through c, from all strikes [kg m^2]."""
     i_com_determined: bool
+    """True if the strikes determine that moment."""
 
 
 @dataclass(frozen=True)
 class Advice:
-    """How the error of c (root mean square distance [m]) falls with the number of strikes, and what follows."""
+    """Error of c (rms distance) as a function of the number of strikes, and advice drawn from it."""
 
     curve: tuple[tuple[int, float], ...]
+    """Pairs of number of strikes and error of c [m]."""
     floor: float
-    """m, with any number of strikes on the chosen axes"""
+    """Error of c with any number of strikes on the chosen axes [m]."""
     sources: dict[str, float]
-    """m each, squares add up to the planned design's"""
+    """Error of c that each source causes [m]; the squares add up to the planned design's."""
     stop: bool
+    """True if more strikes do not pay."""
     text: str
+    """Advice in words."""
 
 
 def axis_forecasts(information: Information, design: Design) -> list[AxisForecast]:
-    """One per chosen axis, in the design's order."""
+    """Predicted precision of each chosen axis, in the design's order."""
     P = design.covariance
     result: list[AxisForecast] = []
     for i in design.chosen:
@@ -75,29 +84,47 @@ def axis_forecasts(information: Information, design: Design) -> list[AxisForecas
         shared = float(by @ P @ by) + information.errors.gravity**2 + information.errors.axis_k**2
         own = moment_row(each.axis.direction)
         i_com = float(np.sqrt(own @ P[INERTIA, INERTIA] @ own))
-        guess = SHAPE_SAYS * float(each.axis.direction @ information.belief.inertia @ each.axis.direction)
+        guess = SHAPE_MOMENT_SD * float(
+            each.axis.direction @ information.belief.inertia @ each.axis.direction
+        )
         determined = i_com < MOMENT_DETERMINED * guess
-        result.append(AxisForecast(each.axis.id, phi_sd, k_sd, swing.i_edge * float(np.sqrt(k_sd**2 + shared)), i_com, determined))
+        result.append(
+            AxisForecast(
+                each.axis.id, phi_sd, k_sd, swing.i_edge * float(np.sqrt(k_sd**2 + shared)), i_com, determined
+            )
+        )
     return result
 
 
 def inertia_forecast(information: Information, design: Design) -> tuple[Array, Array]:
-    """1 sigma (3, 3) [kg m^2] of the tensor about c, and which entries the strikes determine (3, 3), as bool."""
+    """1 sigma (3, 3) [kg m^2] of the inertia tensor about c in O, and mask (3, 3) of determined entries."""
     sd = np.sqrt(np.diag(design.covariance)[INERTIA])
     mean = information.belief.inertia
     matrix, determined = np.zeros((3, 3)), np.zeros((3, 3), dtype=bool)
     for (i, j), value in zip(ENTRIES, sd, strict=True):
-        guess = SHAPE_SAYS * float(np.sqrt(mean[i, i] * mean[j, j]))
+        guess = SHAPE_MOMENT_SD * float(np.sqrt(mean[i, i] * mean[j, j]))
         matrix[i, j] = matrix[j, i] = value
         determined[i, j] = determined[j, i] = value < MOMENT_DETERMINED * guess
     return matrix, determined
 
 
-def strikes_for(information: Information, target: float, least: int, most: int = MOST_STRIKES) -> tuple[int, Design] | None:
-    """Fewest strikes with a predicted error of c (root mean square distance) of at most `target` [m]; None: not even with `most`."""
+def strikes_for(
+    information: Information, target: float, least: int, most: int = MAX_STRIKES
+) -> tuple[int, Design] | None:
+    """Smallest number of strikes, and its design, with a predicted error of c of at most `target` [m].
+
+    Args:
+        information: Candidates, prior knowledge and errors.
+        target: Root mean square distance of c from the truth [m].
+        least: Smallest number of strikes.
+        most: Largest number of strikes.
+
+    Returns:
+        None if `most` strikes do not reach the target.
+    """
 
     def design_of(many: int) -> Design | None:
-        design = choose(information, many)
+        design = choose_design(information, many)
         return design if design is not None and design.com_rms <= target else None
 
     best = design_of(most)
@@ -114,51 +141,73 @@ def strikes_for(information: Information, target: float, least: int, most: int =
     return high, best
 
 
-def advice(information: Information, design: Design, made: int, exact_shape: bool = False, before: Information | None = None) -> Advice:
-    """Compare the design with fewer and more strikes, on other axes too where they serve.
+def advice(
+    information: Information,
+    design: Design,
+    made: int,
+    exact_shape: bool = False,
+    before: Information | None = None,
+) -> Advice:
+    """Compare a design with fewer and with more strikes, on other axes too where they are better.
 
     Args:
-        information: what is known, and what could be struck.
-        design: what is planned.
-        made: strikes that were made before; whether more pay is then judged from them, however many are planned.
-        exact_shape: it was given by its dimensions, no scan could be better.
-        before: what is known before the strikes that are planned, where `information` has what a turned one will tell in it already.
+        information: Candidates, prior knowledge and errors.
+        design: Planned design.
+        made: Number of strikes made before; if any, the gain of more is judged relative to them.
+        exact_shape: True if the shape is given by its dimensions, which no scan improves.
+        before: Knowledge before the planned strikes, if `information` already includes that of a turned
+            strike.
     """
     planned = int(sum(design.repeats))
     members = [information.candidates[i] for i in design.chosen]
     numbers = sorted({3, 6, planned, 2 * planned, 4 * planned} | ({1, made, 3 * made} if made else set()))
     curve: list[tuple[int, float]] = []
     for many in numbers:
-        other = design if many == planned else choose(information, many)
+        other = design if many == planned else choose_design(information, many)
         if other is not None:
             curve.append((many, other.com_rms))
-    floor = _rms(information, members, [ENDLESS] * len(members))
+    floor = _rms(information, members, [UNLIMITED_STRIKES] * len(members))
     sources = information.sources(members, design.repeats)
     have, rms = (made, error_so_far(before or information)) if made else (planned, design.com_rms)
-    more = [(many if made else many - planned, other) for many, other in curve if many > (0 if made else planned)]
-    paying = [(many, other) for many, other in more if other < rms * (1 - PAYS) ** max(1.0, np.log2((have + many) / have))]
+    more = [
+        (many if made else many - planned, other) for many, other in curve if many > (0 if made else planned)
+    ]
+    paying = [
+        (many, other)
+        for many, other in more
+        if other < rms * (1 - MIN_GAIN_PER_DOUBLING) ** max(1.0, np.log2((have + many) / have))
+    ]
     stop = not paying
     further, twice = min(paying) if paying else (planned, dict(curve).get(2 * planned, floor))
     worst = [name for name, _ in sorted(sources.items(), key=lambda pair: -pair[1]) if name in REMEDIES][:2]
     parts = ", ".join(
-        f"{name} {1000 * value:.2f} mm" for name, value in sorted(sources.items(), key=lambda pair: -pair[1])[:4] if value > 0
+        f"{name} {1000 * value:.2f} mm"
+        for name, value in sorted(sources.items(), key=lambda pair: -pair[1])[:4]
+        if value > 0
     )
-    head = f"c to {1000 * design.com_rms:.2f} mm with {planned} {'more ' if made else ''}{_strikes(planned)} ({parts})"
+    head = (
+        f"c to {1000 * design.com_rms:.2f} mm with {planned} {'more ' if made else ''}{_strikes(planned)} "
+        f"({parts})"
+    )
     if stop:
         text = (
-            f"{head}; {planned} more would only bring {1000 * twice:.2f} mm, any number on these axes {1000 * floor:.2f} mm: "
-            f"what strikes share dominates, more strikes no longer pay; instead: {_remedy(worst[0], exact_shape)}"
+            f"{head}; {planned} more would only bring {1000 * twice:.2f} mm, any number on these axes "
+            f"{1000 * floor:.2f} mm: "
+            "what strikes share dominates, more strikes no longer pay; instead: "
+            f"{_remedy(worst[0], exact_shape)}"
         )
     else:
         text = head if made else f"{head}; {further} more would bring {1000 * twice:.2f} mm"
     if made:
-        so_far = f"the {made} {_strikes(made)} so far {'gives' if made == 1 else 'give'} c to {1000 * rms:.2f} mm"
+        so_far = (
+            f"the {made} {_strikes(made)} so far {'gives' if made == 1 else 'give'} c to {1000 * rms:.2f} mm"
+        )
         text = f"{so_far}: stop striking. {text}" if stop else f"{so_far}; {text}"
     return Advice(tuple(curve), floor, sources, stop, text)
 
 
 def error_so_far(information: Information) -> float:
-    """Error of c [m] by what is known already."""
+    """Error of c [m] (root mean square distance) from the strikes made and the priors."""
     return float(np.sqrt(np.trace(information.covariance([], [])[COM, COM])))
 
 

@@ -1,7 +1,8 @@
-"""Where the centre of mass may be before any strike: the region Q (paper 3.1.1), faithful and ours."""
+"""Hypothesis region Q of the centre of mass, the paper's and ours (VISAPP 2013, eq. 1; method 1.1)."""
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -14,68 +15,75 @@ from analyze.geometry.even_samples import even_samples
 from analyze.geometry.object_model import ObjectModel
 from analyze.types import Array
 
-UNEVEN_FILLING = 0.2
-"""part of the half extent by which an unknown filling may shift c"""
+FILLING_ASYMMETRY = 0.2
+"""Fraction of the half extent by which an unknown filling may shift c."""
 SAMPLES_ACROSS = 36
-"""surface samples along the body's size"""
+"""Surface samples along the body's size."""
 NEEDLE = 0.5
-"""part of the samples' spacing below whose width a triangle is only cut along its length"""
+"""Width of a triangle, over the samples' spacing, below which it is cut along its length only."""
 TIE = 1e-3
-"""relative difference of two eigenvalues below which their directions are a free choice"""
+"""Relative difference of two eigenvalues below which their directions are arbitrary."""
 ROUND = 0.05
-"""the same where Q of ours is round across them, so that nothing hangs on the choice, nor on the noise that would make it"""
-MOST_DIRECTIONS = 500
+"""Relative difference of two eigenvalues below which our Q is round across them, independent of noise in the
+axes."""
+MAX_DIRECTIONS = 500
+"""Largest number of directions in which the body's asymmetry is measured."""
 SIGNS = 60_000
-"""of samples along directions, at a time: as many as the caches hold"""
+"""Number of signs computed at a time: as many as the caches hold."""
 
 
 @dataclass(frozen=True)
 class Region:
-    """Q in O, which is believed to hold c: a box; round (a cylinder, a ball) across axes that are in one group."""
+    """Region Q in O that is believed to hold c: a box, or round across axes of one group."""
 
     centre: Array
-    """(3,) m"""
+    """(3,) centre [m]."""
     axes: Array
-    """(3, 3) rows are unit vectors, longest spread first"""
+    """(3, 3) unit vectors as rows, largest spread first."""
     half: Array
-    """(3,) m, half edges along `axes`, radii where they are in one group"""
+    """(3,) half edges along `axes` [m]; radii across axes of one group."""
     groups: tuple[int, int, int] = (0, 1, 2)
-    """of each axis"""
+    """Group of each axis."""
 
     def reach(self, directions: Array) -> Array:
-        """How far Q extends from its centre along unit `directions` (k, 3), as (k,) [m]."""
+        """Extent (k,) of Q from its centre [m] along unit `directions` (k, 3) in O."""
         along = np.atleast_2d(directions) @ self.axes.T * self.half
         members = [[i for i in range(3) if self.groups[i] == group] for group in set(self.groups)]
         return np.sum([np.linalg.norm(along[:, each], axis=1) for each in members], axis=0)
 
     def covariance(self) -> Array:
-        """Covariance (3, 3) [m^2] of c, if Q's half edges are two standard deviations."""
+        """Covariance (3, 3) of c [m^2], in O: Q's half edges are two standard deviations."""
         return (self.axes.T * (self.half / 2) ** 2) @ self.axes
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """What the exterior says of the inside."""
+    """Centre of mass and inertia expected from the exterior alone."""
 
     region: Region
     unit_inertia: Array
-    """(3, 3) m^2 about the region's centre per kilogram, midway between a solid and a shell"""
+    """(3, 3) inertia about the region's centre per kilogram [m^2], midway between a solid and a shell."""
 
 
 def paper_hypothesis(points: Array) -> Region:
-    """Q by eq. (1), as printed: half edges |sum_{v.e<0} |v| - sum_{v.e>0} |v|| + 1 in millimetres, v from the points' mean.
+    """Region Q by the paper's eq. (1) as printed (VISAPP 2013, 3.1.1).
 
-    The sum is not normalised, so Q grows with the number of points; clipped to the points' extent. Where eigenvalues tie (a square base),
-    the paper leaves the axes open: here they are O's axes projected into the tied space, x before y before z.
+    Half edges are |sum_{v.e<0} |v| - sum_{v.e>0} |v|| + 1 in millimetres, v from the points' mean. The sum is
+    not normalised, so Q grows with the number of points; it is clipped to the points' extent. Where
+    eigenvalues tie (a square base), the paper leaves the axes open: here they are O's axes projected into the
+    tied space, x before y before z.
 
     Args:
-        points: (n, 3) m, the cloud P.
+        points: (n, 3) cloud P [m], in O.
     """
     return _paper_region(points, 1.0)
 
 
 def paper_hypothesis_of_means(points: Array) -> Region:
-    """The same with means over all points in place of the sums, which does not depend on how many there are."""
+    """Region Q by eq. (1) with means over the cloud's `points` (n, 3) [m, in O] in place of the sums.
+
+    It does not depend on the number of points.
+    """
     return _paper_region(points, 1.0 / len(points))
 
 
@@ -84,7 +92,7 @@ def _paper_region(points: Array, weight: float) -> Region:
     offset = points - centre
     axes = principal_axes(offset.T @ offset / len(points))
     along = offset @ axes.T
-    # A point in the middle plane belongs to neither sum, whatever the last bit says.
+    # A point in the middle plane belongs to neither sum, whatever its rounding error.
     along = np.where(np.abs(along) < 1e-12, 0.0, along)
     length = np.linalg.norm(offset, axis=1)
     delta = weight * np.abs([length[a < 0].sum() - length[a > 0].sum() for a in along.T]) + 0.001
@@ -92,9 +100,11 @@ def _paper_region(points: Array, weight: float) -> Region:
 
 
 def hypothesis(model: ObjectModel) -> Hypothesis:
-    """Q by area: centre midway between solid and shell; half edges by eq. (1) as means over the area, plus sampling step and filling.
+    """Region Q by area, and the inertia expected in it.
 
-    `UNEVEN_FILLING` of the half extent is added, because masses are hidden: symmetry of the outside says nothing of them. Clipped.
+    The centre lies midway between those of solid and shell; half edges are those of eq. (1) as means over the
+    area, plus the sampling step and `FILLING_ASYMMETRY` of the half extent, since a symmetric exterior may
+    hide an asymmetric filling; they are clipped to the half extent.
     """
     return model.once("hypothesis", _hypothesis)
 
@@ -116,29 +126,29 @@ def _hypothesis(model: ObjectModel) -> Hypothesis:
         directions = _directions(model, axes[members])
         asymmetry = np.abs(_differences(directions, arm, length * weight)).max()
         extent = np.ptp(model.hull_vertices @ directions.T, axis=0).min() / 2
-        half[members] = min(asymmetry + step + UNEVEN_FILLING * extent, extent)
+        half[members] = min(asymmetry + step + FILLING_ASYMMETRY * extent, extent)
     shell = np.trace(second) * np.eye(3) - second
     return Hypothesis(Region(centre, axes, half, groups), (shell + model.unit_inertia) / 2)
 
 
 def _groups(values: Array) -> tuple[int, int, int]:
-    """Group of each of three eigenvalues, largest first: neighbours that differ by less than `ROUND` of the larger are in one."""
+    """Group of each of three eigenvalues (3,), largest first; neighbours within `ROUND` share one."""
     first = int(values[0] - values[1] > ROUND * values[0])
     return 0, first, first + int(values[1] - values[2] > ROUND * values[1])
 
 
 def _directions(model: ObjectModel, axes: Array) -> Array:
-    """Unit vectors (k, 3) in the space of `axes` (d, 3) that turn with the body: the axis itself, or across the faces of its hull there."""
+    """Unit vectors (k, 3) spanned by `axes` (d, 3): the axis itself, or normals of the projected hull."""
     if len(axes) == 1:
         return axes
     hull = ConvexHull(model.hull_vertices @ axes.T)
     normals = np.unique(hull.equations[:, :-1].round(6), axis=0)
-    normals = normals[:: -(-len(normals) // MOST_DIRECTIONS)] @ axes
+    normals = normals[:: -(-len(normals) // MAX_DIRECTIONS)] @ axes
     return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _differences(directions: Array, arm: Array, value: Array) -> Array:
-    """Sum (k,) of `value` (n,) over the samples `arm` (n, 3) on the side of each of `directions` (k, 3), less that of the others."""
+    """Sums (k,) of `value` (n,) over samples `arm` (n, 3) ahead minus behind, along `directions` (k, 3)."""
     total = np.zeros(len(directions))
     step = max(1, SIGNS // len(directions))
     for start in range(0, len(arm), step):
@@ -148,7 +158,7 @@ def _differences(directions: Array, arm: Array, value: Array) -> Array:
 
 
 def principal_axes(second_moments: Array) -> Array:
-    """Eigenvectors (3, 3) as rows, largest first, signs and ties fixed: the same shape gives the same axes."""
+    """Eigenvectors (3, 3) as rows of `second_moments` (3, 3), largest first, with signs and ties fixed."""
     values, vectors = np.linalg.eigh(second_moments)
     values, vectors = values[::-1], vectors.T[::-1]
     rows: list[Array] = []
@@ -165,16 +175,19 @@ def principal_axes(second_moments: Array) -> Array:
 
 
 def body_size(model: ObjectModel) -> float:
-    """Twice the greatest distance of the surface from the centroid [m]: unlike the bounding box it does not change with the frame."""
+    """Size of the body [m], independent of the frame: twice the hull's largest distance from the centroid."""
     return 2 * float(np.linalg.norm(model.hull_vertices - model.centroid, axis=1).max())
 
 
 def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
-    """Points (n, 3) [m] on the surface and the area (n,) [m^2] of each; about `across` along the body's size."""
+    """Points (n, 3) [m, in O] on the surface and their areas (n,) [m^2], about `across` along the body."""
     spacing = body_size(model) / across
     triangles = model.vertices[model.faces]
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
-    area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1) / 2
+    area = (
+        np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+        / 2
+    )
     needle = (2 * area < NEEDLE * spacing * longest) & (longest > spacing)
     pieces = _bisected(triangles[needle], spacing)
     points = [pieces.mean(axis=1)]
@@ -190,7 +203,7 @@ def surface_samples(model: ObjectModel, across: int) -> tuple[Array, Array]:
 
 
 def _bisected(triangles: Array, longest: float) -> Array:
-    """Triangles (n, 3, 3) halved at their longest edge until none is longer than `longest` [m]: along a needle, not across it."""
+    """Triangles (m, 3, 3) from (n, 3, 3), halved at their longest edge until none exceeds `longest` [m]."""
     done: list[Array] = []
     while len(triangles):
         sides = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2)
@@ -204,12 +217,12 @@ def _bisected(triangles: Array, longest: float) -> Array:
 
 
 def even_cloud(model: ObjectModel, count: int) -> Array:
-    """`count` points (n, 3) [m] at equal steps of the surface's area; the same body gives the same points."""
+    """Points (count, 3) [m, in O] at equal steps of the surface's area, the same for the same body."""
     return even_samples(model.vertices, model.faces, count)[0]
 
 
 def _subtriangles(many: int) -> Array:
-    """Barycentric centroids (many^2, 3) of a triangle cut into equal ones."""
+    """Barycentric coordinates (many^2, 3) of the centroids of a triangle's equal subtriangles."""
     grid = np.argwhere(np.ones((many, many)))
     upright = grid[grid.sum(axis=1) < many] + 1 / 3
     hanging = grid[grid.sum(axis=1) < many - 1] + 2 / 3

@@ -1,4 +1,4 @@
-"""Where and how hard to strike for a tip about one axis, and whether the edge then holds (paper 3.1.3 and eq. 2, METHOD 1.4 and 1.5)."""
+"""Impact point, impulse and tip speed for a tip about one axis (VISAPP 2013, eq. 2; method 1.4, 1.5)."""
 
 from __future__ import annotations
 
@@ -11,31 +11,33 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.polyhedron import BoolArray
 from analyze.planning.pivots import PivotAxis, Swing
 from analyze.types import Array, IntArray
+from schemas.impact_law import inverse_impact_mass, tip_speed_for_impulse
 from schemas.rig_limits import tip_speeds
 
 NOMINAL = tip_speeds()
 GRAVITY = 9.81
-"""m/s^2: plans need no better"""
+"""Gravity [m/s^2], precise enough for plans."""
 TIP_RADIUS = 0.008
-"""m, of the striker's tip"""
+"""Radius of the striker's tip [m]."""
 BELOW_TOP = 0.010
-"""m"""
+"""Smallest distance of an impact point below the object's top [m]."""
 HEIGHT_STEP = 0.001
+"""Spacing of the heights tried [m]."""
 HAIR = 1.7e-8
-"""m"""
+"""Offset of the section plane [m], so that no corner lies exactly in it."""
 PLACING = 0.004
-"""m by which the height may be off and the tip still meets the same face"""
+"""Error of the height [m] at which the tip must still meet the same face."""
 SHIFT = 0.001
-"""m by which a slanting face may meet the tip earlier, beside its foremost point"""
+"""Distance [m] by which a slanting face may meet the tip's flank before its foremost point."""
 FACING = np.radians(20.0)
-"""angle of the surface's normal against the strike up to which the tip does not glance off"""
+"""Largest angle [rad] between surface normal and strike at which the tip does not glance off."""
 CARD = 10 / 8
-"""edge of a marker's card over that of its black square (one white cell around 8)"""
+"""Edge of a marker's card over that of its black square (one white cell around 8)."""
 
 
 @dataclass(frozen=True)
 class StrikerModel:
-    """The striker as felt at its tip. Speeds [m/s] and heights over the table [m] it can reach there."""
+    """The striker as it acts at its tip. Speeds [m/s] and heights over the table [m] it can reach there."""
 
     effective_mass_kg: float = 0.2
     restitution: float = 0.4
@@ -50,46 +52,58 @@ class StrikerModel:
         """In words, where the striker refuses a tip speed [m/s]; else empty."""
         if self.slowest_m_s <= speed <= self.fastest_m_s:
             return ""
-        return f"it needs a tip speed of {speed:.2f} m/s: the striker gives {self.slowest_m_s:.3g} to {self.fastest_m_s:.3g}"
+        return (
+            f"it needs a tip speed of {speed:.2f} m/s: the striker gives {self.slowest_m_s:.3g} to "
+            f"{self.fastest_m_s:.3g}"
+        )
 
     def too_high_or_low(self, height: float) -> str:
         """In words, where the tip cannot be set to a height [m]; else empty."""
         if self.lowest_m <= height <= self.highest_m:
             return ""
         lowest, highest = 1000 * self.lowest_m, 1000 * self.highest_m
-        return f"it is struck at {1000 * height:.0f} mm: the striker reaches {lowest:.0f} to {highest:.0f} mm over the table"
+        return (
+            f"it is struck at {1000 * height:.0f} mm: the striker reaches {lowest:.0f} to {highest:.0f} mm "
+            "over the table"
+        )
 
 
 @dataclass(frozen=True)
 class ImpactPoint:
-    """A place on the surface, and what it asks of the edge."""
+    """A place on the surface to strike, and the friction that it requires at the edge."""
 
     height: float
-    """m over the table"""
+    """Height over the table [m]."""
     point: Array
-    """(3,) m, in O"""
+    """(3,) place [m], in O."""
     friction: float
-    """|horizontal| / vertical impulse at the edge, c as expected"""
+    """Horizontal over vertical impulse at the edge, for the expected c."""
     worst_friction: float
-    """the same, c elsewhere in Q"""
+    """Largest such ratio for c elsewhere in Q."""
     glance: float
-    """rad, of the surface's normal against the strike"""
+    """Angle between the surface's normal and the strike [rad]."""
     on_card: bool
+    """True if the tip meets a marker's card."""
 
 
 def impact_points(
-    model: ObjectModel, axis: PivotAxis, swings: Sequence[Swing], cards: list[tuple[Array, float]], striker: StrikerModel | None = None
+    model: ObjectModel,
+    axis: PivotAxis,
+    swings: Sequence[Swing],
+    cards: list[tuple[Array, float]],
+    striker: StrikerModel | None = None,
 ) -> list[ImpactPoint]:
-    """Places that a tip sphere moving along +x at y = 0 meets with its foremost point, one per height step, in order of height.
+    """Places that a sphere moving along W's +x at y = 0 meets with its foremost point, by height.
 
-    Left out: where the sphere's flank would meet another part first, where an edge lies within `PLACING`, what the striker cannot reach.
+    There is one per height step. Left out are heights at which the sphere's flank meets another part first,
+    those with an edge within `PLACING`, and those out of the striker's reach.
 
     Args:
-        model: the body.
-        axis: where it turns.
-        swings: as expected, then for other places of c.
-        cards: centre (3,) in O and edge [m] of each marker's square.
-        striker: its reach; default: the nominal one's.
+        model: Shape of the object.
+        axis: Pivot axis.
+        swings: Expected swing, then swings for other places of c.
+        cards: Centre (3,) [m, in O] and edge [m] of each marker's square.
+        striker: Striker, for its reach; None for the nominal one.
     """
     striker = striker or StrikerModel()
     R, p = axis.R_world_object, axis.p_world_object
@@ -100,8 +114,10 @@ def impact_points(
     centres = np.array([centre for centre, _ in cards]).reshape(-1, 3)
     near_to = np.array([0.5 * CARD * edge + TIP_RADIUS for _, edge in cards])
     result: list[ImpactPoint] = []
-    tried = np.flatnonzero((heights >= striker.lowest_m) & (heights <= min(top - BELOW_TOP, striker.highest_m)))
-    free, worst_glances = _free(heights, distance, glance, tried)
+    tried = np.flatnonzero(
+        (heights >= striker.lowest_m) & (heights <= min(top - BELOW_TOP, striker.highest_m))
+    )
+    free, worst_glances = _clear_heights(heights, distance, glance, tried)
     for i, worst_glance in zip(tried[free], worst_glances[free].tolist(), strict=True):
         height = float(heights[i])
         point = R.T @ (np.array([start + distance[i], 0.0, height]) - p)
@@ -111,10 +127,16 @@ def impact_points(
     return result
 
 
-def _free(heights: Array, distance: Array, glance: Array, tried: IntArray) -> tuple[BoolArray, Array]:
-    """Of the steps `tried` (k,): whether the tip's foremost point meets a face there, and the steepest glance (k,) [rad] nearby.
+def _clear_heights(
+    heights: Array, distance: Array, glance: Array, tried: IntArray
+) -> tuple[BoolArray, Array]:
+    """Mask (k,) of steps at which the tip's foremost point meets a face, and largest glance (k,) [rad].
 
-    heights, distance and glance (n,): as `_profile` has them.
+    Args:
+        heights: (n,) heights of the steps [m].
+        distance: (n,) distance to the surface at each, from `_profile` [m].
+        glance: (n,) angle of its normal, from `_profile` [rad].
+        tried: (k,) indices of the steps tried.
     """
     offset = np.abs(heights - heights[tried, None])
     flank = TIP_RADIUS - np.sqrt(np.maximum(TIP_RADIUS**2 - offset**2, 0))
@@ -122,17 +144,26 @@ def _free(heights: Array, distance: Array, glance: Array, tried: IntArray) -> tu
     met_before = np.any((offset < TIP_RADIUS) & (distance + flank < distance[tried, None] - SHIFT), axis=1)
     worst = np.where(near_by, glance, 0.0).max(axis=1, initial=0.0)
     first, last = (np.where(near_by, distance, end) for end in (np.inf, -np.inf))
-    even = last.max(axis=1, initial=-np.inf) <= first.min(axis=1, initial=np.inf) + 2 * PLACING * np.tan(FACING)
+    even = last.max(axis=1, initial=-np.inf) <= first.min(axis=1, initial=np.inf) + 2 * PLACING * np.tan(
+        FACING
+    )
     return np.logical_not(met_before) & (worst <= FACING) & even, worst
 
 
 def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) -> tuple[Array, Array]:
-    """Along +x from `start` at y = 0: distance (n,) [m] to the surface at each height, and its normal's angle (n,) against the ray.
+    """Distance (n,) [m] to the surface along W's +x at y = 0, and angle (n,) [rad] of its normal to it.
 
-    inf and pi where nothing is met. The faces that the plane y = 0 cuts become segments (x, z), each ray meets the foremost.
+    Where nothing is met they are inf and pi. The faces that the plane y = 0 cuts become segments (x, z), of
+    which each ray meets the foremost.
+
+    Args:
+        model: Shape of the object.
+        axis: Pivot axis, for the rest pose.
+        heights: (n,) heights over the table [m].
+        start: x at which the rays start [m].
     """
     R, p = axis.R_world_object, axis.p_world_object
-    # Off by a hair, so that no corner lies exactly in the plane.
+    # Offset so that no corner lies exactly in the plane.
     height: Array = model.vertices @ R[1] + p[1] - HAIR
     a, b, c = (height[corner] > 0 for corner in model.faces.T)
     cut = model.faces[(a != b) | (a != c)]
@@ -141,7 +172,7 @@ def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) 
     distance, glance = np.full(len(heights), np.inf), np.full(len(heights), np.pi)
     if not len(corners):
         return distance, glance
-    # Two of a cut face's three edges are cut: those that run from its lone corner.
+    # Two of a cut face's three edges are cut: those from the corner that is alone on its side.
     above = y > 0
     lone = np.argmax(np.where(above.sum(axis=1, keepdims=True) == 1, above, np.logical_not(above)), axis=1)
     row = np.arange(len(corners))
@@ -165,27 +196,45 @@ def _profile(model: ObjectModel, axis: PivotAxis, heights: Array, start: float) 
 
 
 def best_impact(points: list[ImpactPoint], friction: float) -> ImpactPoint | None:
-    """The point that asks least friction of the edge wherever c is, off the cards if one there holds."""
+    """Impact point with the smallest required friction for any c in Q, off the cards if possible."""
     free = [point for point in points if not point.on_card and point.friction <= friction]
     return min(free or points, key=lambda point: point.worst_friction, default=None)
 
 
 def friction_at_impact(expected: Swing, height: float) -> float:
-    """|R*cos phi - I_edge/(m*h)| / (R*sin phi): the edge's impulse along the table over that upwards; 0 at the centre of percussion."""
+    """Required friction at the edge, |R cos phi - I_edge / (m h)| / (R sin phi) (method 1.4).
+
+    It is the edge's impulse along the table over that upwards, and 0 at the centre of percussion.
+
+    Args:
+        expected: Expected swing.
+        height: Impact height h over the table [m].
+    """
     horizontal = expected.distance * np.cos(expected.phi) - expected.i_edge / (expected.mass * height)
     return float(abs(horizontal) / max(expected.distance * np.sin(expected.phi), 1e-9))
 
 
 def release_rate(expected: Swing, energy_ratio: float) -> float:
-    """omega0 [rad/s]: 1/2*I_edge*omega0^2 = m*g*(h2 - h1)*E, with h2 - h1 = R*(1 - cos phi)."""
+    """Angular rate after the strike, omega0 [rad/s] (method 1.5).
+
+    I_edge omega0^2 / 2 = m g (h2 - h1) E, with h2 - h1 = R (1 - cos phi) and E the `energy_ratio`.
+    """
     return float(np.sqrt(2 * expected.k * (1 - np.cos(expected.phi)) * energy_ratio))
 
 
 def impulse_for(expected: Swing, height: float, energy_ratio: float) -> float:
-    """J [N s] = I_edge*omega0 / h."""
+    """Impulse of the strike, J = I_edge omega0 / h [N s], at height h `height` [m] and energy ratio E."""
     return expected.i_edge * release_rate(expected, energy_ratio) / height
 
 
 def tip_speed_for(striker: StrikerModel, expected: Swing, height: float, impulse: float) -> float:
-    """Tip speed v [m/s] from J = (1 + e)*v / (1/m_s + h^2/I_edge)."""
-    return impulse * (1 / striker.effective_mass_kg + height**2 / expected.i_edge) / (1 + striker.restitution)
+    """Tip speed v [m/s] of the striker for an impulse J [N s], from J = (1 + e) v / (1/m_s + h^2/I_edge).
+
+    Args:
+        striker: Effective mass m_s and restitution e.
+        expected: Expected swing, for I_edge.
+        height: Impact height h over the table [m].
+        impulse: Impulse J [N s].
+    """
+    inverse_mass = inverse_impact_mass(1 / striker.effective_mass_kg, height, expected.i_edge)
+    return tip_speed_for_impulse(impulse, striker.restitution, inverse_mass)

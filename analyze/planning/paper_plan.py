@@ -1,13 +1,16 @@
-"""The paper's own plan (3.1.1 to 3.1.3), faithful, to be compared with ours: rays along principal axes, first three by force.
+"""The paper's plan: rays along principal axes, first three by force (VISAPP 2013, 3.1.1 to 3.1.3).
 
-Where the paper leaves a choice open it is made here, always alike:
+Choices that the paper leaves open are made here:
 
 - The cloud P of a mesh is `CLOUD` points at equal steps of its area.
-- Q: eq. (1) as printed sums over all points and so grows with their number; where that leaves fewer than two planes, the same with means.
-- Equal eigenvalues (a square base): the object's own axes, x before y before z. A ray into a corner: the edge that comes first.
+- Q: eq. (1) as printed sums over all points and so grows with their number; where that leaves fewer than two
+  planes, the same with means.
+- Equal eigenvalues (a square base): the object's own axes, x before y before z. A ray into a corner: the edge
+  that comes first.
 - "Normals in the direction of n_ij": within 20 degrees, and if no point has one, the nearest there is.
 - Eq. (2): Delta theta is 5 degrees, and theta falls while the object tips.
-- Equal forces (both ends of a ray in a symmetric object): larger plane first, then longer axis, then + before -.
+- Equal forces (both ends of a ray in a symmetric object): larger plane first, then longer axis, then + before
+  -.
 """
 
 from __future__ import annotations
@@ -19,22 +22,28 @@ import numpy as np
 
 from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning.hypothesis import Region, even_cloud, paper_hypothesis, paper_hypothesis_of_means, principal_axes
+from analyze.planning.hypothesis import (
+    Region,
+    even_cloud,
+    paper_hypothesis,
+    paper_hypothesis_of_means,
+    principal_axes,
+)
 from analyze.planning.stable_planes import RestingPlane, paper_stable_planes, resting_planes
 from analyze.types import Array
 
 CLOUD = 8000
-"""points of the cloud P"""
+"""Number of points of the cloud P."""
 IN_PLANE = 1e-4
-"""m, distance from S_i up to which a point of the cloud belongs to it"""
+"""Distance [m] from S_i up to which a point of the cloud belongs to it."""
 ALIKE = np.cos(np.radians(20.0))
-"""a hull normal that lies within this angle of n_ij counts as 'in its direction'"""
+"""Cosine of the angle to n_ij up to which a hull normal counts as 'in its direction'."""
 CONTACT_ANGLE = np.radians(5.0)
-"""Delta theta of eq. (2), which the paper does not give"""
+"""Delta theta of eq. (2) [rad], which the paper does not give."""
 STRUCK = 3
-"""impact points that are carried out"""
+"""Number of impact points that the paper strikes."""
 SAME_FORCE = 6
-"""decimals of the force over the least, beyond which forces count as equal"""
+"""Decimals of the force, over the smallest one, beyond which forces count as equal."""
 
 
 @dataclass(frozen=True)
@@ -43,47 +52,47 @@ class PaperStrike:
 
     plane: RestingPlane
     rotation_point: Array
-    """(3,) p^r_ij [m]"""
+    """(3,) rotation point p^r_ij [m]."""
     tip: Array
-    """(3,) unit, out of the edge that holds p^r_ij"""
+    """(3,) unit vector out of the edge that holds p^r_ij."""
     impact_point: Array
-    """(3,) p^I_ij [m]"""
+    """(3,) impact point p^I_ij [m]."""
     force: float
-    """N, by eq. (2)"""
+    """Force by eq. (2) [N]."""
 
     @property
     def axis(self) -> Array:
-        """(3,) unit l_ij; +theta about it tips."""
+        """Unit rotation axis l_ij (3,) in O; +theta about it tips."""
         return np.cross(self.plane.up, self.tip)
 
     @property
     def energy(self) -> float:
-        """m*g*(h2 - h1) over m*g [m]: c is taken to be at the impact point."""
+        """Energy of the tip over m g, h2 - h1 [m], with c assumed at the impact point."""
         lever = self.impact_point - self.rotation_point
         return float(np.linalg.norm(lever)) - float(lever @ self.plane.up)
 
 
 @dataclass(frozen=True)
 class PaperPlan:
-    """All impact points in order of force, least first."""
+    """All impact points in order of force, smallest first."""
 
     strikes: tuple[PaperStrike, ...]
     as_printed: bool
-    """False: eq. (1) with means, because with sums no two planes are stable"""
+    """False if eq. (1) was used with means, because with sums no two planes are stable."""
 
     @property
     def struck(self) -> tuple[PaperStrike, ...]:
-        """What the paper carries out: often parallel axes or one vertex, which do not determine c."""
+        """Impact points that the paper strikes; often parallel axes or one vertex, which leave c open."""
         return self.strikes[:STRUCK]
 
 
 def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperPlan:
-    """The paper's impact points.
+    """The paper's impact points of an object.
 
     Args:
-        model: its surface, sampled evenly, is the cloud P.
-        mass: kg.
-        gravity: m/s^2.
+        model: Shape, whose uniformly sampled surface is the cloud P.
+        mass: Mass of the object [kg].
+        gravity: Gravity [m/s^2].
 
     Raises:
         PlanError: fewer than two stable planes that are not parallel, as for the paper's own salt cylinder.
@@ -95,14 +104,27 @@ def paper_plan(model: ObjectModel, mass: float, gravity: float = 9.81) -> PaperP
     as_printed = len(found[0]) >= 2
     stable = found[0] if as_printed else found[1]
     if len(stable) < 2:
-        raise PlanError(f"{model.name}: the paper's method needs two stable planes that are not parallel, it has {len(stable)}: use ours")
+        raise PlanError(
+            f"{model.name}: the paper's method needs two stable planes that are not parallel, it has "
+            f"{len(stable)}: use ours"
+        )
     strikes = [strike for plane in stable for strike in _strikes_on(model, plane, cloud, mass * gravity)]
     least = min((strike.force for strike in strikes), default=1.0)
-    return PaperPlan(tuple(sorted(strikes, key=lambda strike: round(strike.force / least, SAME_FORCE))), as_printed)
+    return PaperPlan(
+        tuple(sorted(strikes, key=lambda strike: round(strike.force / least, SAME_FORCE))), as_printed
+    )
 
 
 def rotation_points(plane: RestingPlane, support: Array) -> list[tuple[Array, Array]]:
-    """Where rays from the mean of `support` (n, 3) along its in-plane axes, both ways, leave the polygon; the tip direction (3,) there."""
+    """Rotation points p^r (3,) [m] and tip directions (3,) of a plane, in O.
+
+    Rays from the mean of the support points along their in-plane principal axes, both ways, leave the polygon
+    there.
+
+    Args:
+        plane: Resting plane.
+        support: (n, 3) support points of the plane [m], in O.
+    """
     centre = support.mean(axis=0)
     offset = support - centre
     flat = offset - np.outer(offset @ plane.up, plane.up)
@@ -119,15 +141,20 @@ def rotation_points(plane: RestingPlane, support: Array) -> list[tuple[Array, Ar
     return found
 
 
-def impact_force(rotation_point: Array, impact_point: Array, up: Array, inwards: Array, weight: float) -> float:
-    """F [N] of eq. (2), constant over the contact: F*r*|cos theta1 - cos(theta1 - Delta theta)| = m*g*(h2 - h1), c at the impact point.
+def impact_force(
+    rotation_point: Array, impact_point: Array, up: Array, inwards: Array, weight: float
+) -> float:
+    """Force F [N] of the paper's eq. (2), constant over the contact, with c assumed at the impact point.
+
+    F r |cos theta1 - cos(theta1 - Delta theta)| = m g (h2 - h1).
 
     Args:
-        rotation_point: (3,) m, in O.
-        impact_point: (3,) m, in O.
-        up: (3,) unit, in O.
-        inwards: (3,) unit n_ij, from the rotation point to the plane's centre; the force acts along its opposite.
-        weight: m*g [N].
+        rotation_point: (3,) p^r_ij [m], in O.
+        impact_point: (3,) p^I_ij [m], in O.
+        up: (3,) unit vector upwards at rest, in O.
+        inwards: (3,) unit n_ij from the rotation point to the plane's centre; the force acts along its
+            opposite.
+        weight: Weight m g [N].
     """
     lever = impact_point - rotation_point
     length = float(np.linalg.norm(lever))
@@ -137,7 +164,9 @@ def impact_force(rotation_point: Array, impact_point: Array, up: Array, inwards:
     return float(weight * rise / (length * max(float(turn), 1e-9)))
 
 
-def _strikes_on(model: ObjectModel, plane: RestingPlane, cloud: Array, weight: float) -> Sequence[PaperStrike]:
+def _strikes_on(
+    model: ObjectModel, plane: RestingPlane, cloud: Array, weight: float
+) -> Sequence[PaperStrike]:
     support = cloud[np.abs(cloud @ plane.up - plane.level) < IN_PLANE]
     if len(support) < 3:
         support = plane.polygon
@@ -160,7 +189,7 @@ def _strikes_on(model: ObjectModel, plane: RestingPlane, cloud: Array, weight: f
 
 
 def _hull_points(model: ObjectModel, cloud: Array) -> tuple[Array, Array]:
-    """Normals (n, 3) and points (n, 3): the cloud's points and the corners on the convex hull, each once per hull face it lies on."""
+    """Normals (n, 3) and points (n, 3) [m] of cloud and corners on the hull, once per hull face."""
     planes = np.unique(np.round(model.hull_planes, 6), axis=0)
     every = np.vstack([cloud, model.hull_vertices])
     heights = every @ planes[:, :3].T + planes[:, 3]

@@ -1,4 +1,4 @@
-"""The paper's plan as a StrikePlan: its axes, impact points and energy, with our prediction of what they tell and what goes wrong."""
+"""The paper's plan as a StrikePlan, with our prediction of its precision and of its faults."""
 
 from __future__ import annotations
 
@@ -19,16 +19,22 @@ from analyze.types import Array
 from schemas.strike_plan import Impact, Pivot, PlanMethod, PlannedStrike, Range, Rejection, StrikePlan
 
 EDGE_SD = 5e-5
-"""m, as of an edge in a shape that is taken as exact"""
+"""1 sigma of an edge's place [m], as for a shape that is taken as exact."""
 TABLE_GAP = 1e-3
-"""m, least height that a StrikePlan can hold"""
+"""Smallest impact height that a StrikePlan can hold [m]."""
 
 
 def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> StrikePlan:
-    """The paper's first three impact points, `strikes` shared out evenly among them.
+    """Plan with the paper's first three impact points, the strikes distributed equally among them.
 
-    The speed is what eq. (2)'s energy asks of the striker, E that energy over the one that the hypothesis asks. Where our checks find fault
-    (slip, lift, no tag in view, too fast or too high for the striker, a singular set) the plan says so and keeps the strike.
+    The tip speed follows from the energy of eq. (2); E is that energy over the one needed for the
+    hypothesis's c. Faults found by our checks (slip, lift, no tag in view, too fast or too high for the
+    striker, a singular set) are listed in the plan, and the strike is kept.
+
+    Args:
+        prepared: Prepared object and bench.
+        object_sha256: Identity of object file and shape, to which the plan is bound.
+        strikes: Number of strikes.
 
     Raises:
         PlanError: as `paper_plan`, or fewer strikes than impact points.
@@ -36,7 +42,9 @@ def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> S
     model, spec = prepared.model, prepared.spec
     found = paper_plan(model, spec.mass_kg, prepared.bench.gravity)
     if strikes < len(found.struck):
-        raise PlanError(f"{spec.name}: the paper strikes {len(found.struck)} points: ask for as many strikes or more")
+        raise PlanError(
+            f"{spec.name}: the paper strikes {len(found.struck)} points: ask for as many strikes or more"
+        )
     each, left = divmod(strikes, len(found.struck))
     planned: list[PlannedStrike] = []
     candidates: list[Candidate] = []
@@ -53,12 +61,16 @@ def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> S
     warnings = [*model.warnings]
     if not found.as_printed:
         warnings.append(
-            "eq. (1) as printed leaves no two stable planes (its sums grow with the number of points): taken with means instead"
+            "eq. (1) as printed leaves no two stable planes (its sums grow with the number of points): taken "
+            "with means instead"
         )
     covariance: Array | None = None
     if spread(normals) < SINGULAR:
         along = ", ".join(f"{value:.2f}" for value in unknown_direction(normals))
-        warnings.append(f"the paper's first three by force are singular: they leave the centre of mass unknown along ({along})")
+        warnings.append(
+            "the paper's first three by force are singular: they leave the centre of mass unknown along "
+            f"({along})"
+        )
     else:
         repeats = [sum(entry.axis_id == candidate.axis.id for entry in planned) for candidate in candidates]
         covariance = information.covariance(candidates, repeats)[COM, COM]
@@ -76,7 +88,10 @@ def paper_strike_plan(prepared: Prepared, object_sha256: str, strikes: int) -> S
 
 
 def paper_axis(prepared: Prepared, strike: PaperStrike, name: str) -> PivotAxis:
-    """Pivot through p^r_ij, on the centre line of the edge's rounding (square walls taken); named by its point beside the impact point."""
+    """Pivot axis through p^r_ij on the centre line of the edge's rounding, for vertical walls.
+
+    Its point lies beside the impact point.
+    """
     radius = prepared.spec.edge_radius_m
     point = strike.rotation_point + radius * (strike.plane.up - strike.tip)
     point = point + strike.axis * float(strike.axis @ (strike.impact_point - point))
@@ -93,8 +108,10 @@ def _strikes(
     impulse = impact.impulse_for(expected, height, energy)
     speed = impact.tip_speed_for(bench.striker, expected, height, impulse)
     sight = visible_markers(model, spec, axis, expected.phi, bench.camera)
-    case = feasibility.case(axis, expected, believed.region.centre, believed.unit_inertia, height, impulse, bench.friction)
-    outcome = feasibility.tips([case], bench.gravity)
+    case = feasibility.strike_case(
+        axis, expected, believed.region.centre, believed.unit_inertia, height, impulse, bench.friction
+    )
+    outcome = feasibility.simulate_tips([case], bench.gravity)
     needed = float(feasibility.least_friction([case], bench.gravity)[0])
     load, slides = float(outcome.least_load[0]), float(outcome.slip[0])
     rejected: list[Rejection] = []
@@ -103,7 +120,11 @@ def _strikes(
         rejected.append(Rejection(axis_id=axis.id, code=code, number=number, text=f"kept, though {text}"))
 
     if slides > feasibility.SLIP_LIMIT:
-        kept("slips", needed if np.isfinite(needed) else None, f"the edge would slide {min(1000 * slides, 999):.1f} mm")
+        kept(
+            "slips",
+            needed if np.isfinite(needed) else None,
+            f"the edge would slide {min(1000 * slides, 999):.1f} mm",
+        )
     if load <= 0:
         kept("lifts", load, "the edge would leave the table")
     if not sight.markers and any(marker.T_object_marker is not None for marker in spec.marker):
@@ -123,7 +144,9 @@ def _strikes(
         axis_id=axis.id,
         R_world_object=axis.R_world_object.tolist(),
         p_world_object=axis.p_world_object.tolist(),
-        pivot=Pivot(point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd),
+        pivot=Pivot(
+            point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd
+        ),
         impact=Impact(point=strike.impact_point.tolist(), direction=axis.tip.tolist()),
         impact_height_m=height,
         impulse_n_s=Range(min=float(impulse / np.sqrt(energy)), target=impulse, max=1.2 * impulse),

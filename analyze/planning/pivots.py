@@ -1,4 +1,4 @@
-"""Pivot axes: the edges of the support polygons, and tangents of round rims; where their rounding's centre line runs (paper 3.1.2)."""
+"""Pivot axes: edges of support polygons and tangents of round rims (method 1.3)."""
 
 from __future__ import annotations
 
@@ -17,67 +17,78 @@ from analyze.types import Array
 from schemas.object_spec import ObjectSpec
 
 BRIDGED_SD = 3e-4
-"""m, where the edge joins two corners and no face ends there"""
+"""1 sigma [m] of an edge that bridges two corners and at which no face ends."""
 RIM_TURN = np.radians(20.0)
-"""edges that turn by less than this, on and on, are a round rim"""
+"""Angle [rad] between successive edges below which they belong to a round rim."""
 RIM_EDGES = 5
+"""Smallest number of edges of a round rim."""
 STRIP = 0.03
-"""of the object's size, up to which a face is a facet of something round"""
+"""Width of a face, over the object's extent, up to which it is a facet of a round flank."""
 STEEPEST_WALL = np.radians(60.0)
-"""lean of the struck-off face against the vertical beyond which the rounding's inset is not believed"""
+"""Lean [rad] of the face that rises from an edge beyond which its rounding's inset is not used."""
 
 
 @dataclass(frozen=True)
 class PivotAxis:
-    """One way to tip: the resting plane, and the line about which the object turns. All in O."""
+    """Resting plane and pivot line about which the object tips, in O."""
 
     id: str
     plane: RestingPlane
     direction: Array
-    """(3,) unit l = W's +y; +theta about it tips"""
+    """(3,) unit pivot axis l, W's +y at rest; +theta about it tips."""
     tip: Array
-    """(3,) unit, W's +x: where the object tips to"""
+    """(3,) unit, W's +x at rest: direction of the tip."""
     point: Array
-    """(3,) m on the rounding's centre line, beside the hypothesis centre"""
+    """(3,) point on the rounding's centre line beside the centre of Q [m]."""
     radius: float
-    """m, of the rounding"""
+    """Radius of the rounding [m]."""
     sd: float
-    """m"""
+    """1 sigma of the line's place across itself [m]."""
     rolls: bool
+    """True for the tangent of a round rim, on which the contact can roll."""
     moulded: bool = False
-    """whether the rounding is the shape's own, along all of the edge; else the one that is stated for all edges"""
+    """True if the rounding is part of the shape along all of the edge; False if it is the one stated for all
+    edges."""
 
     @property
     def R_world_object(self) -> Array:  # noqa: N802 - the frames belong to the name
-        """(3, 3): rows are W's x, y, z in O."""
+        """Rotation (3, 3) from O to W at rest; its rows are W's x, y, z in O."""
         return np.stack([self.tip, self.direction, self.plane.up])
 
     @property
     def p_world_object(self) -> Array:
-        """(3,) m: puts the centre line at x = 0, z = radius, and `point` at y = 0."""
+        """Translation (3,) from O to W at rest [m]: centre line at x = 0, z = radius, `point` at y = 0."""
         return np.array([0.0, 0.0, self.radius]) - self.R_world_object @ self.point
 
 
 @dataclass(frozen=True)
 class Swing:
-    """What is expected of a tip about one axis if c is at one place."""
+    """Parameters of a tip about one axis, for a given c."""
 
     distance: float
-    """R [m], of c from the centre line"""
+    """Distance R of c from the centre line [m]."""
     phi: float
-    """rad"""
+    """Balance angle [rad]."""
     i_edge: float
-    """kg m^2, about the contact line at balance"""
+    """Moment of inertia about the contact line at balance [kg m^2]."""
     k: float
-    """rad/s^2"""
+    """k = m g R / I_edge [rad/s^2]."""
     mass: float
-    """kg"""
+    """Mass [kg]."""
 
 
-def pivot_axes(model: ObjectModel, spec: ObjectSpec, planes: Sequence[RestingPlane], believed: Hypothesis) -> list[PivotAxis]:
-    """Every edge of every support polygon; of a round rim the tangents at whose headings a marker faces along the axis.
+def pivot_axes(
+    model: ObjectModel, spec: ObjectSpec, planes: Sequence[RestingPlane], believed: Hypothesis
+) -> list[PivotAxis]:
+    """Pivot axes: every edge of the support polygons, and tangents of round rims with a marker.
 
-    Edges that c does not stand beside (it would yaw, not tip) are left out.
+    Edges that the expected c does not stand beside are left out: the object would yaw instead of tipping.
+
+    Args:
+        model: Shape of the object.
+        spec: Edge radius and markers.
+        planes: Resting planes.
+        believed: Region Q of c.
     """
     axes: list[PivotAxis] = []
     for plane in planes:
@@ -94,12 +105,31 @@ def pivot_axes(model: ObjectModel, spec: ObjectSpec, planes: Sequence[RestingPla
             for number, tip in enumerate(_rim_headings(plane, spec)):
                 contact = plane.polygon[int(np.argmax(plane.polygon @ tip))]
                 if rim[int(np.argmax(out @ tip))]:
-                    axes.append(_axis(f"{plane.id}t{number}", model, spec, plane, tip, (contact, contact), beside, rolls=True))
+                    axes.append(
+                        _axis(
+                            f"{plane.id}t{number}",
+                            model,
+                            spec,
+                            plane,
+                            tip,
+                            (contact, contact),
+                            beside,
+                            rolls=True,
+                        )
+                    )
     return axes
 
 
 def swing(axis: PivotAxis, com: Array, mass: float, unit_inertia: Array, gravity: float) -> Swing:
-    """R, phi, I_edge and k (METHOD, frames and symbols) for c at `com` (3,) [m]; unit_inertia (3, 3) [m^2] is about c, per kilogram."""
+    """Swing parameters R, phi, I_edge and k for a given c (method, frames and symbols).
+
+    Args:
+        axis: Pivot axis.
+        com: (3,) centre of mass [m], in O.
+        mass: Mass [kg].
+        unit_inertia: (3, 3) inertia about c per kilogram [m^2], in O.
+        gravity: Gravity [m/s^2].
+    """
     arm = com - axis.point
     up, forward = float(arm @ axis.plane.up), -float(arm @ axis.tip)
     distance = float(np.hypot(up, forward))
@@ -118,9 +148,11 @@ def _axis(
     beside: Array,
     rolls: bool = False,
 ) -> PivotAxis:
-    """Axis at an edge. The rounding of a sharp one (radius rho) touches both faces, so its centre lies rho inside either.
+    """Pivot axis at an edge, on the centre line of its rounding.
 
-    Where the shape has the rounding, as a moulded body's, it begins where the face ends: its centre is straight above.
+    The stated rounding of a sharp edge (radius rho) touches both faces: its centre lies rho inside either. A
+    rounding that is part of the shape, as of a moulded body, begins where the face ends: its centre is
+    straight above.
     """
     direction = np.cross(plane.up, tip)
     wall = _wall(model, plane, tip, edge)
@@ -138,8 +170,10 @@ def _axis(
     return PivotAxis(name, plane, direction, tip, point, radius, sd, rolls)
 
 
-def _moulded(model: ObjectModel, plane: RestingPlane, tip: Array, contact: Array, beside: Array) -> float | None:
-    """Radius [m] of a rounding that the shape itself has beyond `contact`; its centre line is straight above."""
+def _moulded(
+    model: ObjectModel, plane: RestingPlane, tip: Array, contact: Array, beside: Array
+) -> float | None:
+    """Radius [m] of a rounding of the shape beyond `contact` (3,) [m, in O]; None if there is none."""
     if float(np.ptp(plane.polygon @ tip)) < STRIP * float(model.extent.max()):
         return None
     arm = beside - contact
@@ -148,7 +182,7 @@ def _moulded(model: ObjectModel, plane: RestingPlane, tip: Array, contact: Array
 
 
 def _wall(model: ObjectModel, plane: RestingPlane, tip: Array, edge: tuple[Array, Array]) -> float | None:
-    """Angle [rad] by which the normal of the face that rises from the edge points upwards; None where no face ends at the edge."""
+    """Lean [rad] of the face that rises from the edge, upward angle of its normal; None if there is none."""
     tolerance = 3e-4 * float(model.extent.max())
     planes = model.hull_planes
     touches = np.all([np.abs(planes[:, :3] @ point + planes[:, 3]) < tolerance for point in edge], axis=0)
@@ -163,7 +197,7 @@ def _wall(model: ObjectModel, plane: RestingPlane, tip: Array, edge: tuple[Array
 
 
 def _rim(plane: RestingPlane) -> BoolArray:
-    """Which edges (k,) belong to a round rim, as bool: runs of short turns on both sides."""
+    """Mask (k,) of the edges of a round rim: runs of small turns on both sides."""
     out = plane.outward()
     turn = np.arccos(np.clip(np.einsum("ki,ki->k", out, np.roll(out, -1, axis=0)), -1, 1))
     gentle = turn < RIM_TURN
@@ -172,7 +206,7 @@ def _rim(plane: RestingPlane) -> BoolArray:
 
 
 def _rim_headings(plane: RestingPlane, spec: ObjectSpec) -> list[Array]:
-    """Tip directions (3,) for which a marker faces against the axis, towards the camera; without known markers every 45 degrees."""
+    """Tip directions (3,) in O with a marker facing the camera, or every 45 degrees without markers."""
     headings: list[Array] = []
     for marker in spec.marker:
         if marker.T_object_marker is not None:

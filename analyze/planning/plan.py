@@ -1,4 +1,4 @@
-"""From an object to a plan: axes are examined, the set that tells most is chosen, and what it will tell is predicted."""
+"""Plan of the strikes for an object: check axes, choose the most informative set, predict precision."""
 
 from __future__ import annotations
 
@@ -10,21 +10,19 @@ import numpy as np
 from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.station import turned_camera
-from analyze.planning import design, forecast, impact, view
+from analyze.planning import design, forecast, impact
 from analyze.planning.card import TURNED_CARD, placement_card
+from analyze.planning.earlier_results import EarlierResult, updated_hypothesis, with_strikes_made
 from analyze.planning.examine import Bench, Usable, examine
 from analyze.planning.fillings import Pieces, region_forecast
 from analyze.planning.footing import SHARES, STRIP, footing, unsure_note
-from analyze.planning.given import Given, believed_after, with_strikes
 from analyze.planning.hypothesis import Hypothesis, body_size, hypothesis
-from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Belief, Errors, Information
 from analyze.planning.pivots import PivotAxis, pivot_axes
-from analyze.planning.refusal import why_not
+from analyze.planning.refusal import refusal_message
 from analyze.planning.stable_planes import RestingPlane, resting_planes
-from analyze.planning.turned import TURNED, Turnable, best_known, turnable, with_tilt_told
-from analyze.planning.unscanned import on_scanned_edges, on_scanned_planes
-from analyze.types import CameraModel
+from analyze.planning.turned_strike import TURNED, Turnable, best_turnable, turnable, with_tilt_measured
+from analyze.planning.unscanned import scanned_edges, scanned_planes
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import (
     Impact,
@@ -42,24 +40,27 @@ from schemas.strike_plan import (
 )
 
 FRICTION = 0.4
-"""between object and table, if nobody says otherwise"""
+"""Friction coefficient between object and table, if none is given."""
 ENERGY_RANGE = (0.8, 1.6)
+"""Energy ratios E for the smallest and the largest phi, which give the range of tip speeds."""
 INERTIA_SD = 0.3
-"""relative 1 sigma of the moment about any direction before a strike: shell or solid, even or not"""
+"""Relative prior 1 sigma of the moment about any direction: shell or solid, uniform or not."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What the user asks for."""
+    """Number of strikes, target and options requested by the user."""
 
     strikes: int = 9
-    """how many (more); with a target: the most that may be made for it, if more than `forecast.MOST_STRIKES`"""
+    """Number of (further) strikes; with a target the largest number, if more than `forecast.MAX_STRIKES`."""
     target_com: float | None = None
-    """m, root mean square distance of c from the truth: the fewest strikes that reach it"""
+    """Target rms distance of c from the truth [m], to reach with as few strikes as possible; None if none is
+    set."""
     gravity: bool = False
-    """one strike more, of an edge with the object turned by 180 degrees, which tells the table's tilt"""
+    """True to add a strike of an edge with the object turned by 180 degrees, which measures the table's
+    tilt."""
     most_axes: int | None = None
-    """at most so many different axes, each a placement by hand; None: as many as pay"""
+    """Largest number of different axes, each a placement by hand; None for as many as pay."""
 
 
 @dataclass(frozen=True)
@@ -71,63 +72,38 @@ class Prepared:
     bench: Bench
     planes: tuple[RestingPlane, ...]
     stable: tuple[RestingPlane, ...]
-    """that are planned on"""
+    """Faces that are planned on."""
     believed: Hypothesis
     usable: tuple[Usable, ...]
     rejected: tuple[Rejection, ...]
     information: Information
     made: int
-    """strikes made before"""
+    """Number of strikes made before."""
 
     @property
     def unsure(self) -> frozenset[str]:
-        """Ids of the faces planned on that hold c where it is expected, not wherever it may be."""
+        """Ids of the faces planned on that hold the expected c, but not all of Q."""
         return frozenset(plane.id for plane in self.stable if plane.margin_of(self.believed.region) <= 0)
 
 
-def make_plan(
+def prepare(
     model: ObjectModel,
     spec: ObjectSpec,
-    object_sha256: str,
-    striker: StrikerModel,
-    camera: CameraModel | None = None,
-    strikes: int = 9,
-    friction: float = FRICTION,
-    *,
-    target_com: float | None = None,
+    bench: Bench,
     errors: Errors | None = None,
-    given: Given | None = None,
-    cells: Pieces | None = None,
-    gravity: bool = False,
-) -> StrikePlan:
-    """Plan the strikes for one object.
+    given: EarlierResult | None = None,
+) -> Prepared:
+    """Find and check the pivot axes of an object.
+
+    They belong to faces on which the object surely stands; if no set of these determines c, also to faces
+    that hold the expected c, the surer ones first.
 
     Args:
-        model: its exterior.
-        spec: mass, edge radius, markers.
-        object_sha256: identity of specification and shape; the plan is bound to it.
-        striker: what the striker can do.
-        camera: as calibrated; None: the nominal one.
-        strikes: how many; more ones where `given` has some.
-        friction: least friction coefficient between object and table to count on.
-        target_com: see `Request`.
-        errors: of the rig; the object's are taken from `spec`.
-        given: a result so far.
-        cells: the body as pieces; without them nothing is predicted of the region masses.
-        gravity: see `Request`.
-
-    Raises:
-        PlanError: fewer than 3 strikes are asked for, or no usable set of axes determines c; says what would help.
-    """
-    bench = Bench(striker, camera or view.default_camera(), friction)
-    prepared = prepare(model, spec, bench, errors, given)
-    return finish(prepared, object_sha256, Request(strikes, target_com, gravity), cells)
-
-
-def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors | None = None, given: Given | None = None) -> Prepared:
-    """Find and examine the axes.
-
-    Of faces on which the object surely stands; where no set of them determines c, also of those that hold the expected c, surer ones first.
+        model: Shape of the object.
+        spec: Mass, edge radius, markers.
+        bench: Striker, camera and table.
+        errors: Errors of the rig; those of the object are taken from `spec`.
+        given: Earlier result of the object.
 
     Raises:
         PlanError: a strike in `given` is on an axis that the object does not have.
@@ -135,13 +111,18 @@ def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors |
     believed = hypothesis(model)
     planes = resting_planes(model)
     if given is not None:
-        believed = believed_after(believed, given)
+        believed = updated_hypothesis(believed, given)
     inertia = spec.mass_kg * believed.unit_inertia
     belief = Belief(body_size(model) / 4, inertia, INERTIA_SD * float(np.trace(inertia)) / 3)
     if given is not None:
         every = pivot_axes(model, spec, planes, believed)
-        belief = with_strikes(belief, given, every, believed, spec.mass_kg, bench.gravity)
-    shared = replace(errors or Errors(), scale=spec.shape.scale_sd, edge_radius=spec.edge_radius_sd_m, mass=spec.mass_sd_kg / spec.mass_kg)
+        belief = with_strikes_made(belief, given, every, believed, spec.mass_kg, bench.gravity)
+    shared = replace(
+        errors or Errors(),
+        scale=spec.shape.scale_sd,
+        edge_radius=spec.edge_radius_sd_m,
+        mass=spec.mass_sd_kg / spec.mass_kg,
+    )
     information = Information((), belief, shared)
     standing: tuple[RestingPlane, ...] = ()
     stable: list[RestingPlane] = []
@@ -150,14 +131,14 @@ def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors |
     for share in SHARES:
         known = {plane.id for plane in standing}
         standing = footing(model, planes, believed.region, share)
-        scanned, bare = on_scanned_planes(model, [plane for plane in standing if plane.id not in known])
-        axes, cut = on_scanned_edges(model, pivot_axes(model, spec, scanned, believed))
+        scanned, bare = scanned_planes(model, [plane for plane in standing if plane.id not in known])
+        axes, cut = scanned_edges(model, pivot_axes(model, spec, scanned, believed))
         passed, failed = examine(model, spec, axes, believed, bench)
         stable += scanned
         usable += passed
         left_out += [*bare, *cut, *failed]
         information = replace(information, candidates=tuple(each.candidate for each in usable))
-        if design.determines(information):
+        if design.can_determine_com(information):
             break
     return Prepared(
         model,
@@ -173,25 +154,42 @@ def prepare(model: ObjectModel, spec: ObjectSpec, bench: Bench, errors: Errors |
     )
 
 
-def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Pieces | None = None) -> StrikePlan:
-    """Choose the set and write it down.
+def finish(
+    prepared: Prepared, object_sha256: str, request: Request, cells: Pieces | None = None
+) -> StrikePlan:
+    """Choose the most informative set of strikes and assemble the plan.
+
+    Args:
+        prepared: Checked axes and what is known of the object.
+        object_sha256: Identity of object file and shape, to which the plan is bound.
+        request: Number of strikes, target and options.
+        cells: Pieces of the body; without them no region masses are predicted.
 
     Raises:
-        PlanError: as `make_plan`.
+        PlanError: fewer than 3 strikes are requested, or no usable set of axes determines c; the message has
+            the remedy.
     """
     spec, so_far = prepared.spec, prepared.information
     turnables: list[Turnable] = []
     if request.gravity:
-        turnables = turnable(prepared.usable, prepared.model, spec, prepared.bench.camera, prepared.information.errors)
-        prepared = replace(prepared, information=with_tilt_told(prepared.information, turnables[0]))
+        turnables = turnable(
+            prepared.usable, prepared.model, spec, prepared.bench.camera, prepared.information.errors
+        )
+        prepared = replace(prepared, information=with_tilt_measured(prepared.information, turnables[0]))
     information = prepared.information
-    if request.strikes < design.LEAST and not prepared.made:
-        raise PlanError(f"{spec.name}: {request.strikes} strikes cannot determine a centre of mass: ask for {design.LEAST} or more")
+    if request.strikes < design.MIN_STRIKES and not prepared.made:
+        raise PlanError(
+            f"{spec.name}: {request.strikes} strikes cannot determine a centre of mass: ask for "
+            f"{design.MIN_STRIKES} or more"
+        )
     chosen, missed = _chosen(prepared, request, so_far)
     members = [information.candidates[i] for i in chosen.chosen]
     usable = [prepared.usable[i] for i in chosen.chosen]
     predicted = {each.axis_id: each for each in forecast.axis_forecasts(information, chosen)}
-    order = sorted(zip(usable, chosen.repeats, strict=True), key=lambda pair: _placing_order(pair[0].candidate.axis, prepared))
+    order = sorted(
+        zip(usable, chosen.repeats, strict=True),
+        key=lambda pair: _placing_order(pair[0].candidate.axis, prepared),
+    )
     planned: list[PlannedStrike] = []
     for each, repeats in order:
         first = prepared.made + len(planned) + 1
@@ -199,21 +197,28 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
         planned += [_strike(f"s{first + i}", each, prepared, axis) for i in range(repeats)]
     if turnables:
         planned += _turned_strikes(turnables, prepared, chosen, len(planned))
-    told = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None, so_far)
+    advice = forecast.advice(information, chosen, prepared.made, prepared.model.primitive is not None, so_far)
     reached = ""
-    if prepared.made and request.target_com is not None and forecast.error_so_far(so_far) <= request.target_com:
+    if (
+        prepared.made
+        and request.target_com is not None
+        and forecast.error_so_far(so_far) <= request.target_com
+    ):
         reached = f"{1000 * request.target_com:g} mm is reached already: stop. "
     inertia_sd, determined = forecast.inertia_forecast(information, chosen)
     regions: list[PredictedRegion] = []
     if cells is not None:
         struck = [*members, *information.belief.struck]
-        known = region_forecast(cells, spec.mass_kg, chosen.covariance, [each.axis.direction for each in struck])
+        known = region_forecast(
+            cells, spec.mass_kg, chosen.covariance, [each.axis.direction for each in struck]
+        )
         regions = [
             PredictedRegion(name=name, mass_sd_kg=float(sd), determined=sure)
             for name, sd, sure in zip(known.names, known.sd, known.determined, strict=True)
         ]
     moments = [
-        PredictedMoment(axis_id=each.axis_id, i_com_sd_kg_m2=each.i_com, determined=each.i_com_determined) for each in predicted.values()
+        PredictedMoment(axis_id=each.axis_id, i_com_sd_kg_m2=each.i_com, determined=each.i_com_determined)
+        for each in predicted.values()
     ]
     prediction = Prediction(
         com_sd_m=np.sqrt(np.diag(chosen.com_covariance)).tolist(),
@@ -224,11 +229,11 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
         inertia_sd_kg_m2=inertia_sd.tolist(),
         inertia_determined=determined.tolist(),
         regions=regions,
-        error_sources_m=told.sources,
-        curve=[PredictionStep(strikes=many, com_rms_m=rms) for many, rms in told.curve],
-        floor_m=told.floor,
-        stop=told.stop or bool(reached),
-        advice=missed or reached + told.text,
+        error_sources_m=advice.sources,
+        curve=[PredictionStep(strikes=many, com_rms_m=rms) for many, rms in advice.curve],
+        floor_m=advice.floor,
+        stop=advice.stop or bool(reached),
+        advice=missed or reached + advice.text,
     )
     return StrikePlan(
         object_name=spec.name,
@@ -244,7 +249,7 @@ def finish(prepared: Prepared, object_sha256: str, request: Request, cells: Piec
 
 
 def plan_hypothesis(prepared: Prepared) -> PlanHypothesis:
-    """What the speeds were reckoned from."""
+    """Centre of mass, gravity and striker that the plan's speeds are computed from."""
     region, striker = prepared.believed.region, prepared.bench.striker
     return PlanHypothesis(
         com_m=region.centre.tolist(),
@@ -261,30 +266,37 @@ def plan_hypothesis(prepared: Prepared) -> PlanHypothesis:
 
 
 def _chosen(prepared: Prepared, request: Request, so_far: Information) -> tuple[design.Design, str]:
-    """The design, and how near it comes where it misses the target."""
+    """Design for a request, and a message if it misses the target, else an empty one."""
     information, model = prepared.information, prepared.model
-    least = 1 if prepared.made else design.LEAST
-    most = max(forecast.MOST_STRIKES, request.strikes)
+    least = 1 if prepared.made else design.MIN_STRIKES
+    most = max(forecast.MAX_STRIKES, request.strikes)
     if request.target_com is not None:
         found = forecast.strikes_for(information, request.target_com, least, most)
         if found is not None:
             return found[1], ""
-    plain = design.choose(information, request.strikes, request.most_axes)
+    plain = design.choose_design(information, request.strikes, request.most_axes)
     if plain is None:
-        raise PlanError(why_not(model, prepared.planes, prepared.stable, information.candidates, prepared.rejected))
+        raise PlanError(
+            refusal_message(
+                model, prepared.planes, prepared.stable, information.candidates, prepared.rejected
+            )
+        )
     if request.target_com is None or plain.com_rms <= request.target_com:
         return plain, ""
-    best = design.choose(information, most) or plain
-    told = forecast.advice(information, plain, prepared.made, model.primitive is not None, so_far)
+    best = design.choose_design(information, most) or plain
+    advice = forecast.advice(information, plain, prepared.made, model.primitive is not None, so_far)
     text = (
-        f"{1000 * request.target_com:g} mm is out of reach: {most} strikes come to {1000 * best.com_rms:.3g} mm; "
-        f"these {sum(plain.repeats)}: {told.text}"
+        f"{1000 * request.target_com:g} mm is out of reach: {most} strikes come to {1000 * best.com_rms:.3g} "
+        "mm; "
+        f"these {sum(plain.repeats)}: {advice.text}"
     )
     return plain, text
 
 
-def _unstable(planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], believed: Hypothesis) -> list[Rejection]:
-    """One entry per face that the object may fall over on; the many strips of a round flank are one entry."""
+def _unstable(
+    planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], believed: Hypothesis
+) -> list[Rejection]:
+    """Rejection of each face on which the object may fall over; all strips of a round flank share one."""
     names = {plane.id for plane in stable}
     left = [plane for plane in planes if plane.id not in names]
     strips = [plane for plane in left if plane.area < STRIP * sum(each.area for each in planes)]
@@ -296,20 +308,28 @@ def _unstable(planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], be
     ]
     if strips:
         text = "narrow faces of a round or bevelled flank: the object rolls on them; number = how many"
-        rejected.append(Rejection(axis_id=f"{strips[0].id}..{strips[-1].id}", code="flank", number=float(len(strips)), text=text))
+        rejected.append(
+            Rejection(
+                axis_id=f"{strips[0].id}..{strips[-1].id}", code="flank", number=float(len(strips)), text=text
+            )
+        )
     return rejected
 
 
-def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.AxisForecast, heading: float = 0.0) -> PlannedStrike:
+def _strike(
+    name: str, each: Usable, prepared: Prepared, predicted: forecast.AxisForecast, heading: float = 0.0
+) -> PlannedStrike:
     axis, expected, striker = each.candidate.axis, each.candidate.expected, prepared.bench.striker
     stands = axis.plane.id not in prepared.unsure
-    # c may lie elsewhere in Q: from the least energy at the smallest phi to the most at the largest.
+    # c may lie elsewhere in Q: from the smallest energy at the smallest phi to the largest at the largest.
     cases = [
         (max(expected.phi - each.phi_sd, expected.phi / 2), ENERGY_RANGE[0]),
         (expected.phi, each.energy),
         (expected.phi + each.phi_sd, ENERGY_RANGE[1]),
     ]
-    impulses = [impact.impulse_for(replace(expected, phi=phi), each.impact.height, energy) for phi, energy in cases]
+    impulses = [
+        impact.impulse_for(replace(expected, phi=phi), each.impact.height, energy) for phi, energy in cases
+    ]
     speeds = [impact.tip_speed_for(striker, expected, each.impact.height, impulse) for impulse in impulses]
     slowest, target, fastest = np.clip(speeds, striker.slowest_m_s, striker.fastest_m_s)
     return PlannedStrike(
@@ -319,7 +339,9 @@ def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.Axi
         R_world_object=axis.R_world_object.tolist(),
         p_world_object=axis.p_world_object.tolist(),
         heading_rad=heading,
-        pivot=Pivot(point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd),
+        pivot=Pivot(
+            point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd
+        ),
         impact=Impact(point=each.impact.point.tolist(), direction=axis.tip.tolist()),
         impact_height_m=each.impact.height,
         impulse_n_s=Range(min=impulses[0], target=impulses[1], max=impulses[2]),
@@ -336,16 +358,31 @@ def _strike(name: str, each: Usable, prepared: Prepared, predicted: forecast.Axi
         rolls=axis.rolls,
         stands_surely=stands,
         card=(TURNED_CARD if heading else "")
-        + placement_card(prepared.model, prepared.spec, axis, each.impact.height, each.markers, stands, turned=heading != 0.0),
+        + placement_card(
+            prepared.model,
+            prepared.spec,
+            axis,
+            each.impact.height,
+            each.markers,
+            stands,
+            turned=heading != 0.0,
+        ),
     )
 
 
-def _turned_strikes(turnables: Sequence[Turnable], prepared: Prepared, chosen: design.Design, planned: int) -> list[PlannedStrike]:
-    """The turned strike, last: the striker's stand is moved for it; before it the same edge as usual where it is not struck anyway."""
+def _turned_strikes(
+    turnables: Sequence[Turnable], prepared: Prepared, chosen: design.Design, planned: int
+) -> list[PlannedStrike]:
+    """Turned strike, last since the stand is moved for it, after its usual counterpart if not planned."""
     struck = {each.axis.id for each in prepared.information.belief.struck}
-    done = {*chosen.chosen, *(i for i, each in enumerate(prepared.usable) if each.candidate.axis.id in struck)}
-    best = best_known(turnables, done)
-    (predicted,) = forecast.axis_forecasts(prepared.information, design.Design((best.index,), (1,), chosen.covariance))
+    done = {
+        *chosen.chosen,
+        *(i for i, each in enumerate(prepared.usable) if each.candidate.axis.id in struck),
+    }
+    best = best_turnable(turnables, done)
+    (predicted,) = forecast.axis_forecasts(
+        prepared.information, design.Design((best.index,), (1,), chosen.covariance)
+    )
     first = prepared.made + planned + 1
     strikes: list[PlannedStrike] = []
     if best.index not in done:
@@ -355,21 +392,31 @@ def _turned_strikes(turnables: Sequence[Turnable], prepared: Prepared, chosen: d
 
 
 def _placing_order(axis: PivotAxis, prepared: Prepared) -> tuple[float, str, int, str]:
-    """Where it surely stands first, then the surer faces: what is learned there says whether it stands on the others."""
-    firm = min(axis.plane.firmness(prepared.believed.region), 1.0) if axis.plane.id in prepared.unsure else 1.0
+    """Sort key: sure faces first, since their strikes show whether the object stands on the others."""
+    firm = (
+        min(axis.plane.firmness(prepared.believed.region), 1.0) if axis.plane.id in prepared.unsure else 1.0
+    )
     return -round(firm, 6), axis.plane.id, len(axis.id), axis.id
 
 
 def _warnings(prepared: Prepared, used: Sequence[Usable]) -> list[str]:
-    warnings = [unsure_note([each.candidate.axis.plane for each in used], prepared.unsure, prepared.believed.region)]
+    warnings = [
+        unsure_note([each.candidate.axis.plane for each in used], prepared.unsure, prepared.believed.region)
+    ]
     warnings = [text for text in warnings if text]
     if any(each.candidate.axis.rolls for each in used):
-        warnings.append("round rims are used: the contact can roll; strike square to the rim, repeats show whether it did")
+        warnings.append(
+            "round rims are used: the contact can roll; strike square to the rim, repeats show whether it did"
+        )
     if any(each.impact.on_card for each in used):
-        warnings.append("some strikes meet a marker's card: a card of 1 mm or less is felt little, move it if it comes off")
+        warnings.append(
+            "some strikes meet a marker's card: a card of 1 mm or less matters little, move it if it comes "
+            "off"
+        )
     if any(marker.T_object_marker is None for marker in prepared.spec.marker):
         warnings.append(
-            "markers without T_object_marker are not planned with: give their places, or check by eye that one faces the camera "
+            "markers without T_object_marker are not planned with: give their places, or check by eye that "
+            "one faces the camera "
             "(`analyze register` finds them in a recording of strikes)"
         )
     return warnings

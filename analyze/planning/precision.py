@@ -1,4 +1,4 @@
-"""How well one strike will tell phi and k: the information of a tip seen at the camera's rate (Fisher 1922; METHOD section 3)."""
+"""Predicted covariance of phi and k from one strike, by Fisher information (method 3)."""
 
 from __future__ import annotations
 
@@ -12,26 +12,29 @@ from analyze.planning.pivots import Swing
 from analyze.types import Array
 
 FRAME_RATE = 120.0
-"""Hz, of the nominal camera"""
+"""Frame rate of the nominal camera [Hz]."""
 FINE_RATE = 120.0
-"""Hz, steps of the motion: slower frames are picked from among them"""
+"""Smallest rate of integration steps [Hz]; slower frames are picked from among them."""
 DENSE_RATE = 240.0
-"""Hz, beyond which twice the frames tell just twice as much"""
-UNKNOWN = 1.0
-"""1 sigma (rad, or relative) of each unknown before the strike: only where the frames are too few to tell them does it matter"""
+"""Frame rate [Hz] above which the information is proportional to the number of frames."""
+PRIOR_SD = 1.0
+"""Prior 1 sigma ([rad], or relative) of each unknown; it matters only where the frames are too few."""
 FRAME_SD = np.radians(0.03)
-"""rad per frame, of a tag `FRAME_PX` wide that is seen along the pivot axis; a plain square-marker pose has 0.07 degrees"""
+"""1 sigma [rad] of the tip angle per frame for a tag of `FRAME_PX` seen along the pivot axis.
+
+The pose of a plain square marker has 0.07 degrees."""
 FRAME_PX = 80.0
+"""Edge of that tag in the image [px]."""
 BEST_FRAME_SD = np.radians(0.01)
-"""however large the tag: blur, lens"""
+"""Smallest 1 sigma [rad] of the tip angle per frame, however large the tag: blur, lens."""
 PAST_BALANCE = np.radians(25.0)
-"""where the window of the fit ends: friction gives out"""
-LONGEST = 1.5
-"""s"""
+"""Angle [rad] past phi at which the window of the fit ends, where friction gives out."""
+MAX_DURATION = 1.5
+"""Longest motion [s]."""
 STEP = 1e-4
-"""of the difference quotients, relative or rad"""
-SLOWEST_OVER = 1.01
-"""energy ratio below which the motion is taken as one that just comes over: nearer the top it lasts for ever"""
+"""Step of the difference quotients, relative or [rad]."""
+MIN_ENERGY_RATIO = 1.01
+"""Smallest energy ratio simulated; nearer to 1 the motion past balance lasts arbitrarily long."""
 
 
 def frame_sd(tag_px: float) -> float:
@@ -41,49 +44,68 @@ def frame_sd(tag_px: float) -> float:
 
 @dataclass(frozen=True)
 class SeenSwing:
-    """A strike as the camera sees it."""
+    """Expected swing of a strike, with the noise of its tip angle in the camera."""
 
     expected: Swing
-    """phi and k count"""
+    """Expected swing, of which phi and k are used."""
     energy: float
-    """E at release"""
+    """Energy ratio E at release."""
     angle_sd: float
-    """rad per frame"""
+    """1 sigma of the tip angle per frame [rad]."""
 
 
 def strike_covariances(strikes: Sequence[SeenSwing], frame_rate: float = FRAME_RATE) -> list[Array]:
-    """Covariance (2, 2) of phi [rad] and ln k from each strike; theta and theta' at release are unknown too.
+    """Covariance (2, 2) of phi [rad] and ln k from each strike (Fisher 1922).
+
+    theta and theta' at release are unknown too.
 
     Args:
-        strikes: n, integrated together.
-        frame_rate: Hz.
+        strikes: Strikes, integrated together.
+        frame_rate: Frame rate of the camera [Hz].
     """
     if not strikes:
         return []
     taken = min(frame_rate, DENSE_RATE)
     between = max(1, int(np.ceil(FINE_RATE / taken)))
-    time = np.arange(0.0, LONGEST, 1 / (taken * between))
-    # The motion itself, then with phi, ln k, theta_0 and ln omega_0 a little larger and smaller.
+    time = np.arange(0.0, MAX_DURATION, 1 / (taken * between))
+    # The motion itself, then with phi, ln k, theta_0 and ln omega_0 increased and decreased.
     steps = np.vstack([np.zeros(4), STEP * np.eye(4), -STEP * np.eye(4)])
     starts: list[Array] = []
     for each in strikes:
-        rate = release_rate(each.expected, max(each.energy, SLOWEST_OVER))
+        rate = release_rate(each.expected, max(each.energy, MIN_ENERGY_RATIO))
         swing = each.expected
-        starts.append(np.stack([swing.phi + steps[:, 0], swing.k * np.exp(steps[:, 1]), steps[:, 2], rate * np.exp(steps[:, 3])]))
+        starts.append(
+            np.stack(
+                [
+                    swing.phi + steps[:, 0],
+                    swing.k * np.exp(steps[:, 1]),
+                    steps[:, 2],
+                    rate * np.exp(steps[:, 3]),
+                ]
+            )
+        )
     paths = _motion(time, *np.hstack(starts))[::between].reshape(-1, len(strikes), len(steps))
-    return [_told(paths[:, i], each, frame_rate / taken) for i, each in enumerate(strikes)]
+    return [_covariance(paths[:, i], each, frame_rate / taken) for i, each in enumerate(strikes)]
 
 
-def _told(theta: Array, strike: SeenSwing, frames_per_row: float) -> Array:
-    """Covariance (2, 2) from the motion (times, 9): itself, and with each unknown a little larger and smaller."""
+def _covariance(theta: Array, strike: SeenSwing, frames_per_row: float) -> Array:
+    """Covariance (2, 2) of phi and ln k from `theta` (times, 9), with unknowns increased and decreased."""
     seen = np.cumsum(theta[:, 0] > strike.expected.phi + PAST_BALANCE) == 0
     rows = (theta[seen, 1:5] - theta[seen, 5:]) / (2 * STEP)
-    known = rows.T @ rows / strike.angle_sd**2 * frames_per_row + np.eye(4) / UNKNOWN**2
+    known = rows.T @ rows / strike.angle_sd**2 * frames_per_row + np.eye(4) / PRIOR_SD**2
     return np.asarray(np.linalg.inv(known)[:2, :2], dtype=np.float64)
 
 
 def _motion(time: Array, phi: Array, k: Array, theta: Array, omega: Array) -> Array:
-    """Theta (times, n) of theta'' = -k*sin(phi - theta) at even `time` steps, by Runge and Kutta's fourth order; the rest (n,) each."""
+    """Tip angles (times, n) [rad] of theta'' = -k*sin(phi - theta), by fourth-order Runge-Kutta.
+
+    Args:
+        time: (times,) times [s].
+        phi: (n,) balance angles [rad].
+        k: (n,) k [rad/s^2].
+        theta: (n,) initial angles [rad].
+        omega: (n,) initial rates [rad/s].
+    """
 
     def rates(a: Array, b: Array) -> tuple[Array, Array]:
         return b, -k * np.sin(phi - a)

@@ -1,4 +1,4 @@
-"""Why no plan can be made, in one line, and what would help: a stand, a stick-on foot, a rougher mat, more tags."""
+"""One-line message why no plan can be made, with a remedy: stand, stick-on foot, mat, tags."""
 
 from __future__ import annotations
 
@@ -10,27 +10,31 @@ import numpy as np
 from analyze.geometry.object_model import ObjectModel
 from analyze.planning import unscanned
 from analyze.planning.information import Candidate, unknown_direction
-from analyze.planning.rejections import counted
+from analyze.planning.rejections import rejection_summary
 from analyze.planning.stable_planes import RestingPlane
 from analyze.types import Array
 from schemas.strike_plan import Rejection
 
 BALL = 0.08
-"""relative spread of the hull's distances from its middle, over all directions, below which the object is called a ball"""
+"""Relative spread of the hull's widths over all directions below which the object is a ball."""
 ROUND = 0.08
-"""the same across one direction, below which the object is called round about it"""
+"""Relative spread of the hull's widths across one direction below which the object is round about it."""
 FACE = 0.02
-"""part of the hull's area below which a face counts as a strip of something round"""
+"""Fraction of the hull's area below which a face counts as a strip of a round flank."""
 DIRECTIONS = 400
-SPECK = 0.005
-"""part of the surface below which a gap of the scan is not spoken of"""
+"""Number of directions in which widths are measured."""
+MIN_BARE_SHARE = 0.005
+"""Fraction of the surface below which a gap of the scan is not mentioned."""
 PART_OF_A_BALL = 0.3
-"""part of a sphere that must have been scanned to call it one"""
+"""Fraction of a sphere that must be scanned to recognise it."""
 REMEDIES = {
     unscanned.CODE: f"what is missing of the scan is in the way: {unscanned.REMEDY}",
     "no_marker": "glue markers to the faces square to the edges",
     "tag_small": "print larger tags, or bring the camera nearer",
-    "out_of_image": "move or turn the camera (camera.calibration in the rig file), or glue the tags where it sees the whole tip",
+    "out_of_image": (
+        "move or turn the camera (camera.calibration in the rig file), or glue the tags where it sees the "
+        "whole tip"
+    ),
     "hidden": "glue the tags where no part of the object stands before them",
     "slips": "use a mat with more friction",
     "speed": "change the striker's effective mass or its speed limits",
@@ -38,24 +42,35 @@ REMEDIES = {
     "lifts": "glue the object to a base that is less wide for its height",
     "too_steep": "stand it on a smaller face, or glue on a base that allows it",
 }
-"""in order of ease: what is cheapest to change among the things that stood in the way"""
+"""Remedies by rejection code, the easiest first."""
 SIGHT = frozenset({"no_marker", "tag_small", "out_of_image", "hidden"})
-"""of these the one that stood in the way most often: they are alike in ease, and each asks for something else"""
-FOOT = "stick on a foot (a flat plate with straight edges, its weight given as a marker's), scan both together, and plan again"
+"""Codes about visibility, of which the most frequent one gives the remedy: they are equally easy to mend."""
+FOOT = (
+    "stick on a foot (a flat plate with straight edges, its weight given as a marker's), scan both together, "
+    "and plan again"
+)
 
 
-def why_not(
+def refusal_message(
     model: ObjectModel,
     planes: Sequence[RestingPlane],
     stable: Sequence[RestingPlane],
     candidates: Sequence[Candidate],
     rejected: Sequence[Rejection],
 ) -> str:
-    """One line: what the object lacks, what stood in the way, what would help."""
+    """One-line message: state of the object, reasons of the rejections, remedy.
+
+    Args:
+        model: Shape of the object.
+        planes: All its resting planes.
+        stable: Resting planes that are planned on.
+        candidates: Usable axes.
+        rejected: Rejected axes and faces.
+    """
     axes = [rejection for rejection in rejected if rejection.code not in ("unstable_plane", "flank")]
     counts = Counter(rejection.code for rejection in axes)
     if not candidates and not counts.keys() - {unscanned.CODE}:
-        return f"{model.name}: {_shape_says(model, planes, stable, counts[unscanned.CODE])}"
+        return f"{model.name}: {_shape_message(model, planes, stable, counts[unscanned.CODE])}"
     state = "no axis can be used"
     if candidates:
         worst = unknown_direction(np.array([each.normal for each in candidates]))
@@ -63,41 +78,56 @@ def why_not(
         state = f"the {len(candidates)} usable axes leave the centre of mass unknown along ({along})"
     if counts:
         tried = "edges and faces" if unscanned.CODE in counts else "axes" if len(axes) > 1 else "axis"
-        reasons = f"{len(axes)} {tried} rejected: {counted(axes)}"
+        reasons = f"{len(axes)} {tried} rejected: {rejection_summary(axes)}"
     else:
-        reasons = f"rejected: {_shape_says(model, planes, stable, 0)}"
+        reasons = f"rejected: {_shape_message(model, planes, stable, 0)}"
     unseen = [code for code, _ in counts.most_common() if code in SIGHT][:1]
     in_the_way = {*unseen, *(code for code in counts if code not in SIGHT)}
     remedy = next((text for code, text in REMEDIES.items() if code in in_the_way), FOOT)
     return f"{model.name}: {state}; {reasons}: {remedy}"
 
 
-def _shape_says(model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], unseen: int) -> str:
-    """What kind of object has no edge to tip over; `unseen` faces and edges were not scanned."""
-    across = _part_of_a_ball(model) if _missing(model) > SPECK else None
+def _shape_message(
+    model: ObjectModel, planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], unseen: int
+) -> str:
+    """Message with remedy on a shape without usable edge; `unseen` counts unscanned faces and edges."""
+    across = _part_of_a_ball(model) if _missing(model) > MIN_BARE_SHARE else None
     if across is not None:
         return (
-            f"what was scanned is part of a ball of {1000 * across:.0f} mm: if the rest is round too, there is no face to rest on and no "
+            f"what was scanned is part of a ball of {1000 * across:.0f} mm: if the rest is round too, there "
+            "is no face to rest on and no "
             f"edge to tip over: set it in a ring stand glued to it, or {FOOT}; if not: {unscanned.REMEDY}"
         )
     if _ball(model):
-        return f"it is a ball: it has no face to rest on and no edge to tip over: set it in a ring stand glued to it, or {FOOT}"
+        return (
+            "it is a ball: it has no face to rest on and no edge to tip over: set it in a ring stand glued "
+            f"to it, or {FOOT}"
+        )
     if unseen or (not stable and _missing(model) > FACE):
-        return f"{REMEDIES[unscanned.CODE]}; if the border of a mesh's hole is where the object ends, close it in a mesh editor"
+        return (
+            f"{REMEDIES[unscanned.CODE]}; if the border of a mesh's hole is where the object ends, close it "
+            "in a mesh editor"
+        )
     round_about = _round_about(model)
     area = sum(plane.area for plane in planes)
     flat = [plane for plane in planes if plane.area > FACE * area] if area > 0 else []
     if round_about is not None and not stable:
         along = ", ".join(f"{value:.2f}" for value in np.round(round_about, 2) + 0.0)
-        return f"it only rolls, about ({along}), and stands on no end: glue it to a stand that keeps it from rolling, or {FOOT}"
-    if not stable and flat:
         return (
-            f"{len(flat)} flat faces, and on none is it sure to stay: the centre of mass may lie outside every support: "
-            f"put it on a stand, or {FOOT}"
+            f"it only rolls, about ({along}), and stands on no end: glue it to a stand that keeps it from "
+            f"rolling, or {FOOT}"
         )
     if not stable:
-        return f"it has no flat face to rest on, it rolls: put it on a stand, or {FOOT}"
-    return f"it rests on {len(stable)} faces, but none has an edge beside the centre of mass to tip over: {FOOT}"
+        return (
+            f"{len(flat)} flat faces, and on none is it sure to stay: the centre of mass may lie outside "
+            "every support: "
+            f"put it on a stand, or {FOOT}"
+            if flat
+            else f"it has no flat face to rest on, it rolls: put it on a stand, or {FOOT}"
+        )
+    return (
+        f"it rests on {len(stable)} faces, but none has an edge beside the centre of mass to tip over: {FOOT}"
+    )
 
 
 def _ball(model: ObjectModel) -> bool:
@@ -106,12 +136,12 @@ def _ball(model: ObjectModel) -> bool:
 
 
 def _missing(model: ObjectModel) -> float:
-    """Part of the surface that was not scanned."""
+    """Fraction of the surface that was not scanned."""
     return 0.0 if model.scanned is None else model.scanned.bare_share
 
 
 def _part_of_a_ball(model: ObjectModel) -> float | None:
-    """Diameter [m] of the sphere on which all lies that was scanned; None: it does not, or is too little of it."""
+    """Diameter [m] of the sphere that fits the scanned surface; None if none fits, or too little is seen."""
     if model.scanned is None:
         return None
     seen = model.scanned.surely_seen()
@@ -125,13 +155,16 @@ def _part_of_a_ball(model: ObjectModel) -> float | None:
     radius = float(np.sqrt(max(float(answer[3]) + float(centre @ centre), 0.0)))
     off = np.linalg.norm(arm - centre, axis=1) - radius
     area = model.scanned.area * (1 - model.scanned.bare_share)
-    if float(np.ptp(np.quantile(off, [0.01, 0.99]))) > BALL * radius or area < PART_OF_A_BALL * 4 * np.pi * radius**2:
+    if (
+        float(np.ptp(np.quantile(off, [0.01, 0.99]))) > BALL * radius
+        or area < PART_OF_A_BALL * 4 * np.pi * radius**2
+    ):
         return None
     return 2 * radius
 
 
 def _round_about(model: ObjectModel) -> Array | None:
-    """Unit direction (3,) about which the hull is round, if there is one: equal widths across it."""
+    """Unit direction (3,) in O about which the hull is round (equal widths); None if there is none."""
     vertices = model.hull_vertices - model.hull_vertices.mean(axis=0)
     for axis in np.linalg.eigh(vertices.T @ vertices)[1].T[::-1]:
         u = np.linalg.svd(axis[None])[2][1:]
@@ -147,7 +180,7 @@ def _widths(model: ObjectModel, directions: Array) -> Array:
 
 
 def _directions() -> Array:
-    """Evenly spread over the half sphere (Fibonacci lattice)."""
+    """Unit directions (n, 3) spread evenly over the half sphere (Fibonacci lattice)."""
     i = np.arange(DIRECTIONS) + 0.5
     z, turn = i / DIRECTIONS, i * np.pi * (1 + np.sqrt(5))
     across = np.sqrt(1 - z**2)

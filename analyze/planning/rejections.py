@@ -1,4 +1,4 @@
-"""Axes left out, counted by reason with the numbers behind it, for one line."""
+"""Summary of rejected axes by reason, with the range of the numbers behind it, on one line."""
 
 from __future__ import annotations
 
@@ -23,19 +23,24 @@ _WORDS = {
     "flank": ("round flank", "narrow faces:", "", 1.0, 0),
     unscanned.CODE: ("not scanned", "missing beside them", " %", 100.0, 0),
 }
-"""by code: what the axes are, what their numbers are, unit, factor to it, decimals; a number without words or unit is left out"""
+"""By code: description of the axes, meaning of their number, unit, factor to it, decimals.
+
+A number without meaning or unit is left out."""
 
 
-def counted(rejected: Sequence[Rejection]) -> str:
-    """Like "7 slipping (friction needed 0.62 to 1.30), 5 out of the striker's reach"; the most frequent reason first."""
+def rejection_summary(rejected: Sequence[Rejection]) -> str:
+    """Counts by reason, the most frequent first.
+
+    For example "7 slipping (friction needed 0.62 to 1.30), 5 out of the striker's reach".
+    """
     by_code: dict[str, list[Rejection]] = {}
     for each in rejected:
         by_code.setdefault(each.code, []).append(each)
     ordered = sorted(by_code.items(), key=lambda item: -len(item[1]))
-    return ", ".join(f"{len(entries)} {_said(code, entries)}" for code, entries in ordered)
+    return ", ".join(f"{len(entries)} {_reason_text(code, entries)}" for code, entries in ordered)
 
 
-def _said(code: str, entries: Sequence[Rejection]) -> str:
+def _reason_text(code: str, entries: Sequence[Rejection]) -> str:
     if code not in _WORDS:
         return code.replace("_", " ")
     words, what, unit, factor, decimals = _WORDS[code]

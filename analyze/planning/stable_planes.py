@@ -1,7 +1,8 @@
-"""Planes on which the object rests, and which of them are stable for every c in Q (paper 3.1.2)."""
+"""Resting planes of an object, and those stable for every c in Q (VISAPP 2013, 3.1.2; method 1.2)."""
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -21,14 +22,15 @@ from analyze.planning.hypothesis import Region
 from analyze.types import Array, IntArray
 
 COPLANAR = 2e-4
-"""part of the longest edge within which hull vertices lie in one plane"""
+"""Distance of hull vertices from a common plane, over the longest extent, up to which they are coplanar."""
 COPLANAR_ANGLE = np.radians(0.3)
-"""between facets of one plane; splinters narrower than `COPLANAR` may point anywhere"""
+"""Largest angle [rad] between facets of one plane; splinters narrower than `COPLANAR` may point anywhere."""
 PARALLEL_ANGLE = np.radians(1.0)
-"""between two planes that the paper calls parallel"""
+"""Largest angle [rad] between two planes that count as parallel in the paper's rule."""
 SMALLEST_AREA = 1e-3
-"""part of the hull's area below which a face is no plane to rest on"""
+"""Fraction of the hull's area below which a face is no resting plane."""
 COLLINEAR = np.radians(0.5)
+"""Turn [rad] at a corner of a support polygon below which it is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,21 +39,22 @@ class RestingPlane:
 
     id: str
     up: Array
-    """(3,) unit, in O: W's z when the object rests on it"""
+    """(3,) unit in O: W's z when the object rests on the face."""
     level: float
-    """m: up.x of the plane"""
+    """Offset up.x of the plane from O's origin [m]."""
     polygon: Array
-    """(k, 3) m, in O: corners of the support polygon, counter-clockwise seen from above, collinear ones left out"""
+    """(k, 3) corners of the support polygon [m] in O, counter-clockwise seen from above, without collinear
+    ones."""
     area: float
-    """m^2"""
+    """Area of the support polygon [m^2]."""
 
     @property
     def edges(self) -> tuple[Array, Array]:
-        """Start and end (k, 3) of each edge."""
+        """Starts and ends (k, 3) of the polygon's edges [m], in O."""
         return self.polygon, np.roll(self.polygon, -1, axis=0)
 
     def outward(self) -> Array:
-        """Unit vectors (k, 3) in the plane, out of the polygon, one per edge."""
+        """Outward unit normals (k, 3) of the polygon's edges in the plane, in O."""
         return self._outward
 
     @cached_property
@@ -61,28 +64,32 @@ class RestingPlane:
         return across / np.linalg.norm(across, axis=1, keepdims=True)
 
     def margin(self, points: Array) -> float:
-        """Least distance [m] of the projections of `points` (n, 3) from the polygon's edges; negative: one is outside."""
+        """Smallest distance [m] of projected points (n, 3) from the polygon's edges; negative outside."""
         start, _ = self.edges
         out = self.outward()
         return float(np.min(np.einsum("ki,ki->k", start, out) - points @ out.T))
 
     def margin_of(self, region: Region) -> float:
-        """The same of all points of `region`."""
+        """Smallest distance [m] of the projected `region` from the polygon's edges; negative if outside."""
         return float(np.min(self._room(region) - region.reach(self.outward())))
 
     def firmness(self, region: Region) -> float:
-        """Largest part of `region` about its centre that lies over the polygon; 1 and more: all of it, negative: not even its centre."""
+        """Largest scale of `region` about its centre at which it lies over the polygon.
+
+        It is at least 1 if all of the region does, and negative if its centre does not.
+        """
         return float(np.min(self._room(region) / np.maximum(region.reach(self.outward()), 1e-12)))
 
     def _room(self, region: Region) -> Array:
-        """Distance (k,) [m] of the projected centre from each edge."""
+        """Distances (k,) [m] of the region's projected centre from the edges."""
         return np.einsum("ki,ki->k", self.polygon - region.centre, self.outward())
 
 
 def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
-    """All faces of the convex hull, coplanar facets merged, largest first; slivers left out.
+    """All faces of the convex hull, coplanar facets merged, largest first, without slivers.
 
-    From the largest facet on, neighbours are taken in whose corners lie in its plane within `COPLANAR` and which point alike.
+    A face grows from its largest facet over neighbours whose corners lie in its plane within `COPLANAR` and
+    whose normals agree within `COPLANAR_ANGLE`.
     """
     return model.once("resting planes", _resting_planes)
 
@@ -112,21 +119,32 @@ def _resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
             found.append((up, polygon, _area(polygon, up)))
     order = sorted(found, key=lambda item: (-round(item[2], 9), *np.round(item[0], 6)))
     kept = [item for item in order if item[2] > smallest]
-    return tuple(RestingPlane(f"p{i}", up, float(np.mean(polygon @ up)), polygon, area) for i, (up, polygon, area) in enumerate(kept))
+    return tuple(
+        RestingPlane(f"p{i}", up, float(np.mean(polygon @ up)), polygon, area)
+        for i, (up, polygon, area) in enumerate(kept)
+    )
 
 
-def _too_small(neighbours: IntArray, normals: Array, splinter: BoolArray, areas: Array, smallest: float) -> BoolArray:
-    """Facets (f,) that can be part of no face of `smallest` area [m^2]: with all they are joined to by alike neighbours they have less."""
+def _too_small(
+    neighbours: IntArray, normals: Array, splinter: BoolArray, areas: Array, smallest: float
+) -> BoolArray:
+    """Mask (f,) of facets that are too small for a face of `smallest` area [m^2] with all neighbours."""
     count = len(areas)
     facet, other = np.repeat(np.arange(count), 3), neighbours.ravel()
-    alike = (np.einsum("ij,ij->i", normals[facet], normals[other]) > np.cos(COPLANAR_ANGLE)) | splinter[facet] | splinter[other]
+    alike = (
+        (np.einsum("ij,ij->i", normals[facet], normals[other]) > np.cos(COPLANAR_ANGLE))
+        | splinter[facet]
+        | splinter[other]
+    )
     links = coo_array((np.ones(int(alike.sum())), (facet[alike], other[alike])), shape=(count, count))
     _, group = connected_components(links, directed=False)
     return np.asarray(np.bincount(group, weights=areas))[group] < smallest
 
 
-def _coplanar(seed: int, hull: ConvexHull, splinter: BoolArray, used: BoolArray, tolerance: float) -> IntArray:
-    """Unused facets joined to `seed` that point alike and lie in its plane within `tolerance` [m]."""
+def _coplanar(
+    seed: int, hull: ConvexHull, splinter: BoolArray, used: BoolArray, tolerance: float
+) -> IntArray:
+    """Indices of unused facets connected to `seed` that are coplanar with it within `tolerance` [m]."""
     normal, level = hull.equations[seed, :3], hull.equations[seed, 3]
     seen = np.zeros(len(used), dtype=bool)
     seen[seed] = True
@@ -143,12 +161,15 @@ def _coplanar(seed: int, hull: ConvexHull, splinter: BoolArray, used: BoolArray,
 
 
 def stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
-    """Ours: every plane over whose support polygon all of Q lies, parallel ones included."""
+    """Planes whose support polygon holds the projection of all of Q, parallel ones included (method 1.2)."""
     return tuple(plane for plane in planes if plane.margin_of(region) > 0)
 
 
 def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tuple[RestingPlane, ...]:
-    """The paper's: of parallel planes only the largest, then the two largest. Fewer than two: the paper cannot go on."""
+    """Stable planes by the paper: the largest of parallel ones, then the two largest (VISAPP 2013, 3.1.2).
+
+    With fewer than two planes the paper's method is not applicable.
+    """
     kept: list[RestingPlane] = []
     for plane in stable_planes(planes, region):
         if all(abs(plane.up @ other.up) < np.cos(PARALLEL_ANGLE) for other in kept):
@@ -157,7 +178,7 @@ def paper_stable_planes(planes: tuple[RestingPlane, ...], region: Region) -> tup
 
 
 def _support_polygon(points: Array, up: Array) -> Array:
-    """Convex polygon (k, 3) around `points`, counter-clockwise about `up` (Andrew 1979), nearly straight corners left out."""
+    """Convex polygon (k, 3) around `points` (n, 3), counter-clockwise about `up` (Andrew 1979)."""
     u, v = plane_basis(up)
     x, y = points @ u, points @ v
     order = [int(i) for i in np.lexsort((y, x))]
@@ -175,12 +196,16 @@ def _support_polygon(points: Array, up: Array) -> Array:
 
 
 def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
-    """Turn [rad] from ab to bc; + is to the left, and near pi at the tip of a needle."""
+    """Turn [rad] from ab to bc, positive to the left, near pi at the tip of a needle."""
     first, second = (b[0] - a[0], b[1] - a[1]), (c[0] - b[0], c[1] - b[1])
     if math.hypot(*first) * math.hypot(*second) < 1e-18:
         return 0.0
-    return math.atan2(first[0] * second[1] - first[1] * second[0], first[0] * second[0] + first[1] * second[1])
+    return math.atan2(
+        first[0] * second[1] - first[1] * second[0], first[0] * second[0] + first[1] * second[1]
+    )
 
 
 def _area(polygon: Array, up: Array) -> float:
-    return float(np.cross(polygon - polygon[0], np.roll(polygon, -1, axis=0) - polygon[0]).sum(axis=0) @ up) / 2
+    return (
+        float(np.cross(polygon - polygon[0], np.roll(polygon, -1, axis=0) - polygon[0]).sum(axis=0) @ up) / 2
+    )

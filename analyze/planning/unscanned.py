@@ -1,6 +1,7 @@
-"""Planes to rest on and edges to turn over that were not scanned: where a scan's gap was closed flat, nobody knows where the object ends.
+"""Rejection of resting planes and edges that were not scanned.
 
-The cut of a scan looks like a face, and the hull puts sharp edges round it; neither is the object's.
+Where a scan's gap was closed flat, the object's surface is unknown. The cut of a scan looks like a face, and
+the hull puts sharp edges round it; neither belongs to the object.
 """
 
 from __future__ import annotations
@@ -19,25 +20,30 @@ from analyze.types import Array
 from schemas.strike_plan import Rejection
 
 CODE = "not_scanned"
-MOST_OF_PLANE = 0.2
-"""part of a resting plane that may be bare: a hole within it moves no edge"""
-MOST_OF_EDGE = 0.25
-"""part of the surface along an edge, on either side, that may be bare"""
+"""Rejection code."""
+MAX_BARE_PLANE = 0.2
+"""Largest fraction of a resting plane that may be bare: a hole within it moves no edge."""
+MAX_BARE_EDGE = 0.25
+"""Largest fraction of the surface along an edge, on either side, that may be bare."""
 BESIDE = 0.04
-"""part of the body's size: width of the strip beside an edge that is looked at"""
+"""Width of the strip examined beside an edge, over the body's size."""
 TOUCHES = 0.03
-"""part of the body's size up to which over a resting plane the surface counts as part of it; a ragged cut is not flat"""
+"""Height over a resting plane, over the body's size, up to which the surface belongs to it; a ragged cut is
+not flat."""
 IN_PLANE = 0.01
-"""the same beside an edge"""
+"""Height over a resting plane, over the body's size, up to which the surface beside an edge belongs to it."""
 DOWN, SIDEWAYS = -0.7, 0.7
-"""cosine between a normal and up: below `DOWN` it faces the table, above `SIDEWAYS` it is the object's upper side"""
-FEWEST = 4
-"""samples from which a part is judged"""
+"""Cosines between a normal and up: below `DOWN` it faces the table, above `SIDEWAYS` it belongs to the upper
+side."""
+MIN_SAMPLES = 4
+"""Smallest number of samples of a strip or plane that is judged."""
 REMEDY = "scan that side too, or give a primitive (box, cylinder)"
 
 
-def on_scanned_planes(model: ObjectModel, planes: Sequence[RestingPlane]) -> tuple[tuple[RestingPlane, ...], list[Rejection]]:
-    """Those of `planes` that were scanned, and why the others are not planned with."""
+def scanned_planes(
+    model: ObjectModel, planes: Sequence[RestingPlane]
+) -> tuple[tuple[RestingPlane, ...], list[Rejection]]:
+    """Planes that were scanned, and rejections of the others."""
     surface = model.scanned
     if surface is None:
         return tuple(planes), []
@@ -45,16 +51,19 @@ def on_scanned_planes(model: ObjectModel, planes: Sequence[RestingPlane]) -> tup
     rejected: list[Rejection] = []
     for plane in planes:
         share = _plane_share(surface, plane, body_size(model))
-        if share <= MOST_OF_PLANE:
+        if share <= MAX_BARE_PLANE:
             kept.append(plane)
             continue
-        text = f"{100 * share:.0f} % of this face was not scanned and is closed flat: where the object ends there is not known: {REMEDY}"
+        text = (
+            f"{100 * share:.0f} % of this face was not scanned and is closed flat: where the object ends "
+            f"there is not known: {REMEDY}"
+        )
         rejected.append(Rejection(axis_id=plane.id, code=CODE, number=share, text=text))
     return tuple(kept), rejected
 
 
-def on_scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[PivotAxis], list[Rejection]]:
-    """Those of `axes` beside which the surface was scanned, and why the others are not planned with."""
+def scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[list[PivotAxis], list[Rejection]]:
+    """Axes beside which the surface was scanned, and rejections of the others."""
     surface = model.scanned
     if surface is None:
         return list(axes), []
@@ -62,29 +71,32 @@ def on_scanned_edges(model: ObjectModel, axes: Sequence[PivotAxis]) -> tuple[lis
     rejected: list[Rejection] = []
     for axis in axes:
         share = _edge_share(surface, axis, body_size(model))
-        if share <= MOST_OF_EDGE:
+        if share <= MAX_BARE_EDGE:
             kept.append(axis)
             continue
-        text = f"{100 * share:.0f} % of the surface beside this edge was not scanned: the edge is where the scan ends: {REMEDY}"
+        text = (
+            f"{100 * share:.0f} % of the surface beside this edge was not scanned: the edge is where the "
+            f"scan ends: {REMEDY}"
+        )
         rejected.append(Rejection(axis_id=axis.id, code=CODE, number=share, text=text))
     return kept, rejected
 
 
 def _plane_share(surface: ScannedSurface, plane: RestingPlane, size: float) -> float:
-    """Part of the surface that touches `plane` within its polygon that is bare; its border, which counts as seen, aside where it can be."""
+    """Bare fraction of the surface within a plane's polygon, without its rim if enough samples remain."""
     height = surface.points @ plane.up - plane.level
     touching = (np.abs(height) < TOUCHES * size) & (surface.normals @ plane.up < DOWN)
     start, _ = plane.edges
     out = plane.outward()
     inset = np.min(np.einsum("ki,ki->k", start, out) - surface.points @ out.T, axis=1)
     inner = touching & (inset > surface.reach)
-    if inner.sum() < FEWEST:
+    if inner.sum() < MIN_SAMPLES:
         inner = touching & (inset > 0)
     return float(surface.bare[inner].mean()) if inner.any() else 0.0
 
 
 def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
-    """Bare part of the strip along the edge, in the resting plane or up the wall, whichever is more."""
+    """Bare fraction of the strip along the edge, in the resting plane or up the wall, whichever is larger."""
     up, tip = axis.plane.up, axis.tip
     first, last = _edge(axis)
     outer = surface.reach + BESIDE * size
@@ -101,7 +113,7 @@ def _edge_share(surface: ScannedSurface, axis: PivotAxis, size: float) -> float:
 
 
 def _edge(axis: PivotAxis) -> tuple[Array, Array]:
-    """Ends (3,) of the polygon's edge that `axis` turns over; of a round rim the corner twice."""
+    """Ends (3,), (3,) [m, in O] of the edge that `axis` tips over; for a round rim twice the corner."""
     if axis.rolls:
         corner = axis.plane.polygon[int(np.argmax(axis.plane.polygon @ axis.tip))]
         return corner, corner
@@ -111,4 +123,4 @@ def _edge(axis: PivotAxis) -> tuple[Array, Array]:
 
 
 def _share(surface: ScannedSurface, part: BoolArray) -> float:
-    return float(surface.bare[part].mean()) if part.sum() >= FEWEST else 0.0
+    return float(surface.bare[part].mean()) if part.sum() >= MIN_SAMPLES else 0.0

@@ -1,4 +1,4 @@
-"""Which markers the camera sees through a whole tip, looking along the pivot axis (METHOD section 2)."""
+"""Markers that the camera sees through a whole tip, looking along the pivot axis (method 2)."""
 
 from __future__ import annotations
 
@@ -18,38 +18,45 @@ from schemas.rig_limits import SMALLEST_TAG_PX
 from schemas.tags import name_order
 
 FACING = np.radians(15.0)
-"""angle between a marker's normal and the pivot axis up to which its pose does not flip"""
+"""Largest angle [rad] between a marker's normal and the pivot axis at which its pose does not flip."""
 PAST_BALANCE = np.radians(25.0)
-"""how far past phi the marker must stay in view"""
+"""Angle [rad] past phi through which the marker must stay in view."""
 BORDER_PX = 10.0
+"""Smallest distance of a marker from the image's border [px]."""
 STEPS = 9
+"""Number of tip angles at which a marker is checked."""
 OFF_SURFACE = 0.003
-"""m, as well as the place of a glued tag is measured by hand"""
+"""Tolerance [m] of a glued tag's place measured by hand."""
 SURFACE_SDS = 2.0
+"""Standard deviations of the surface added to that tolerance."""
 CODES = ("no_marker", "out_of_image", "tag_small", "hidden")
+"""Codes of faults, in the order in which a marker is checked."""
 HAIR = 1e-9
-"""m"""
+"""Tolerance of a ray's contact with a face [m]."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Why a tip cannot be watched, as a Rejection has it."""
+    """Reason why a tip cannot be tracked, in the terms of a Rejection."""
 
     code: str
-    """no_marker, out_of_image, tag_small or hidden: in this order a marker is looked at"""
+    """One of `CODES`."""
     number: float | None
+    """Measured quantity behind the fault, in SI units or [px]; None if there is none."""
     text: str
+    """Message with the number."""
 
 
 @dataclass(frozen=True)
 class Sight:
-    """Markers seen through a tip, the one that looks straightest along the axis first; if there are none, why."""
+    """Markers visible through a tip, and the fault that applies if there are none."""
 
     markers: list[int | str]
+    """Names, the marker best aligned with the axis first."""
     fault: Fault
-    """of the marker that comes nearest to being seen"""
+    """Fault of the marker nearest to being visible."""
     pixels: float = 0.0
-    """mean edge of the first one's black square in the image at rest [px]"""
+    """Mean edge of the first marker's black square in the image at rest [px]."""
 
 
 def default_camera() -> CameraModel:
@@ -60,13 +67,13 @@ def default_camera() -> CameraModel:
 
 
 def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
-    """Refuse a marker whose centre does not lie on the surface: its pose was measured in another frame or unit, or mistyped.
+    """Refuse a marker whose centre is not on the surface, as by a wrong frame or unit of its pose.
 
-    It may hang over an edge. A cloud's hollows are filled in the model, not on the object: there it may lie as deep as they are. Where the
-    scan has a gap the surface is known no better than the gap is wide.
+    It may extend beyond an edge. A cloud's hollows are filled in the model, not on the object: a marker there
+    may lie as deep as they are. Within a gap of the scan the surface is uncertain by the gap's width.
 
     Raises:
-        PlanError: names the marker, and how far off it is.
+        PlanError: a marker is off the surface; the message has its name and distance.
     """
     cloud = model.cloud
     unsure = model.surface_sd if cloud is None else float(np.hypot(model.surface_sd, cloud.smooth_sd))
@@ -83,14 +90,26 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
             continue
         where = "outside" if outside > 0 else "inside"
         raise PlanError(
-            f"{spec.name}: marker {marker.name} lies {1000 * abs(outside):.0f} mm {where} the surface, its centre must lie on it "
-            f"(within {1000 * most:.0f} mm): correct T_object_marker, its last column is the centre in the shape's frame, in metres"
+            f"{spec.name}: marker {marker.name} lies {1000 * abs(outside):.0f} mm {where} the surface, its "
+            "centre must lie on it "
+            f"(within {1000 * most:.0f} mm): correct T_object_marker, its last column is the centre in the "
+            "shape's frame, in metres"
         )
 
 
-def visible_markers(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: float, camera: CameraModel) -> Sight:
-    """Markers that look along the axis at the camera, in the image, large enough and not hidden, from rest to `PAST_BALANCE` past phi."""
-    # Of a strike with the object turned by 180 degrees the camera sees the other end of the axis.
+def visible_markers(
+    model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: float, camera: CameraModel
+) -> Sight:
+    """Markers visible from rest to `PAST_BALANCE` past phi: facing the camera, in the image, not hidden.
+
+    Args:
+        model: Shape of the object.
+        spec: Markers with their poses in O.
+        axis: Pivot axis.
+        phi: Expected balance angle [rad].
+        camera: Camera, in W.
+    """
+    # For a strike with the object turned by 180 degrees the camera sees the other end of the axis.
     looks = axis.direction * np.copysign(1.0, camera.T_world_camera[1, 2])
     seen: list[tuple[float, int | str, float]] = []
     least = np.pi
@@ -116,10 +135,14 @@ def visible_markers(model: ObjectModel, spec: ObjectSpec, axis: PivotAxis, phi: 
     return Sight([marker_id for _, marker_id, _ in seen], nearest, seen[0][2] if seen else 0.0)
 
 
-def _path(axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: float, camera: CameraModel) -> Array:
-    """Corners [px] (STEPS, 4, 2) of a marker's black square while the object turns; inf where they are not before the camera."""
+def _path(
+    axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: float, camera: CameraModel
+) -> Array:
+    """Corners (STEPS, 4, 2) [px] of a marker's black square through the tip; inf behind the camera."""
     half = marker.size_m / 2
-    corners = apply(T_object_marker, np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]]))
+    corners = apply(
+        T_object_marker, np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+    )
     world = corners @ axis.R_world_object.T + axis.p_world_object
     pivot = np.array([0.0, 0.0, axis.radius])
     T_camera_world = inverse_transform(camera.T_world_camera)
@@ -134,25 +157,30 @@ def _path(axis: PivotAxis, marker: MarkerSpec, T_object_marker: Array, phi: floa
 
 
 def _turns(phi: float) -> list[float]:
-    """Angles [rad] at which a tip is looked at."""
+    """Tip angles [rad] at which visibility is checked."""
     return np.linspace(0.0, phi + float(PAST_BALANCE), STEPS).tolist()
 
 
 def _edge(corners: Array) -> float:
-    """Mean edge [px] of a square given by its corners (4, 2)."""
+    """Mean edge [px] of a square with corners (4, 2) [px]."""
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
 
 
 def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraModel) -> Fault | None:
     if not np.isfinite(path).all():
-        return Fault("out_of_image", None, f"marker {marker_id} is beside or behind the camera in some part of the tip")
+        return Fault(
+            "out_of_image", None, f"marker {marker_id} is beside or behind the camera in some part of the tip"
+        )
     last = np.array([camera.width, camera.height]) - 1 - BORDER_PX
     over = np.maximum(BORDER_PX - path, path - last).max(axis=(1, 2))
     worst = int(np.argmax(over))
     if over[worst] <= 0:
         return None
     turned = np.degrees(_turns(phi)[worst])
-    text = f"marker {marker_id} is {over[worst]:.0f} px too far out for the image when the object has turned by {turned:.0f} deg"
+    text = (
+        f"marker {marker_id} is {over[worst]:.0f} px too far out for the image when the object has turned by "
+        f"{turned:.0f} deg"
+    )
     return Fault("out_of_image", float(over[worst]), text)
 
 
@@ -160,30 +188,42 @@ def _small(path: Array, marker_id: int | str) -> Fault | None:
     pixels = _edge(path[0])
     if pixels >= SMALLEST_TAG_PX:
         return None
-    return Fault("tag_small", pixels, f"marker {marker_id} is {pixels:.0f} px wide in the image: {SMALLEST_TAG_PX:g} px are wanted")
+    return Fault(
+        "tag_small",
+        pixels,
+        f"marker {marker_id} is {pixels:.0f} px wide in the image: {SMALLEST_TAG_PX:g} px are wanted",
+    )
 
 
 def _hidden(
-    model: ObjectModel, axis: PivotAxis, marker_id: int | str, T_object_marker: Array, phi: float, camera: CameraModel
+    model: ObjectModel,
+    axis: PivotAxis,
+    marker_id: int | str,
+    T_object_marker: Array,
+    phi: float,
+    camera: CameraModel,
 ) -> Fault | None:
-    """Where the object itself stands between the marker's centre and the camera, at rest, at balance or past it."""
+    """Fault if the object hides the marker's centre at rest, at balance or past it; else None."""
     start = T_object_marker[:3, 3] + 0.002 * T_object_marker[:3, 2]
     pivot = np.array([0.0, 0.0, axis.radius])
     for theta in (0.0, phi, phi + float(PAST_BALANCE)):
-        # The camera, turned back with the object.
+        # Camera in the object's rest frame.
         back = matrix_from_vector(np.array([0.0, -theta, 0.0]))
         rolled = np.array([axis.radius * theta, 0.0, 0.0])
         camera_world = back @ (camera.T_world_camera[:3, 3] - pivot - rolled) + pivot
         ray = axis.R_world_object.T @ (camera_world - axis.p_world_object) - start
         far = float(np.linalg.norm(ray))
         if _meets(model, start, ray / far, far):
-            text = f"the object itself hides marker {marker_id} from the camera when it has turned by {np.degrees(theta):.0f} deg"
+            text = (
+                f"the object itself hides marker {marker_id} from the camera when it has turned by "
+                f"{np.degrees(theta):.0f} deg"
+            )
             return Fault("hidden", float(theta), text)
     return None
 
 
 def _meets(model: ObjectModel, start: Array, direction: Array, far: float) -> bool:
-    """Whether the ray along the unit `direction` (3,) meets a face nearer than `far` [m]; only faces that straddle it are asked."""
+    """True if the ray along the unit `direction` (3,) meets a face nearer than `far` [m]."""
     across = np.linalg.svd(direction[None])[2][1:]
     near = np.ones(len(model.faces), dtype=bool)
     for row in across:

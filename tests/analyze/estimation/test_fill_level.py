@@ -161,7 +161,7 @@ def test_a_session_says_what_fills_the_object_and_what_that_assumes():
     assert filling is not None
     assert result.parts is None
     assert filling.shell_thickness is not None
-    assert filling.mass.value + filling.wall.value == pytest.approx(result.mass.value, rel=0.01)
+    assert filling.mass.value + filling.shell.value == pytest.approx(result.mass.value, rel=0.01)
     codes = [warning.code for warning in result.warnings]
     assert WarningCode.FILLING_ASSUMED_RIGID in codes
     # Its two halves are divided by a slanting border, which no level is.
@@ -191,13 +191,19 @@ def test_a_session_says_what_fills_the_object_and_what_that_assumes():
             "water has 1000",
         ),
         (
-            '[[labels]]\nname = "a"\nwall = true\n[[labels]]\nname = "b"\nfills = true\nbetween_m = [0.0, 0.1]',
+            (
+                '[[labels]]\nname = "a"\nwall = true\n[[labels]]\nname = "b"\nfills = true\nbetween_m = [0.0, '
+                "0.1]"
+            ),
             "exactly one of",
         ),
     ],
 )
 def test_labels_that_mean_no_filling_are_refused_in_words(labels, why):
-    head = 'name = "o"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\nshape = {box = {size_m = [0.1, 0.1, 0.1]}}\nmarker = [{id = 0, size_m = 0.02}]\n'
+    head = (
+        'name = "o"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\nshape = {box = {size_m = [0.1, 0.1, 0.1]}}\nmarker = '
+        "[{id = 0, size_m = 0.02}]\n"
+    )
     with pytest.raises(DocumentError, match=why):
         parse_object_spec(head + labels, "o.toml")
 

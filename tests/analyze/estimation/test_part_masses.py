@@ -219,7 +219,10 @@ def test_layers_that_overlap_or_hold_nothing_are_refused():
     ],
 )
 def test_labels_that_cannot_be_are_refused_in_one_line(labels, words):
-    text = f'name = "x"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\n[shape]\nfile = "a.stl"\nunit = "mm"\n[[marker]]\nid = 0\nsize_m = 0.02\n{labels}\n'
+    text = (
+        'name = "x"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\n[shape]\nfile = "a.stl"\nunit = "mm"\n[[marker]]\nid '
+        f"= 0\nsize_m = 0.02\n{labels}\n"
+    )
     tomllib.loads(text)
     with pytest.raises(DocumentError, match=words) as problem:
         parse_object_spec(text, "x.toml")
@@ -228,7 +231,10 @@ def test_labels_that_cannot_be_are_refused_in_one_line(labels, words):
 
 def test_the_table_lists_bodies_and_how_to_label_them(tmp_path):
     (tmp_path / "hammer.stl").write_bytes(hammer())
-    text = 'name = "hammer"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\n[shape]\nfile = "hammer.stl"\nunit = "m"\n[[marker]]\nid = 0\nsize_m = 0.02\n'
+    text = (
+        'name = "hammer"\nmass_kg = 0.3\nmass_sd_kg = 1e-4\n[shape]\nfile = "hammer.stl"\nunit = '
+        '"m"\n[[marker]]\nid = 0\nsize_m = 0.02\n'
+    )
     (tmp_path / "hammer.toml").write_text(text)
     console = Console(record=True, width=120, file=io.StringIO())
     render_bodies(*read_bodies(tmp_path / "hammer.toml"), console)

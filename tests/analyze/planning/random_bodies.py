@@ -1,4 +1,5 @@
-"""Random bodies, convex and not, with random masses inside: what the planner is judged on. Everything follows from a seed."""
+"""Random bodies, convex and not, with random masses inside: what the planner is judged on. Everything
+follows from a seed."""
 
 from __future__ import annotations
 
@@ -48,7 +49,9 @@ def shape_of(kind: str, rng: np.random.Generator) -> np.ndarray:
 
 def spec_for(triangles: np.ndarray, markers: list | None = None, **more: object) -> ObjectSpec:
     """A body of 300 kg/m3 [mm]."""
-    volume = float(np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum()) / 6e9
+    volume = (
+        float(np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum()) / 6e9
+    )
     data = {
         "name": "body",
         "mass_kg": 300 * abs(volume),
@@ -63,20 +66,23 @@ def spec_for(triangles: np.ndarray, markers: list | None = None, **more: object)
 
 
 def random_filling(model: ObjectModel, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """c and the inertia about it per kilogram: a wall and two parts inside, on either side of a random plane, with random masses."""
-    cells = cells_from_voxels(voxelise(model, (model.volume / CELLS) ** (1 / 3), 0.025 * model.volume ** (1 / 3)))
+    """c and the inertia about it per kilogram: a wall and two parts inside, on either side of a random
+    plane, with random masses."""
+    cells = cells_from_voxels(
+        voxelise(model, (model.volume / CELLS) ** (1 / 3), 0.025 * model.volume ** (1 / 3))
+    )
     surface, upper = rng.uniform(0.1, 0.7), rng.uniform(0.1, 0.9)
     normal = rng.standard_normal(3)
     heights = (cells.points - cells.centroid) @ (normal / np.linalg.norm(normal))
     above = cells.interior * (heights > np.quantile(heights, rng.uniform(0.3, 0.7)))
     below = cells.interior - above
-    parts = [(cells.wall, surface), (above, (1 - surface) * upper), (below, (1 - surface) * (1 - upper))]
+    parts = [(cells.shell, surface), (above, (1 - surface) * upper), (below, (1 - surface) * (1 - upper))]
     masses = sum(share * part / max(part.sum(), 1e-18) for part, share in parts)
     masses = masses / masses.sum()
     com = masses @ cells.points
     arm = cells.points - com
     second = (arm * masses[:, None]).T @ arm
-    return com, (np.trace(second) + masses @ cells.own) * np.eye(3) - second
+    return com, (np.trace(second) + masses @ cells.own_inertia) * np.eye(3) - second
 
 
 def _box(rng: np.random.Generator) -> np.ndarray:
@@ -113,7 +119,16 @@ def _angle(rng: np.random.Generator) -> np.ndarray:
     a, b = t * w, t * h
     outlines = {
         "L": [(0, 0), (w, 0), (w, b), (a, b), (a, h), (0, h)],
-        "T": [(0, 0), (w, 0), (w, b), ((w + a) / 2, b), ((w + a) / 2, h), ((w - a) / 2, h), ((w - a) / 2, b), (0, b)],
+        "T": [
+            (0, 0),
+            (w, 0),
+            (w, b),
+            ((w + a) / 2, b),
+            ((w + a) / 2, h),
+            ((w - a) / 2, h),
+            ((w - a) / 2, b),
+            (0, b),
+        ],
         "U": [(0, 0), (w, 0), (w, h), (w - a, h), (w - a, b), (a, b), (a, h), (0, h)],
     }
     outline = np.array(outlines[str(rng.choice(list(outlines)))])
@@ -129,7 +144,9 @@ def _drawn(outline: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     i = np.arange(n)
     j = (i + 1) % n
     points = np.vstack([low, high])
-    faces = np.vstack([cap[:, ::-1], cap + n, np.column_stack([i, j, j + n]), np.column_stack([i, j + n, i + n])])
+    faces = np.vstack(
+        [cap[:, ::-1], cap + n, np.column_stack([i, j, j + n]), np.column_stack([i, j + n, i + n])]
+    )
     return points[faces]
 
 
@@ -145,7 +162,11 @@ def _triangulated(outline: np.ndarray) -> np.ndarray:
     while len(left) > 3:
         for k in range(len(left)):
             a, b, c = left[k - 1], left[k], left[(k + 1) % len(left)]
-            inside = [p for p in left if p not in {a, b, c} and min(turn(a, b, p), turn(b, c, p), turn(c, a, p)) >= 0]
+            inside = [
+                p
+                for p in left
+                if p not in {a, b, c} and min(turn(a, b, p), turn(b, c, p), turn(c, a, p)) >= 0
+            ]
             if turn(a, b, c) > 0 and not inside:
                 triangles.append((a, b, c))
                 left.pop(k)
@@ -160,10 +181,18 @@ def _bottle(rng: np.random.Generator) -> np.ndarray:
     n = int(rng.integers(4, 9))
     height = rng.uniform(100, 220)
     foot = rng.uniform(28, 45)
-    profile = [(0, foot), (0.25, foot * rng.uniform(0.6, 1.0)), (0.7, foot * rng.uniform(0.8, 1.15)), (1.0, foot * rng.uniform(0.4, 0.8))]
+    profile = [
+        (0, foot),
+        (0.25, foot * rng.uniform(0.6, 1.0)),
+        (0.7, foot * rng.uniform(0.8, 1.15)),
+        (1.0, foot * rng.uniform(0.4, 0.8)),
+    ]
     flat = rng.uniform(0.7, 1.0)
     angle = 2 * np.pi * np.arange(n) / n
-    rings = [np.column_stack([r * np.cos(angle), flat * r * np.sin(angle), np.full(n, z * height)]) for z, r in profile]
+    rings = [
+        np.column_stack([r * np.cos(angle), flat * r * np.sin(angle), np.full(n, z * height)])
+        for z, r in profile
+    ]
     points = np.vstack(rings)
     i = np.arange(n)
     j = (i + 1) % n

@@ -1,6 +1,8 @@
-"""Strikes in the virtual rig's physics, without images or wall clock: what the edge really did. Used by test and benchmark.
+"""Strikes in the virtual rig's physics, without images or wall clock: what the edge really did. Used by
+test and benchmark.
 
-Truth (mass, c, inertia) goes into the prediction as well: what is judged is the physics of the prediction, not the hypothesis.
+Truth (mass, c, inertia) goes into the prediction as well: what is judged is the physics of the prediction,
+not the hypothesis.
 """
 
 from __future__ import annotations
@@ -84,8 +86,15 @@ def bench(name: str, seed: int = 1) -> Bench:
     return Bench(thing, model, tuple(pivot_axes(model, thing.spec, planes, hypothesis(model))))
 
 
-def trials(on: Bench, energies: tuple[float, ...], frictions: tuple[float, ...], elsewhere: float, rng: np.random.Generator) -> list[Trial]:
-    """Every axis with every energy and friction; a share `elsewhere` is struck at the lowest, middle or highest point."""
+def trials(
+    on: Bench,
+    energies: tuple[float, ...],
+    frictions: tuple[float, ...],
+    elsewhere: float,
+    rng: np.random.Generator,
+) -> list[Trial]:
+    """Every axis with every energy and friction; a share `elsewhere` is struck at the lowest, middle or
+    highest point."""
     body = on.thing.body
     unit = body.inertia_com / body.mass_kg
     found: list[Trial] = []
@@ -98,9 +107,13 @@ def trials(on: Bench, energies: tuple[float, ...], frictions: tuple[float, ...],
         for energy in energies:
             for friction in frictions:
                 other = rng.random() < elsewhere
-                point = points[(0, len(points) // 2, len(points) - 1)[int(rng.integers(3))]] if other else best
+                point = (
+                    points[(0, len(points) // 2, len(points) - 1)[int(rng.integers(3))]] if other else best
+                )
                 impulse = impact.impulse_for(expected, point.height, energy)
-                case = feasibility.case(axis, expected, body.com_object, unit, point.height, impulse, friction)
+                case = feasibility.strike_case(
+                    axis, expected, body.com_object, unit, point.height, impulse, friction
+                )
                 speed = impact.tip_speed_for(STRIKER, expected, point.height, impulse)
                 if 0.05 < speed < 1.5:
                     found.append(Trial(axis, expected, point, energy, friction, not other, case))

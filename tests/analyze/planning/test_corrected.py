@@ -31,11 +31,16 @@ def axes_of(spec: ObjectSpec, model: ObjectModel) -> dict[str, PivotAxis]:
 
 
 def pivot_of(axis: PivotAxis) -> Pivot:
-    return Pivot(point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd)
+    return Pivot(
+        point=axis.point.tolist(), direction=axis.direction.tolist(), radius_m=axis.radius, sd_m=axis.sd
+    )
 
 
 @pytest.mark.parametrize("name", list(SHAPES))
-@pytest.mark.parametrize(("planned", "measured"), [((0.001, 0.0), (0.003, 2e-4)), ((0.0, 3e-4), (0.002, 0.0)), ((0.002, 0.0), (0.0, 0.0))])
+@pytest.mark.parametrize(
+    ("planned", "measured"),
+    [((0.001, 0.0), (0.003, 2e-4)), ((0.0, 3e-4), (0.002, 0.0)), ((0.002, 0.0), (0.0, 0.0))],
+)
 def test_a_corrected_edge_is_where_a_new_plan_would_have_it(name, planned, measured):
     before, _ = described(name, *planned)
     given, model = described(name, *measured)

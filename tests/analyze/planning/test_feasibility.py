@@ -1,4 +1,5 @@
-"""Lift and slip of an edge against hand-made answers; `make bench-plan-feasibility` compares with a simulation of its own physics."""
+"""Lift and slip of an edge against hand-made answers; `make bench-plan-feasibility` compares with a
+simulation of its own physics."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analyze.planning.feasibility import SLIP_LIMIT, Case, least_friction, tips
+from analyze.planning.feasibility import SLIP_LIMIT, Case, least_friction, simulate_tips
 from tests.analyze.planning.simulated_strikes import bench, predicted, strike, trials
 
 G = 9.81
@@ -24,8 +25,9 @@ def box(height, friction, energy=1.15, **more):
 
 
 def test_strike_height_decides_whether_a_box_slides():
-    """At mu = 0.3, simulated by others: at 100 mm it slides 23 mm and does not tip, at 145 mm it slips 0.01 mm, at 198 mm 0.5 mm."""
-    result = tips([box(height, 0.3) for height in (0.1, 0.145, 0.198)], G)
+    """At mu = 0.3, simulated by others: at 100 mm it slides 23 mm and does not tip, at 145 mm it slips
+    0.01 mm, at 198 mm 0.5 mm."""
+    result = simulate_tips([box(height, 0.3) for height in (0.1, 0.145, 0.198)], G)
     assert result.over.tolist() == [False, True, True]
     low, best, top = result.slip
     assert low == pytest.approx(0.023, abs=0.002)
@@ -34,36 +36,40 @@ def test_strike_height_decides_whether_a_box_slides():
 
 
 def test_impulsive_friction_is_the_one_of_method_1_4():
-    """|R*cos phi - I_edge/(m*h)| <= mu*R*sin phi, while gravity's part of the contact is small (a short, hard strike)."""
+    """|R*cos phi - I_edge/(m*h)| <= mu*R*sin phi, while gravity's part of the contact is small (a short,
+    hard strike)."""
     for height in (0.12, 0.13, 0.16, 0.19):
         needed = abs(R * np.cos(PHI) - I_EDGE / (MASS * height)) / (R * np.sin(PHI))
-        held, slid = tips([box(height, factor * needed, energy=9.0, duration=2e-4) for factor in (1.1, 0.9)], G).slip
+        held, slid = simulate_tips(
+            [box(height, factor * needed, energy=9.0, duration=2e-4) for factor in (1.1, 0.9)], G
+        ).slip
         assert slid > 2 * held + 1e-6
 
 
 def test_energy_decides_whether_it_comes_over():
-    result = tips([box(0.145, 5.0, energy=energy) for energy in (0.9, 1.1)], G)
+    result = simulate_tips([box(0.145, 5.0, energy=energy) for energy in (0.9, 1.1)], G)
     assert result.over.tolist() == [False, True]
 
 
 def test_too_fast_a_swing_leaves_the_table():
     """N = m*(g + R*sin b*theta'' - R*cos b*theta'^2) falls below 0 with speed."""
-    result = tips([box(0.145, 50.0, energy=energy) for energy in (1.1, 40.0)], G)
+    result = simulate_tips([box(0.145, 50.0, energy=energy) for energy in (1.1, 40.0)], G)
     assert result.least_load[0] > 0
     assert result.least_load[1] <= 0
 
 
 def test_least_load_is_that_of_the_pendulum():
-    """At release b = phi: N/(m*g) = 1 - k*R*sin^2(phi)/g - R*cos(phi)*rate^2/g, least there for a tall box."""
+    """At release b = phi: N/(m*g) = 1 - k*R*sin^2(phi)/g - R*cos(phi)*rate^2/g, least there for a tall
+    box."""
     k = MASS * G * R / I_EDGE
     rate2 = 2 * 1.15 * k * (1 - np.cos(PHI))
-    load = tips([box(0.145, 5.0)], G).least_load[0]
+    load = simulate_tips([box(0.145, 5.0)], G).least_load[0]
     assert load == pytest.approx(1 - k * R * np.sin(PHI) ** 2 / G - R * np.cos(PHI) * rate2 / G, abs=0.01)
 
 
 def test_a_centre_beside_the_strike_asks_for_more_friction():
     edge = {"i_zz": MASS * WIDTH**2 / 6, "low": -WIDTH / 2, "high": WIDTH / 2}
-    straight, beside = tips([box(0.145, 0.4, **edge), box(0.145, 0.4, beside=0.01, **edge)], G).slip
+    straight, beside = simulate_tips([box(0.145, 0.4, **edge), box(0.145, 0.4, beside=0.01, **edge)], G).slip
     assert beside > straight + 1e-4
 
 
@@ -71,30 +77,37 @@ def test_least_friction_holds_and_a_little_less_does_not():
     case = box(0.12, 1.0)
     needed = least_friction([case], G)[0]
     assert 0.1 < needed < 1.0
-    held, lost = tips([replace(case, friction=float(needed)), replace(case, friction=float(needed) - 0.11)], G).slip
+    held, lost = simulate_tips(
+        [replace(case, friction=float(needed)), replace(case, friction=float(needed) - 0.11)], G
+    ).slip
     assert held <= SLIP_LIMIT < lost
     assert np.isinf(least_friction([box(0.03, 1.0)], G)[0])
 
 
 def test_cases_do_not_disturb_each_other():
     several = [box(0.12, 0.3), box(0.145, 0.5), box(0.19, 0.1)]
-    together = tips(several, G)
+    together = simulate_tips(several, G)
     for i, each in enumerate(several):
-        alone = tips([each], G)
+        alone = simulate_tips([each], G)
         assert together.slip[i] == pytest.approx(alone.slip[0], rel=1e-12)
         assert together.least_load[i] == pytest.approx(alone.least_load[0], rel=1e-12)
-    assert tips([], G).slip.shape == (0,)
+    assert simulate_tips([], G).slip.shape == (0,)
 
 
 @pytest.mark.parametrize("name", ["carton", pytest.param("juice", marks=pytest.mark.slow)])
 def test_prediction_agrees_with_a_simulation_of_other_physics(name):
-    """A small form of `make bench-plan-feasibility`: strikes that hold, that slide away, and that the planner would make."""
+    """A small form of `make bench-plan-feasibility`: strikes that hold, that slide away, and that the
+    planner would make."""
     on = bench(name)
     rng = np.random.default_rng(3)
     every = trials(on, (1.15, 2.0), (0.2, 0.6), 0.3, rng)
     chosen = [every[i] for i in rng.permutation(len(every))[:10]]
-    told = tips([trial.case for trial in chosen], G)
-    words = [(predicted(told, i), seen.outcome) for i, trial in enumerate(chosen) if (seen := strike(on, trial)) is not None]
+    told = simulate_tips([trial.case for trial in chosen], G)
+    words = [
+        (predicted(told, i), seen.outcome)
+        for i, trial in enumerate(chosen)
+        if (seen := strike(on, trial)) is not None
+    ]
     assert len(words) >= 9
     assert sum((said == "holds") == (seen == "holds") for said, seen in words) >= len(words) - 1
     assert {seen == "holds" for _, seen in words} == {True, False}

@@ -1,4 +1,5 @@
-"""Faces planned on: where it surely stands; where that is not enough, where it is expected to, which plan and cards say."""
+"""Faces planned on: where it surely stands; where that is not enough, where it is expected to, which plan
+and cards say."""
 
 from __future__ import annotations
 
@@ -46,7 +47,7 @@ def test_where_sure_faces_give_no_set_those_that_hold_the_expected_c_are_used():
     assert all(strike.stands_surely == (strike.plane_id in sure) for strike in plan.strikes)
     assert all(planes[name].margin(region.centre[None]) > 0 for name in unsure)
     only_sure = tuple(each for each in prepared.information.candidates if each.axis.plane.id in sure)
-    assert not design.determines(
+    assert not design.can_determine_com(
         type(prepared.information)(only_sure, prepared.information.belief, prepared.information.errors)
     )
 

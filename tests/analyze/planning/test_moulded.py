@@ -1,4 +1,5 @@
-"""Edges that the shape itself rounds: where the centre line runs, at which angle and with which energy it tips."""
+"""Edges that the shape itself rounds: where the centre line runs, at which angle and with which energy it
+tips."""
 
 from __future__ import annotations
 
@@ -20,17 +21,23 @@ WIDTH, DEPTH, HEIGHT = 0.08, 0.06, 0.16
 
 
 def moulded(radius, declared=0.0, turned=False):
-    """A block whose two long bottom edges are rounded in its mesh; or a cup turned on a lathe with such a rim."""
+    """A block whose two long bottom edges are rounded in its mesh; or a cup turned on a lathe with such a
+    rim."""
     t = np.linspace(0, math.pi / 2, 25)
     arc = np.stack([WIDTH / 2 - radius + radius * np.sin(t), radius - radius * np.cos(t)], axis=-1)
     half = np.vstack([arc, [WIDTH / 2, HEIGHT]])
     if turned:
         angles = np.arange(96) * 2 * np.pi / 96
-        points = np.concatenate([np.column_stack([half[:, 0] * np.cos(a), half[:, 0] * np.sin(a), half[:, 1]]) for a in angles])
+        points = np.concatenate(
+            [np.column_stack([half[:, 0] * np.cos(a), half[:, 0] * np.sin(a), half[:, 1]]) for a in angles]
+        )
     else:
         outline = np.vstack([half, half * [-1, 1]])
         points = np.concatenate(
-            [np.column_stack([outline[:, 0], np.full(len(outline), y), outline[:, 1]]) for y in (-DEPTH / 2, DEPTH / 2)]
+            [
+                np.column_stack([outline[:, 0], np.full(len(outline), y), outline[:, 1]])
+                for y in (-DEPTH / 2, DEPTH / 2)
+            ]
         )
     data = trimesh.PointCloud(1000 * points).convex_hull.export(file_type="stl")
     spec = ObjectSpec(
@@ -59,12 +66,18 @@ def upright_axes(spec, model):
         (0.015, False, False),
         *(
             pytest.param(*each, marks=pytest.mark.slow)
-            for each in ((0.003, True, True), (0.003, False, False), (0.015, True, False), (0.015, False, True))
+            for each in (
+                (0.003, True, True),
+                (0.003, False, False),
+                (0.015, True, False),
+                (0.015, False, True),
+            )
         ),
     ],
 )
 def test_a_moulded_edge_tips_where_and_with_what_the_plan_says(radius, declared, turned):
-    """A plan that took it for a sharp corner gave 0.82 of the energy at 15 mm, and 0.16 where the rounding was declared as well."""
+    """A plan that took it for a sharp corner gave 0.82 of the energy at 15 mm, and 0.16 where the rounding
+    was declared as well."""
     spec, model = moulded(radius, radius if declared else 0.0, turned)
     believed, axes = upright_axes(spec, model)
     assert len(axes) == 2

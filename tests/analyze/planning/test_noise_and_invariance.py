@@ -1,4 +1,5 @@
-"""Edges of noisy clouds (the paper's Fig. 10, small), stable planes beside trimesh's, and what may not depend on frame, unit or mesh."""
+"""Edges of noisy clouds (the paper's Fig. 10, small), stable planes beside trimesh's, and what may not
+depend on frame, unit or mesh."""
 
 from __future__ import annotations
 
@@ -11,7 +12,15 @@ from analyze.planning.hypothesis import hypothesis
 from analyze.planning.pivots import pivot_axes
 from analyze.planning.stable_planes import resting_planes, stable_planes
 from tests.analyze.geometry.shapes import spec_of
-from tests.benchmarks.plan_input import BODIES, compare_poses, edge_errors, generated_bodies, model_of_cloud, model_of_mesh, noisy_cloud
+from tests.benchmarks.plan_input import (
+    BODIES,
+    compare_poses,
+    edge_errors,
+    generated_bodies,
+    model_of_cloud,
+    model_of_mesh,
+    noisy_cloud,
+)
 
 BOX = BODIES["box 60 x 200 x 50"]
 IDENTITY = np.eye(3)
@@ -19,7 +28,9 @@ ANGLE = 1e-4
 """rad; a binary STL keeps coordinates to 1e-7 of the size"""
 
 
-@pytest.mark.parametrize(("noise", "limit"), [(1.0, 0.1), (5.0, 0.4), pytest.param(15.0, 1.7, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("noise", "limit"), [(1.0, 0.1), (5.0, 0.4), pytest.param(15.0, 1.7, marks=pytest.mark.slow)]
+)
 def test_edges_of_a_noisy_box_lie_where_its_faces_meet(noise, limit):
     """Limits [mm] are a tenth of the noise; the raw hull sticks out by all of it."""
     found = edge_errors(BOX(), noise, seed=1, outward=False)
@@ -122,8 +133,13 @@ def test_a_cylinder_of_many_sides_has_two_ends_and_no_flank_to_stand_on():
 
 @pytest.mark.parametrize("turn", range(12))
 def test_a_needle_of_a_face_keeps_its_tip(turn):
-    """A wedge whose one face is a triangle with an angle of 0.3 degrees: lost where its tip came in the middle of the sorted corners."""
+    """A wedge whose one face is a triangle with an angle of 0.3 degrees: lost where its tip came in the
+    middle of the sorted corners."""
     points = np.array([[0, 0, 0], [200, 0, 0], [199, 1, 0], [190, 20, 120], [100, 5, 60]], dtype=float)
-    mesh = trimesh.convex.convex_hull(points @ Rotation.from_euler("xyz", [turn, 0.5 * turn, 0.3]).as_matrix().T)
+    mesh = trimesh.convex.convex_hull(
+        points @ Rotation.from_euler("xyz", [turn, 0.5 * turn, 0.3]).as_matrix().T
+    )
     up = Rotation.from_euler("xyz", [turn, 0.5 * turn, 0.3]).as_matrix()[:, 2]
-    assert any(plane.up @ up > 1 - 1e-9 and len(plane.polygon) == 3 for plane in resting_planes(model_of_mesh(mesh)))
+    assert any(
+        plane.up @ up > 1 - 1e-9 and len(plane.polygon) == 3 for plane in resting_planes(model_of_mesh(mesh))
+    )

@@ -66,7 +66,9 @@ def test_rays_leave_a_box_in_the_middle_of_its_edges():
     plane = next(plane for plane in resting_planes(model) if plane.up[2] > 0.9)
     found = rotation_points(plane, plane.polygon)
     points = np.array([point for point, _ in found])
-    assert np.allclose(points, [[0.03, 0, -0.1], [-0.03, 0, -0.1], [0, 0.025, -0.1], [0, -0.025, -0.1]], atol=1e-9)
+    assert np.allclose(
+        points, [[0.03, 0, -0.1], [-0.03, 0, -0.1], [0, 0.025, -0.1], [0, -0.025, -0.1]], atol=1e-9
+    )
 
 
 def test_square_base_takes_the_objects_axes():
@@ -77,7 +79,8 @@ def test_square_base_takes_the_objects_axes():
 
 
 def test_eq_2_is_energy_over_the_way_of_the_force():
-    """Impact 0.2 m up, 0.06 m behind the edge: m*g*(|r| - 0.2) over the way along the force while r turns by 5 degrees."""
+    """Impact 0.2 m up, 0.06 m behind the edge: m*g*(|r| - 0.2) over the way along the force while r turns
+    by 5 degrees."""
     up, inwards = np.array([0, 0, 1.0]), np.array([-1.0, 0, 0])
     force = impact_force(np.zeros(3), np.array([-0.06, 0, 0.2]), up, inwards, weight=0.5)
     start = np.arctan2(0.2, -0.06)

@@ -14,11 +14,11 @@ from analyze.geometry.object_model import load_object_model
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import ImpactPoint, StrikerModel, best_impact, impact_points
 from analyze.planning.pivots import pivot_axes, swing
-from analyze.planning.plan import make_plan
 from analyze.planning.stable_planes import resting_planes, stable_planes
-from analyze.reading.object_file import object_files
+from analyze.reading.object_file import read_object_files
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
+from tests.analyze.planning.planned import make_plan
 from tests.places import OBJECTS
 
 STRIKER = StrikerModel()
@@ -46,7 +46,12 @@ def box_plan(strikes=9, turn=None, only=range(6), **more) -> StrikePlan:
     triangles = box_triangles(SIZE * 1000)
     if turn is not None:
         triangles = triangles @ turn.T
-    spec = spec_of({"file": "b.stl", "unit": "mm"}, markers=side_markers(turn, only=only), edge_radius_m=0.001, edge_radius_sd_m=0.0002)
+    spec = spec_of(
+        {"file": "b.stl", "unit": "mm"},
+        markers=side_markers(turn, only=only),
+        edge_radius_m=0.001,
+        edge_radius_sd_m=0.0002,
+    )
     model = load_object_model(spec, stl(triangles), "b.stl")
     return make_plan(model, spec, "0" * 64, STRIKER, strikes=strikes, **more)
 
@@ -62,7 +67,7 @@ def axes_of(plan):
 
 @pytest.mark.parametrize("name", ["carton", "spray", "juice", "salt"])
 def test_virtual_objects_get_a_well_conditioned_plan(name):
-    files = object_files(OBJECTS / f"{name}.toml")
+    files = read_object_files(OBJECTS / f"{name}.toml")
     model = load_object_model(files.spec, files.shape_bytes, files.shape_name)
     plan = make_plan(model, files.spec, files.sha256, STRIKER)
     assert plan.object_sha256 == files.sha256
@@ -104,7 +109,9 @@ def test_impulse_and_speed_carry_the_energy_over():
         needed = 0.05 * 9.81 * distance * (1 - np.cos(phi))
         assert np.isclose(0.5 * i_edge * omega**2, strike.energy_ratio * needed, rtol=1e-3)
         lever = 1 / STRIKER.effective_mass_kg + strike.impact_height_m**2 / i_edge
-        assert np.isclose(strike.impulse_n_s.target, (1 + STRIKER.restitution) * strike.tip_speed_m_s.target / lever)
+        assert np.isclose(
+            strike.impulse_n_s.target, (1 + STRIKER.restitution) * strike.tip_speed_m_s.target / lever
+        )
 
 
 def test_plan_survives_json():
@@ -121,7 +128,9 @@ def test_plan_turns_with_the_object(seed):
     turn = Rotation.random(rng=seed).as_matrix()
     plain, turned = plan_of_box(), box_plan(turn=turn)
     assert np.isclose(plain.predicted_com_sd_m, turned.predicted_com_sd_m, rtol=1e-3)
-    angles = [sorted(round(strike.phi_predicted_rad, 4) for strike in plan.strikes) for plan in (plain, turned)]
+    angles = [
+        sorted(round(strike.phi_predicted_rad, 4) for strike in plan.strikes) for plan in (plain, turned)
+    ]
     assert np.allclose(*angles, atol=2e-4)
     assert sorted(r.code for r in plain.rejected) == sorted(r.code for r in turned.rejected)
 
@@ -141,23 +150,32 @@ def test_too_few_strikes_are_refused():
 def test_parallel_axes_only_are_refused_with_a_remedy():
     """Markers on the two y sides alone: every visible axis is parallel to y."""
     with pytest.raises(
-        PlanError, match=r"0\.00, 1\.00, 0\.00.*without a tag that faces along them \(best is off by \d+ deg\).*: glue markers"
+        PlanError,
+        match=r"0\.00, 1\.00, 0\.00.*without a tag that faces along them \(best is off by \d+ deg\).*: glue",
     ) as caught:
         box_plan(only=(2, 3), friction=1.0)
     assert "\n" not in str(caught.value)
 
 
 def test_flat_slab_is_refused():
-    spec = spec_of({"box": {"size_m": [0.2, 0.2, 0.012]}}, markers=side_markers(size=np.array([0.2, 0.2, 0.012])))
+    spec = spec_of(
+        {"box": {"size_m": [0.2, 0.2, 0.012]}}, markers=side_markers(size=np.array([0.2, 0.2, 0.012]))
+    )
     model = load_object_model(spec, None, "")
-    with pytest.raises(PlanError, match=r"leave the centre of mass unknown.* axes rejected: .*8 too steep \(balance after 87 deg\)"):
+    with pytest.raises(
+        PlanError,
+        match=r"leave the centre of mass unknown.* axes rejected: .*8 too steep \(balance after 87 deg\)",
+    ):
         make_plan(model, spec, "", STRIKER)
 
 
 def test_weak_striker_is_refused_with_its_number():
     spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=side_markers())
     model = load_object_model(spec, None, "")
-    with pytest.raises(PlanError, match=r"12 at another speed than the striker's \(needed \d\.\d\d to \d\.\d\d m/s\): change the striker"):
+    with pytest.raises(
+        PlanError,
+        match=r"12 at another speed than the striker's \(needed \d\.\d\d to \d\.\d\d m/s\): change the",
+    ):
         make_plan(model, spec, "", StrikerModel(fastest_m_s=0.1), friction=2.0)
 
 
@@ -174,13 +192,18 @@ def test_rejections_name_axis_code_and_number():
 
 def test_striker_keeps_clear_of_edges_and_of_what_stands_out_below():
     """A plate with a post on it: the tip meets the post high enough that its flank passes the plate."""
-    plate, post = box_triangles(np.array([80.0, 60, 20]), (0, 0, 10)), box_triangles(np.array([40.0, 60, 100]), (0, 0, 70))
+    plate, post = (
+        box_triangles(np.array([80.0, 60, 20]), (0, 0, 10)),
+        box_triangles(np.array([40.0, 60, 100]), (0, 0, 70)),
+    )
     markers = side_markers(size=np.array([0.08, 0.06, 0.02]), only=(2, 3))
     spec = spec_of({"file": "p.stl", "unit": "mm"}, markers=markers)
     model = load_object_model(spec, stl(np.concatenate([plate, post])), "p.stl")
     believed = hypothesis(model)
     planes = stable_planes(resting_planes(model), believed.region)
-    upright = next(a for a in pivot_axes(model, spec, planes, believed) if a.plane.up[2] > 0.99 and abs(a.tip[0]) > 0.99)
+    upright = next(
+        a for a in pivot_axes(model, spec, planes, believed) if a.plane.up[2] > 0.99 and abs(a.tip[0]) > 0.99
+    )
     expected = swing(upright, believed.region.centre, 0.05, believed.unit_inertia, 9.81)
     heights = np.array([point.height for point in impact_points(model, upright, [expected], [])])
     assert heights.min() >= 0.015

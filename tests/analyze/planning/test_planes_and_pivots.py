@@ -39,13 +39,21 @@ def hexagon(radius: float, height: float) -> np.ndarray:
     after, up = np.roll(ring, -1, axis=0), np.array([0.0, 0.0, height])
     middle = np.zeros((6, 3))
     sides = [np.stack([ring, after, after + up], axis=1), np.stack([ring, after + up, ring + up], axis=1)]
-    return np.concatenate([*sides, np.stack([middle, after, ring], axis=1), np.stack([middle + up, ring + up, after + up], axis=1)])
+    return np.concatenate(
+        [
+            *sides,
+            np.stack([middle, after, ring], axis=1),
+            np.stack([middle + up, ring + up, after + up], axis=1),
+        ]
+    )
 
 
 def test_box_has_six_planes_and_twenty_four_axes():
     _, _, planes, axes = box_axes()
     assert len(planes) == 6
-    assert np.isclose(sum(plane.area for plane in planes), 2 * (SIZE[0] * SIZE[1] + SIZE[0] * SIZE[2] + SIZE[1] * SIZE[2]))
+    assert np.isclose(
+        sum(plane.area for plane in planes), 2 * (SIZE[0] * SIZE[1] + SIZE[0] * SIZE[2] + SIZE[1] * SIZE[2])
+    )
     assert len(axes) == 24
     for axis in axes:
         R = axis.R_world_object
@@ -96,7 +104,11 @@ def test_leaning_walls_move_the_centre_line():
     for axis in base:
         assert np.isclose(axis.point[2], 0.002, atol=MICROMETRE)
         assert np.isclose(model.depth(axis.point[None])[0], 0.002, atol=2 * MICROMETRE)
-        assert np.isclose(-np.max(model.hull_planes[np.abs(model.hull_planes[:, 2]) < 0.9] @ [*axis.point, 1]), 0.002, atol=2 * MICROMETRE)
+        assert np.isclose(
+            -np.max(model.hull_planes[np.abs(model.hull_planes[:, 2]) < 0.9] @ [*axis.point, 1]),
+            0.002,
+            atol=2 * MICROMETRE,
+        )
 
 
 def test_narrow_base_is_not_stable():
@@ -118,7 +130,8 @@ def marker(marker_id, normal, up, centre):
 
 def test_cylinder_rests_on_its_ends_and_rolls_over_its_rim():
     markers = [
-        marker(i, [np.cos(a), np.sin(a), 0], [0, 0, 1], [0.036 * np.cos(a), 0.036 * np.sin(a), 0]) for i, a in enumerate([0.0, 1.0, 4.0])
+        marker(i, [np.cos(a), np.sin(a), 0], [0, 0, 1], [0.036 * np.cos(a), 0.036 * np.sin(a), 0])
+        for i, a in enumerate([0.0, 1.0, 4.0])
     ]
     spec = spec_of({"cylinder": {"radius_m": 0.036, "height_m": 0.15}}, markers=markers, edge_radius_m=0.001)
     model = load_object_model(spec, None, "")
@@ -131,7 +144,10 @@ def test_cylinder_rests_on_its_ends_and_rolls_over_its_rim():
         assert axis.rolls
         assert np.isclose(np.hypot(*axis.point[:2]), 0.035, atol=2e-5)
         assert np.isclose(abs(axis.point[2]), 0.074, atol=MICROMETRE)
-    facing = {int(np.argmin([axis.direction @ np.array(m["T_object_marker"])[:3, 2] for m in markers])) for axis in axes}
+    facing = {
+        int(np.argmin([axis.direction @ np.array(m["T_object_marker"])[:3, 2] for m in markers]))
+        for axis in axes
+    }
     assert facing == {0, 1, 2}
 
 
@@ -156,7 +172,9 @@ def test_region_turns_with_the_object():
     triangles = frustum(30, 20, 120) * [1.0, 0.8, 1.0]
     spec = spec_of({"file": "f.stl", "unit": "mm"})
     plain = hypothesis(load_object_model(spec, stl(triangles), "f.stl"))
-    turned = hypothesis(load_object_model(spec, stl(turn.apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)), "f.stl"))
+    turned = hypothesis(
+        load_object_model(spec, stl(turn.apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)), "f.stl")
+    )
     assert np.allclose(turned.region.centre, turn.apply(plain.region.centre), atol=MICROMETRE)
     assert np.allclose(np.sort(turned.region.half), np.sort(plain.region.half), atol=2e-4)
 
@@ -164,17 +182,26 @@ def test_region_turns_with_the_object():
 @pytest.mark.parametrize("shape", ["square frustum", "square box", "prism of six"])
 @pytest.mark.parametrize("angle_deg", [15, 30, 45])
 def test_nothing_hangs_on_the_frame_where_the_shape_leaves_the_axes_open(shape, angle_deg):
-    """A regular base has no axes of its own: Q is round there, and which faces it stands on safely stays the same."""
-    triangles = {"square frustum": frustum(44, 100, 120), "square box": frustum(60, 60, 150), "prism of six": hexagon(30, 120)}[shape]
+    """A regular base has no axes of its own: Q is round there, and which faces it stands on safely stays
+    the same."""
+    triangles = {
+        "square frustum": frustum(44, 100, 120),
+        "square box": frustum(60, 60, 150),
+        "prism of six": hexagon(30, 120),
+    }[shape]
     turn = Rotation.from_euler("xyz", [angle_deg, 0.5 * angle_deg, angle_deg], degrees=True)
     spec = spec_of({"file": "f.stl", "unit": "mm"}, 0.2)
     plain, turned = (
-        load_object_model(spec, stl(r.apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)), "f.stl") for r in (Rotation.identity(), turn)
+        load_object_model(spec, stl(r.apply(triangles.reshape(-1, 3)).reshape(-1, 3, 3)), "f.stl")
+        for r in (Rotation.identity(), turn)
     )
     before, after = hypothesis(plain).region, hypothesis(turned).region
     R = turn.as_matrix()
     assert np.allclose(R.T @ after.covariance() @ R, before.covariance(), atol=1e-8)
-    margins = [sorted(plane.margin_of(region) for plane in resting_planes(model)) for model, region in ((plain, before), (turned, after))]
+    margins = [
+        sorted(plane.margin_of(region) for plane in resting_planes(model))
+        for model, region in ((plain, before), (turned, after))
+    ]
     assert np.allclose(*margins, atol=2e-5)
 
 
@@ -189,6 +216,8 @@ def test_what_is_nearly_square_is_planned_as_if_it_were():
 @pytest.mark.parametrize("mass", [0.02, 0.2])
 def test_phi_and_k_do_not_depend_on_the_mass(mass):
     _, believed, _, axes = box_axes(mass=mass)
-    light, heavy = (swing(axes[0], believed.region.centre, m, believed.unit_inertia, 9.81) for m in (0.05, mass))
+    light, heavy = (
+        swing(axes[0], believed.region.centre, m, believed.unit_inertia, 9.81) for m in (0.05, mass)
+    )
     assert np.isclose(light.k, heavy.k)
     assert np.isclose(light.phi, heavy.phi)

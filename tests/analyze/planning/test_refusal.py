@@ -10,10 +10,10 @@ import pytest
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import make_plan
-from analyze.planning.rejections import counted
+from analyze.planning.rejections import rejection_summary
 from schemas.strike_plan import Rejection
 from tests.analyze.geometry.shapes import spec_of, stl
+from tests.analyze.planning.planned import make_plan
 from tests.analyze.planning.random_bodies import FAR_TAG, convex_triangles, spec_for
 
 
@@ -41,7 +41,10 @@ def capsule(length, sides=48):
     ball = sphere(600, 30.0)
     ring = 2 * np.pi * np.arange(sides) / sides
     rim = 30.0 * np.stack([np.cos(ring), np.sin(ring), 0 * ring], axis=1)
-    ends = [np.vstack([ball[side * ball[:, 2] > 0], rim]) + np.array([0, 0, side * length / 2]) for side in (1, -1)]
+    ends = [
+        np.vstack([ball[side * ball[:, 2] > 0], rim]) + np.array([0, 0, side * length / 2])
+        for side in (1, -1)
+    ]
     return np.vstack(ends)
 
 
@@ -66,12 +69,20 @@ def test_an_egg():
 
 
 def test_a_prism_with_round_ends_tips_about_one_direction_only():
-    """A square bar, 300 mm long, its ends drawn to points: four faces, every edge it can tip over runs along it."""
+    """A square bar, 300 mm long, its ends drawn to points: four faces, every edge it can tip over runs
+    along it."""
     square = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) * 30.0
-    bar = np.vstack([*(np.column_stack([square, np.full(4, z)]) for z in (-110.0, 110.0)), [[0, 0, 190.0], [0, 0, -190.0]]])
+    bar = np.vstack(
+        [
+            *(np.column_stack([square, np.full(4, z)]) for z in (-110.0, 110.0)),
+            [[0, 0, 190.0], [0, 0, -190.0]],
+        ]
+    )
     line = refusal(bar)
     assert "leave the centre of mass unknown along (0.00, 0.00, 1.00)" in line
-    assert re.search(r"\d+ axes rejected: \d+ too steep \(balance after 75 deg\): stand it on a smaller face", line)
+    assert re.search(
+        r"\d+ axes rejected: \d+ too steep \(balance after 75 deg\): stand it on a smaller face", line
+    )
 
 
 def test_a_foot_helps_the_ball():
@@ -79,7 +90,9 @@ def test_a_foot_helps_the_ball():
     triangles = np.concatenate([convex_triangles(sphere(600)), convex_triangles(foot)])
     spec = spec_for(triangles)
     # One body of two: the ball sinks into its foot a little.
-    neck = convex_triangles(np.array([[x, y, z] for x in (-12, 12) for y in (-12, 12) for z in (-47.0, -30.0)]))
+    neck = convex_triangles(
+        np.array([[x, y, z] for x in (-12, 12) for y in (-12, 12) for z in (-47.0, -30.0)])
+    )
     triangles = np.concatenate([triangles, neck])
     model = load_object_model(spec, stl(triangles), "b.stl")
     plan = make_plan(model, spec, "", StrikerModel(fastest_m_s=5.0), friction=2.0)
@@ -90,7 +103,8 @@ def test_reach_of_the_striker_is_named():
     spec = spec_of({"box": {"size_m": [0.08, 0.06, 0.15]}}, markers=[FAR_TAG])
     model = load_object_model(spec, None, "")
     with pytest.raises(
-        PlanError, match=r"no axis can be used; [0-9]+ axes rejected: .*[0-9]+ out of the striker's reach.*: glue on a plate"
+        PlanError,
+        match=r"no axis can be used; [0-9]+ axes rejected: .*[0-9]+ out of the striker's reach.*: glue",
     ):
         make_plan(model, spec, "", StrikerModel(lowest_m=0.3, highest_m=0.4), friction=2.0)
 
@@ -100,7 +114,9 @@ def test_the_numbers_behind_every_reason_are_told():
     model = load_object_model(spec, None, "")
     with pytest.raises(PlanError) as caught:
         make_plan(model, spec, "", StrikerModel(fastest_m_s=5.0), friction=0.01)
-    found = re.search(r"no axis can be used; (\d+) axes rejected: (.*): use a mat with more friction$", str(caught.value))
+    found = re.search(
+        r"no axis can be used; (\d+) axes rejected: (.*): use a mat with more friction$", str(caught.value)
+    )
     assert found is not None
     total, reasons = found.groups()
     assert re.search(r"\d+ slipping \(friction needed 0\.\d\d to \d\.\d\d\)", reasons)
@@ -111,10 +127,13 @@ def test_rejections_are_counted_with_their_numbers():
     def some(code, *numbers):
         return [Rejection(axis_id=f"a{i}", code=code, number=number) for i, number in enumerate(numbers)]
 
-    assert counted(some("slips", 0.9, 1.4, None) + some("impact_unreachable", None, None)) == (
+    assert rejection_summary(some("slips", 0.9, 1.4, None) + some("impact_unreachable", None, None)) == (
         "3 slipping (friction needed 0.90 to 1.40), 2 out of the striker's reach"
     )
-    assert counted(some("tag_small", 40.2)) == "1 with a tag too small in the image (40 px)"
-    assert counted(some("lifts", -0.2)) == "1 lifting off before balance"
-    assert counted(some("too_steep", np.radians(52.0), np.radians(61.0))) == "2 too steep (balance after 52 to 61 deg)"
-    assert counted(some("something_new", 1.0)) == "1 something new"
+    assert rejection_summary(some("tag_small", 40.2)) == "1 with a tag too small in the image (40 px)"
+    assert rejection_summary(some("lifts", -0.2)) == "1 lifting off before balance"
+    assert (
+        rejection_summary(some("too_steep", np.radians(52.0), np.radians(61.0)))
+        == "2 too steep (balance after 52 to 61 deg)"
+    )
+    assert rejection_summary(some("something_new", 1.0)) == "1 something new"

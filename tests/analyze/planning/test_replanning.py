@@ -13,18 +13,19 @@ import pytest
 from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
 from analyze.pipeline.merge import edge_line
-from analyze.planning.design import choose
+from analyze.planning.design import choose_design
+from analyze.planning.earlier_results import EarlierResult, StrikeMade, merge_results
 from analyze.planning.examine import Bench
-from analyze.planning.forecast import MOST_STRIKES, strikes_for
-from analyze.planning.given import Given, StrikeMade, together
+from analyze.planning.forecast import MAX_STRIKES, strikes_for
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
-from analyze.planning.plan import Request, finish, make_plan, prepare
+from analyze.planning.plan import Request, finish, prepare
 from analyze.planning.view import default_camera
 from analyze.reading.recording import open_recording
-from analyze.verbs.plan import files as plan_files
-from analyze.verbs.plan.files import PlanOptions, plan_object
+from analyze.verbs.plan import plan_object as plan_files
+from analyze.verbs.plan.plan_object import PlanOptions, plan_object
 from tests.analyze.geometry.shapes import spec_of
+from tests.analyze.planning.planned import make_plan
 from tests.analyze.planning.random_bodies import FAR_TAG
 from tests.places import SAMPLE
 
@@ -34,7 +35,12 @@ COM = np.array([0.004, -0.003, 0.012])
 
 @cache
 def box():
-    spec = spec_of({"box": {"size_m": [0.08, 0.06, 0.15]}}, markers=[FAR_TAG], edge_radius_m=0.001, edge_radius_sd_m=0.0002)
+    spec = spec_of(
+        {"box": {"size_m": [0.08, 0.06, 0.15]}},
+        markers=[FAR_TAG],
+        edge_radius_m=0.001,
+        edge_radius_sd_m=0.0002,
+    )
     return load_object_model(spec, None, ""), spec
 
 
@@ -53,7 +59,9 @@ def given_after(strikes):
     first = first_plan(strikes)
     made = tuple(StrikeMade(strike.axis_id, strike.phi_measured_sd_rad, 0.005) for strike in first.strikes)
     directions = {strike.axis_id: np.array(strike.pivot.direction) for strike in first.strikes}
-    return first, Given("so far", COM, np.array(first.predicted_com_covariance_m2), None, made, directions)
+    return first, EarlierResult(
+        "so far", COM, np.array(first.predicted_com_covariance_m2), None, made, directions
+    )
 
 
 def test_posterior_is_the_next_plans_prior():
@@ -64,7 +72,9 @@ def test_posterior_is_the_next_plans_prior():
     assert [strike.id for strike in after.strikes] == ["s7", "s8", "s9"]
     assert after.predicted_com_sd_m < first.predicted_com_sd_m
     assert after.predicted_com_sd_m < blind.predicted_com_sd_m
-    assert max(strike.phi_predicted_sd_rad for strike in after.strikes) < 0.2 * max(strike.phi_predicted_sd_rad for strike in blind.strikes)
+    assert max(strike.phi_predicted_sd_rad for strike in after.strikes) < 0.2 * max(
+        strike.phi_predicted_sd_rad for strike in blind.strikes
+    )
     for strike in after.strikes:
         arm = COM - np.array(strike.pivot.point)
         R = np.array(strike.R_world_object)
@@ -91,20 +101,24 @@ def test_another_objects_result_is_refused():
 
 
 def test_results_that_share_unknown_errors_are_never_joined_to_more_than_they_know():
-    """Covariance intersection: no direction surer than the surest of both, and c between them; whatever the order."""
+    """Covariance intersection: no direction surer than the surest of both, and c between them; whatever
+    the order."""
     _, given = given_after(6)
     flat, tall = (
         replace(given, com=COM + shift, com_covariance=np.diag(sd) ** 2)
-        for shift, sd in ((np.array([1e-4, 0, 0]), [2e-4, 2e-4, 2e-3]), (np.array([-1e-4, 0, 0]), [1e-3, 1e-3, 3e-4]))
+        for shift, sd in (
+            (np.array([1e-4, 0, 0]), [2e-4, 2e-4, 2e-3]),
+            (np.array([-1e-4, 0, 0]), [1e-3, 1e-3, 3e-4]),
+        )
     )
-    both = together([replace(flat, name="flat"), replace(tall, name="tall")])
+    both = merge_results([replace(flat, name="flat"), replace(tall, name="tall")])
     assert both.name in {"flat, tall", "tall, flat"}
     assert np.trace(both.com_covariance) < min(np.trace(flat.com_covariance), np.trace(tall.com_covariance))
     best = np.minimum(np.diag(flat.com_covariance), np.diag(tall.com_covariance))
     assert (np.diag(both.com_covariance) >= best).all()
     assert len(both.strikes) == len(flat.strikes) + len(tall.strikes)
-    assert np.allclose(together([replace(tall, name="tall"), replace(flat, name="flat")]).com, both.com)
-    same = together([given, given])
+    assert np.allclose(merge_results([replace(tall, name="tall"), replace(flat, name="flat")]).com, both.com)
+    same = merge_results([given, given])
     assert np.allclose(same.com_covariance, given.com_covariance), "the same twice is known no better"
 
 
@@ -113,9 +127,15 @@ def test_an_edge_made_under_another_name_is_known_by_its_place():
     first, given = given_after(6)
     edges = {f"old {strike.axis_id}": edge_line(strike) for strike in first.strikes}
     older = replace(
-        given, strikes=tuple(replace(each, axis_id=f"old {each.axis_id}") for each in given.strikes), directions={}, edges=edges
+        given,
+        strikes=tuple(replace(each, axis_id=f"old {each.axis_id}") for each in given.strikes),
+        directions={},
+        edges=edges,
     )
-    plans = [make_plan(model, spec, "", BENCH.striker, strikes=2, friction=0.6, given=each) for each in (given, older)]
+    plans = [
+        make_plan(model, spec, "", BENCH.striker, strikes=2, friction=0.6, given=each)
+        for each in (given, older)
+    ]
     assert plans[0].predicted_com_covariance_m2 == plans[1].predicted_com_covariance_m2
     assert [strike.axis_id for strike in plans[0].strikes] == [strike.axis_id for strike in plans[1].strikes]
 
@@ -140,19 +160,23 @@ def test_target_out_of_reach_says_how_near_it_comes():
 
 
 def test_more_strikes_asked_for_may_be_used_for_the_target():
-    usual, many = (choose(prepared().information, strikes).com_rms for strikes in (MOST_STRIKES, 2 * MOST_STRIKES))
+    usual, many = (
+        choose_design(prepared().information, strikes).com_rms for strikes in (MAX_STRIKES, 2 * MAX_STRIKES)
+    )
     target = (usual + many) / 2
     assert many < target < usual
-    plan = finish(prepared(), "", Request(2 * MOST_STRIKES, target))
+    plan = finish(prepared(), "", Request(2 * MAX_STRIKES, target))
     assert plan.prediction.target_reached
     assert plan.prediction.com_rms_m <= target
-    assert MOST_STRIKES < len(plan.strikes) <= 2 * MOST_STRIKES
+    assert MAX_STRIKES < len(plan.strikes) <= 2 * MAX_STRIKES
 
 
 def test_whether_to_stop_does_not_hang_on_how_many_were_asked_for():
     model, spec = box()
     given = given_after(6)[1]
-    plans = [make_plan(model, spec, "", BENCH.striker, strikes=many, friction=0.6, given=given) for many in (1, 9)]
+    plans = [
+        make_plan(model, spec, "", BENCH.striker, strikes=many, friction=0.6, given=given) for many in (1, 9)
+    ]
     assert plans[0].prediction.stop == plans[1].prediction.stop
 
 
@@ -210,7 +234,9 @@ def _attachment(recording: Path) -> bytes:
     from mcap.reader import make_reader
 
     with recording.open("rb") as stream:
-        return next(found.data for found in make_reader(stream).iter_attachments() if found.name == "object.toml")
+        return next(
+            found.data for found in make_reader(stream).iter_attachments() if found.name == "object.toml"
+        )
 
 
 def test_a_target_that_is_reached_already_is_said():
@@ -230,6 +256,6 @@ def test_the_rig_of_the_last_recording_given_is_the_one_planned_for(tmp_path):
     named, silent = plan_files._rig_of(PlanOptions(rig_path=rig_file, given=(SAMPLE,)))
     assert found.config == named.config
     assert np.array_equal(found.bench.camera.T_world_camera, named.bench.camera.T_world_camera)
-    assert notes == [f"planned for the rig of {SAMPLE}: for another, give its file with --rig"]
+    assert notes == [f"planned for the rig of {SAMPLE}: for another rig give its file with --rig"]
     assert silent == []
     assert plan_files._rig_of(PlanOptions())[0].config is None

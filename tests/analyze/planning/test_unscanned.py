@@ -13,13 +13,13 @@ from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel
 from analyze.planning.pivots import pivot_axes
-from analyze.planning.plan import make_plan
 from analyze.planning.stable_planes import resting_planes, stable_planes
-from analyze.planning.unscanned import on_scanned_edges, on_scanned_planes
+from analyze.planning.unscanned import scanned_edges, scanned_planes
 from analyze.planning.view import refuse_off_surface
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import StrikePlan
 from tests.analyze.geometry.shapes import spec_of
+from tests.analyze.planning.planned import make_plan
 from tests.analyze.planning.random_bodies import FAR_TAG
 
 SIZE = np.array([75.0, 65.0, 130.0])
@@ -29,7 +29,9 @@ LEVEL, SLOPE = -57.0, 0.15
 
 
 def thing(name: str, mass: float = 0.182) -> ObjectSpec:
-    return spec_of({"file": name, "unit": "mm"}, mass, [FAR_TAG], edge_radius_m=RADIUS, edge_radius_sd_m=0.0003)
+    return spec_of(
+        {"file": name, "unit": "mm"}, mass, [FAR_TAG], edge_radius_m=RADIUS, edge_radius_sd_m=0.0003
+    )
 
 
 def xyz(points) -> bytes:
@@ -58,7 +60,9 @@ def cut_mesh(ragged: float = 0.0) -> bytes:
     top = SIZE[2] / 2
     vertices[:, 2] = top - (top - vertices[:, 2]) * (top - LEVEL - SLOPE * vertices[:, 0]) / SIZE[2]
     vertices[bottom, 2] += np.random.default_rng(0).uniform(-ragged, ragged, int(bottom.sum()))
-    return trimesh.Trimesh(vertices, box.faces[~bottom[box.faces].all(axis=1)], process=False).export(file_type="stl")
+    return trimesh.Trimesh(vertices, box.faces[~bottom[box.faces].all(axis=1)], process=False).export(
+        file_type="stl"
+    )
 
 
 def holed_mesh(hole: float) -> bytes:
@@ -133,18 +137,21 @@ def test_a_small_hole_changes_nothing():
 
 
 def test_hollows_of_a_cloud_were_seen():
-    """A stool of three plates: between its feet, and at its open sides, the hull spans air; the scan has seen what is behind."""
+    """A stool of three plates: between its feet, and at its open sides, the hull spans air; the scan has
+    seen what is behind."""
     parts = [(70, 60, 20, 0, 0, 50), (70, 12, 80, 0, 24, 0), (70, 12, 80, 0, -24, 0)]
-    bodies = [trimesh.creation.box(part[:3], trimesh.transformations.translation_matrix(part[3:])) for part in parts]
+    bodies = [
+        trimesh.creation.box(part[:3], trimesh.transformations.translation_matrix(part[3:])) for part in parts
+    ]
     stool = trimesh.boolean.union(bodies)
     spec = thing("stool.xyz")
     model = load_object_model(spec, xyz(cloud(stool, 15_000)), "stool.xyz")
     believed = hypothesis(model)
     planes = stable_planes(resting_planes(model), believed.region)
     assert any(plane.up[2] > 0.99 for plane in planes)
-    assert on_scanned_planes(model, planes) == (planes, [])
+    assert scanned_planes(model, planes) == (planes, [])
     axes = pivot_axes(model, spec, planes, believed)
-    assert on_scanned_edges(model, axes) == (axes, [])
+    assert scanned_edges(model, axes) == (axes, [])
 
 
 def refusal(data: bytes, name: str) -> str:
@@ -174,7 +181,8 @@ def test_a_dome_that_shows_nothing_else_asks_for_the_missing_side():
 
 @pytest.mark.parametrize("name", ["cut.xyz", "cut.stl"])
 def test_a_marker_under_a_gap_may_lie_as_far_off_as_the_gap_is_wide(name):
-    """On the true bottom, 8 mm under the scan's end; a metre in place of a millimetre is a mistake there as well."""
+    """On the true bottom, 8 mm under the scan's end; a metre in place of a millimetre is a mistake there
+    as well."""
     model = model_of(cut_cloud(12_000) if name == "cut.xyz" else cut_mesh(), name)
 
     def at(height: float) -> ObjectSpec:
@@ -195,17 +203,28 @@ def stand(thickness: float) -> trimesh.Trimesh:
 
 @pytest.mark.parametrize(
     ("thickness", "noise"),
-    [pytest.param(16.0, 0.3, marks=pytest.mark.slow), (8.0, 0.3), pytest.param(8.0, 0.5, marks=pytest.mark.slow), (4.0, 0.3)],
+    [
+        pytest.param(16.0, 0.3, marks=pytest.mark.slow),
+        (8.0, 0.3),
+        pytest.param(8.0, 0.5, marks=pytest.mark.slow),
+        (4.0, 0.3),
+    ],
 )
 def test_the_edges_of_a_plate_under_a_stem(thickness, noise):
-    """The plate's upper side is no face of the hull: what is seen of it must neither turn the walls nor carry the rim beyond the plate."""
+    """The plate's upper side is no face of the hull: what is seen of it must neither turn the walls nor
+    carry the rim beyond the plate."""
     spec = thing("stand.xyz")
     model = load_object_model(spec, xyz(cloud(stand(thickness), 20_000, noise)), "stand.xyz")
     believed = hypothesis(model)
     below = [plane for plane in stable_planes(resting_planes(model), believed.region) if plane.up[2] > 0.99]
     axes = pivot_axes(model, spec, below, believed)
     square = [axis for axis in axes if np.abs(axis.tip[:2]).max() > 0.999]
-    assert {tuple(np.round(axis.tip[:2]).astype(int)) for axis in square} == {(1, 0), (-1, 0), (0, 1), (0, -1)}
+    assert {tuple(np.round(axis.tip[:2]).astype(int)) for axis in square} == {
+        (1, 0),
+        (-1, 0),
+        (0, 1),
+        (0, -1),
+    }
     for axis in square:
         off = axis.tip @ axis.point + RADIUS - 0.05
         assert abs(off) < 3 * axis.sd + 5e-5

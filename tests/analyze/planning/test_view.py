@@ -1,4 +1,5 @@
-"""Tags in view: why a tip cannot be watched is said with its own number and remedy; a tag that floats or sinks is refused."""
+"""Tags in view: why a tip cannot be watched is said with its own number and remedy; a tag that floats or
+sinks is refused."""
 
 from __future__ import annotations
 
@@ -25,7 +26,9 @@ STRIKER = StrikerModel(fastest_m_s=5.0)
 
 def box_with(markers, camera=None, friction=1.0):
     spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=markers)
-    return prepare(load_object_model(spec, None, ""), spec, Bench(STRIKER, camera or default_camera(), friction))
+    return prepare(
+        load_object_model(spec, None, ""), spec, Bench(STRIKER, camera or default_camera(), friction)
+    )
 
 
 def sized(size):
@@ -41,7 +44,9 @@ def test_tags_of_3_mm_are_too_small_and_a_plan_says_so():
     small = [entry for entry in prepared.rejected if entry.code == "tag_small"]
     assert small
     assert all(6 < entry.number < 10 for entry in small)
-    with pytest.raises(PlanError, match=r"with a tag too small in the image \(\d+(?: to \d+)? px\).*: print larger tags") as caught:
+    with pytest.raises(
+        PlanError, match=r"with a tag too small in the image \(\d+(?: to \d+)? px\).*: print larger tags"
+    ) as caught:
         finish(prepared, "", Request(9))
     assert "\n" not in str(caught.value)
 
@@ -62,27 +67,37 @@ def test_tags_out_of_the_image():
     out = [entry for entry in prepared.rejected if entry.code == "out_of_image"]
     assert out
     assert all(entry.number > 0 and "too far out" in entry.text for entry in out)
-    with pytest.raises(PlanError, match=r"12 with the tag out of the image \(by \d+ to \d+ px\): move or turn the camera"):
+    with pytest.raises(
+        PlanError, match=r"12 with the tag out of the image \(by \d+ to \d+ px\): move or turn the camera"
+    ):
         finish(prepared, "", Request(9))
 
 
 def test_where_a_tag_is_in_the_image_is_told_by_the_lens():
-    """A fisheye draws what is far out nearer: from 0.1 m before the box it sees tags that a pinhole of its focal length does not."""
+    """A fisheye draws what is far out nearer: from 0.1 m before the box it sees tags that a pinhole of its
+    focal length does not."""
     T = default_camera().T_world_camera.copy()
     T[1, 3] = -0.1 - SIZE[1] / 2
     pinhole = CameraModel(656, 492, np.array([[300.0, 0, 327.5], [0, 300, 245.5], [0, 0, 1]]), np.zeros(5), T)
     fisheye = replace(pinhole, model=LensModel.FISHEYE, distortion=np.array([-0.1, 0.0, 0.0, 0.0]))
-    out = [sum(entry.code == "out_of_image" for entry in box_with(sized(0.01), lens).rejected) for lens in (pinhole, fisheye)]
+    out = [
+        sum(entry.code == "out_of_image" for entry in box_with(sized(0.01), lens).rejected)
+        for lens in (pinhole, fisheye)
+    ]
     assert out[0] > out[1]
 
 
 def test_a_tag_in_a_recess_is_hidden():
     """A slab stands 60 mm before the tag's face, on the same foot."""
-    body = np.concatenate([box_triangles(np.array([80.0, 60, 150])), box_triangles(np.array([80.0, 80, 20]), (0, -70, -65))])
+    body = np.concatenate(
+        [box_triangles(np.array([80.0, 60, 150])), box_triangles(np.array([80.0, 80, 20]), (0, -70, -65))]
+    )
     body = np.concatenate([body, box_triangles(np.array([80.0, 20, 150]), (0, -100, 0))])
     marker = next(marker for marker in side_markers() if marker["id"] == 3)
     spec = spec_of({"file": "b.stl", "unit": "mm"}, 0.2, markers=[marker])
-    prepared = prepare(load_object_model(spec, stl(body), "b.stl"), spec, Bench(STRIKER, default_camera(), 1.0))
+    prepared = prepare(
+        load_object_model(spec, stl(body), "b.stl"), spec, Bench(STRIKER, default_camera(), 1.0)
+    )
     hidden = [entry for entry in prepared.rejected if entry.code == "hidden"]
     assert hidden
     assert "hides marker 3" in hidden[0].text
@@ -104,7 +119,9 @@ def check(markers, **shape):
     refuse_off_surface(load_object_model(spec, None, ""), spec)
 
 
-@pytest.mark.parametrize(("by", "says"), [(0.050, "marker 0 lies 50 mm outside"), (-0.010, "marker 0 lies 10 mm inside")])
+@pytest.mark.parametrize(
+    ("by", "says"), [(0.050, "marker 0 lies 50 mm outside"), (-0.010, "marker 0 lies 10 mm inside")]
+)
 def test_a_tag_off_the_surface_is_refused(by, says):
     with pytest.raises(PlanError, match=says) as caught:
         check(moved(by))
@@ -125,13 +142,18 @@ def test_a_surface_that_is_not_well_known_asks_less():
 
 
 def test_slow_frames_tell_less():
-    """A sixth of the frames: at best 2.4 times the sd from noise, and no more than the unknowns themselves at 2 frames a second."""
+    """A sixth of the frames: at best 2.4 times the sd from noise, and no more than the unknowns themselves
+    at 2 frames a second."""
     spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=side_markers())
     model = load_object_model(spec, None, "")
-    fast, slow = (prepare(model, spec, Bench(STRIKER, default_camera(), 1.0, frame_rate=rate)) for rate in (120.0, 20.0))
+    fast, slow = (
+        prepare(model, spec, Bench(STRIKER, default_camera(), 1.0, frame_rate=rate)) for rate in (120.0, 20.0)
+    )
     expected = fast.usable[0].candidate.expected
     rates = (2.0, 20.0, 119.0, 120.0, 241.0, 480.0)
-    noise = {rate: np.sqrt(strike_covariances([SeenSwing(expected, 1.15, 5e-4)], rate)[0][0, 0]) for rate in rates}
+    noise = {
+        rate: np.sqrt(strike_covariances([SeenSwing(expected, 1.15, 5e-4)], rate)[0][0, 0]) for rate in rates
+    }
     assert 2.2 < noise[20.0] / noise[120.0] < 4.0
     assert noise[119.0] == pytest.approx(noise[120.0], rel=0.05)
     assert noise[241.0] / noise[480.0] == pytest.approx(np.sqrt(480 / 241), rel=0.05)

@@ -1,4 +1,5 @@
-"""`--gravity`: one strike more with object and striker turned by 180 degrees, which tells the table's tilt."""
+"""`--gravity`: one strike more with object and striker turned by 180 degrees, which tells the table's
+tilt."""
 
 import re
 from dataclasses import replace
@@ -10,18 +11,19 @@ from analyze.cards.page import cards
 from analyze.errors import PlanError
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.estimation.stated import ComPrior, SystematicErrors
+from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.geometry.object_model import load_object_model
+from analyze.planning.earlier_results import EarlierResult, StrikeMade
 from analyze.planning.examine import Bench
 from analyze.planning.forecast import error_so_far
-from analyze.planning.given import Given, StrikeMade
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import TILT as TILT_TERM
 from analyze.planning.information import Errors
-from analyze.planning.plan import make_plan, prepare
+from analyze.planning.plan import prepare
 from analyze.planning.view import default_camera
 from tests.analyze.estimation.bodies import fit_of
 from tests.analyze.geometry.shapes import spec_of
+from tests.analyze.planning.planned import make_plan
 
 BENCH = Bench(StrikerModel(), default_camera(), 0.6)
 SIZE = (0.08, 0.06, 0.15)
@@ -41,13 +43,24 @@ ALL_ROUND = [tag(2 * axis + (sign < 0), axis, sign) for axis in range(3) for sig
 
 
 def box(markers):
-    spec = spec_of({"box": {"size_m": list(SIZE)}}, markers=markers, edge_radius_m=0.001, edge_radius_sd_m=0.0001)
+    spec = spec_of(
+        {"box": {"size_m": list(SIZE)}}, markers=markers, edge_radius_m=0.001, edge_radius_sd_m=0.0001
+    )
     return load_object_model(spec, None, ""), spec
 
 
 def planned(markers, strikes=6, **more):
     model, spec = box(markers)
-    return make_plan(model, spec, "", BENCH.striker, strikes=strikes, friction=BENCH.friction, errors=Errors(tilt=TILT), **more)
+    return make_plan(
+        model,
+        spec,
+        "",
+        BENCH.striker,
+        strikes=strikes,
+        friction=BENCH.friction,
+        errors=Errors(tilt=TILT),
+        **more,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +80,11 @@ def test_one_strike_more_of_an_edge_that_is_struck_anyway(plan):
     assert {strike.heading_rad for strike in usual} == {0.0}
     assert turned.heading_rad == pytest.approx(np.pi)
     before = next(strike for strike in usual if strike.axis_id == turned.axis_id)
-    assert (turned.R_world_object, turned.pivot, turned.tip_speed_m_s) == (before.R_world_object, before.pivot, before.tip_speed_m_s)
+    assert (turned.R_world_object, turned.pivot, turned.tip_speed_m_s) == (
+        before.R_world_object,
+        before.pivot,
+        before.tip_speed_m_s,
+    )
     assert turned.visible_markers != before.visible_markers
     pose = np.array(turned.camera_pose)
     assert pose[:3, 2] == pytest.approx([0, -1, 0]), "from the other end of the edge"
@@ -83,7 +100,7 @@ def test_the_card_says_so(plan):
 
 def test_the_printed_card_is_of_the_other_side(short):
     *_, before, turned = cards(short, *box(ALL_ROUND))
-    assert "striker and object on the other side of the line" in turned.change
+    assert "to the other side of the line" in turned.change
     assert not turned.repeated
     assert turned.put_down.startswith(f"Tag {turned.strike.visible_markers[0]} faces the camera")
     assert before.put_down.startswith(f"Tag {before.strike.visible_markers[0]} faces the camera")
@@ -95,25 +112,36 @@ def test_the_printed_card_is_of_the_other_side(short):
 def test_what_is_predicted_is_what_the_estimate_then_says(plan):
     planes = []
     for strike in plan.strikes:
-        fit = fit_of(strike.phi_predicted_rad, 60.0, max(np.sqrt(strike.phi_measured_sd_rad**2 - 5e-4**2), 1e-5), 0.3)
+        fit = fit_of(
+            strike.phi_predicted_rad, 60.0, max(np.sqrt(strike.phi_measured_sd_rad**2 - 5e-4**2), 1e-5), 0.3
+        )
         planes.append(equiplane_from_fit(strike.id, strike, fit))
     half = np.array(SIZE) / 2
-    com = centre_of_mass(planes, SystematicErrors(TILT, edge_radius_sd=1e-4), ComPrior.from_bounds(-half, half))
+    com = centre_of_mass(
+        planes, SystematicErrors(TILT, edge_radius_sd=1e-4), ComPrior.from_bounds(-half, half)
+    )
     assert np.sqrt(np.trace(com.covariance)) == pytest.approx(plan.prediction.com_rms_m, rel=0.15)
     assert com.tilts[0].sd[0] < 0.1 * TILT
 
 
 def test_a_plan_that_goes_on_from_a_turned_strike_knows_the_tilt(short):
-    """As the estimate does. Three edges do not cancel the tilt: taken for usual strikes they would leave it as it was stated."""
-    made = tuple(StrikeMade(each.axis_id, each.phi_measured_sd_rad, None, each.heading_rad) for each in short.strikes)
+    """As the estimate does. Three edges do not cancel the tilt: taken for usual strikes they would leave
+    it as it was stated."""
+    made = tuple(
+        StrikeMade(each.axis_id, each.phi_measured_sd_rad, None, each.heading_rad) for each in short.strikes
+    )
     planes = []
     for strike in short.strikes:
-        fit = fit_of(strike.phi_predicted_rad, 60.0, max(np.sqrt(strike.phi_measured_sd_rad**2 - 5e-4**2), 1e-5), 0.3)
+        fit = fit_of(
+            strike.phi_predicted_rad, 60.0, max(np.sqrt(strike.phi_measured_sd_rad**2 - 5e-4**2), 1e-5), 0.3
+        )
         planes.append(equiplane_from_fit(strike.id, strike, fit))
     half = np.array(SIZE) / 2
-    com = centre_of_mass(planes, SystematicErrors(TILT, edge_radius_sd=1e-4), ComPrior.from_bounds(-half, half))
+    com = centre_of_mass(
+        planes, SystematicErrors(TILT, edge_radius_sd=1e-4), ComPrior.from_bounds(-half, half)
+    )
     model, spec = box(ALL_ROUND)
-    so_far = Given("so far", com.position, com.covariance, None, made)
+    so_far = EarlierResult("so far", com.position, com.covariance, None, made)
     known = prepare(model, spec, BENCH, Errors(tilt=TILT), so_far).information
     assert error_so_far(known) == pytest.approx(np.sqrt(np.trace(com.covariance)), rel=0.15)
     usual = replace(so_far, strikes=tuple(replace(each, heading=0.0) for each in made))
@@ -125,14 +153,19 @@ def test_a_plan_that_goes_on_from_a_turned_strike_knows_the_tilt(short):
 def test_what_is_known_so_far_does_not_have_the_turned_strike_in_it(short):
     usual = [strike for strike in short.strikes if not strike.heading_rad]
     made = tuple(StrikeMade(each.axis_id, each.phi_measured_sd_rad, None) for each in usual)
-    so_far = Given("so far", np.zeros(3), np.array(short.predicted_com_covariance_m2), None, made)
-    said = [planned(ALL_ROUND, strikes=1, given=so_far, gravity=gravity).prediction.advice for gravity in (False, True)]
+    so_far = EarlierResult("so far", np.zeros(3), np.array(short.predicted_com_covariance_m2), None, made)
+    said = [
+        planned(ALL_ROUND, strikes=1, given=so_far, gravity=gravity).prediction.advice
+        for gravity in (False, True)
+    ]
     figures = [float(re.search(r"so far give c to ([\d.]+) mm", each).group(1)) for each in said]
     assert figures[0] == figures[1]
 
 
 def test_an_object_seen_from_one_end_only_is_refused_with_the_remedy():
-    with pytest.raises(PlanError, match=r"sees its other side.*marker on the opposite side too.*analyze gravity"):
+    with pytest.raises(
+        PlanError, match=r"sees its other side.*marker on the opposite side too.*analyze gravity"
+    ):
         planned([tag(1, 0, -1), tag(3, 1, -1), tag(5, 2, -1)], strikes=3, gravity=True)
 
 

@@ -1,4 +1,4 @@
-"""The table's tilt from one edge struck a second time with the object turned by 180 degrees (METHOD section 2, gravity)."""
+"""Strike with the object turned by 180 degrees, to measure the table's tilt (method 2)."""
 
 from __future__ import annotations
 
@@ -17,28 +17,37 @@ from analyze.types import CameraModel
 from schemas.object_spec import ObjectSpec
 
 TURNED = float(np.pi)
-"""heading, rad"""
+"""Heading of a turned strike [rad]."""
 
 
 @dataclass(frozen=True)
 class Turnable:
-    """An edge that can be struck with the object turned as well."""
+    """Usable axis that can be struck with the object turned as well."""
 
     index: int
-    """among the usable axes"""
+    """Index among the usable axes."""
     usable: Usable
-    """with the markers that the camera then sees"""
+    """The axis, with the markers that the camera sees when the object is turned."""
     tilt_sd: float
-    """rad, of gravity's tilt by half the difference of phi of two strikes, one each way"""
+    """1 sigma [rad] of gravity's tilt from half the difference of phi of two strikes, one each way."""
 
 
-def turnable(usable: Sequence[Usable], model: ObjectModel, spec: ObjectSpec, camera: CameraModel, errors: Errors) -> list[Turnable]:
-    """Edges whose other side shows a marker to the camera, those that tell the tilt best first.
+def turnable(
+    usable: Sequence[Usable], model: ObjectModel, spec: ObjectSpec, camera: CameraModel, errors: Errors
+) -> list[Turnable]:
+    """Axes with a marker visible when the object is turned, ordered by the precision of the tilt.
 
-    Striker and object turn together: heights, speeds and the edge's hold are those of the strike as usual.
+    Striker and object turn together: heights, speeds and the edge's hold are those of the usual strike.
+
+    Args:
+        usable: Usable axes.
+        model: Shape of the object.
+        spec: Name and markers.
+        camera: Camera at the usual heading.
+        errors: Errors that strikes share.
 
     Raises:
-        PlanError: there is none; says of the one that comes nearest why.
+        PlanError: there is none; the message has the fault of the marker nearest to being visible.
     """
     other = turned_camera(camera, TURNED)
     known = any(marker.T_object_marker is not None for marker in spec.marker)
@@ -55,19 +64,20 @@ def turnable(usable: Sequence[Usable], model: ObjectModel, spec: ObjectSpec, cam
         nearest = max(faults, key=lambda fault: view.CODES.index(fault.code), default=None)
         why = "" if nearest is None else f" ({nearest.text})"
         raise PlanError(
-            f"{spec.name}: no edge can be struck with the object turned by 180 degrees, as the camera then sees its other side{why}: put a "
+            f"{spec.name}: no edge can be struck with the object turned by 180 degrees, as the camera then "
+            f"sees its other side{why}: put a "
             "marker on the opposite side too, or hang a plumb line in view (`analyze gravity`)"
         )
     return sorted(found, key=lambda each: (round(each.tilt_sd, 9), each.index))
 
 
-def with_tilt_told(information: Information, by: Turnable) -> Information:
-    """As after such a pair of strikes: the tilt is known, so that no strike need be spent on cancelling it."""
+def with_tilt_measured(information: Information, by: Turnable) -> Information:
+    """Information with the tilt's sd as after a pair of strikes, one usual and one turned."""
     before = information.errors.tilt
-    told = float(1 / np.hypot(1 / max(before, 1e-9), 1 / by.tilt_sd))
-    return replace(information, errors=replace(information.errors, tilt=told))
+    after = float(1 / np.hypot(1 / max(before, 1e-9), 1 / by.tilt_sd))
+    return replace(information, errors=replace(information.errors, tilt=after))
 
 
-def best_known(turnables: Sequence[Turnable], chosen: Collection[int]) -> Turnable:
-    """The one that tells most among the edges that are struck anyway; else of all."""
+def best_turnable(turnables: Sequence[Turnable], chosen: Collection[int]) -> Turnable:
+    """Turnable axis of best precision among those in `chosen`, or among all if none is chosen."""
     return next((each for each in turnables if each.index in chosen), turnables[0])

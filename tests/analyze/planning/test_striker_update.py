@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analyze.planning.impact import StrikerModel
-from analyze.planning.striker_taught import Touch, taught
+from analyze.planning.striker_update import Touch, updated_striker
 
 BELIEVED = StrikerModel()
 AXES = {"a": (3.0e-4, 0.45, 60.0, 0.09), "b": (5.5e-4, 0.30, 45.0, 0.13), "c": (2.2e-4, 0.70, 75.0, 0.06)}
@@ -18,12 +18,14 @@ AXES = {"a": (3.0e-4, 0.45, 60.0, 0.09), "b": (5.5e-4, 0.30, 45.0, 0.13), "c": (
 def energy(mass: float, restitution: float, speed: float, axis: str) -> float:
     """E of a strike, from the impulse of two bodies that touch; written apart from the planner."""
     moment, phi, k, height = AXES[axis]
-    felt = 1 / (1 / mass + height**2 / moment)
-    omega = (1 + restitution) * felt * speed * height / moment
+    effective_mass = 1 / (1 / mass + height**2 / moment)
+    omega = (1 + restitution) * effective_mass * speed * height / moment
     return omega**2 / (2 * k * (1 - np.cos(phi)))
 
 
-def touches(mass: float, restitution: float, rng: np.random.Generator, axes: str = "abc", each: int = 2) -> list[Touch]:
+def touches(
+    mass: float, restitution: float, rng: np.random.Generator, axes: str = "abc", each: int = 2
+) -> list[Touch]:
     """Strikes with the scatter that the virtual rig shows."""
     found = []
     for axis in axes:
@@ -47,7 +49,7 @@ def test_the_next_energy_is_foretold_far_better():
         mass, bounce = rng.normal(0.2, 0.05), np.clip(rng.normal(0.4, 0.15), 0.0, 1.0)
         true = energy(mass, bounce, 0.4, "c")
         before.append(np.log(told(BELIEVED, "c") / true))
-        after.append(np.log(told(taught(BELIEVED, touches(mass, bounce, rng, "ab", 3)), "c") / true))
+        after.append(np.log(told(updated_striker(BELIEVED, touches(mass, bounce, rng, "ab", 3)), "c") / true))
     assert np.sqrt(np.mean(np.square(after))) < 0.1 < 0.5 * np.sqrt(np.mean(np.square(before)))
 
 
@@ -56,9 +58,14 @@ def test_what_it_states_is_honest():
     off = []
     for _ in range(60):
         mass, bounce = rng.normal(0.2, 0.05), np.clip(rng.normal(0.4, 0.15), 0.0, 1.0)
-        found = taught(BELIEVED, touches(mass, bounce, rng))
+        found = updated_striker(BELIEVED, touches(mass, bounce, rng))
         assert found.restitution_sd < 0.5 * BELIEVED.restitution_sd
-        off.append([(found.effective_mass_kg - mass) / found.effective_mass_sd_kg, (found.restitution - bounce) / found.restitution_sd])
+        off.append(
+            [
+                (found.effective_mass_kg - mass) / found.effective_mass_sd_kg,
+                (found.restitution - bounce) / found.restitution_sd,
+            ]
+        )
     # 60 draws each: the root mean square of unit normals lies in 0.73 to 1.27 with three standard deviations.
     assert (np.sqrt(np.mean(np.square(off), axis=0)) < 1.27).all()
 
@@ -67,17 +74,19 @@ def test_a_second_touch_of_the_arm_does_not_mislead():
     rng = np.random.default_rng(6)
     clean = touches(0.17, 0.4, rng, each=3)
     spoilt = [replace(clean[0], energy_ratio=1.5 * clean[0].energy_ratio), *clean[1:]]
-    assert told(taught(BELIEVED, spoilt), "a") == pytest.approx(told(taught(BELIEVED, clean), "a"), rel=0.03)
+    assert told(updated_striker(BELIEVED, spoilt), "a") == pytest.approx(
+        told(updated_striker(BELIEVED, clean), "a"), rel=0.03
+    )
 
 
 def test_without_strikes_nothing_is_learned_and_limits_stay():
-    assert taught(BELIEVED, []) is BELIEVED
-    found = taught(BELIEVED, touches(0.25, 0.6, np.random.default_rng(7)))
+    assert updated_striker(BELIEVED, []) is BELIEVED
+    found = updated_striker(BELIEVED, touches(0.25, 0.6, np.random.default_rng(7)))
     assert (found.slowest_m_s, found.highest_m) == (BELIEVED.slowest_m_s, BELIEVED.highest_m)
 
 
 def test_a_calibrated_striker_is_hardly_moved():
     sure = replace(BELIEVED, effective_mass_sd_kg=0.001, restitution_sd=0.005)
-    found = taught(sure, touches(0.25, 0.6, np.random.default_rng(8)))
+    found = updated_striker(sure, touches(0.25, 0.6, np.random.default_rng(8)))
     assert abs(found.restitution - 0.4) < 0.02
     assert abs(found.effective_mass_kg - 0.2) < 0.003

@@ -1,0 +1,171 @@
+"""Posterior from the strikes already made, from which the next plan starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analyze.errors import PlanError
+from analyze.geometry.edge_line import EdgeLine
+from analyze.planning.hypothesis import Hypothesis, Region
+from analyze.planning.information import Belief, Candidate
+from analyze.planning.pivots import PivotAxis, swing
+from analyze.types import Array
+
+SAME_AXIS = np.cos(np.radians(3.0))
+"""Cosine above which two directions are the same axis."""
+SHARES = tuple(np.linspace(1.0, 0.0, 21).tolist())
+"""Shares of the first of two results tried in covariance intersection."""
+MIN_HALF_EDGE = 5e-4
+"""Smallest half edge of Q [m]: the place of the object's edges is known no better."""
+
+
+@dataclass(frozen=True)
+class StrikeMade:
+    """A strike used in an earlier result."""
+
+    axis_id: str
+    phi_sd: float
+    """1 sigma of phi [rad]."""
+    k_sd: float | None
+    """Relative 1 sigma of k; None if k was not used."""
+    heading: float = 0.0
+    """Heading of object and striker on the table [rad]."""
+
+
+@dataclass(frozen=True)
+class EarlierResult:
+    """An earlier result of the object, in O."""
+
+    name: str
+    """Name of the result's file, for messages."""
+    com: Array
+    """(3,) centre of mass [m]."""
+    com_covariance: Array
+    """(3, 3) covariance of c [m^2]; unobserved directions have the prior's variance."""
+    unit_inertia: Array | None
+    """(3, 3) inertia about c per kilogram [m^2]; None if not estimated."""
+    strikes: tuple[StrikeMade, ...]
+    directions: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    """Unit direction (3,) of each struck axis by id, to check that the ids still name the same edges."""
+    edges: Mapping[str, EdgeLine] = field(default_factory=dict[str, EdgeLine])
+    """Edge of each struck axis by id, where the plans are available; identifies axes better than ids."""
+
+
+def merge_results(results: Sequence[EarlierResult]) -> EarlierResult:
+    """Merge results of different strikes into one, independently of their order.
+
+    The results share errors (the edges, the table) to an unknown degree: their c are merged by covariance
+    intersection, which never understates the covariance (Julier and Uhlmann 1997). A joint estimate of the
+    recordings is more precise.
+    """
+    ordered = sorted(results, key=lambda each: (float(np.trace(each.com_covariance)), each.name))
+    first = ordered[0]
+    com, covariance = first.com, first.com_covariance
+    for other in ordered[1:]:
+        com, covariance = _intersection(com, covariance, other.com, other.com_covariance)
+    most = max(ordered, key=lambda each: len(each.strikes))
+    strikes = tuple(strike for each in ordered for strike in each.strikes)
+    directions = {
+        name: direction for each in reversed(ordered) for name, direction in each.directions.items()
+    }
+    edges = {name: edge for each in reversed(ordered) for name, edge in each.edges.items()}
+    return EarlierResult(
+        ", ".join(each.name for each in ordered),
+        com,
+        covariance,
+        most.unit_inertia,
+        strikes,
+        directions,
+        edges,
+    )
+
+
+def _intersection(a: Array, A: Array, b: Array, B: Array) -> tuple[Array, Array]:
+    """Covariance intersection of means `a`, `b` (3,) with covariances `A`, `B` (3, 3), of least trace.
+
+    Returns:
+        Mean (3,) and covariance (3, 3), valid for any correlation.
+    """
+    of_a, of_b = np.linalg.inv(A), np.linalg.inv(B)
+    merged: list[Array] = [
+        np.asarray(np.linalg.inv(share * of_a + (1 - share) * of_b), dtype=np.float64) for share in SHARES
+    ]
+    best = int(np.argmin([np.trace(each) for each in merged]))
+    share, covariance = SHARES[best], merged[best]
+    return covariance @ (share * of_a @ a + (1 - share) * of_b @ b), covariance
+
+
+def updated_hypothesis(believed: Hypothesis, given: EarlierResult) -> Hypothesis:
+    """Hypothesis with Q about the measured c; half edges are two standard deviations, if smaller."""
+    values, vectors = np.linalg.eigh(given.com_covariance)
+    half = np.maximum(2 * np.sqrt(np.maximum(values, 0.0)), MIN_HALF_EDGE)
+    half = np.minimum(half, max(float(believed.region.half.max()), MIN_HALF_EDGE))
+    region = Region(given.com, vectors.T, half)
+    return Hypothesis(region, believed.unit_inertia if given.unit_inertia is None else given.unit_inertia)
+
+
+def with_strikes_made(
+    belief: Belief,
+    given: EarlierResult,
+    axes: Sequence[PivotAxis],
+    believed: Hypothesis,
+    mass: float,
+    gravity: float,
+) -> Belief:
+    """Belief with the information of the strikes made added.
+
+    Args:
+        belief: Belief before any strike.
+        given: Result of the strikes made.
+        axes: All pivot axes of the object.
+        believed: Region Q of c and inertia per kilogram.
+        mass: Mass of the object [kg].
+        gravity: Gravity [m/s^2].
+
+    Raises:
+        PlanError: a strike's axis is not one of the object's.
+    """
+    known = {axis.id: axis for axis in axes}
+    made: dict[str, dict[float, Array]] = {}
+    for strike in given.strikes:
+        axis = _identified_axis(strike.axis_id, given, known)
+        if axis is None:
+            raise PlanError(
+                f"{given.name}: strike on axis {strike.axis_id!r}, which this object does not have: plan "
+                "from the first strike anew"
+            )
+        weight = np.diag([strike.phi_sd**-2, 0.0 if strike.k_sd is None else strike.k_sd**-2])
+        so_far = made.setdefault(axis.id, {})
+        so_far[strike.heading] = so_far.get(strike.heading, np.zeros((2, 2))) + weight
+    struck = tuple(
+        Candidate(
+            known[name],
+            swing(known[name], believed.region.centre, mass, believed.unit_inertia, gravity),
+            np.eye(2),
+        )
+        for name in made
+    )
+    return Belief(belief.com_sd, belief.inertia, belief.inertia_sd, made, struck)
+
+
+def _identified_axis(name: str, given: EarlierResult, known: Mapping[str, PivotAxis]) -> PivotAxis | None:
+    """Axis that a result calls `name`, found by its edge line, else by id and direction; None if none is."""
+    axis, direction, edge = known.get(name), given.directions.get(name), given.edges.get(name)
+    if edge is not None:
+        near = [
+            (edge.distance(_line(each)), each.id != name, each.id)
+            for each in known.values()
+            if edge.is_same(_line(each))
+        ]
+        if near:
+            return known[min(near)[2]]
+    if axis is None or (direction is not None and float(direction @ axis.direction) < SAME_AXIS):
+        return None
+    return axis
+
+
+def _line(axis: PivotAxis) -> EdgeLine:
+    return EdgeLine(axis.direction, axis.plane.up, axis.point, axis.radius)

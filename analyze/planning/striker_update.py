@@ -1,0 +1,102 @@
+"""Effective mass and restitution of the striker, estimated from strikes made (method 1.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analyze.planning.impact import StrikerModel
+from analyze.types import Array
+from schemas.impact_law import inverse_impact_mass
+
+READING_SD = 0.02
+"""1 sigma of ln(angular momentum) from strike to strike: errors of the fitted energy and of the striker's
+speed."""
+AXIS_SD = 0.04
+"""1 sigma of ln(angular momentum) common to one axis: unmodelled effects (the tip's friction, a slanting
+face)."""
+TAILS = 3.0
+"""Degrees of freedom of the readings' t distribution: the arm sometimes touches twice."""
+STEPS = 30
+"""Number of iterations of the robust fit."""
+LEAST_MASS_SD, LEAST_RESTITUTION_SD = 1e-4, 1e-3
+"""Smallest standard deviations reported: of the effective mass [kg] and of the restitution."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One strike: tip speed and height of the striker, and the fitted motion of the object."""
+
+    axis_id: str
+    tip_speed: float
+    """Tip speed just before contact, as measured by the striker [m/s]."""
+    height: float
+    """Impact height over the table [m]."""
+    i_edge: float
+    """Moment of inertia about the edge [kg m^2]."""
+    phi: float
+    """Balance angle [rad]."""
+    k: float
+    """k = m g R / I_edge [rad/s^2]."""
+    energy_ratio: float
+    """Energy ratio E at release."""
+
+    @property
+    def momentum(self) -> float:
+        """Angular momentum after impact, I_edge omega0 [kg m^2/s], with omega0^2 / 2 = k (1 - cos phi) E."""
+        return self.i_edge * float(np.sqrt(2 * self.k * (1 - np.cos(self.phi)) * self.energy_ratio))
+
+
+def updated_striker(striker: StrikerModel, touches: Sequence[Touch]) -> StrikerModel:
+    """Striker updated by strikes made: effective mass and restitution with independent 1 sigma.
+
+    J h = I_edge omega0 with J = (1 + e) v / (1/m_s + h^2/I_edge). Tips alone hardly separate e and m_s: each
+    keeps the part of its spread that the other can compensate.
+
+    Args:
+        striker: Striker as believed before.
+        touches: Strikes with a fitted energy; without any the striker is returned unchanged.
+    """
+    if not touches:
+        return striker
+    axes = sorted({touch.axis_id for touch in touches})
+    mass_sd, bounce_sd = (
+        striker.effective_mass_sd_kg / striker.effective_mass_kg,
+        striker.restitution_sd / (1 + striker.restitution),
+    )
+    measured = np.log([touch.momentum for touch in touches])
+    given = np.log([touch.tip_speed * touch.height for touch in touches])
+    heights, i_edges = (
+        np.array([touch.height for touch in touches]),
+        np.array([touch.i_edge for touch in touches]),
+    )
+    slope = np.zeros((len(touches), 2 + len(axes)))
+    slope[:, 1] = bounce_sd
+    slope[np.arange(len(touches)), [2 + axes.index(touch.axis_id) for touch in touches]] = AXIS_SD
+    z = np.zeros(2 + len(axes))
+    weight, covariance = np.ones(len(touches)), np.eye(len(z))
+    for _ in range(STEPS):
+        stiff = np.exp(-mass_sd * z[0]) / striker.effective_mass_kg
+        inverse_mass = inverse_impact_mass(stiff, heights, i_edges)
+        expected = np.log1p(striker.restitution) + given - np.log(inverse_mass) + slope[:, 1:] @ z[1:]
+        slope[:, 0] = mass_sd * stiff / inverse_mass
+        residual = (measured - expected) / READING_SD
+        rows = slope / READING_SD
+        covariance = np.linalg.inv(np.eye(len(z)) + rows.T @ (rows * weight[:, None]))
+        z = z + covariance @ (rows.T @ (weight * residual) - z)
+        weight = (TAILS + 1) / (TAILS + residual**2)
+    return _striker(striker, z, np.sqrt(np.diag(covariance)), mass_sd, bounce_sd)
+
+
+def _striker(before: StrikerModel, z: Array, sd: Array, mass_sd: float, bounce_sd: float) -> StrikerModel:
+    mass = before.effective_mass_kg * float(np.exp(mass_sd * z[0]))
+    rebound = (1 + before.restitution) * float(np.exp(bounce_sd * z[1]))
+    return replace(
+        before,
+        effective_mass_kg=mass,
+        effective_mass_sd_kg=max(mass * mass_sd * float(sd[0]), LEAST_MASS_SD),
+        restitution=float(np.clip(rebound - 1, 0.0, 1.0)),
+        restitution_sd=max(rebound * bounce_sd * float(sd[1]), LEAST_RESTITUTION_SD),
+    )
