@@ -1,4 +1,4 @@
-"""The Comparison document, printed by `analyze report --compare --json`: precision (ISO 5725) and agreement of repeated sessions."""
+"""The Comparison document of repeated sessions: precision (ISO 5725) and agreement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The Report document, printed by `analyze report --json`: result, sensitivity and, for virtual recordings, errors against ground truth."""
+"""The Report document: result, sensitivity, and errors against ground truth where it is known."""
 
 from __future__ import annotations
 
@@ -66,5 +66,7 @@ class Report(Document):
     sensitivity: SensitivityResult
     score: dict[str, Any] | None = Field(
         default=None,
-        description="errors against ground truth, as `analyze score --json` prints them; virtual recordings only",
+        description=(
+            "errors against ground truth, as `analyze score --json` prints them; virtual recordings only"
+        ),
     )

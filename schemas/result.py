@@ -1,5 +1,4 @@
-"""The Result document, printed by `analyze estimate --json`: every number with its uncertainty, and its
-inputs.
+"""The Result document, printed by `analyze estimate --json`.
 
 Schema 2.0 renamed keys of 1.x (docs/reference/renamed-keys.md); documents of 1.x are read and take the new
 names.
@@ -59,8 +58,7 @@ class SparseDocument(Document):
 
 
 class Quantity(Document):
-    """A quantity with unit, standard deviation and 95 % interval; where it is not observed, value and sd may
-    be null."""
+    """A quantity with unit, sd and 95 % interval; value and sd may be null if not observed."""
 
     value: float | list[float] | list[list[float]] | None
     unit: str
@@ -174,11 +172,16 @@ class PredictionResult(RenamedDocument):
     )
     motion_sigmas: float = Field(
         ge=0,
-        description="standardised difference of theta(t), started from the first free frames with the predicted phi and k",
+        description=(
+            "standardised difference of theta(t), started from the first free frames with the predicted phi"
+            " and k"
+        ),
     )
     consistent: bool = Field(description="true if both standardised differences are at most 3")
     frames: int = Field(
-        description="frames of theta(t) compared: until the prediction's sd exceeds 3 deg, or the free motion ends"
+        description=(
+            "frames of theta(t) compared: until the prediction's sd exceeds 3 deg, or the free motion ends"
+        )
     )
     start_frames: int = Field(description="frames before them, which only give the start")
     worst_offset_rad: float = Field(
@@ -235,8 +238,7 @@ class StrikeResult(RenamedDocument):
 
 
 class AxisMoment(Document):
-    """Moments of inertia about one pivot axis: at the contact line, and about the parallel axis through the
-    centre of mass."""
+    """Moments of inertia about one pivot axis and about its parallel through c."""
 
     axis_id: str
     direction: Vector3
@@ -253,7 +255,10 @@ class RegionResult(SparseDocument):
     mass: Quantity
     limits_kg: list[float] | None = Field(
         default=None,
-        description="least and greatest mass under any filling of a uniform shell; null in older results and the paper's",
+        description=(
+            "least and greatest mass under any filling of a uniform shell; null in older results and the"
+            " paper's"
+        ),
     )
 
     @model_validator(mode="before")
@@ -266,8 +271,7 @@ class RegionResult(SparseDocument):
 
 
 class Regions(RenamedDocument, SparseDocument):
-    """Masses of the shell and of the two interior parts, with the dividing plane (n.x = offset, in O) and
-    naive answers.
+    """Masses of shell and interior parts, the dividing plane (n.x = offset, in O), naive answers.
 
     Intervals hold for a uniform shell with two uniform parts inside. Where no such body has the moments
     (`explained` is false), they are the limits under any filling, and the plane divides the body in the
@@ -311,8 +315,7 @@ class Regions(RenamedDocument, SparseDocument):
 
 
 class PartResult(Document):
-    """One labelled part, taken as uniform; not observed where the moments leave its mass open within the
-    interval."""
+    """One labelled part, taken as uniform; not observed where the moments leave its mass open."""
 
     name: str
     mass: Quantity
@@ -326,7 +329,9 @@ class Parts(Document):
     parts: list[PartResult]
     uniform: list[float] = Field(description="naive answer: masses [kg] with one density for all parts")
     misfit: float = Field(
-        description="rms of the moments' residuals over their sd; far above 1 if a part is missing or not uniform"
+        description=(
+            "rms of the moments' residuals over their sd; far above 1 if a part is missing or not uniform"
+        )
     )
 
 
@@ -351,8 +356,7 @@ class Filling(RenamedDocument):
 
 
 class TableTilt(Document):
-    """Lean of the vertical from the table's normal towards W's x (where objects tip) and y: the table rises
-    that way by as much.
+    """Tilt of the vertical from the table's normal towards W's x and y, where the table rises.
 
     `source` of each component: measured by the strikes, given by the rig file's level reading, or prior.
     """
@@ -363,8 +367,7 @@ class TableTilt(Document):
 
 
 class FrameTimes(Document):
-    """Origin of a recording's frame times where no rig's clock gave them, and the strikes' check of the frame
-    rate.
+    """Origin of frame times that no rig's clock gave, and the check of the frame rate.
 
     Ratios are true rate over stated rate.
     """
@@ -377,13 +380,17 @@ class FrameTimes(Document):
         default=None, description="1 sigma as a drop measured it; null if only stated"
     )
     contact_sd_s: float | None = Field(
-        description="1 sigma of a strike's contact time, from the onset of motion; null where no strike has one"
+        description=(
+            "1 sigma of a strike's contact time, from the onset of motion; null where no strike has one"
+        )
     )
     rate_limits: list[float] | None = Field(
         description="least and greatest ratio that any filling of the shape allows; null if none was found"
     )
     rate_ratio: Quantity | None = Field(
-        description="ratio from axes at different distances from the centre of mass; null where there are none"
+        description=(
+            "ratio from axes at different distances from the centre of mass; null where there are none"
+        )
     )
     possible: bool = Field(description="true if the stated rate can be the true one")
     likely_rate_hz: float | None = Field(
@@ -446,7 +453,9 @@ class Result(SparseDocument):
     )
     inertia_measured: list[list[bool]] | None = Field(
         default=None,
-        description="per entry: true if strikes measured it, false if the shape's prior stands; null in older results",
+        description=(
+            "per entry: true if strikes measured it, false if the shape's prior stands; null in older results"
+        ),
     )
     regions: Regions | None
     regions_paper: Regions | None = None
@@ -455,7 +464,10 @@ class Result(SparseDocument):
     )
     parameters_covariance: list[list[float]] | None = Field(
         default=None,
-        description="(10, 10) covariance of mass, centre of mass, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it, SI; not written in older results",
+        description=(
+            "(10, 10) covariance of mass, centre of mass, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it, SI; not"
+            " written in older results"
+        ),
     )
     parts: Parts | None = Field(
         default=None, description="labelled parts; not written where the object file labels none"

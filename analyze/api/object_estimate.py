@@ -76,7 +76,7 @@ class InertiaTensor:
     @property
     def principal_moments(self) -> Array:
         """Principal moments (3,) [kg m²], ascending."""
-        return np.linalg.eigvalsh(self.tensor)
+        return np.asarray(np.linalg.eigvalsh(self.tensor), dtype=np.float64)
 
     @property
     def principal_axes(self) -> Array:

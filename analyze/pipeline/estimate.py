@@ -1,5 +1,4 @@
-"""From recordings to every number about the object: evidence of the strikes, merged, then one joint
-estimate."""
+"""From recordings to numbers about the object: merged evidence, then one joint estimate."""
 
 from __future__ import annotations
 
@@ -40,7 +39,7 @@ from analyze.estimation.sensitivity import Sensitivity, sensitivity
 from analyze.estimation.voxel_map import VoxelMap, voxel_map
 from analyze.geometry.voxels import voxelise
 from analyze.pipeline.evidence import Evidence, read_evidence, read_head
-from analyze.pipeline.filling import filling_label, filling_of
+from analyze.pipeline.filling import estimate_filling, filling_label
 from analyze.pipeline.frame_rate import (
     FrameRate,
     check_frame_rates,
@@ -99,8 +98,7 @@ class EstimateOptions:
 
 @dataclass(frozen=True)
 class Agreements:
-    """Consistency of answers that should agree: between recordings, with the paper's centre of mass, between
-    estimators."""
+    """Consistency of answers that should agree."""
 
     recordings: Agreement
     """centres of mass of the recordings against each other"""
@@ -161,8 +159,7 @@ class Estimate:
 
     @property
     def planes(self) -> tuple[EquiPlane, ...]:
-        """Equi-planes of the strikes used, in the order of the recordings, vertical in gravity as
-        estimated."""
+        """Equi-planes of the strikes used, in recording order, vertical in gravity as estimated."""
         return self.com.planes
 
 
@@ -256,7 +253,9 @@ def estimate_evidence(evidence: Evidence, options: EstimateOptions | None = None
         cells=cells,
         distribution=region_masses(spec, model, cells, inertial, np.random.default_rng(options.seed)),
         parts=_labelled_parts(evidence, cells, inertial, options),
-        filling=filling_of(evidence, cells, measured_moments(inertial), np.random.default_rng(options.seed)),
+        filling=estimate_filling(
+            evidence, cells, measured_moments(inertial), np.random.default_rng(options.seed)
+        ),
         paper=replace(
             paper,
             com=replace(paper.com, position=paper.com.position + inertial.com.position - struck.com.position),
@@ -336,8 +335,7 @@ def equiplanes(
 
 
 def systematic_errors(evidence: Evidence) -> SystematicErrors:
-    """Errors shared by strikes: the object's by all, gravity's tilt by recordings made on one levelling of
-    the table."""
+    """Errors shared by strikes: the object's, and the tilt of gravity per levelling of the table."""
     levels = levelling_indices(evidence.recordings)
     tilts = {level: each.manifest for level, each in zip(levels, evidence.recordings, strict=True)}
     return SystematicErrors(
@@ -371,8 +369,7 @@ def _equiplane(planned: PlannedStrike, motion: TipMotion, estimator: str | None)
 def _paper_estimate(
     evidence: Evidence, used: Sequence[TipMotion], cells: Cells, scale: Scale
 ) -> tuple[PaperEstimate, tuple[EquiPlane, ...]]:
-    """The paper's centre of mass and region masses of the body that tipped, and the equi-planes that they
-    come from."""
+    """The paper's centre of mass and region masses, markers included, with their equi-planes."""
     # The sign change needs a passage over the balance; strikes that rocked back serve only where there are no
     # others.
     over = [motion for motion in used if motion.verdict is Verdict.GOOD]
@@ -383,8 +380,7 @@ def _paper_estimate(
 
 
 def _paper_equiplane(planned: PlannedStrike, motion: TipMotion) -> EquiPlane:
-    """Equi-plane by the paper's sign change of the acceleration; by the fit in use where no sign change was
-    found."""
+    """Equi-plane by the paper's sign change, or by the fit in use where none was found."""
     found = _sign_change(motion)
     return (
         equiplane(motion.strike_id, planned, motion)
@@ -400,8 +396,7 @@ def _sign_change(motion: TipMotion) -> MotionFit | None:
 def _paper_regions(
     planes: Sequence[EquiPlane], motions: Sequence[TipMotion], com: Array, scale: Scale, cells: Cells
 ) -> PaperRegions | None:
-    """Region masses from the paper's own angles, centre of mass and moments about the edges (mean per axis),
-    markers included."""
+    """Region masses from the paper's angles, centre of mass and mean moment per axis."""
     moments: dict[str, list[float]] = {}
     for plane, motion in zip(planes, motions, strict=True):
         fit = _sign_change(motion) or motion.fit

@@ -1,5 +1,4 @@
-"""Evidence of a recording: markers tracked and motions fitted, strike by strike, before any estimate. Never
-reads /truth/."""
+"""Evidence of a recording: tracked markers and fitted motions. Never reads /truth/."""
 
 from __future__ import annotations
 
@@ -18,7 +17,7 @@ from analyze.geometry.station import turned_camera
 from analyze.motion.slow_motion import slow_motion_ratio, slow_motion_text
 from analyze.motion.strike import analyse_strike
 from analyze.motion.strike_task import StrikeTask
-from analyze.pipeline.sections import landing_of, section_of
+from analyze.pipeline.sections import next_face_angle, rolling_outline
 from analyze.planning.corrected import corrected_plan
 from analyze.reading.object_file import read_object_files
 from analyze.reading.recording import Recording, open_recording
@@ -136,8 +135,7 @@ class StrikeReading:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Motions of all strikes of one object, before any estimate: from one recording, or merged from several
-    (merge.py)."""
+    """Motions of all strikes of one object, before any estimate (merge.py merges recordings)."""
 
     recordings: tuple[RecordingHead, ...]
     """recordings by start time; at least one"""
@@ -183,10 +181,10 @@ def read_head(path: Path) -> RecordingHead:
         RecordingError: the file cannot be read.
     """
     with open_recording(path) as recording:
-        return head_of(recording)
+        return read_open_head(recording)
 
 
-def head_of(recording: Recording) -> RecordingHead:
+def read_open_head(recording: Recording) -> RecordingHead:
     """Identity and contents of an open recording."""
     shape, rig = recording.shape_bytes, recording.attachments.get(RIG_ATTACHMENT)
     return RecordingHead(
@@ -246,7 +244,7 @@ def read_evidence(
             if progress is not None:
                 progress(f"strike {record.strike_id}", done, len(head.strike_ids))
             readings.append(read_strike(recording, struck, markers, record))
-        return evidence_of(head, struck, readings)
+        return evidence_from_readings(head, struck, readings)
 
 
 def struck_object(recording: StrikeSource, object_path: Path | None = None) -> StruckObject:
@@ -280,14 +278,15 @@ def struck_object(recording: StrikeSource, object_path: Path | None = None) -> S
         if any(label.bodies for label in spec.labels or [])
         else ()
     )
-    return StruckObject(as_struck(spec), model, plan, own_hash, bodies, object_path is not None)
+    return StruckObject(with_marker_masses(spec), model, plan, own_hash, bodies, object_path is not None)
 
 
 def read_strike(
     recording: StrikeSource, struck: StruckObject, markers: list[Marker], record: pb.StrikeRecord
 ) -> StrikeReading:
-    """Track the markers and fit the motion of one strike; a strike without a trackable marker gives a reading
-    with `problem`.
+    """Track the markers and fit the motion of one strike.
+
+    A strike without a trackable marker gives a reading with `problem`.
 
     Raises:
         RecordingError: the file is damaged there.
@@ -312,7 +311,9 @@ def read_strike(
     return StrikeReading(record, motion, report, problem, _frames_lost(recording, record))
 
 
-def evidence_of(head: RecordingHead, struck: StruckObject, readings: Sequence[StrikeReading]) -> Evidence:
+def evidence_from_readings(
+    head: RecordingHead, struck: StruckObject, readings: Sequence[StrikeReading]
+) -> Evidence:
     """Evidence of one recording from the readings of its strikes.
 
     Raises:
@@ -342,7 +343,7 @@ def evidence_of(head: RecordingHead, struck: StruckObject, readings: Sequence[St
     )
 
 
-def as_struck(spec: ObjectSpec) -> ObjectSpec:
+def with_marker_masses(spec: ObjectSpec) -> ObjectSpec:
     """Object file of the body that tips: markers' masses added where `mass_kg` was weighed without them."""
     if spec.mass_includes_markers:
         return spec
@@ -360,8 +361,9 @@ def _refuse_other_plan(recording: StrikeSource) -> None:
     own = object_sha256(recording.object_spec, recording.shape_bytes)
     if recording.plan.object_sha256 != own:
         raise PlanError(
-            f"{recording.path}: its plan is of another object ({recording.plan.object_name}, {recording.plan.object_sha256[:12]},"
-            f" the object's is {own[:12]}): plan this object and record again"
+            f"{recording.path}: its plan is of another object ({recording.plan.object_name},"
+            f" {recording.plan.object_sha256[:12]}, the object's is {own[:12]}): plan this object and record"
+            " again"
         )
 
 
@@ -376,8 +378,9 @@ def _refuse_other_shape(object_path: Path, model: ObjectModel, recording: Strike
     worst = int(np.argmax(off))
     if off[worst] > tolerance:
         raise PlanError(
-            f"{object_path}: is of another shape than {recording.path}: the edge of strike {strikes[worst].id} lies "
-            f"{1000 * off[worst]:.0f} mm off its surface: give a corrected file of the object that was struck"
+            f"{object_path}: is of another shape than {recording.path}: the edge of strike"
+            f" {strikes[worst].id} lies {1000 * off[worst]:.0f} mm off its surface: give a corrected file of"
+            " the object that was struck"
         )
 
 
@@ -387,12 +390,16 @@ def _strike(
     planned = next((strike for strike in struck.plan.strikes if strike.id == record.plan_strike_id), None)
     if planned is None:
         raise PlanError(
-            f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r}, which its plan does not hold"
+            f"{recording.path}: strike {record.strike_id} follows plan strike {record.plan_strike_id!r},"
+            " which its plan does not hold"
         )
     camera = turned_camera(camera_from_spec(recording.manifest.cameras[0].calibration), planned.heading_rad)
     frames = recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
     report = track_markers(frames, camera, markers, planned.visible_markers)
-    section, landing_angle_rad = section_of(struck.model, planned), landing_of(struck.model, planned)
+    section, landing_angle_rad = (
+        rolling_outline(struck.model, planned),
+        next_face_angle(struck.model, planned),
+    )
     task = StrikeTask(
         record.strike_id,
         planned,
@@ -412,14 +419,21 @@ def _strike(
     if faster is None:
         return motion, report
     text = slow_motion_text(faster, manifest.cameras[0].frame_rate_hz)
-    return replace(
-        motion, verdict=Verdict.UNREADABLE, reason=text, fit=None, alternatives=(), frame_rate_ratio=faster
-    ), report
+    return (
+        replace(
+            motion,
+            verdict=Verdict.UNREADABLE,
+            reason=text,
+            fit=None,
+            alternatives=(),
+            frame_rate_ratio=faster,
+        ),
+        report,
+    )
 
 
 def _k_foretold(struck: StruckObject, planned: PlannedStrike, gravity: float) -> float:
-    """Roughly [rad/s^2]: with the moment that the plan expects, and the centre of mass in the shape's
-    middle."""
+    """Rough k [rad/s²], with the plan's moment and the centre of mass in the middle of the shape."""
     arm = struck.model.centroid - np.array(planned.pivot.point)
     R = float(np.linalg.norm(np.cross(arm, planned.pivot.direction)))
     return struck.spec.mass_kg * gravity * R / planned.i_edge_predicted_kg_m2

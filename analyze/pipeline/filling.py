@@ -19,7 +19,7 @@ RELATIVE_DENSITY_SD = 0.05
 """relative 1 sigma of a filling's density given without one"""
 
 
-def filling_of(
+def estimate_filling(
     evidence: Evidence, cells: Cells, moments: MeasuredMoments, rng: np.random.Generator
 ) -> FillLevel | None:
     """Posterior of fill level, mass and density; None where the object file names no filling.

@@ -1,5 +1,4 @@
-"""Frame times from a file's time stamps: check of the stated frame rate by the strikes, and its effect on the
-estimate."""
+"""Frame rate that only a file states: its check by the strikes, its effect on the estimate."""
 
 from __future__ import annotations
 
@@ -74,8 +73,7 @@ def stated_scale(evidence: Evidence) -> Scale:
 
 
 def relative_rate_sd(manifest: SessionManifest) -> float:
-    """Relative 1 sigma of a recording's frame rate: as a drop measured it, else of a stated rate; 0 for a
-    rig's camera."""
+    """Relative 1 sigma of a recording's frame rate; 0 for a rig's camera."""
     camera = manifest.cameras[0]
     if camera.frame_rate_sd_hz is not None:
         return camera.frame_rate_sd_hz / camera.frame_rate_hz
@@ -97,12 +95,17 @@ def drop_untimed_k(
         return tuple(planes), scale
     if len(evidence.recordings) == 1:
         return tuple(planes), replace(scale, gravity_sd=OPEN_LOG_GRAVITY_SD * scale.gravity)
-    return tuple(
-        replace(plane, k=None, sd_k=None, cov_phi_k=0.0)
-        if evidence.recorded_in.get(plane.strike_id, 0) in wrong
-        else plane
-        for plane in planes
-    ), scale
+    return (
+        tuple(
+            (
+                replace(plane, k=None, sd_k=None, cov_phi_k=0.0)
+                if evidence.recorded_in.get(plane.strike_id, 0) in wrong
+                else plane
+            )
+            for plane in planes
+        ),
+        scale,
+    )
 
 
 def with_estimated_gravity(scale: Scale, solution: JointSolution) -> Scale:
@@ -161,8 +164,7 @@ def _contact_sd_s(evidence: Evidence, used: set[str]) -> float | None:
 
 
 def _likely_rate_hz(check: RateCheck, rate: float) -> float | None:
-    """Rate [Hz] that the strikes allow and slow motion explains, else the only usual one; None where several
-    or none are."""
+    """Slow-motion or usual rate [Hz] that the strikes allow; None where several or none are."""
     low, high = check.low, check.high
     if check.estimate is not None:
         reach = 3 * check.estimate.sd

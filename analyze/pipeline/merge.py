@@ -1,5 +1,4 @@
-"""Merge the evidence of several recordings of one object: strikes renamed, edges shared between plans
-recognised.
+"""Merge the evidence of several recordings: strikes renamed, shared edges identified.
 
 Recordings are numbered by start time, whatever the order given: `2:s3.1` is strike s3.1 of the second.
 """
@@ -51,7 +50,8 @@ def refuse_unmergeable(heads: Sequence[RecordingHead], overridden: bool = False)
             names = (one.manifest.object.name, other.manifest.object.name)
             between = "of different objects" if names[0] != names[1] else "of different shapes"
             raise JoinError(
-                f"{one.path} ({names[0]}) and {other.path} ({names[1]}) are {between}: estimate each by itself"
+                f"{one.path} ({names[0]}) and {other.path} ({names[1]}) are {between}: estimate each by"
+                " itself"
             )
         if one.manifest.object_sha256 != other.manifest.object_sha256 and not overridden:
             raise JoinError(
@@ -78,19 +78,20 @@ def resolve_exclusions(heads: Sequence[RecordingHead], asked: frozenset[str]) ->
         meant = [name] if name in names else [merged for merged, own in names.items() if own == name]
         if not meant:
             raise EstimationError(
-                f"{paths_text(heads)}: no strike {name!r} to exclude: its strikes are {', '.join(names) or 'none'}"
+                f"{paths_text(heads)}: no strike {name!r} to exclude: its strikes are"
+                f" {', '.join(names) or 'none'}"
             )
         if len(meant) > 1:
             raise EstimationError(
-                f"{paths_text(heads)}: more than one strike {name!r} to exclude: say which of {', '.join(meant)}"
+                f"{paths_text(heads)}: more than one strike {name!r} to exclude: say which of"
+                f" {', '.join(meant)}"
             )
         found.update(meant)
     return frozenset(found)
 
 
 def merged_id(heads: Sequence[RecordingHead], index: int, own: str) -> str:
-    """Id of a strike in merged evidence: its own for one recording, else with the recording's number before
-    it."""
+    """Id of a strike in merged evidence: with the recording's number where there are several."""
     return own if len(heads) == 1 else f"{index + 1}:{own}"
 
 

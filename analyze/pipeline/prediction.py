@@ -1,5 +1,4 @@
-"""Leave-one-out prediction of each strike: phi, k and theta(t) from all other strikes, compared with its
-own."""
+"""Leave-one-out prediction of each strike's phi, k and theta(t) from all others."""
 
 from __future__ import annotations
 
@@ -29,8 +28,7 @@ class StrikePrediction:
 
     @property
     def motion_sigmas(self) -> float:
-        """Standardised difference of theta(t): phi and k as its frames determine them against the
-        prediction."""
+        """Standardised difference between measured and predicted theta(t)."""
         return TWO_ERRORS_AS_ONE * math.sqrt(self.motion.squared)
 
     @property

@@ -1,5 +1,4 @@
-"""What an object's shape says of a strike: the section that it rolls on, its outline as seen along the pivot
-axis, and where it lands."""
+"""Section, outline and next landing face of an object for one strike, from its shape."""
 
 from __future__ import annotations
 
@@ -26,39 +25,37 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike
 
 
-def section_of(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
-    """The flank about the strike's pivot point; None where it is a corner or a bevel, of which the plan's
-    rounding says all.
+def rolling_outline(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
+    """Curved outline about the strike's pivot point; None at a corner or bevel, which the rounding describes.
 
-    The table touches the lowest point of the whole hull, wherever along the axis that is: so the outline
-    counts, not a cut.
+    The table touches the lowest point of the whole hull, wherever along the axis it lies, so that the
+    outline seen along the axis counts, not a cut.
 
     Args:
         model: the object's exterior, in O.
-        planned: how it lies, and its pivot.
+        planned: pose and pivot of the strike.
     """
     section = _across(model, planned)
     if section is None or not is_curved(section, planned):
         return None
-    # A mesh's flank is where the mesh is, a cloud's as well known as the edge that was fitted to it.
+    # A mesh's outline is as accurate as the mesh, a cloud's as the edge that was fitted to it.
     place = math.hypot(LINE_SD, model.surface_sd) if model.cloud is None else planned.pivot.sd_m
     return replace(section, sd=math.hypot(section.sd, place))
 
 
-def landing_of(model: ObjectModel, planned: PlannedStrike) -> float | None:
-    """Angle [rad] from which on the shape's next face may touch; None where it rolls on a flank, or where no
-    face is known.
+def next_face_angle(model: ObjectModel, planned: PlannedStrike) -> float | None:
+    """Least angle [rad] at which the next face may touch; None on a flank or if no face is known.
 
     Args:
         model: the object's exterior, in O.
-        planned: how it lies, and its pivot.
+        planned: pose and pivot of the strike.
     """
     section = _across(model, planned)
     return None if section is None or is_curved(section, planned) else landing_angle(section, planned)
 
 
 def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | None:
-    """The whole outline as seen along the pivot axis; None where it has no area."""
+    """Outline of the hull as seen along the pivot axis; None if it has no area."""
     R_world_object = np.array(planned.R_world_object)
     across = (model.hull_vertices - np.array(planned.pivot.point)) @ R_world_object[[0, 2]].T
     try:
@@ -68,31 +65,31 @@ def _across(model: ObjectModel, planned: PlannedStrike) -> SupportFunction | Non
 
 
 class MeshSections:
-    """Sections of an object whose shape file may still be on its way, for who must judge a strike at once.
+    """Outlines of an object whose shape file may not have been recorded yet, for judging a strike at once.
 
-    Loads the shape with the first question. Of a primitive there is none; of a point cloud none is made here,
-    because its surface takes seconds: the estimate afterwards has it.
+    The shape is loaded on first use. A primitive has none; a point cloud gets none here, since fitting its
+    surface takes seconds; the estimate fits it later.
     """
 
     def __init__(self, spec: ObjectSpec, shape_bytes: Callable[[], bytes | None]) -> None:
         self._spec = spec
         self._shape_bytes = shape_bytes
         self._model: ObjectModel | None = None
-        self._asked = False
+        self._load_tried = False
 
     def of(self, planned: PlannedStrike) -> SupportFunction | None:
-        """As `section_of`; None too where the shape cannot be had."""
+        """Outline as `rolling_outline`; also None if the shape is not available."""
         model = self._loaded()
-        return None if model is None else section_of(model, planned)
+        return None if model is None else rolling_outline(model, planned)
 
     def landing_angle_rad(self, planned: PlannedStrike) -> float | None:
-        """As `landing_of`; None too where the shape cannot be had."""
+        """Angle as `next_face_angle`; also None if the shape is not available."""
         model = self._loaded()
-        return None if model is None else landing_of(model, planned)
+        return None if model is None else next_face_angle(model, planned)
 
     def _loaded(self) -> ObjectModel | None:
-        if not self._asked:
-            self._asked = True
+        if not self._load_tried:
+            self._load_tried = True
             self._model = self._load()
         return self._model
 

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 
 def possible_shells(model: ObjectModel, pitch: float) -> list[ShellCells]:
-    """The body divided into cells of side `pitch` [m], once for each shell thickness that leaves an
-    interior."""
+    """The body in cells of side `pitch` [m], per shell thickness that leaves an interior."""
     walls = [
         ShellCells(float(t), cells_from_voxels(voxelise(model, pitch, float(t))))
         for t in candidate_shell_thicknesses(model)

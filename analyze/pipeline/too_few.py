@@ -50,7 +50,10 @@ def too_few_text(
         else "strike again"
     )
     why = f" ({'; '.join(reasons)})" if reasons else ""
-    return f"{left} good {'strike' if left == 1 else 'strikes'} of {len(motions)}, {needed} are needed{why}: {remedy}"
+    return (
+        f"{left} good {'strike' if left == 1 else 'strikes'} of {len(motions)}, {needed} are needed{why}:"
+        f" {remedy}"
+    )
 
 
 def _verdict(motion: TipMotion) -> str:

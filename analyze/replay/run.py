@@ -187,7 +187,7 @@ def _send_live(
 
 
 def _end(recording: Recording, show: _Show, target: Target, progress: Progress) -> ReplayResult:
-    from analyze.pipeline.evidence import head_of
+    from analyze.pipeline.evidence import read_open_head
 
     count = len(recording.strikes)
     progress("estimating", count, count + 1)
@@ -195,7 +195,7 @@ def _end(recording: Recording, show: _Show, target: Target, progress: Progress) 
         send_health(show.timelines, recording)
     except RecordingError as error:
         show.sender.damage.append(str(error))
-    show.sender.send_answer(head_of(recording))
+    show.sender.send_answer(read_open_head(recording))
     target.sent(show.stream)
     problems = show.sender.no_answer
     if show.sender.damage:

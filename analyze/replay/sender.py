@@ -174,7 +174,7 @@ class Sender:
     def send_answer(self, head: RecordingHead) -> None:
         """Send the joint estimate, or the reason why there is none, and put the answer in front."""
         from analyze.pipeline.estimate import EstimateOptions, estimate_evidence
-        from analyze.pipeline.evidence import evidence_of
+        from analyze.pipeline.evidence import evidence_from_readings
         from analyze.pipeline.merge import resolve_exclusions
 
         try:
@@ -183,7 +183,7 @@ class Sender:
             options = EstimateOptions(
                 self._options.object_path, resolve_exclusions([head], self._options.exclude)
             )
-            evidence = evidence_of(head, self._struck, self._readings)
+            evidence = evidence_from_readings(head, self._struck, self._readings)
             self._send_estimate(estimate_evidence(evidence, options))
         except AnalyzeError as error:
             text = str(error) if str(error).startswith(str(head.path)) else f"{head.path}: {error}"

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 
 from analyze.geometry.rotations import wxyz_from_matrix
-from analyze.pipeline.sections import section_of
+from analyze.pipeline.sections import rolling_outline
 from analyze.replay import overlay, views
 from analyze.replay.body import log_inside, log_shape
 from analyze.replay.palette import GREEN, GREY, ORANGE, PHASES, PURPLE, RED, SKY, TABLE, Colour
@@ -70,7 +70,7 @@ def send_strike_inside(
         return
     world = f"{strike_path(motion.strike_id)}/world"
     log_inside(timelines.stream, f"{world}/object", body.model, answer, colours, motion.strike_id)
-    R, p = views.object_poses(planned, angle, section_of(body.model, planned))
+    R, p = views.object_poses(planned, angle, rolling_outline(body.model, planned))
     path = R @ answer.com.position + p
     timelines.stream.log(
         f"{world}/path_of_c", rr.LineStrips3D([path], colors=[ORANGE], radii=[0.0006]), static=True
@@ -139,7 +139,7 @@ def _over_image(
     if motion.fit is None or fitted is None:
         return
     fitted_tip = views.fitted_angle(angle, motion.fit, fitted)
-    R, p = views.object_poses(planned, fitted_tip, section_of(body.model, planned), rest)
+    R, p = views.object_poses(planned, fitted_tip, rolling_outline(body.model, planned), rest)
     drawn = overlay.wireframe(body.model, camera, R, p)
     # The overlay ends after the last frame of the fit.
     after = min(motion.fit.window[1], len(angle.time_ns) - 1)
@@ -246,7 +246,7 @@ def _space(
         centers=[[0.15 * reach, 0.0, -thick - 1e-4]], half_sizes=half, colors=[TABLE], fill_mode="solid"
     )
     stream.log(f"{world}/table", table, static=True)
-    R, p = views.object_poses(planned, angle, section_of(model, planned))
+    R, p = views.object_poses(planned, angle, rolling_outline(model, planned))
     quaternion = wxyz_from_matrix(R)[:, [1, 2, 3, 0]]
     columns = rr.Transform3D.columns(translation=p, quaternion=quaternion)
     stream.send_columns(f"{world}/object", timelines.time_columns(angle.time_ns, contact_ns), columns)

@@ -1,5 +1,4 @@
-"""The Comparison document of repeated sessions: their answers, precision by ISO 5725, agreement, and a
-verdict in sentences."""
+"""The Comparison document of repeated sessions: answers, precision, agreement, verdict."""
 
 from __future__ import annotations
 
@@ -58,16 +57,15 @@ def comparison_document(compared: SessionComparison) -> Comparison:
             ],
             joint=compared.joint.result.centre_of_mass,
             precision=precisions,
-            mandel_h_limit=mandel_h_limit(len(compared.sessions))
-            if len(compared.sessions) >= MIN_GROUPS
-            else None,
+            mandel_h_limit=(
+                mandel_h_limit(len(compared.sessions)) if len(compared.sessions) >= MIN_GROUPS else None
+            ),
         )
     )
 
 
 def regions_by(answer: Answer, first: Answer) -> list[RegionResult]:
-    """Regions under the first session's names: upper and lower swap where the dividing plane points to the
-    other side."""
+    """Regions under the first session's names; upper and lower swap with the plane's direction."""
     found = answer.result.regions
     regions = {} if found is None else {region.name: region for region in found.regions}
     normal, first_normal = (each.estimate.distribution.dividing_plane_normal for each in (answer, first))
@@ -137,8 +135,10 @@ def _compared(
 
 
 def _angles(compared: SessionComparison) -> Iterator[QuantityPrecision]:
-    """Yield the precision of phi per edge and heading; repeats within a session form a group; only strikes
-    that tipped over count."""
+    """Yield the precision of phi per edge and heading, repeats within a session as a group.
+
+    Only strikes that tipped over count.
+    """
     cells: dict[tuple[str, float], dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
     for number, session in enumerate(compared.sessions, 1):
         for strike in session.answer.result.strikes:
@@ -200,16 +200,25 @@ def _ends(quantity: Quantity) -> list[float] | None:
 
 def _verdict(compared: SessionComparison, precisions: Sequence[QuantityPrecision]) -> Iterator[str]:
     count, odd = len(compared.sessions), compared.stands_out
-    chance = f"χ² {compared.together.chi_squared:.1f} with {compared.freedom} degrees of freedom, {chance_text(compared.chance)}"
+    chance = (
+        f"χ² {compared.together.chi_squared:.1f} with {compared.freedom} degrees of freedom,"
+        f" {chance_text(compared.chance)}"
+    )
     if compared.may_join:
         yield f"trust that all {count} sessions have one centre of mass ({chance}): they may be merged"
     else:
         apart = f"centres of mass lie up to {1e3 * compared.together.largest_shift:.2g} mm apart"
-        yield f"doubt that the sessions are of one body: {apart}, more than their errors allow ({chance}); do not merge them"
+        yield (
+            f"doubt that the sessions are of one body: {apart}, more than their errors allow ({chance}); do"
+            " not merge them"
+        )
     if odd is not None:
         session = compared.sessions[odd]
         off = f"{1e3 * session.apart.largest_shift:.2g} mm from all others' ({chance_text(session.chance)})"
-        yield f"repeat session {odd + 1}, {session.head.path.name}: it stands out, its centre of mass is {off}{_without(compared, odd)}"
+        yield (
+            f"repeat session {odd + 1}, {session.head.path.name}: it stands out, its centre of mass is"
+            f" {off}{_without(compared, odd)}"
+        )
     open_ones = [
         str(i) for i, session in enumerate(compared.sessions, 1) if not session.answer.estimate.com.observed
     ]
@@ -237,12 +246,14 @@ def _without(compared: SessionComparison, odd: int) -> str:
 def _few(name: str, groups: str, freedoms: Sequence[int], value: float | None) -> Iterator[str]:
     freedom = min(freedoms)
     if value is not None and 0 < freedom < MIN_FREEDOM:
-        yield f"doubt {name} of the answers: with so few {groups} it may truly be up to {upper_factor(freedom):.1f} times as large (95 %)"
+        yield (
+            f"doubt {name} of the answers: with so few {groups} it may truly be up to"
+            f" {upper_factor(freedom):.1f} times as large (95 %)"
+        )
 
 
 def upper_factor(freedom: int) -> float:
-    """Factor by which the true standard deviation may exceed one estimated with `freedom` degrees of freedom
-    (95 %)."""
+    """Factor by which the true standard deviation may exceed its estimate (95 %)."""
     return math.sqrt(freedom / float(chdtri(freedom, 0.95)))
 
 

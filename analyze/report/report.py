@@ -112,9 +112,11 @@ def render_report(answer: Answer, images: list[Still], score: Mapping[str, Any] 
             influences=drawn(influence_figure(estimate.sensitivity)),
             naive=sorted(result.regions.baselines) if result.regions is not None else [],
             score=score,
-            best_naive=min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
-            if score is not None and truth is not None and truth.regions
-            else None,
+            best_naive=(
+                min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
+                if score is not None and truth is not None and truth.regions
+                else None
+            ),
             inertia_rows=_inertia_rows(estimate),
         )
     )
@@ -126,9 +128,15 @@ def verdict_in_words(answer: Answer) -> str:
     com = estimate.com
     half = 1e3 * SIGMAS_95 * np.sqrt(np.linalg.eigvalsh(com.covariance)[-1])
     axes = len({plane.axis_id for plane in estimate.planes})
-    count = f"{len(estimate.planes)} of {len(result.strikes)} strikes on {axes} {'axis' if axes == 1 else 'axes'} were used."
+    count = (
+        f"{len(estimate.planes)} of {len(result.strikes)} strikes on {axes} {'axis' if axes == 1 else 'axes'}"
+        " were used."
+    )
     if not com.observed:
-        return f"{count} They do not determine the centre of mass along one direction; the number given along it comes from the shape."
+        return (
+            f"{count} They do not determine the centre of mass along one direction; the number given along it"
+            " comes from the shape."
+        )
     shift = com.position - estimate.evidence.model.centroid
     text = f"The centre of mass lies {1e3 * np.linalg.norm(shift):.1f}\u00a0mm from the middle of the volume"
     text += f" and is known to {half:.1f}\u00a0mm in its worst direction (95\u00a0%)."
@@ -153,8 +161,7 @@ def _heaviest_in_words(distribution: MassDistribution) -> str:
 
 
 def stills(estimate: Estimate) -> list[Still]:
-    """One image per pivot axis, from the first strike used, near the balance point, with the marker
-    outlined."""
+    """One image per pivot axis, near the balance point, with the marker outlined."""
     found: list[Still] = []
     seen: set[str] = set()
     evidence = estimate.evidence
@@ -189,8 +196,7 @@ def stills(estimate: Estimate) -> list[Still]:
 
 
 def _frame_at(tracks: tuple[MarkerTrack, ...], time_ns: int) -> int:
-    """Time of the image that shows markers at `time_ns`: a rolling shutter's markers have times of their
-    own."""
+    """Time of the image that shows markers at `time_ns`; they differ with a rolling shutter."""
     return next(
         (
             int(track.frame_ns[where[0]])

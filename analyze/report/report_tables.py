@@ -1,5 +1,4 @@
-"""Tables of a report for other programs, in SI units: answer, strikes, regions, error sources, motions,
-recordings, warnings."""
+"""Tables of a report for other programs, in SI units."""
 
 from __future__ import annotations
 
@@ -65,8 +64,7 @@ def report_tables(answer: Answer) -> list[CsvTable]:
 
 
 def _recordings(estimate: Estimate) -> CsvTable:
-    """Recordings with their frame rates; for imported ones (`container_pts`) as a file states it, or as a
-    drop measured it."""
+    """Recordings with their frame rates, as stated by a file or measured by a drop if imported."""
     rows: list[Sequence[Cell]] = []
     for number, head in enumerate(estimate.evidence.recordings, 1):
         manifest, camera = head.manifest, head.manifest.cameras[0]
@@ -94,8 +92,7 @@ def _recordings(estimate: Estimate) -> CsvTable:
 
 
 def answer_rows(result: Result) -> Iterator[Sequence[Cell]]:
-    """Yield one row per quantity: name, value, sd, ends of the 95 % interval, unit, source, whether it was
-    observed."""
+    """Yield one row per quantity: name, value, sd, low95, high95, unit, source, observed."""
     yield _row("mass", result.mass)
     yield from _each("centre_of_mass", "xyz", result.centre_of_mass)
     for moment in result.moments:

@@ -1,5 +1,4 @@
-"""An estimate together with its Result document: what reports, replays, exports and archives are made
-from."""
+"""An estimate with its Result document: input of reports, replays, exports and archives."""
 
 from __future__ import annotations
 

@@ -45,18 +45,21 @@ def assessment(estimate: Estimate, frame_times: Sequence[FrameTimes] = ()) -> li
     regions = regions_text(estimate.distribution, estimate.inertial.mass)
     found = list(_trust(estimate, regions)) if sound else []
     found += [
-        f"doubt the frame rate: {wrong_text(each)}; this answer does without it, and is less certain than it could be"
+        f"doubt the frame rate: {wrong_text(each)}; this answer does without it, and is less certain than it"
+        " could be"
         for each in wrong_rates
     ]
     found += _doubt_priors(estimate, regions)
     if checks.sigmas_outside_hull > MAX_OUTSIDE_SD:
         found.append(
-            "doubt everything: the centre of mass lies outside the shape's hull; check the shape's unit and how the object was placed"
+            "doubt everything: the centre of mass lies outside the shape's hull; check the shape's unit and"
+            " how the object was placed"
         )
     if moments_doubted:
         axes = ", ".join(checks.impossible_axes)
         found.append(
-            f"doubt the moments: no body of this shape has those measured about {axes}; check mass, unit and shape"
+            f"doubt the moments: no body of this shape has those measured about {axes}; check mass, unit and"
+            " shape"
         )
     if gravity_doubted:
         found.append(f"doubt everything: {gravity_text(checks)}")
@@ -75,7 +78,8 @@ def _trust(estimate: Estimate, regions: str) -> Iterator[str]:
         worst = 1e3 * SIGMAS_95 * float(np.sqrt(np.linalg.eigvalsh(com.covariance)[-1]))
         consistent = sum(each.consistent for each in predictions)
         yield (
-            f"trust the centre of mass, to {worst:.1f} mm: {consistent} of {len(predictions)} strikes move as predicted from the others"
+            f"trust the centre of mass, to {worst:.1f} mm: {consistent} of {len(predictions)} strikes move as"
+            " predicted from the others"
         )
     if measured := _entries(estimate.inertial, measured=True):
         yield f"trust {measured} of the tensor: strikes measured them"
@@ -99,15 +103,24 @@ def regions_text(distribution: MassDistribution, mass: float) -> str:
     """Sentence on how far the region masses can be trusted."""
     if not distribution.explained:
         ends = _ranges(distribution.names, distribution.limits)
-        return f"doubt the region masses: no uniform shell with two uniform parts has these moments; under any filling: {ends}"
+        return (
+            "doubt the region masses: no uniform shell with two uniform parts has these moments; under any"
+            f" filling: {ends}"
+        )
     half = 0.5 * np.diff(distribution.intervals, axis=1)[:, 0]
     worst = int(np.argmax(half))
     share, name = float(half[worst]) / mass, distribution.names[worst]
     if share > MAX_DETERMINED_SHARE:
-        return f"doubt the region masses: the moments do not determine them: {_ranges(distribution.names, distribution.intervals)}"
+        return (
+            "doubt the region masses: the moments do not determine them:"
+            f" {_ranges(distribution.names, distribution.intervals)}"
+        )
     known = f"± {1e3 * half[worst]:.2g} g of the {name} at most, {100 * share:.0f} % of the total"
     if share > MAX_TRUSTED_SHARE:
-        return f"doubt the region masses: they are known only roughly, {known}; strikes about more axes narrow them"
+        return (
+            f"doubt the region masses: they are known only roughly, {known}; strikes about more axes narrow"
+            " them"
+        )
     return f"trust the region masses, if the object is a uniform shell with two uniform parts: {known}"
 
 
@@ -121,19 +134,25 @@ def gravity_text(checks: Checks) -> str:
     """Difference between gravity as the strikes determine it and as stated, with the remedy."""
     gravity = checks.gravity
     return (
-        f"the strikes give a gravity {100 * gravity.relative:+.0f} ± {100 * SIGMAS_95 * gravity.sd:.0f} % off the stated one: check the "
-        "shape's unit and the frames' times"
+        f"the strikes give a gravity {100 * gravity.relative:+.0f} ± {100 * SIGMAS_95 * gravity.sd:.0f} % off"
+        " the stated one: check the shape's unit and the frames' times"
     )
 
 
 def prediction_text(prediction: StrikePrediction) -> str:
     """Difference between a strike and its prediction from all others, in phi, k and theta(t)."""
     left_out, motion, worst = prediction.left_out, prediction.motion, prediction.motion.worst
-    text = f"φ differs by {np.degrees(left_out.phi_off):+.2f}° from the others' prediction (± {np.degrees(SIGMAS_95 * left_out.phi_sd):.2f}°)"
+    text = (
+        f"φ differs by {np.degrees(left_out.phi_off):+.2f}° from the others' prediction (±"
+        f" {np.degrees(SIGMAS_95 * left_out.phi_sd):.2f}°)"
+    )
     if left_out.k_off is not None and left_out.k_sd is not None:
         text += f", k by {100 * left_out.k_off:+.1f} % (± {100 * SIGMAS_95 * left_out.k_sd:.1f} %)"
     off, band = np.degrees(motion.offset[worst]), np.degrees(SIGMAS_95 * motion.sd[worst])
-    return f"{text}; θ leaves the predicted motion by {off:+.1f}° (± {band:.1f}°) within {motion.time[worst]:.2f} s"
+    return (
+        f"{text}; θ leaves the predicted motion by {off:+.1f}° (± {band:.1f}°) within"
+        f" {motion.time[worst]:.2f} s"
+    )
 
 
 def _entries(inertial: InertialParameters, measured: bool) -> str:

@@ -53,8 +53,7 @@ class Session:
 
     @property
     def chance(self) -> float:
-        """Probability of such a difference from all others, or a larger one, under one common centre of
-        mass."""
+        """Probability of such a difference from all others, or a larger one, by chance."""
         return chance_of(self.apart.chi_squared, 3)
 
 
@@ -81,8 +80,7 @@ class SessionComparison:
 
     @property
     def stands_out(self) -> int | None:
-        """Index of the session that differs from the others beyond chance; None if there is none, or only two
-        sessions."""
+        """Index of the session that differs from the others beyond chance; None if there is none."""
         chances = [session.chance for session in self.sessions]
         worst = int(np.argmin(chances))
         return worst if len(chances) > 2 and chances[worst] < OUTLIER_CHANCE / len(chances) else None
@@ -190,8 +188,7 @@ def chance_of(chi_squared: float, freedom: int) -> float:
 
 
 def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
-    """Gain in fit if each group of strikes (`numbers`, one per strike used) has a centre of mass of its
-    own."""
+    """Gain in fit if each group of strikes has a centre of mass of its own."""
     evidence = joint.evidence
     motions = {motion.strike_id: motion for motion in evidence.motions}
     planes = equiplanes(evidence, [motions[plane.strike_id] for plane in joint.planes])
@@ -205,8 +202,7 @@ def _separate_centres(joint: Estimate, numbers: Sequence[int]) -> Agreement:
 
 
 def _setups(heads: Sequence[RecordingHead]) -> list[int]:
-    """Number of the set-up of each session, in order of appearance; equal rig name, level and calibration
-    make one set-up."""
+    """Number of each session's set-up: equal rig name, level and calibration make one."""
     found: list[tuple[str, ...]] = []
     for head in heads:
         manifest = head.manifest

@@ -1,5 +1,4 @@
-"""The Result document of an estimate: units, 95 % intervals, what was not observed, and the same bytes for
-the same recording."""
+"""The Result document of an estimate: units, 95 % intervals, rounding, stable bytes."""
 
 from __future__ import annotations
 
@@ -99,8 +98,7 @@ def build(estimate: Estimate) -> Result:
 
 
 def _strike_rows(estimate: Estimate) -> list[StrikeResult]:
-    """One row per strike, in the order of the recordings; excluded strikes keep their verdict as the
-    reason."""
+    """One row per strike, in recording order; excluded strikes keep their verdict as reason."""
     evidence, planes = estimate.evidence, estimate.fitted_planes
     index = {plane.strike_id: i for i, plane in enumerate(planes)}
     predictions = {each.left_out.strike_id: prediction_document(each) for each in estimate.predictions}
@@ -130,16 +128,20 @@ def _inputs(evidence: Evidence, options: EstimateOptions) -> ResultInputs:
     plans = sorted({each.manifest.plan_sha256 for each in recordings})
     return ResultInputs(
         recording_id=" + ".join(each.manifest.recording_id for each in recordings),
-        content_id=one.content_id
-        if len(recordings) == 1
-        else sha256_text("\n".join(sorted(each.content_id for each in recordings))),
+        content_id=(
+            one.content_id
+            if len(recordings) == 1
+            else sha256_text("\n".join(sorted(each.content_id for each in recordings)))
+        ),
         object_sha256=evidence.object_sha256,
         plan_sha256=plans[0] if len(plans) == 1 else sha256_text("\n".join(plans)),
         configuration_sha256=sha256_text(settings),
         software=evidence.software,
-        recordings=None
-        if len(recordings) == 1
-        else [_merged_recording(i + 1, each) for i, each in enumerate(recordings)],
+        recordings=(
+            None
+            if len(recordings) == 1
+            else [_merged_recording(i + 1, each) for i, each in enumerate(recordings)]
+        ),
     )
 
 
@@ -155,8 +157,7 @@ def _merged_recording(number: int, head: RecordingHead) -> JoinedRecording:
 
 
 def quantity(value: float, sd: float, unit: str, lowest: float | None = None) -> Quantity:
-    """A scalar with its 95 % interval, cut off at `lowest` where the quantity cannot lie below (a mass below
-    0)."""
+    """A scalar with its 95 % interval, cut off at `lowest` (0 for a mass)."""
     low = value - SIGMAS_95 * sd
     return Quantity(
         value=value,
@@ -168,8 +169,7 @@ def quantity(value: float, sd: float, unit: str, lowest: float | None = None) ->
 
 
 def com_quantity(com: CentreOfMass) -> Quantity:
-    """Centre of mass in O [m] with its covariance (3, 3) [m²] and, if there is one, the unobserved
-    direction."""
+    """Centre of mass in O [m] with covariance (3, 3) [m²] and unobserved direction."""
     sd = np.sqrt(np.diag(com.covariance))
     direction = com.unobserved_direction
     return Quantity(
@@ -188,8 +188,7 @@ def com_quantity(com: CentreOfMass) -> Quantity:
 
 
 def inertia_quantity(parameters: InertialParameters) -> Quantity:
-    """Inertia tensor about c, axes of O [kg m²]; observed only if every entry was measured; sd per entry, row
-    by row."""
+    """Inertia tensor about c in the axes of O [kg m²]; observed only if every entry is."""
     sd = parameters.inertia_sd
     every = bool(parameters.measured.all())
     return Quantity(
@@ -241,13 +240,15 @@ def regions_document(distribution: MassDistribution) -> Regions:
         dividing_plane_offset_interval95_m=list(distribution.dividing_plane_offset_interval),
         baselines={name: masses.tolist() for name, masses in distribution.baselines.items()},
         explained=distribution.explained,
-        shell_thickness=None
-        if distribution.shell is None
-        else Quantity(
-            value=distribution.shell.value,
-            sd=distribution.shell.sd,
-            unit="m",
-            interval95=list(distribution.shell.interval),
+        shell_thickness=(
+            None
+            if distribution.shell is None
+            else Quantity(
+                value=distribution.shell.value,
+                sd=distribution.shell.sd,
+                unit="m",
+                interval95=list(distribution.shell.interval),
+            )
         ),
     )
 

@@ -34,10 +34,16 @@ def filling_warnings(filling: Filling | None) -> Iterator[ResultWarning]:
     """Warnings about a filling: its assumption, quantities that the moments leave open, a misfit."""
     if filling is None:
         return
-    text = f"{filling.name} is taken to turn with the object (powder that does not run; frozen, set or viscous): a free liquid sloshes"
+    text = (
+        f"{filling.name} is taken to turn with the object (powder that does not run; frozen, set or viscous):"
+        " a free liquid sloshes"
+    )
     yield ResultWarning(code=WarningCode.FILLING_ASSUMED_RIGID, text=f"{text}, and none of this holds for it")
     if filling.misfit > MAX_MISFIT:
-        text = f"a shell and {filling.name} up to a level do not explain the moments ({filling.misfit:.1f} times their sd)"
+        text = (
+            f"a shell and {filling.name} up to a level do not explain the moments ({filling.misfit:.1f} times"
+            " their sd)"
+        )
         yield ResultWarning(
             code=WarningCode.FILLING_UNEXPLAINED, text=f"{text}: look at `along`; or there is more inside"
         )

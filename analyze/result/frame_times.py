@@ -30,9 +30,11 @@ def _document(rate: FrameRate) -> FrameTimes:
         frame_rate_sd_hz=rate.stated_sd_hz,
         contact_sd_s=rate.contact_sd_s,
         rate_limits=None if check is None else [check.low, check.high],
-        rate_ratio=None
-        if check is None or check.estimate is None
-        else _ratio(check.estimate.ratio, check.estimate.sd),
+        rate_ratio=(
+            None
+            if check is None or check.estimate is None
+            else _ratio(check.estimate.ratio, check.estimate.sd)
+        ),
         possible=rate.possible,
         likely_rate_hz=rate.likely_hz,
     )
@@ -46,17 +48,26 @@ def wrong_text(times: FrameTimes) -> str:
     """Reason why the stated frame rate is impossible, and the remedy."""
     rate, limits, ratio = times.frame_rate_hz, times.rate_limits or [0.0, 0.0], times.rate_ratio
     if limits[0] <= 1 <= limits[1] and ratio is not None:
-        why = f"edges at different distances from the centre of mass give {_ratio_text(ratio)} times the stated {rate:g} frames a second"
+        why = (
+            f"edges at different distances from the centre of mass give {_ratio_text(ratio)} times the stated"
+            f" {rate:g} frames a second"
+        )
     else:
         low, high = limits
-        why = f"no body of this shape tips so at the stated {rate:g} frames a second, only at {_times(low)} to {_times(high)} times that"
+        why = (
+            f"no body of this shape tips so at the stated {rate:g} frames a second, only at {_times(low)} to"
+            f" {_times(high)} times that"
+        )
         if ratio is not None:
             why += f", whatever its filling; edges at different distances give {_ratio_text(ratio)}"
     if times.likely_rate_hz is None:
         return f"{why}: import again with the true rate (--capture-fps); if it is unknown, {DROP_TEST}"
     likely = times.likely_rate_hz / rate
     multiple = f"{likely:g} times" if likely >= 1 else f"1/{1 / likely:g} of it"
-    return f"{why}: probably {times.likely_rate_hz:g} ({multiple}): import again with --capture-fps {times.likely_rate_hz:g}"
+    return (
+        f"{why}: probably {times.likely_rate_hz:g} ({multiple}): import again with --capture-fps"
+        f" {times.likely_rate_hz:g}"
+    )
 
 
 def unchecked_text(times: FrameTimes) -> str:
@@ -65,8 +76,8 @@ def unchecked_text(times: FrameTimes) -> str:
         return f"these strikes cannot check the frame rate: {DROP_TEST}"
     low, high = times.rate_limits
     return (
-        f"these strikes only show that the frame rate lies between {_times(low)} and {_times(high)} times the stated "
-        f"{times.frame_rate_hz:g} a second; k is proportional to its square: {DROP_TEST}"
+        f"these strikes only show that the frame rate lies between {_times(low)} and {_times(high)} times the"
+        f" stated {times.frame_rate_hz:g} a second; k is proportional to its square: {DROP_TEST}"
     )
 
 
@@ -83,14 +94,15 @@ def frame_time_lines(times: Sequence[FrameTimes] | None, several: bool) -> list[
         sd = each.frame_rate_sd_hz
         known = "as stated" if sd is None else f"± {SIGMAS_95 * sd:.2g} as measured"
         found.append(
-            f"time source{whose}: container time stamps (± {1e3 * SIGMAS_95 * each.sd_s:.2g} ms), {each.frame_rate_hz:g} frames a second "
-            f"{known}{contact}"
+            f"time source{whose}: container time stamps (± {1e3 * SIGMAS_95 * each.sd_s:.2g} ms),"
+            f" {each.frame_rate_hz:g} frames a second {known}{contact}"
         )
         if not each.possible:
             found.append(f"frame rate{whose}: not as stated")
         elif each.rate_ratio is not None:
             found.append(
-                f"frame rate{whose}: {_ratio_text(each.rate_ratio)} times as stated, by edges at different distances from the centre of mass"
+                f"frame rate{whose}: {_ratio_text(each.rate_ratio)} times as stated, by edges at different"
+                " distances from the centre of mass"
             )
         elif sd is None:
             found.append(f"frame rate{whose}: not checked closely by these strikes: {DROP_TEST}")

@@ -15,8 +15,8 @@ from analyze.errors import PlanError
 from analyze.geometry.edge_line import EdgeLine
 from analyze.pipeline.evidence import RecordingHead, read_head
 from analyze.pipeline.merge import edge_line
-from analyze.planning.given import Given, StrikeMade, together
-from analyze.planning.striker_taught import Touch
+from analyze.planning.earlier_results import EarlierResult, StrikeMade, merge_results
+from analyze.planning.striker_update import Touch
 from analyze.result.answer import Answer, answer_recordings
 from schemas.document import validate
 from schemas.result import Result
@@ -30,7 +30,7 @@ RECORDING_SUFFIX = ".mcap"
 class EarlierResults:
     """Earlier results that the next plan starts from."""
 
-    given: Given
+    given: EarlierResult
     touches: tuple[Touch, ...]
     """impacts of recorded strikes by the striker that the plan is for"""
 
@@ -76,19 +76,19 @@ def read_given(
     given = [given_from_result(result, name, mass) for name, result in found]
     if recordings:
         given[0] = replace(given[0], edges=edges)
-    return EarlierResults(together(given), touches)
+    return EarlierResults(merge_results(given), touches)
 
 
 def _refuse_other_object(name: str, found: str, wanted: str) -> None:
     if found != wanted:
         raise PlanError(
-            f"{name}: is of another object, or of this one before its file was changed: give a result of this object file"
+            f"{name}: is of another object, or of this one before its file was changed: give a result of this"
+            " object file"
         )
 
 
 def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]:
-    """Impact and outcome of each strike used whose striker measured its speed; only strikes of the rig's
-    striker count."""
+    """Impact and outcome of each strike used, where the rig's striker measured its speed."""
     evidence = answer.estimate.evidence
     wanted = (
         _device(evidence.recordings[-1])
@@ -116,7 +116,7 @@ def recorded_touches(answer: Answer, rig: RigConfig | None) -> tuple[Touch, ...]
     return tuple(found)
 
 
-def given_from_result(result: Result, name: str, mass: float) -> Given:
+def given_from_result(result: Result, name: str, mass: float) -> EarlierResult:
     """Prior for the planner from a Result.
 
     Raises:
@@ -127,9 +127,11 @@ def given_from_result(result: Result, name: str, mass: float) -> Given:
         StrikeMade(
             strike.axis_id,
             _single(strike.phi.sd, 1e-3),
-            None
-            if strike.k is None or strike.k.sd is None
-            else _single(strike.k.sd, 0.0) / max(_single(strike.k.value, 1.0), 1e-9),
+            (
+                None
+                if strike.k is None or strike.k.sd is None
+                else _single(strike.k.sd, 0.0) / max(_single(strike.k.value, 1.0), 1e-9)
+            ),
             strike.heading_rad,
         )
         for strike in result.strikes
@@ -138,7 +140,7 @@ def given_from_result(result: Result, name: str, mass: float) -> Given:
     if not strikes or com.value is None or com.covariance is None:
         raise PlanError(f"{name}: holds no strike that was used: plan from the first strike, without --given")
     unit_inertia = None if inertia.value is None else np.array(inertia.value, dtype=np.float64) / mass
-    return Given(
+    return EarlierResult(
         name,
         np.array(com.value, dtype=np.float64),
         np.array(com.covariance),

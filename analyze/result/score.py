@@ -35,8 +35,7 @@ class TipTruth:
 
 
 def tip_truth(planned: PlannedStrike, body: pb.TruthBody) -> TipTruth:
-    """True phi and I_edge about the centre line of the planned edge's rounding (docs/explanation/method.md,
-    section 3)."""
+    """True phi and I_edge about the centre line of the edge's rounding (method 3)."""
     direction = np.array(planned.pivot.direction)
     direction = direction / np.linalg.norm(direction)
     up = np.array(planned.R_world_object)[2]
@@ -85,9 +84,10 @@ def score_answer(path: Path, answer: Answer) -> dict[str, Any]:
             if strike.i_edge is not None
         ],
         "i_com_relative_error": {
-            axis.axis_id: axis.i_com
-            / float(axis.direction @ np.array(body.inertia_com).reshape(3, 3) @ axis.direction)
-            - 1
+            axis.axis_id: (
+                axis.i_com / float(axis.direction @ np.array(body.inertia_com).reshape(3, 3) @ axis.direction)
+                - 1
+            )
             for axis in estimate.inertial.axes
         },
     }
@@ -122,7 +122,8 @@ def refuse_without_truth(paths: Sequence[Path]) -> None:
     for path in paths[1:]:
         if _hidden(read_truth(path).body) != _hidden(first):
             raise RecordingError(
-                f"{paths[0]} and {path}: hold different truths: what is hidden in the object is not the same: score each by itself"
+                f"{paths[0]} and {path}: hold different truths: what is hidden in the object is not the same:"
+                " score each by itself"
             )
 
 
@@ -209,9 +210,10 @@ def render_score(score: dict[str, Any]) -> None:
     )
     x, y, z = off
     console.print(
-        f"centre of mass in truth ({', '.join(f'{v:.2f}' for v in true)}) mm, estimated ({', '.join(f'{v:.2f}' for v in true + off)}) mm:"
-        f" off by [bold]{1e3 * score['centre_of_mass_error_m']:.2f} mm[/] ({x:+.2f}, {y:+.2f}, {z:+.2f});"
-        f" the paper's estimator: {1e3 * score['centre_of_mass_paper_error_m']:.2f} mm"
+        f"centre of mass in truth ({', '.join(f'{v:.2f}' for v in true)}) mm, estimated"
+        f" ({', '.join(f'{v:.2f}' for v in true + off)}) mm: off by"
+        f" [bold]{1e3 * score['centre_of_mass_error_m']:.2f} mm[/] ({x:+.2f}, {y:+.2f}, {z:+.2f}); the"
+        f" paper's estimator: {1e3 * score['centre_of_mass_paper_error_m']:.2f} mm"
     )
     if score["region_mass_error_relative"] is not None:
         naive = min(score["region_mass_error_relative_baselines"].items(), key=lambda item: item[1])
@@ -220,6 +222,8 @@ def render_score(score: dict[str, Any]) -> None:
             for n, m in zip(score["region_names"], score["region_mass_true_kg"], strict=True)
         )
         console.print(
-            f"region masses in truth {masses}; estimates off by [bold]{score['region_mass_error_relative']:.1%}[/] of the total"
-            f" ({score['mass_in_wrong_region']:.1%} in the wrong region); best naive answer ({naive[0].replace('_', ' ')}): {naive[1]:.1%}"
+            f"region masses in truth {masses}; estimates off by"
+            f" [bold]{score['region_mass_error_relative']:.1%}[/] of the total"
+            f" ({score['mass_in_wrong_region']:.1%} in the wrong region); best naive answer"
+            f" ({naive[0].replace('_', ' ')}): {naive[1]:.1%}"
         )

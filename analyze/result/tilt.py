@@ -1,5 +1,4 @@
-"""Tilt of the table against gravity in the result document: measured by the strikes, given by a level, or
-assumed."""
+"""Tilt of the table against gravity: measured, read from a level, or assumed."""
 
 from __future__ import annotations
 
@@ -18,8 +17,8 @@ if TYPE_CHECKING:
 MEASURED_FRACTION = 0.5
 """fraction of the prior's sd below which a tilt counts as measured by the strikes"""
 TILT_REMEDY = (
-    "strike one edge again with the object turned by 180° (`analyze plan --gravity`), hang a plumb line in view (`analyze gravity`), or "
-    "write what a level shows into the rig file's [level]"
+    "strike one edge again with the object turned by 180° (`analyze plan --gravity`), hang a plumb line in"
+    " view (`analyze gravity`), or write what a level shows into the rig file's [level]"
 )
 
 
@@ -46,8 +45,7 @@ def table_tilts(com: CentreOfMass, evidence: Evidence) -> list[TableTilt]:
 
 
 def assumed_tilt(com: CentreOfMass, evidence: Evidence) -> float:
-    """Largest sd [rad] of an assumed tilt towards x, neither measured nor read from a level; 0 if there is
-    none."""
+    """Largest sd [rad] of a tilt towards x that is only assumed; 0 if there is none."""
     assumed = [
         float(tilt.prior_sd[0])
         for level, tilt in enumerate(com.tilts)

@@ -76,7 +76,10 @@ def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     for number, recording in enumerate(evidence.recordings, 1):
         if recording.missing_files:
             which = f"of recording {number}, " if several else ""
-            text = f"not used, because it is not beside the others: {which}{missing_files_text(recording.missing_files)}"
+            text = (
+                "not used, because it is not beside the others:"
+                f" {which}{missing_files_text(recording.missing_files)}"
+            )
             yield _warning(WarningCode.RECORDING_INCOMPLETE, text)
     done = planned_strikes(evidence.plan, (motion.plan_strike_id for motion in evidence.motions))
     if done.missing:
@@ -85,14 +88,18 @@ def _recording_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     if not agreement.holds:
         yield _warning(
             WarningCode.RECORDINGS_DISAGREE,
-            f"the recordings' centres of mass lie {1e3 * agreement.largest_shift:.2g} mm apart, more than their errors allow: was the object "
-            "opened, refilled or exchanged? Then estimate each recording by itself",
+            f"the recordings' centres of mass lie {1e3 * agreement.largest_shift:.2g} mm apart, more than"
+            " their errors allow: was the object opened, refilled or exchanged? Then estimate each recording"
+            " by itself",
         )
 
 
 def _choice_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     if estimate.evidence.object_path_used:
-        text = "the object file given replaces the recording's; the edges are the plan's, with the rounding of the file given"
+        text = (
+            "the object file given replaces the recording's; the edges are the plan's, with the rounding of"
+            " the file given"
+        )
         yield _warning(WarningCode.OBJECT_OVERRIDDEN, text)
     if estimate.options.exclude:
         yield _warning(
@@ -111,13 +118,14 @@ def _centre_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
         x, y, z = direction
         yield _warning(
             WarningCode.DIRECTION_UNOBSERVED,
-            f"the strikes do not determine the centre of mass along ({x:.2f}, {y:.2f}, {z:.2f}): strike about another axis",
+            f"the strikes do not determine the centre of mass along ({x:.2f}, {y:.2f}, {z:.2f}): strike about"
+            " another axis",
         )
     if estimate.checks.sigmas_outside_hull > MAX_OUTSIDE_SD:
         yield _warning(
             WarningCode.CENTRE_OUTSIDE_SHAPE,
-            f"the centre of mass lies outside the shape's hull, by {estimate.checks.sigmas_outside_hull:.1f} sd: check the shape's unit and how the "
-            "object was placed",
+            f"the centre of mass lies outside the shape's hull, by {estimate.checks.sigmas_outside_hull:.1f}"
+            " sd: check the shape's unit and how the object was placed",
         )
 
 
@@ -135,8 +143,7 @@ def _rate_warnings(evidence: Evidence, frame_times: Sequence[FrameTimes]) -> Ite
 
 
 def _check_warnings(estimate: Estimate, *, rates_possible: bool) -> Iterator[ResultWarning]:
-    """Warnings of the checks; a wrong frame rate causes impossible moments and a wrong gravity, so that it is
-    reported alone."""
+    """Warnings of the checks; a wrong frame rate is reported alone, since it causes the others."""
     checks = estimate.checks
     if checks.impossible_axes and rates_possible:
         text = f"no mass within the shape has the moments measured about {_names(checks.impossible_axes)}"
@@ -170,7 +177,10 @@ def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
                 f"strike {motion.strike_id}: the fit misses θ by {np.degrees(rms):.2f}° (rms)",
             )
     if turned := [motion.strike_id for motion, _ in fitted if motion.verdict is Verdict.ROCKED_BACK]:
-        text = f"strike{'s' * (len(turned) > 1)} {_names(turned)} rocked back before the balance point: φ is extrapolated"
+        text = (
+            f"strike{'s' * (len(turned) > 1)} {_names(turned)} rocked back before the balance point: φ is"
+            " extrapolated"
+        )
         yield _warning(WarningCode.POOR_FIT, text)
     for text in disagreement_texts(estimate.agreements):
         yield _warning(WarningCode.ESTIMATORS_DISAGREE, text)
@@ -179,7 +189,10 @@ def _fit_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     assumed = assumed_tilt(estimate.com, estimate.evidence)
     if assumed > 0:
-        text = f"the table is assumed level to {np.degrees(assumed):.2f}°, and the strikes do not determine it better"
+        text = (
+            f"the table is assumed level to {np.degrees(assumed):.2f}°, and the strikes do not determine it"
+            " better"
+        )
         yield _warning(WarningCode.GRAVITY_ASSUMED, f"{text}; the intervals include this: {TILT_REMEDY}")
 
 
@@ -199,8 +212,8 @@ def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[Re
         low, high = (f"{1e3 * end:.1f}" for end in shell.interval)
         yield _warning(
             WarningCode.REGIONS_UNCERTAIN,
-            f"shell_thickness_m is not given: of {1e3 * shell.swept[0]:.1f} to {1e3 * shell.swept[1]:.1f} mm the moments favour {low} to "
-            f"{high} mm; a measured thickness narrows the regions' masses",
+            f"shell_thickness_m is not given: of {1e3 * shell.swept[0]:.1f} to {1e3 * shell.swept[1]:.1f} mm"
+            f" the moments favour {low} to {high} mm; a measured thickness narrows the regions' masses",
         )
     share = np.sqrt(np.diag(distribution.covariance)) / mass
     if not distribution.explained:
@@ -208,8 +221,8 @@ def _region_warnings(distribution: MassDistribution, mass: float) -> Iterator[Re
         ends = " g, ".join(f"{name} {1e3 * low:.0f} to {1e3 * high:.0f}" for name, (low, high) in limits)
         yield _warning(
             WarningCode.REGIONS_UNCERTAIN,
-            f"no uniform shell with two uniform parts has these moments: the parts are divided in the middle, and the intervals hold for "
-            f"any filling ({ends} g); label the parts, or look at the voxel map",
+            "no uniform shell with two uniform parts has these moments: the parts are divided in the middle,"
+            f" and the intervals hold for any filling ({ends} g); label the parts, or look at the voxel map",
         )
     elif share.max() > MAX_REGION_SD:
         name = distribution.names[int(np.argmax(share))]
@@ -222,12 +235,18 @@ def _rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     on_rim = {strike.axis_id for strike in evidence.plan.strikes if strike.rolls}
     if rims := sorted({plane.axis_id for plane in planes if plane.axis_id in on_rim}):
         wander = np.degrees(ContactErrors().rim_phi_sd)
-        text = f"about {_names(rims)} the object stands on a round rim and may turn aside: the intervals include ±{wander:.2f}° for it"
+        text = (
+            f"about {_names(rims)} the object stands on a round rim and may turn aside: the intervals include"
+            f" ±{wander:.2f}° for it"
+        )
         yield _warning(WarningCode.ROLLING_CONTACT, text)
     if rough := [plane for plane in planes if plane.radius_sd > MAX_RADIUS_SD * plane.edge_radius]:
         share = max(plane.radius_sd / plane.edge_radius for plane in rough)
         names = _names(sorted({plane.axis_id for plane in rough}))
-        text = f"about {names} it rolls on an uneven flank, whose radius of curvature is known to ±{share:.0%}; the moments' intervals"
+        text = (
+            f"about {names} it rolls on an uneven flank, whose radius of curvature is known to ±{share:.0%};"
+            " the moments' intervals"
+        )
         yield _warning(
             WarningCode.ROLLING_CONTACT,
             f"{text} include this: a finer scan, or the designer's mesh, narrows them",
@@ -237,7 +256,10 @@ def _rolling_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
     if hinged := {
         plane.axis_id for plane in planes if _rolls_unmodelled(estimator, motions[plane.strike_id])
     }:
-        text = f"about {_names(sorted(hinged))} the contact rolls, which {estimator} does not model: errors of k, and on a flank of φ,"
+        text = (
+            f"about {_names(sorted(hinged))} the contact rolls, which {estimator} does not model: errors of"
+            " k, and on a flank of φ,"
+        )
         yield _warning(WarningCode.ROLLING_CONTACT, f"{text} are larger than stated")
 
 
@@ -255,7 +277,10 @@ def _rolls_unmodelled(estimator: str | None, motion: TipMotion) -> bool:
 def _tracking_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
     for strike_id, report in evidence.tracking.items():
         if report.unknown_ids:
-            text = f"strike {strike_id}: marker {report.unknown_ids[0]} was seen, but the object file does not list it"
+            text = (
+                f"strike {strike_id}: marker {report.unknown_ids[0]} was seen, but the object file does not"
+                " list it"
+            )
             yield _warning(WarningCode.UNKNOWN_MARKER, text)
     placed = {marker.name for marker in evidence.spec.marker if marker.T_object_marker is not None}
     unplaced = {
@@ -267,8 +292,8 @@ def _tracking_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
     if unplaced:
         yield _warning(
             WarningCode.MARKERS_UNPLACED,
-            f"the object file does not give T_object_marker of {_names(sorted(unplaced))}: φ and k do not need it, slip and the placement "
-            "check do: `analyze register` estimates it from this recording",
+            f"the object file does not give T_object_marker of {_names(sorted(unplaced))}: φ and k do not"
+            " need it, slip and the placement check do: `analyze register` estimates it from this recording",
         )
     for strike_id, lost in evidence.frames_lost.items():
         if lost:
@@ -287,7 +312,8 @@ def _marker_mass_warnings(spec: ObjectSpec) -> Iterator[ResultWarning]:
     elif mass > 0:
         yield _warning(
             WarningCode.MARKERS_INCLUDED,
-            f"the results are of the object with its markers ({1000 * mass:.2g} g): give T_object_marker of each to subtract them",
+            f"the results are of the object with its markers ({1000 * mass:.2g} g): give T_object_marker of"
+            " each to subtract them",
         )
 
 
@@ -297,16 +323,25 @@ def _part_warnings(parts: PartMasses | None) -> Iterator[ResultWarning]:
     if unobserved := [
         name for name, observed in zip(parts.names, parts.observed, strict=True) if not observed
     ]:
-        text = f"the moments do not determine the mass of {_names(unobserved)}: label fewer parts, or strike about more axes"
+        text = (
+            f"the moments do not determine the mass of {_names(unobserved)}: label fewer parts, or strike"
+            " about more axes"
+        )
         yield _warning(WarningCode.REGIONS_UNCERTAIN, text)
     if parts.misfit > MAX_PARTS_MISFIT:
-        text = f"the labelled parts do not explain the moments ({parts.misfit:.1f} times their sd): a part is missing, or not uniform"
+        text = (
+            f"the labelled parts do not explain the moments ({parts.misfit:.1f} times their sd): a part is"
+            " missing, or not uniform"
+        )
         yield _warning(WarningCode.REGIONS_UNCERTAIN, text)
 
 
 def _time_source_warnings(evidence: Evidence) -> Iterator[ResultWarning]:
     if any(recording.manifest.time_source is TimeSource.HOST_ARRIVAL for recording in evidence.recordings):
-        text = f"frame times are {TimeSource.HOST_ARRIVAL.value}, which drift and jitter: k is less certain than stated"
+        text = (
+            f"frame times are {TimeSource.HOST_ARRIVAL.value}, which drift and jitter: k is less certain than"
+            " stated"
+        )
         yield _warning(WarningCode.POOR_FIT, text)
 
 

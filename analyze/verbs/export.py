@@ -43,11 +43,11 @@ def export(
 
     FILE: recordings of one object, or the output of `analyze estimate --json` together with --object.
     """
-    from analyze.export.body import Body, inertial_of
+    from analyze.export.body import ExportBody, inertial_of
+    from analyze.export.export_source import is_result, read_export_input
     from analyze.export.measured_only import refuse_prior
     from analyze.export.provenance import entry_name, prior_entries, provenance
     from analyze.export.read_back import refuse_without_reader
-    from analyze.export.source import is_result, read_source
     from analyze.export.write import write_body
     from analyze.progress import ProgressBar
     from analyze.reading.file_series import find_series_files
@@ -61,13 +61,13 @@ def export(
         raise ExportError(reason)
     refuse_without_reader(kind)
     with ProgressBar() as progress:
-        source = read_source(files, object_file, frozenset(exclude), progress)
+        source = read_export_input(files, object_file, frozenset(exclude), progress)
     name = ", ".join(map(str, files))
     if measured_only:
         refuse_prior(source.result, source.spec, source.model, name)
     inertial = inertial_of(source.result, name)
     origin = provenance(source.result, source.spec.name, software_version())
-    written = write_body(Body(source.spec.name, source.model, inertial, origin), kind, output)
+    written = write_body(ExportBody(source.spec.name, source.model, inertial, origin), kind, output)
     if not source.result.centre_of_mass.observed:
         click.echo(
             "note: the strikes do not determine the centre of mass in all directions; the file names the "

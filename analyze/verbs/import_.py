@@ -107,7 +107,7 @@ def import_(arguments: _ImportArguments) -> None:
     """
     from analyze.importing.prepare import prepare
     from analyze.importing.table import render_import, render_written
-    from analyze.importing.write_recording import write
+    from analyze.importing.write_recording import write_recording
     from analyze.progress import ProgressBar
 
     options = _import_options(arguments)
@@ -120,7 +120,7 @@ def import_(arguments: _ImportArguments) -> None:
         if prepared.was_split and not arguments.yes:
             _confirm_strikes()
         with ProgressBar() as progress:
-            written = write(prepared, arguments.output, progress)
+            written = write_recording(prepared, arguments.output, progress)
         render_written(written, shown)
 
 
@@ -155,7 +155,7 @@ def _import_options(arguments: _ImportArguments) -> ImportOptions:
 def _confirm_strikes() -> None:
     if not sys.stdin.isatty():
         raise click.UsageError(
-            "the strikes found cannot be confirmed without a terminal: look at them with --dry-run, then "
-            "add --yes"
+            "the strikes found cannot be confirmed without a terminal: look at them with --dry-run, then add "
+            "--yes"
         )
     click.confirm("Are these the strikes?", abort=True, err=True)

@@ -244,12 +244,12 @@ def _first_tag(footage: _Footage) -> int | str:
             if seen := detect(frame.image):
                 return seen[0].marker_id
     if first is None:
-        raise CalibrationError(f"{footage.name}: contains no images: film the tag while it falls")
+        raise CalibrationError(f"{footage.name}: contains no images: record the tag while it falls")
     other = marker_of_other_family(first, (USUAL_FAMILY,))
     hint = f"; one of family {other} is: name it with --marker" if other is not None else ""
     raise CalibrationError(
         f"{footage.name}: no tag is seen in {looked_at} images{hint}: print one (analyze print-tags) and "
-        "film it in focus"
+        "record it in focus"
     )
 
 

@@ -91,7 +91,7 @@ def refuse_mixed(drop: bool, drop_values: dict[str, Any], lens_options: Sequence
         )
     given = [name for key, name in DROP_OPTIONS.items() if drop_values[key]]
     if not drop and given:
-        raise click.UsageError(f"{', '.join(given)}: only for a filmed fall: add --drop")
+        raise click.UsageError(f"{', '.join(given)}: only for a recorded fall: add --drop")
 
 
 def measure_frame_rate(inputs: Sequence[Path], drop_values: dict[str, Any], as_json: bool) -> None:
@@ -107,8 +107,7 @@ def measure_frame_rate(inputs: Sequence[Path], drop_values: dict[str, Any], as_j
     if drop_values["marker_size_mm"] is None:
         raise click.UsageError(
             "--drop needs --marker-size-mm, which sets the scale of all lengths: measure the edge of the "
-            "tag's black "
-            "square on the print"
+            "tag's black square on the print"
         )
     size_sd = drop_values["marker_size_sd_mm"]
     options = DropOptions(

@@ -72,8 +72,8 @@ def drop_text(answer: DropAnswer) -> list[str]:
     shares = (
         f"{to_hz * time.by_noise:.2f} by the falls (noise, air, shutter, rotation)",
         (
-            f"{to_hz * time.by_size:.2f} by the tag's size ({size}; an edge larger by 1 % makes the rate lower "
-            "by 0.5 %)"
+            f"{to_hz * time.by_size:.2f} by the tag's size ({size}; an edge larger by 1 % makes the rate "
+            "lower by 0.5 %)"
         ),
         f"{to_hz * time.by_gravity:.2f} by g ({setup.gravity:.3f} ± {SIGMAS_95 * setup.gravity_sd:.3f} m/s²)",
     )
@@ -105,8 +105,7 @@ def doubts(answer: DropAnswer) -> list[str]:
     if worst.drag_share > MAX_DRAG_SHARE:
         found.append(
             f"doubt: the air's drag reaches {worst.drag_share:.0%} of g: glue the tag to a small heavy body "
-            "and give its mass "
-            "(--mass-g)"
+            "and give its mass (--mass-g)"
         )
     beta, beta_sd = answer.setup.drag
     if worst.drag_share < -0.01 and beta < 3 * beta_sd:
@@ -128,8 +127,7 @@ def doubts(answer: DropAnswer) -> list[str]:
     if answer.setup.line_time is None:
         found.append(
             "note: the shutter's line time is unknown, and anything up to a frame is allowed for: "
-            "--global-shutter, or line_time_s in "
-            "the camera file, narrows the interval"
+            "--global-shutter, or line_time_s in the camera file, narrows the interval"
         )
     return found
 

@@ -74,8 +74,8 @@ class GravityAnswer:
             camera = np.degrees(self.options.camera_turn_sd)
             raise CalibrationError(
                 f"the strings do not determine the table's tilt towards +x: ±{x:.2f}°, from ±{before:.2f}° "
-                f"before; {MAX_SD_SHARE * before:.2f}° is needed: use a camera that looks along y, with a pose "
-                f"known better than ±{camera:.2f}° against the table (calibrate --table; then "
+                f"before; {MAX_SD_SHARE * before:.2f}° is needed: use a camera that looks along y, with a "
+                f"pose known better than ±{camera:.2f}° against the table (calibrate --table; then "
                 "--camera-sd-deg)"
             )
 

@@ -44,8 +44,8 @@ def gravity_text(answer: GravityAnswer) -> list[str]:
         shown, known = float(np.degrees(np.max(np.abs(table.shown)))), float(np.degrees(table.prior_sd))
         lines.append(
             f"doubt: the strings lean by {shown:.2f}°, the table is stated level to ±{known:.2f}° "
-            "(gravity_tilt_sd_rad), and the answer is "
-            "in between: level the table, state a larger uncertainty, or measure T_world_camera anew"
+            "(gravity_tilt_sd_rad), and the answer is in between: level the table, state a larger "
+            "uncertainty, or measure T_world_camera anew"
         )
     if table.scatter > 2:
         lines.append(

@@ -96,8 +96,8 @@ def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
     found: list[str] = []
     if not contents.finished:
         found.append(
-            f"cut short or damaged: the last {contents.unread_bytes} bytes are no complete record: "
-            f"{recover} saves the rest"
+            f"cut short or damaged: the last {contents.unread_bytes} bytes are no complete record: {recover} "
+            "saves the rest"
         )
     elif contents.compression and not contents.indexed:
         found.append(f"no index, so that readers must read all of it: {recover} writes one")

@@ -80,8 +80,7 @@ def _write_session(found: dict[str, Any], write: Any) -> None:
         write(f"[bold red]missing[/]: {missing_files_text(found['missing_files'])}")
     write(
         f"object {escape(found['object']['name'])} ({found['object']['mass_kg'] * 1000:.1f} g), recorded "
-        f"{escape(found['created'])} "
-        f"by {escape(found['software'])}, schema {escape(found['schema_version'])}"
+        f"{escape(found['created'])} by {escape(found['software'])}, schema {escape(found['schema_version'])}"
     )
 
 
@@ -171,8 +170,7 @@ def _camera(camera: dict[str, Any]) -> str:
     delay = camera["arrival_delay_s"]
     return (
         f"camera {escape(camera['name'])}: {camera['frames']} frames at {_number(camera['rate_hz'], '.2f')} "
-        "Hz "
-        f"(set {camera['nominal_rate_hz']:g}), {camera['lost']} lost, {camera['images']} images kept, "
+        f"Hz (set {camera['nominal_rate_hz']:g}), {camera['lost']} lost, {camera['images']} images kept, "
         f"{_number(None if delay is None else delay * 1e3, '.1f')} ms late"
     )
 
@@ -181,8 +179,7 @@ def _clocks(found: dict[str, Any]) -> list[str]:
     if "clocks" in found:
         return [
             f"clock {escape(clock['clock'])}: {clock['samples']} samples, "
-            f"{_number(clock['drift_ppm'], '+.1f')} ppm, "
-            f"round trip {clock['round_trip_s'] * 1e6:.0f} us"
+            f"{_number(clock['drift_ppm'], '+.1f')} ppm, round trip {clock['round_trip_s'] * 1e6:.0f} us"
             for clock in found["clocks"]
         ] or ["clocks: no samples"]
     delay = found["publish_delay_s"]

@@ -67,8 +67,7 @@ class _PlanArguments:
     type=click.Path(path_type=Path),
     metavar="FILE",
     help="Continue from strikes already made: a recording (.mcap) or the output of `analyze estimate "
-    "--json`; "
-    "may be repeated. The plan states whether more strikes help.",
+    "--json`; may be repeated. The plan states whether more strikes help.",
 )
 @click.option(
     "--method",
@@ -102,7 +101,7 @@ class _PlanArguments:
 def plan(arguments: _PlanArguments) -> None:
     """Plan the strikes for OBJECT (TOML).
 
-    How to place it, where and how hard to strike, and the expected accuracy.
+    The plan states how to place the object, where and how hard to strike, and the expected accuracy.
     """
     from analyze.progress import ProgressBar
     from analyze.verbs.plan.plan_object import STEPS, PlanOptions, plan_object

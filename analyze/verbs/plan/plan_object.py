@@ -13,14 +13,14 @@ from analyze.estimation.cells import cells_from_voxels, shell_thickness
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.geometry.voxels import voxelise
 from analyze.planning import view
+from analyze.planning.earlier_results import EarlierResult
 from analyze.planning.examine import Bench
 from analyze.planning.fillings import Pieces
-from analyze.planning.given import Given
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
 from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import Request, finish, prepare
-from analyze.planning.striker_taught import taught
+from analyze.planning.striker_update import updated_striker
 from analyze.progress import Progress, no_progress
 from analyze.reading.object_file import ObjectFiles, read_object_files
 from analyze.types import CameraModel
@@ -34,7 +34,7 @@ CELLS = 800
 """number of voxels for the prediction of region masses"""
 STRIKES = 9
 """default number of strikes"""
-MOST_STRIKES = 200
+MAX_STRIKES = 200
 STEPS = 7
 """steps of the progress bar; the last draws the cards"""
 
@@ -89,7 +89,7 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
         so_far = read_given(options.given, files.sha256, files.spec.mass_kg, rig.config)
         given = so_far.given
         if so_far.touches:
-            bench = replace(bench, striker=taught(bench.striker, so_far.touches))
+            bench = replace(bench, striker=updated_striker(bench.striker, so_far.touches))
             notes.append(_note_on_striker(bench.striker, len(so_far.touches)))
     try:
         plan = _plan_of(files, model, bench, rig.errors, given, options, progress)
@@ -107,7 +107,7 @@ def _plan_of(
     model: ObjectModel,
     bench: Bench,
     errors: Errors,
-    given: Given | None,
+    given: EarlierResult | None,
     options: PlanOptions,
     progress: Progress,
 ) -> StrikePlan:

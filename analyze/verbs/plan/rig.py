@@ -79,8 +79,7 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
     if striker.slowest_m_s > striker.fastest_m_s:
         raise PlanError(
             f"{name}: its striker can swing at no speed: its least is {striker.slowest_m_s:.3g} m/s, but "
-            "velocity_limit_rad_s and "
-            f"cocked_angle_rad limit it to {striker.fastest_m_s:.3g} m/s: raise them"
+            f"velocity_limit_rad_s and cocked_angle_rad limit it to {striker.fastest_m_s:.3g} m/s: raise them"
         )
     seen = rig.camera.calibration
     lens = CameraModel(

@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from analyze.planning.rejections import counted
+from analyze.planning.rejections import rejection_summary
 from schemas.strike_plan import PlanMethod, PlannedStrike, Prediction, StrikePlan
 
 NOT_DETERMINED = "not determined"
@@ -34,7 +34,7 @@ def render_plan(plan: StrikePlan, console: Console | None = None) -> None:
             console.print(f"{problem.axis_id}: {problem.code}: {problem.text}", highlight=False)
     elif plan.rejected:
         console.print(
-            f"left out: {counted(plan.rejected)}; the plan file gives the reasons, with numbers",
+            f"left out: {rejection_summary(plan.rejected)}; the plan file gives the reasons, with numbers",
             highlight=False,
         )
 

@@ -24,7 +24,7 @@ from analyze.pipeline.merge import (
     refuse_unmergeable,
     resolve_exclusions,
 )
-from analyze.pipeline.sections import section_of
+from analyze.pipeline.sections import rolling_outline
 from analyze.progress import Progress
 from analyze.reading.recording import open_recording
 from analyze.registration.register import LeftOut, Registration, TablePlace, register
@@ -136,8 +136,7 @@ def refuse_undetermined(answer: RegisterAnswer) -> None:
         if answer.options.find_table and table.undetermined:
             raise EstimationError(
                 f"{name}: the strikes do not determine the table's {', '.join(table.undetermined)}: add "
-                "strikes over other edges of the "
-                "faces that were struck, and on another resting face"
+                "strikes over other edges of the faces that were struck, and on another resting face"
             )
 
 
@@ -207,8 +206,7 @@ def _refuse_other_place(heads: Sequence[RecordingHead], rig: Path) -> None:
     if place is None or not np.allclose(place, recorded, rtol=0.0, atol=POSE_TOLERANCE):
         raise CalibrationError(
             f"{rig}: its T_world_camera differs from that of {heads[0].path}, and the camera may have been "
-            "moved since: "
-            "copy by hand what is printed without --write, or record with this file"
+            "moved since: copy by hand what is printed without --write, or record with this file"
         )
 
 
@@ -245,7 +243,7 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
             continue
         report = evidence.tracking.get(motion.strike_id)
         setup = evidence.recorded_in.get(motion.strike_id, 0)
-        section = section_of(evidence.model, planned)
+        section = rolling_outline(evidence.model, planned)
         view = (
             None
             if report is None

@@ -49,8 +49,8 @@ def render_registration(answer: RegisterAnswer, console: Console | None = None) 
             )
         elif not place.on_surface:
             console.print(
-                f"marker {place.marker_id}: not on the surface: its pose comes from the strikes alone: "
-                "check the shape"
+                f"marker {place.marker_id}: not on the surface: its pose comes from the strikes alone: check "
+                "the shape"
             )
     for table_place in found.tables:
         console.print(_table_text(answer, table_place))
@@ -91,13 +91,13 @@ def _table_text(answer: RegisterAnswer, table: TablePlace) -> str:
     tilts, sds = np.degrees(table.offset[:2]), np.degrees(table.sd[:2])
     text = (
         f"the table{several} against the recorded T_world_camera: tilts {tilts[0]:+.3f} ± {sds[0]:.3f} and "
-        f"{tilts[1]:+.3f} ± {sds[1]:.3f} "
-        f"deg about W's x and y, height {1000 * table.offset[2]:+.3f} ± {1000 * table.sd[2]:.3f} mm"
+        f"{tilts[1]:+.3f} ± {sds[1]:.3f} deg about W's x and y, height {1000 * table.offset[2]:+.3f} ± "
+        f"{1000 * table.sd[2]:.3f} mm"
     )
     if is_implausible(table) and not answer.options.find_table:
         text += (
-            ": more than the error of a board laid by hand: if the camera was moved, "
-            "--table estimates it from the strikes alone"
+            ": more than the error of a board laid by hand: if the camera was moved, --table estimates it "
+            "from the strikes alone"
         )
     return text
 

@@ -11,7 +11,8 @@ from analyze.errors import AnalyzeError
 from analyze.geometry.station import turned_camera
 from analyze.motion.contact_time import contact_time
 from analyze.motion.scene import at_rest, check_placement, read_scene
-from analyze.motion.strike import StrikeTask, analyse_strike, verdict_of
+from analyze.motion.strike import analyse_strike, verdict_of
+from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.sections import MeshSections
 from analyze.tracking.camera_model import pixel_map
 from analyze.tracking.marker import families_of

@@ -11,7 +11,7 @@ import trimesh
 from analyze.geometry.object_model import load_object_model
 from analyze.motion.settings import MotionSettings
 from analyze.motion.strike import analyse_motion
-from analyze.pipeline.sections import MeshSections, landing_of, section_of
+from analyze.pipeline.sections import MeshSections, next_face_angle, rolling_outline
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.pivots import pivot_axes
 from analyze.planning.stable_planes import resting_planes
@@ -51,7 +51,7 @@ def moulded(body=BODY, width=0.08):
 def test_a_mesh_gives_its_flank():
     spec, data, strike = moulded()
     for section in (
-        section_of(load_object_model(spec, data, "bowl.stl"), strike),
+        rolling_outline(load_object_model(spec, data, "bowl.stl"), strike),
         MeshSections(spec, lambda: data).of(strike),
     ):
         assert section is not None
@@ -62,7 +62,7 @@ def test_a_mesh_gives_its_flank():
 
 def test_a_box_has_none():
     spec = an_object(Shape(box=Box(size_m=[0.06, 0.05, 0.2])))
-    assert section_of(load_object_model(spec, None, "box"), planned(0.002)) is None
+    assert rolling_outline(load_object_model(spec, None, "box"), planned(0.002)) is None
     assert MeshSections(spec, lambda: None).of(planned(0.002)) is None
 
 
@@ -80,7 +80,7 @@ def test_what_lies_on_a_bevel_hops_and_does_not_roll():
     )
     data = trimesh.PointCloud(points).convex_hull.export(file_type="stl")
     spec, _, strike = moulded()
-    assert section_of(load_object_model(spec, data, "bowl.stl"), strike) is None
+    assert rolling_outline(load_object_model(spec, data, "bowl.stl"), strike) is None
 
 
 def test_a_replay_draws_it_rolling_as_it_was_fitted():
@@ -93,7 +93,7 @@ def test_a_replay_draws_it_rolling_as_it_was_fitted():
     assert np.degrees(np.std(fitted.residual)) < 0.03
     model = load_object_model(spec, data, "bowl.stl")
     strike = strike.model_copy(update={"p_world_object": [0.0, 0.0, body.b]})
-    R, p = views.object_poses(strike, found.angle, section_of(model, strike))
+    R, p = views.object_poses(strike, found.angle, rolling_outline(model, strike))
     lowest = (model.vertices @ R[:, 2].T + p[:, 2]).min(axis=0)
     tipping = (found.angle.theta > math.radians(1)) & (found.angle.theta < math.radians(75))
     assert np.abs(lowest[tipping]).max() < 5e-5, "it stays on the table"
@@ -105,7 +105,7 @@ def test_a_moulded_rounding_that_is_declared_too_is_the_meshs():
     body = RollingBody(0.006, 0.006, (-0.02, 0.06), 0.003, 0.15)
     spec, data, strike = moulded(body)
     pivot = strike.pivot.model_copy(update={"point": [-body.a, 0.0, 0.0], "radius_m": body.a})
-    section = section_of(
+    section = rolling_outline(
         load_object_model(spec, data, "bowl.stl"), strike.model_copy(update={"pivot": pivot})
     )
     assert section is not None
@@ -126,7 +126,7 @@ def test_the_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
         strike = planned(0.001, 0.5).model_copy(
             update={"pivot": pivot, "R_world_object": axis.R_world_object.tolist()}
         )
-        lands = landing_of(model, strike)
+        lands = next_face_angle(model, strike)
         assert live.landing_angle_rad(strike) == lands
         lengthwise = abs(float(axis.direction[2])) > 0.99
         assert math.degrees(lands) == pytest.approx(58.9 if lengthwise else 88.9, abs=0.2), (
@@ -138,4 +138,4 @@ def test_the_next_side_of_a_hexagon_lands_at_60_degrees_and_its_end_at_90():
 
 def test_what_rolls_on_a_flank_does_not_land():
     spec, data, strike = moulded()
-    assert landing_of(load_object_model(spec, data, "bowl.stl"), strike) is None
+    assert next_face_angle(load_object_model(spec, data, "bowl.stl"), strike) is None
