@@ -6,42 +6,49 @@ import threading
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
-from acquire.camera.aravis_library import Connection, aravis_and_glib, bury, drain, reason
-from acquire.camera.base import Camera, CameraInfo, ClockReading, Frame
-from acquire.camera.buffers import FrameBuffers
+from acquire.camera.aravis_library import Connection, aravis_and_glib, close_connection, drain, reason
+from acquire.camera.base import Camera, CameraInfo, ClockReading
 from acquire.camera.discovery import ask, is_controlled
 from acquire.camera.frame_loss import FrameLoss
 from acquire.camera.receive_buffer import enlarge_receive_buffer
 from acquire.camera.settings import settings_of
 from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
+from acquire.frames.buffer_pool import BufferPool
+from acquire.frames.frame import Frame
 
 if TYPE_CHECKING:
     from acquire.clock.clock import Clock
     from acquire.config import CameraConfig
 
 _LATCH, _LATCH_HIGH, _LATCH_LOW, _TICKS_HIGH, _TICKS_LOW = 0x944, 0x948, 0x94C, 0x93C, 0x940
+"""bootstrap registers: timestamp control, latched value, tick frequency"""
 _LATCH_NOW = 2
-_POP_US = 100_000
+_POP_TIMEOUT_US = 100_000
 _ARAVIS_RETENTION_US, _LONGEST_RETENTION_US = 100_000, 1_000_000
 _CLOSE_JOIN_S = 1.0
 OPEN_S = 20.0
-"""for connecting and all settings, a quarter of a second's work; each answer that stays away costs 2.5 s, and Aravis may wait for six"""
+"""longest time for connecting and all settings [s]
+
+The work takes a quarter of a second; each missing answer costs 2.5 s, and Aravis may wait for six.
+"""
 _HEARTBEAT_TIMEOUT_S = 3.2
 _CLOCK_JUMP_S = 5.0
-"""between two frames, device time against host time: no delay explains it, the device's clock was set or it restarted"""
+"""change of device time against host time between two frames that no delay explains: the clock was set, or it
+restarted [s]"""
 
 
 class AravisCamera(Camera):
     """A GigE Vision camera.
 
-    Frames are popped on the caller's thread: Python in a stream callback blocks reception (Aravis #171) or crashes (#453).
-    Buffers are our own memory, so an image is a view. Never reopen one that was lost: make a new one.
+    Frames are popped on the caller's thread: Python in a stream callback blocks reception (Aravis #171) or
+    crashes (#453). The buffers lie in a BufferPool, so an image is a view. Never reopen a camera that was
+    lost: make a new one.
     """
 
-    def __init__(self, config: CameraConfig, clock: Clock, spare_buffers: int = 0) -> None:
-        """`spare_buffers`: see Camera; they are besides those of the configuration."""
+    def __init__(self, config: CameraConfig, clock: Clock, borrowable_frames: int = 0) -> None:
+        """`borrowable_frames`: see Camera; these buffers are in addition to those of the configuration."""
         self._config, self._clock = config, clock
-        self._spare_buffers = spare_buffers
+        self._borrowable_frames = borrowable_frames
         self._connection: Connection | None = None
         self._lost = threading.Event()
         self._given_up = threading.Event()
@@ -64,21 +71,21 @@ class AravisCamera(Camera):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What works less well than it could, one line each."""
+        """See Camera."""
         return tuple(self._warnings)
 
     @property
-    def spare_buffers(self) -> int:
+    def borrowable_frames(self) -> int:
         """See Camera."""
-        return self._spare_buffers
+        return self._borrowable_frames
 
     def open(self) -> CameraInfo:
         """Connect, write every setting, read it back and compare.
 
         Raises:
-            CameraNotFound: nothing answers at the address.
-            CameraSettingError: a setting reads back differently, or is out of the camera's range.
-            CameraError: another program controls the camera, or it fell silent, or took longer than `OPEN_S`.
+            CameraNotFound: nothing answers at the address. CameraSettingError: a setting reads back
+                differently, or is out of the camera's range. CameraError: another program controls the
+                camera, it stopped answering, or it took longer than `OPEN_S`.
         """
         done: Future[CameraInfo] = Future()
         threading.Thread(target=self._open_for, args=(done,), name="aravis-open", daemon=True).start()
@@ -88,11 +95,15 @@ class AravisCamera(Camera):
             self._given_up.set()
             self.close()
             raise CameraError(
-                f"camera {self._config.address} is not set up after {OPEN_S:g} s: switch it off and on, check its cable, then try again"
+                f"camera {self._config.address} is not set up after {OPEN_S:g} s: "
+                "switch it off and on, check its cable, then try again"
             ) from None
 
     def _open_for(self, done: Future[CameraInfo]) -> None:
-        """On a thread of its own: what hangs inside Aravis cannot be ended, only left alone, and cleared away should it ever come back."""
+        """Open on a thread of its own: a call that hangs inside Aravis cannot be ended.
+
+        It is abandoned, and cleaned up if it ever returns.
+        """
         try:
             info = self._open()
         except BaseException as error:
@@ -111,27 +122,37 @@ class AravisCamera(Camera):
         except GLib.Error as error:
             if ask(address) is not None:
                 raise CameraError(
-                    f"camera {address} says who it is, but cannot be connected to ({reason(error)}): switch it off and on"
+                    f"camera {address} answers discovery, but refuses a connection ({reason(error)}): "
+                    "switch it off and on"
                 ) from None
             raise CameraNotFound(
-                f"no camera answers at {address} ({reason(error)}): check power, cable and address; `acquire discover` lists what answers"
+                f"no camera answers at {address} ({reason(error)}): "
+                "check power, cable and address; `acquire discover` lists the cameras that answer"
             ) from None
         device = camera.get_device()
-        handler = device.connect("control-lost", lambda _device: self._lost.set())  # runs on Aravis's heartbeat thread
+        handler = device.connect(
+            "control-lost", lambda _device: self._lost.set()
+        )  # runs on Aravis's heartbeat thread
         try:
             if not device.is_controller():
                 raise CameraError(
-                    f"camera {address} did not give control: another program took it first; close that program, then try again"
+                    f"camera {address} refused control: another program took it first; "
+                    "close that program, then try again"
                 )
             self._write_settings(camera)
             self._ticks_hz = self._read_ticks_hz(device)
             info = CameraInfo(
-                vendor=camera.get_vendor_name(), model=camera.get_model_name(), serial=camera.get_device_serial_number(), address=address
+                vendor=camera.get_vendor_name(),
+                model=camera.get_model_name(),
+                serial=camera.get_device_serial_number(),
+                address=address,
             )
             self._connection = self._connect_stream(camera, device, handler)
         except GLib.Error as error:
             self._close_in_background(Connection(camera, device, None, handler, [], None))
-            raise CameraError(f"camera {address} stopped answering while it was set up ({reason(error)}): try again") from None
+            raise CameraError(
+                f"camera {address} stopped answering while it was set up ({reason(error)}): try again"
+            ) from None
         except CameraError:
             self._close_in_background(Connection(camera, device, None, handler, [], None))
             raise
@@ -146,7 +167,7 @@ class AravisCamera(Camera):
         _, GLib = aravis_and_glib()
         connection = self._opened()
         drain(connection.stream, self._config.buffers)
-        # The last run's last frame may still be on its way; it was exposed before now.
+        # The last frame of the previous run may still arrive; it was exposed before now.
         reading = self.latch_clock()
         self._exposed_after_ns = -1 if reading is None else reading.device_time_ns
         self._loss = FrameLoss(self._frame_rate_hz)
@@ -167,7 +188,9 @@ class AravisCamera(Camera):
         now_ns = self._clock.monotonic_ns()
         deadline_ns = now_ns + round(timeout_s * 1e9)
         while True:
-            buffer = connection.stream.timeout_pop_buffer(max(0, min(_POP_US, (deadline_ns - now_ns) // 1000)))
+            buffer = connection.stream.timeout_pop_buffer(
+                max(0, min(_POP_TIMEOUT_US, (deadline_ns - now_ns) // 1000))
+            )
             now_ns = self._clock.monotonic_ns()
             if buffer is None:
                 self._check_alive(now_ns)
@@ -179,24 +202,8 @@ class AravisCamera(Camera):
                 return frame
             connection.stream.push_buffer(buffer)
 
-    def release(self, frame: Frame) -> None:
-        """See Camera."""
-        with self._closing:
-            connection = self._connection
-            if connection is not None and connection.memory is not None and (slot := connection.memory.release(frame)) is not None:
-                connection.stream.push_buffer(connection.buffers[slot])
-
-    def keep(self, frame: Frame) -> bool:
-        """See Camera."""
-        with self._closing:
-            connection = self._connection
-            if connection is None or connection.memory is None or (slot := connection.memory.keep(frame)) is None:
-                return False
-            connection.stream.push_buffer(connection.buffers[slot])
-            return True
-
     def latch_clock(self) -> ClockReading | None:
-        """Read the device clock now through the bootstrap registers, or None where the camera cannot latch."""
+        """Read the device clock now through the bootstrap registers. None if the camera cannot latch it."""
         connection = self._connection
         device = None if connection is None else connection.device  # another thread may be closing it
         if device is None or self._ticks_hz == 0 or self._lost.is_set():
@@ -218,10 +225,12 @@ class AravisCamera(Camera):
     def _no_latch(self) -> None:
         if not self._latched_once:
             self._ticks_hz = 0
-            self._warnings.append(f"camera {self._config.address} cannot latch its clock: frame times come from their arrival")
+            self._warnings.append(
+                f"camera {self._config.address} cannot latch its clock: frame times come from their arrival"
+            )
 
     def stop(self) -> None:
-        """Stop streaming; frames that were not read are dropped."""
+        """Stop streaming and drop the frames that were not read."""
         _, GLib = aravis_and_glib()
         connection = self._opened()
         if self._lost.is_set():
@@ -233,10 +242,15 @@ class AravisCamera(Camera):
         drain(connection.stream, self._config.buffers)
 
     def close(self) -> None:
-        """Release the device. Never raises. A camera that answers is closed on return; a dead one is buried in the background."""
+        """Release the device. Never raises.
+
+        A camera that answers is closed on return, a dead one in the background.
+        """
         with self._closing:
             connection, self._connection = self._connection, None
         if connection is not None:
+            if connection.memory is not None:
+                connection.memory.close()
             self._close_in_background(connection)
 
     def _opened(self) -> Connection:
@@ -246,22 +260,30 @@ class AravisCamera(Camera):
 
     def _lost_error(self, why: str) -> CameraLost:
         self._lost.set()
-        return CameraLost(f"camera {self._config.address} was lost: {why}: check power and cable, then connect again")
+        return CameraLost(
+            f"camera {self._config.address} was lost: {why}: check power and cable, then connect again"
+        )
 
     def _check_alive(self, now_ns: int) -> None:
-        # control-lost comes about 6 s after the camera's death: the watchdog below is what notices first.
+        # control-lost comes about 6 s after the camera's death: the watchdog below notices first.
         if self._lost.is_set():
             raise self._lost_error("it no longer answers on its control channel")
         stalled_s = (now_ns - self._last_frame_ns) * 1e-9
         if stalled_s > self._config.stall_s:
-            incomplete = f" ({self.incomplete_frames} frames arrived incomplete: raise the receive buffer or lower packet_size)"
-            pulses = f" (trigger = {self._config.trigger}: do its pulses come?)" if self._config.trigger != "off" else ""
-            raise self._lost_error(f"no frame for {stalled_s:.1f} s{incomplete if self.incomplete_frames else pulses}")
+            incomplete = (
+                f" ({self.incomplete_frames} frames arrived incomplete: "
+                "raise the receive buffer or lower packet_size)"
+            )
+            trigger = self._config.trigger
+            pulses = f" (trigger = {trigger}: check that its pulses arrive)" if trigger != "off" else ""
+            raise self._lost_error(
+                f"no frame for {stalled_s:.1f} s{incomplete if self.incomplete_frames else pulses}"
+            )
 
     def _frame(self, connection: Connection, buffer: Any, now_ns: int) -> Frame | None:
         Aravis, _ = aravis_and_glib()
-        # hash() of a wrapper is its C pointer: the same buffer comes back as the same slot.
-        token, memory = self._slots[hash(buffer)], connection.memory
+        # hash() of a wrapper is its C pointer: it identifies the buffer's slot.
+        slot, memory = self._slots[hash(buffer)], connection.memory
         if memory is None:
             return None
         if buffer.get_status() != Aravis.BufferStatus.SUCCESS:
@@ -277,7 +299,7 @@ class AravisCamera(Camera):
                 raise self._lost_error(f"its clock jumped by {jump_s:.3g} s")
         self._last_frame_ns, self._last_device_ns = now_ns, device_time_ns
         frame = Frame(
-            image=memory.image(token, width, height),
+            image=memory.image(slot, width, height),
             sequence=self._sequence,
             frame_id=frame_id,
             device_time_ns=device_time_ns,
@@ -285,21 +307,24 @@ class AravisCamera(Camera):
             host_time_ns=now_ns,
             exposure_us=self._exposure_us,
             lost_before=self._loss.before(frame_id, device_time_ns),
-            token=token,
+            buffer=memory.buffer(slot),
         )
         self._sequence += 1
         return frame
 
     def _wait_for_control(self) -> None:
-        """A killed client's control privilege lasts for its heartbeat time-out, 3 s.
+        """Wait while a killed client's control privilege lasts: its heartbeat time-out of 3 s.
 
-        Asked only twice: Aravis's fake takes anybody's question for the controller's heartbeat.
+        Asked only twice, because Aravis's fake camera takes any client's question for the controller's
+        heartbeat.
         """
         address = self._config.address
         if is_controlled(address):
             self._clock.sleep(_HEARTBEAT_TIMEOUT_S)
             if is_controlled(address):
-                raise CameraError(f"camera {address} is controlled by another program: close that program, then try again")
+                raise CameraError(
+                    f"camera {address} is controlled by another program: close that program, then try again"
+                )
 
     def _write_settings(self, camera: Any) -> None:
         Aravis, GLib = aravis_and_glib()
@@ -318,61 +343,89 @@ class AravisCamera(Camera):
                 got = setting.read()
             except GLib.Error as error:
                 if error.matches(Aravis.device_error_quark(), Aravis.DeviceError.TIMEOUT):
-                    raise  # it did not refuse: it fell silent
-                raise CameraSettingError(f"{asked} was refused ({reason(error)}): correct the rig file") from None
+                    raise  # the camera did not refuse, it stopped answering
+                raise CameraSettingError(
+                    f"{asked} was refused ({reason(error)}): correct the rig file"
+                ) from None
             if not setting.agrees(got):
-                raise CameraSettingError(f"{asked} was asked, {setting.text(got)} read back: correct the rig file")
+                raise CameraSettingError(
+                    f"{asked} was asked, {setting.text(got)} read back: correct the rig file"
+                )
         self._exposure_us = camera.get_exposure_time()
         self._frame_rate_hz = camera.get_frame_rate() if config.trigger == "off" else config.frame_rate_hz
 
     def _read_ticks_hz(self, device: Any) -> int:
-        """Device clock's frequency [Hz]; 0: not known. Aravis then silently gives system time as the device's (Aravis #153)."""
+        """Frequency of the device clock [Hz]; 0 if unknown.
+
+        Aravis then silently reports system time as the device's (Aravis #153).
+        """
         ticks_hz = (device.read_register(_TICKS_HIGH) << 32) | device.read_register(_TICKS_LOW)
         if ticks_hz == 0:
-            self._warnings.append(f"camera {self._config.address} does not say its clock's frequency: frame times come from their arrival")
+            self._warnings.append(
+                f"camera {self._config.address} does not report its clock's frequency: "
+                "frame times come from their arrival"
+            )
         return ticks_hz
 
     def _connect_stream(self, camera: Any, device: Any, handler: int) -> Connection:
         Aravis, _ = aravis_and_glib()
-        # As root Aravis takes the packet socket (Aravis #503), whose 5 ms block time-out quantises arrival times.
+        # As root Aravis takes the packet socket (Aravis #503), whose 5 ms block time-out quantises arrival
+        # times.
         camera.gv_set_stream_options(Aravis.GvStreamOption.PACKET_SOCKET_DISABLED)
         payload = camera.get_payload()
         stream = camera.create_stream(None, None)
         if stream is None:
-            raise CameraError(f"camera {self._config.address}: no stream could be made: check that UDP is not blocked by a firewall")
+            raise CameraError(
+                f"camera {self._config.address}: no stream could be made: "
+                "check that UDP is not blocked by a firewall"
+            )
         stream.set_property("socket-buffer", Aravis.GvStreamSocketBuffer.FIXED)
         stream.set_property("frame-retention", self._retention_us())
-        stream.set_property("socket-buffer-size", 0)  # hands off: else it is set again with every frame (Aravis #994)
-        self.receive_buffer_bytes = enlarge_receive_buffer(stream.get_port(), self._config.receive_buffer_bytes)
-        if self.receive_buffer_bytes < self._config.receive_buffer_bytes:
+        stream.set_property(
+            "socket-buffer-size", 0
+        )  # leave it alone: else it is set again with every frame (Aravis #994)
+        wanted_bytes = self._config.receive_buffer_bytes
+        self.receive_buffer_bytes = enlarge_receive_buffer(stream.get_port(), wanted_bytes)
+        if self.receive_buffer_bytes < wanted_bytes:
             self._warnings.append(
-                f"the socket's receive buffer is {self.receive_buffer_bytes} B instead of {self._config.receive_buffer_bytes} B: "
-                f"frames may be lost; try sysctl -w net.core.rmem_max={self._config.receive_buffer_bytes}"
+                f"the socket's receive buffer is {self.receive_buffer_bytes} B instead of {wanted_bytes} B: "
+                f"frames may be lost; try sysctl -w net.core.rmem_max={wanted_bytes}"
             )
+        buffers: list[Any] = []
         try:
-            memory = FrameBuffers(self._config.buffers, self._spare_buffers, payload)
-        except (OSError, MemoryError) as error:  # as CameraError it is tried again, and the camera is let go of
-            count = self._config.buffers + self._spare_buffers
+            memory = BufferPool(
+                self._config.buffers,
+                self._borrowable_frames,
+                payload,
+                requeue=lambda slot: stream.push_buffer(buffers[slot]),
+            )
+        except (OSError, MemoryError) as error:  # a CameraError is tried again, and the camera is released
+            count = self._config.buffers + self._borrowable_frames
             raise CameraError(
-                f"camera {self._config.address}: no memory for {count} buffers of {payload} B ({error}): end other programs"
+                f"camera {self._config.address}: no memory for {count} buffers of {payload} B ({error}): "
+                "end other programs"
             ) from None
-        buffers = [Aravis.Buffer.new(payload, memory.address(slot)) for slot in range(len(memory))]
+        buffers += [Aravis.Buffer.new(payload, memory.address(slot)) for slot in range(len(memory))]
         self._slots = {hash(buffer): index for index, buffer in enumerate(buffers)}
         for buffer in buffers[: memory.circulating]:
             stream.push_buffer(buffer)
         return Connection(camera, device, stream, handler, buffers, memory)
 
     def _retention_us(self) -> int:
-        """How long an incomplete frame waits for packets that were asked for again.
+        """Frame retention time [us]: how long an incomplete frame waits for resent packets.
 
-        Aravis's 100 ms are too short on a busy computer, and the frames behind it wait in buffers meanwhile: half of those at most.
+        Aravis's default of 100 ms is too short on a busy computer. The frames behind the incomplete one wait
+        in buffers
+        meanwhile: the time fills half of the buffers at most.
         """
         held_us = 1e6 * self._config.buffers / self._config.frame_rate_hz
         return round(min(_LONGEST_RETENTION_US, max(_ARAVIS_RETENTION_US, 0.5 * held_us)))
 
     def _close_in_background(self, connection: Connection) -> None:
-        """Closing a dead camera blocks 7.5 s, three GVCP time-outs: never on the caller's thread."""
-        self._closer = threading.Thread(target=bury, args=(connection, self._lost.is_set()), name="aravis-close", daemon=True)
+        """Close on a thread of its own: a dead camera blocks 7.5 s, three GVCP time-outs."""
+        self._closer = threading.Thread(
+            target=close_connection, args=(connection, self._lost.is_set()), name="aravis-close", daemon=True
+        )
         del connection
         self._closer.start()
         self._closer.join(_CLOSE_JOIN_S)

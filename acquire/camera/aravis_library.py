@@ -1,4 +1,4 @@
-"""What is between gi and the camera: Aravis itself, who is there, and what lives and dies with one connection. The only import of gi."""
+"""Aravis through GObject introspection: loading, discovery, objects of a connection. Only import of gi."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from acquire.camera.discovery import ask
 from acquire.errors import CameraError
 
 if TYPE_CHECKING:
-    from acquire.camera.buffers import FrameBuffers
+    from acquire.frames.buffer_pool import BufferPool
 
 _DRAIN_US = 10_000
 
 
 @cache
 def aravis_and_glib() -> tuple[Any, Any]:
-    """Aravis and GLib.
+    """Load the bindings of Aravis and GLib.
 
     Raises:
         CameraError: the bindings are not installed.
@@ -28,14 +28,18 @@ def aravis_and_glib() -> tuple[Any, Any]:
         import gi
 
         gi.require_version("Aravis", "0.8")
-        from gi.repository import Aravis, GLib  # pyright: ignore[reportAttributeAccessIssue] - made by introspection
+        # The modules are made by introspection.
+        from gi.repository import Aravis, GLib  # pyright: ignore[reportAttributeAccessIssue]
     except (ImportError, ValueError) as error:
-        raise CameraError(f"Aravis cannot be loaded ({error}): install Debian's gir1.2-aravis-0.8 and the extra percuss[rig]") from None
+        raise CameraError(
+            f"Aravis cannot be loaded ({error}): "
+            "install Debian's gir1.2-aravis-0.8 and the extra percuss[rig]"
+        ) from None
     return Aravis, GLib
 
 
 def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
-    """All cameras that answer a broadcast, and the virtual one at `loopback`. Takes about a second.
+    """List all cameras that answer a broadcast, and the virtual one at `loopback`. Takes about a second.
 
     Raises:
         CameraError: Aravis is not installed.
@@ -60,19 +64,22 @@ def discover(loopback: str = "127.0.0.1") -> list[CameraInfo]:
 
 @dataclass
 class Connection:
-    """All that must die together, in order: the stream writes into `memory`, so `memory` outlives it."""
+    """Objects that are closed together, in order: the stream writes into `memory`, which must outlive it."""
 
     camera: Any
     device: Any
     stream: Any
     lost_handler: int
     buffers: list[Any]
-    memory: FrameBuffers | None
-    """of which `buffers` are the slots"""
+    memory: BufferPool | None
+    """pool whose slots are `buffers`"""
 
 
 def drain(stream: Any, buffers: int) -> None:
-    """Give back what was not read; at most all buffers, because a camera that did not hear its stop goes on sending."""
+    """Return the frames that were not read to the stream.
+
+    At most `buffers` are returned, because a camera that missed its stop command goes on sending.
+    """
     for _ in range(buffers):
         buffer = stream.timeout_pop_buffer(_DRAIN_US)
         if buffer is None:
@@ -80,8 +87,8 @@ def drain(stream: Any, buffers: int) -> None:
         stream.push_buffer(buffer)
 
 
-def bury(connection: Connection, lost: bool) -> None:
-    """Close it. A dead camera blocks for 7.5 s."""
+def close_connection(connection: Connection, lost: bool) -> None:
+    """Close a connection. Blocks for 7.5 s if the camera is dead."""
     _, GLib = aravis_and_glib()
     connection.device.disconnect(connection.lost_handler)
     if not lost and connection.stream is not None:
@@ -89,7 +96,7 @@ def bury(connection: Connection, lost: bool) -> None:
             connection.camera.stop_acquisition()
         except GLib.Error:
             lost = True
-    # The stream's thread writes into the buffers: it must have ended before their memory goes.
+    # The stream's thread writes into the buffers: it must have ended before their memory is freed.
     connection.stream = None
     gc.collect()
     connection.camera = connection.device = None
@@ -98,5 +105,5 @@ def bury(connection: Connection, lost: bool) -> None:
 
 
 def reason(error: Any) -> str:
-    """GLib's, in one line."""
+    """Message of a GLib error, in one line."""
     return str(error.message).strip().replace("\n", " ") or "no reason given"

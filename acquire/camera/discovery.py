@@ -1,7 +1,8 @@
-"""What can be asked of a camera without being its client: who it is, and whether somebody controls it (GigE Vision 2.0, 16.2, 16.4).
+"""Identity of a camera, and whether a client controls it, asked without a connection.
 
-Aravis's own discovery broadcasts, and loopback does not carry broadcasts. A write by a client without control is not answered at
-all, which costs Aravis 2.5 s of time-outs for each: asking first costs nothing.
+GigE Vision 2.0, 16.2 and 16.4. Aravis's own discovery broadcasts, and loopback does not carry broadcasts. A
+camera does not answer a write by a client without control, which costs Aravis 2.5 s of time-outs each: asking
+first costs nothing.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _ANSWER_BYTES = _HEADER_BYTES + 0xF8
 
 
 def ask(address: str, timeout_s: float = 0.3) -> CameraInfo | None:
-    """Who answers at `address`, or None."""
+    """Identity of the camera at `address`, or None if nothing answers."""
     answer = _exchange(address, _DISCOVERY, timeout_s)
     if len(answer) < _ANSWER_BYTES or answer[2:4] != b"\x00\x03":
         return None
@@ -35,7 +36,7 @@ def ask(address: str, timeout_s: float = 0.3) -> CameraInfo | None:
 
 
 def is_controlled(address: str, timeout_s: float = 0.3) -> bool:
-    """Whether some client holds the control privilege of the camera at `address`; False where nobody answers."""
+    """True if a client holds the control privilege of the camera at `address`; False if nothing answers."""
     answer = _exchange(address, _READ_PRIVILEGE, timeout_s)
     if len(answer) < _HEADER_BYTES + 4 or answer[:4] != b"\x00\x00\x00\x81":
         return False
@@ -43,12 +44,12 @@ def is_controlled(address: str, timeout_s: float = 0.3) -> bool:
 
 
 def _exchange(address: str, request: bytes, timeout_s: float) -> bytes:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
-        asker.settimeout(timeout_s)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.settimeout(timeout_s)
         try:
-            asker.connect((address, GVCP_PORT))
-            asker.send(request)
-            return asker.recv(1024)
+            client.connect((address, GVCP_PORT))
+            client.send(request)
+            return client.recv(1024)
         except OSError:
             return b""
 

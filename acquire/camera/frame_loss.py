@@ -1,4 +1,4 @@
-"""Counts lost frames between two that arrived: by GVSP block id, and by device time."""
+"""Counter of lost frames, by GVSP block id and by device time."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ _WRAP = 65535
 
 
 class FrameLoss:
-    """Both counts are needed: ids tell nothing of exposures that the camera itself skipped, times nothing of a wrong rate.
+    """Counter of the frames lost between two complete ones.
 
-    Aravis's own statistics do not serve: `n_missing_packets` over-reports and `n_underruns` counts packets.
+    Both criteria are needed: ids do not show exposures that the camera itself skipped, and times fail with a
+    wrong frame rate. Aravis's own statistics are unusable: `n_missing_packets` over-reports and `n_underruns`
+    counts packets.
     """
 
     def __init__(self, frame_rate_hz: float) -> None:
@@ -17,7 +19,7 @@ class FrameLoss:
         self._last: tuple[int, int] | None = None
 
     def before(self, frame_id: int, device_time_ns: int) -> int:
-        """Frames lost between the last complete frame and this one."""
+        """Number of frames lost between the last complete frame and this one."""
         last, self._last = self._last, (frame_id, device_time_ns)
         if last is None:
             return 0

@@ -1,8 +1,8 @@
 """The receive buffer of a stream's UDP socket.
 
-Linux's default (212 kB) is less than one frame: 4 to 22 % of the frames arrive complete at 120 fps (Aravis #894). Aravis's own
-`socket-buffer` property is capped by net.core.rmem_max without a word (Aravis #898), so the option is set on the socket itself and
-read back.
+Linux's default (212 kB) is less than one frame: 4 to 22 % of the frames arrive complete at 120 fps (Aravis
+#894). Aravis's own `socket-buffer` property is silently capped by net.core.rmem_max (Aravis #898), so the
+option is set on the socket itself and read back.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ def enlarge_receive_buffer(port: int, size_bytes: int) -> int:
     """Enlarge the receive buffer of this process's UDP socket that is bound to `port`.
 
     Returns:
-        The effective size [bytes]: Linux's figure halved, because it counts its own bookkeeping twice. 0: no such socket.
+        The effective size [bytes]: half of Linux's figure, which includes its bookkeeping. 0 if there is no
+        such socket.
     """
     for stream in _sockets():
         with stream:
@@ -36,8 +37,8 @@ def enlarge_receive_buffer(port: int, size_bytes: int) -> int:
 
 
 def _sockets() -> Iterator[socket.socket]:
-    """Duplicates of this process's sockets, one at a time; the caller closes each."""
-    for name in os.listdir("/proc/self/fd"):  # noqa: PTH208 - descriptors vanish while iterdir would look at them
+    """Yield duplicates of this process's sockets; the caller closes each."""
+    for name in os.listdir("/proc/self/fd"):  # noqa: PTH208 - iterdir fails on descriptors that vanish
         duplicate = -1
         try:
             if os.readlink(f"/proc/self/fd/{name}").startswith("socket:"):  # noqa: PTH115 - not a path
@@ -50,6 +51,10 @@ def _sockets() -> Iterator[socket.socket]:
 
 def _is_bound_to(candidate: socket.socket, port: int) -> bool:
     try:
-        return candidate.family == socket.AF_INET and candidate.type == socket.SOCK_DGRAM and candidate.getsockname()[1] == port
+        return (
+            candidate.family == socket.AF_INET
+            and candidate.type == socket.SOCK_DGRAM
+            and candidate.getsockname()[1] == port
+        )
     except OSError:
         return False

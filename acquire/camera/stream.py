@@ -1,4 +1,4 @@
-"""Keeps one camera streaming: reads frames, maps their times to the host's clock, latches, reconnects when the camera is lost."""
+"""Stream of one camera: reads frames, maps their times to the host clock, reconnects a lost camera."""
 
 from __future__ import annotations
 
@@ -9,90 +9,58 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from acquire.camera.base import Camera, CameraInfo, ClockReading, Frame
+from acquire.camera.base import Camera, CameraInfo, ClockReading
 from acquire.clock.clock import Clock, DeviceClockMapper
 from acquire.errors import CameraError, CameraLost
 
 if TYPE_CHECKING:
     from acquire.config import CameraConfig
+    from acquire.frames.frame import Frame
 
 LATCH_S: Final = 0.5
+"""interval between latches of the device clock [s]"""
 FIRST_LATCH_S: Final = 0.1
-"""between latches while the readings span less than `SPAN_S`: the drift is known only as well as they lie apart"""
+"""interval while the readings span less than SPAN_S, because the precision of the drift grows with the span
+[s]"""
 SPAN_S: Final = 2.0
 FIRST_LATCHES: Final = 25
-"""before and after the camera is started, which may take long: the first frames have nothing else, so one of them must be quick"""
+"""latches before and after the camera starts, which may take long: the first frames are mapped by the
+quickest of them"""
 LATCH_TRIES: Final = 8
-"""one after the other, until one is about as quick as the quickest (Cristian 1989)"""
-QUICK: Final = 1.3
-TELL_LOSSES_NS: Final = 1_000_000_000
+"""attempts in a row, until one is about as quick as the quickest so far (Cristian 1989)"""
+QUICK_RATIO: Final = 1.3
+"""round trip of a quick latch, as a multiple of the shortest"""
+LOSS_REPORT_NS: Final = 1_000_000_000
+"""shortest time between two reports of lost frames"""
 RETRY_S: Final = 0.5
 READ_TIMEOUT_S: Final = 0.1
 
 
-class FrameLease:
-    """The buffer of one frame: a Lender (recorder/lent_queue.py)."""
-
-    __slots__ = ("_camera", "_frame", "kept")
-
-    def __init__(self, camera: Camera, frame: Frame) -> None:
-        self._camera, self._frame = camera, frame
-        self.kept = False
-
-    @property
-    def pixels(self) -> memoryview:
-        """The image's bytes; they begin on a page of the memory."""
-        return self._frame.image.data.cast("B")
-
-    def keep(self) -> bool:
-        """The image stays as it is until `release`; False: no buffer can take its place."""
-        self.kept = self._camera.keep(self._frame)
-        return self.kept
-
-    def release(self) -> None:
-        """Once, after `keep`; from any thread."""
-        self._camera.release(self._frame)
-
-
-@dataclass(frozen=True)
-class TimedFrame:
-    """A frame of this stream with its times on the host's clock."""
-
-    frame: Frame
-    sequence: int
-    """counts frames that arrived since the stream began, across reconnections"""
-    mid_exposure_ns: int
-    """host monotonic"""
-    mapping_sd_ns: int
-    lost_before: int
-    lease: FrameLease | None = None
-    """where the camera can keep frames"""
-
-
 @dataclass(frozen=True)
 class StreamStatus:
-    """How the camera does."""
+    """Camera health: connection, frame rate, losses."""
 
     connected: bool
     frames: int
     lost: int
     fps: float
     last_frame_ns: int | None
-    """host monotonic, of the newest frame's mid-exposure"""
+    """host monotonic time at which the newest frame was read; None before the first"""
     receive_buffer_bytes: int
     latched: bool
-    """times are mapped from the camera's own clock; else they are arrival times"""
+    """True if times are mapped from the camera's own clock; False: they are arrival times"""
     trouble: str
-    """why there are no frames; empty while the camera is there"""
+    """reason why there are no frames; empty while the camera is connected"""
     warnings: tuple[str, ...]
-    """the camera's"""
+    """limitations reported by the camera"""
 
 
 class CameraStream:
-    """Two threads: one pops frames, one latches the clock, because a latch waits for an answer on the wire.
+    """Two threads: one reads frames, one latches the clock, because a latch waits for an answer on the wire.
 
-    `on_frame` is called on the first for every complete frame, `on_clock` on the second, `on_text` on the first: the camera's warnings,
-    its loss and return, and frames lost in between (gathered, once a second).
+    The frame thread calls `on_frame` for every complete frame, and `on_text` for the camera's warnings, its
+    loss and return, and for lost frames (collected, once a second). The clock thread calls `on_clock`. A
+    frame that `on_frame` does not borrow is released when the call returns.
     """
 
     def __init__(
@@ -100,7 +68,7 @@ class CameraStream:
         make_camera: Callable[[], Camera],
         config: CameraConfig,
         clock: Clock,
-        on_frame: Callable[[TimedFrame], None],
+        on_frame: Callable[[Frame], None],
         on_clock: Callable[[ClockReading], None],
         on_text: Callable[[str], None],
     ) -> None:
@@ -116,11 +84,11 @@ class CameraStream:
         self._info: CameraInfo | None = None
         self._camera: Camera | None = None
         self._connected = False
-        self._spare_buffers = 0
+        self._borrowable_frames = 0
         self._mapper = DeviceClockMapper()
         self._sequence = 0
-        self._lost = self._lost_told = 0
-        self._told_ns = 0
+        self._lost = self._lost_reported = 0
+        self._reported_ns = 0
         self._trouble = ""
         self._warnings: tuple[str, ...] = ()
         self._recent: deque[int] = deque(maxlen=round(config.frame_rate_hz) + 1)
@@ -131,7 +99,7 @@ class CameraStream:
         """Open the camera and stream.
 
         Raises:
-            CameraError: what `Camera.open` raises.
+            CameraError: as from `Camera.open`.
         """
         self._threads = [
             threading.Thread(target=self._acquire, name="camera-frames"),
@@ -154,16 +122,16 @@ class CameraStream:
                 thread.join()
 
     @property
-    def spare_buffers(self) -> int:
-        """The camera's; frames have a lease where there are any."""
-        return self._spare_buffers
+    def borrowable_frames(self) -> int:
+        """Number of the camera's frames whose buffers may be borrowed at a time."""
+        return self._borrowable_frames
 
     def latch(self) -> None:
-        """Have the clock latched soon, not only at the next half second."""
+        """Request a latch of the clock now instead of at the next interval."""
         self._latch_now.set()
 
     def status(self) -> StreamStatus:
-        """How the camera does now."""
+        """Camera health now."""
         recent = list(self._recent)
         span = recent[-1] - recent[0] if len(recent) > 1 else 0
         return StreamStatus(
@@ -193,7 +161,7 @@ class CameraStream:
                 self._stream()
             except CameraLost as error:
                 self._trouble = f"camera lost: {error}"
-                self._tell_losses()
+                self._report_losses()
                 self._on_text(self._trouble)
                 self._disconnect()
                 self._reconnect()
@@ -212,7 +180,7 @@ class CameraStream:
             raise
         self._mapper = mapper
         self._info, self._camera, self._connected = info, camera, True
-        self._spare_buffers = camera.spare_buffers
+        self._borrowable_frames = camera.borrowable_frames
         self._trouble, self._warnings = "", camera.warnings
 
     def _disconnect(self) -> None:
@@ -238,40 +206,50 @@ class CameraStream:
         camera = self._camera
         if camera is None:
             return
-        first, keeps = True, self._spare_buffers > 0
+        first = True
         while not self._stopping.is_set():
             frame = camera.read(READ_TIMEOUT_S)
-            if self._lost > self._lost_told and self._clock.monotonic_ns() > self._told_ns + TELL_LOSSES_NS:
-                self._tell_losses()
+            if (
+                self._lost > self._lost_reported
+                and self._clock.monotonic_ns() > self._reported_ns + LOSS_REPORT_NS
+            ):
+                self._report_losses()
             if frame is None:
                 continue
-            lease = FrameLease(camera, frame) if keeps else None
             try:
-                self._on_frame(self._timed(frame, lease, first=first))
+                self._on_frame(self._mapped(frame, first=first))
             finally:
-                if lease is None or not lease.kept:
-                    camera.release(frame)
+                if not frame.buffer.borrowed:
+                    frame.buffer.release()
             first = False
 
-    def _tell_losses(self) -> None:
-        if lost := self._lost - self._lost_told:
+    def _report_losses(self) -> None:
+        if lost := self._lost - self._lost_reported:
             self._on_text(f"{lost} frames lost before frame {self._sequence}, {self._lost} in all")
-            self._lost_told, self._told_ns = self._lost, self._clock.monotonic_ns()
+            self._lost_reported, self._reported_ns = self._lost, self._clock.monotonic_ns()
 
-    def _timed(self, frame: Frame, lease: FrameLease | None, *, first: bool) -> TimedFrame:
+    def _mapped(self, frame: Frame, *, first: bool) -> Frame:
+        """Add host times, the stream's frame number, and the losses during a reconnection."""
         mapper = self._mapper
-        mapper.add_arrival(frame.device_time_ns, frame.host_time_ns)  # no effect where the clock is latched
+        mapper.add_arrival(frame.device_time_ns, frame.host_time_ns)  # no effect if the clock is latched
         mid = mapper.to_host(frame.device_time_ns) + round(frame.exposure_us * 500.0)
         lost = frame.lost_before
         if first and self._recent:
-            # Nobody counted while the camera was away: the gap in time does.
+            # No frames were counted while the camera was away: estimate the loss from the gap in time.
             lost = max(0, round((mid - self._recent[-1]) / self._period_ns) - 1)
         self._recent.append(mid)
-        self._arrived_ns = self._clock.monotonic_ns()  # a camera that is far behind is alive
-        timed = TimedFrame(frame, self._sequence, mid, mapper.sd_at(frame.device_time_ns), lost, lease)
+        self._arrived_ns = (
+            self._clock.monotonic_ns()
+        )  # of a camera far behind the arrival counts as a sign of life
+        mapped = frame._replace(
+            sequence=self._sequence,
+            lost_before=lost,
+            mid_exposure_ns=mid,
+            mapping_sd_ns=mapper.sd_at(frame.device_time_ns),
+        )
         self._sequence += 1
         self._lost += lost
-        return timed
+        return mapped
 
     # --- clock thread ---
 
@@ -286,12 +264,15 @@ class CameraStream:
                 try:
                     reading = camera.latch_clock()
                 except CameraError:
-                    break  # the acquisition thread notices by itself, by the frames that stay away
+                    break  # the acquisition thread notices the missing frames itself
                 if reading is None:
                     break
                 mapper.add(reading)
                 self._on_clock(reading)
-                if reading.host_after_ns - reading.host_before_ns <= QUICK * mapper.shortest_round_trip_ns:
+                if (
+                    reading.host_after_ns - reading.host_before_ns
+                    <= QUICK_RATIO * mapper.shortest_round_trip_ns
+                ):
                     break
 
 

@@ -1,4 +1,4 @@
-"""`python -m acquire.capture --fd N`: started by the daemon."""
+"""`python -m acquire.capture --fd N --heartbeat N`: started by the daemon."""
 
 from acquire.capture.process import main
 

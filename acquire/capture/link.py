@@ -1,4 +1,4 @@
-"""The daemon's end of the capture process: start it, tell it what to do, hear what became of it."""
+"""The daemon's end of the capture process: starts it, sends commands, receives answers, notices its end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any, Final
 from acquire import errors
 from acquire.camera.base import CameraInfo
 from acquire.capture import wire
-from acquire.capture.heartbeat import SILENCE_S, Listener
+from acquire.capture.heartbeat import SILENCE_S, HeartbeatListener
 from acquire.config import RigConfig
 from acquire.errors import AcquireError, CaptureGone, RecorderError
 from acquire.recorder.frame_recorder import WindowReport
@@ -24,47 +24,47 @@ from schemas.document import canonical_json
 from schemas.session_manifest import SessionManifest
 
 BATCH_S: Final = 0.05
-"""small topics travel together this often"""
-BATCH_LIMIT: Final = 8 << 20
-"""bytes that may wait when the capture process does not read; beyond it messages are dropped and counted"""
-REPLY_S: Final = 10.0
-START_S: Final = 30.0
-FINISH_S: Final = 90.0
-"""a slow disk may have gigabytes to write before fsync returns"""
+"""interval between batches of small messages [s]"""
+BATCH_LIMIT_BYTES: Final = 8 << 20
+"""bytes that may wait while the capture process does not read; beyond it messages are dropped and counted"""
+REPLY_TIMEOUT_S: Final = 10.0
+START_TIMEOUT_S: Final = 30.0
+FINISH_TIMEOUT_S: Final = 90.0
+"""longest wait for a recording to finish: a slow disk may have gigabytes to write before fsync returns [s]"""
 
 
 @dataclass(frozen=True)
 class CaptureStatus:
-    """How camera and recording do."""
+    """Camera and recorder health: rates, losses, queue depth."""
 
     frames: int
-    """since the capture process started"""
+    """frames since the capture process started"""
     lost: int
-    """on the way from the camera, since then"""
+    """frames lost on the way from the camera, since then"""
     dropped: int
-    """images a slow disk could not take, in this recording"""
+    """images dropped because of a slow disk, in this recording"""
     waiting_bytes: int
-    """images in memory before the disk, in this recording"""
+    """bytes of images in memory that wait for the disk, in this recording"""
     fps: float
     recording: Path | None
     first_frame_ns: int | None
-    """log time of this recording's first frame, None before it"""
+    """log time of this recording's first frame; None before it"""
     bytes_written: int
     receive_buffer_bytes: int
     camera: CameraInfo | None
     connected: bool
     clock_latched: bool
-    """frame times are mapped from the camera's clock; else they are arrival times"""
+    """True if frame times are mapped from the camera's clock; False: they are arrival times"""
     last_frame_age_s: float | None
     error: str
-    """what went wrong last, empty when all is well"""
+    """most recent problem; empty if there is none"""
     warnings: tuple[str, ...]
-    """what works less well than it could"""
+    """limitations of the camera"""
 
 
 @dataclass(frozen=True)
 class RecordingReport:
-    """A finished recording."""
+    """Path, frame counts and content id of a finished recording."""
 
     path: Path
     frames: int
@@ -73,14 +73,19 @@ class RecordingReport:
 
 
 class CaptureProcess:
-    """The capture process as an object. Methods may be called from any thread; every one but `write` waits for the answer.
+    """The capture process as an object.
+
+    Methods may be called from any thread; all but `write` wait for the answer. A process without heartbeat is
+    killed, even while a method waits for it.
 
     Raises:
-        AcquireError: the same subclass and text as raised in the process; CaptureGone when the process itself is gone. One that
-            gives no sign of life is ended, whoever waits for it.
+        AcquireError: the same subclass and text as raised in the process; CaptureGone if the process itself
+            is gone.
     """
 
-    def __init__(self, rig: RigConfig, command: Sequence[str] = (sys.executable, "-m", "acquire.capture")) -> None:
+    def __init__(
+        self, rig: RigConfig, command: Sequence[str] = (sys.executable, "-m", "acquire.capture")
+    ) -> None:
         self._rig = rig
         self._command = command
         self._process: subprocess.Popen[bytes] | None = None
@@ -94,19 +99,19 @@ class CaptureProcess:
         self._number = 0
         self._stopping = threading.Event()
         self._sender: threading.Thread | None = None
-        self._heart: Listener | None = None
+        self._heartbeat: HeartbeatListener | None = None
         self._hung = False
         self.dropped_messages = 0
 
     @property
     def alive(self) -> bool:
-        """Whether the process runs."""
+        """True while the process runs."""
         process = self._process
         return process is not None and process.poll() is None
 
     @property
     def end(self) -> str:
-        """How the process ended, as a part of a sentence; for one that did."""
+        """How the ended process ended, as part of a sentence."""
         if self._hung:
             return f"gave no sign of life for {SILENCE_S:g} s and was ended"
         code = None
@@ -118,20 +123,21 @@ class CaptureProcess:
     def start(self) -> CameraInfo:
         """Start the process, open the camera, stream."""
         here, there = socket.socketpair()
-        hear, beat = os.pipe()
+        read_fd, write_fd = os.pipe()
         try:
-            fds = (there.fileno(), beat)
-            self._process = process = subprocess.Popen([*self._command, "--fd", str(fds[0]), "--heart", str(fds[1])], pass_fds=fds)
+            fds = (there.fileno(), write_fd)
+            command = [*self._command, "--fd", str(fds[0]), "--heartbeat", str(fds[1])]
+            self._process = process = subprocess.Popen(command, pass_fds=fds)
         except OSError:
-            os.close(hear)
+            os.close(read_fd)
             here.close()
             raise
         finally:
             there.close()
-            os.close(beat)
+            os.close(write_fd)
         self._hung = False
-        self._heart = Listener(hear, lambda: self._end_hung(process))
-        with self._batch_lock:  # what was meant for the process before this one belongs to no recording of this one
+        self._heartbeat = HeartbeatListener(read_fd, lambda: self._end_hung(process))
+        with self._batch_lock:  # messages for the previous process belong to no recording of this one
             self._batch.clear()
             self._batch_topics.clear()
         self._socket = here
@@ -139,14 +145,18 @@ class CaptureProcess:
         self._sender = threading.Thread(target=self._send_batches, name="capture-batches")
         self._sender.start()
         try:
-            return CameraInfo(**self._call({"op": "start", "rig": self._rig.model_dump_json()}, timeout_s=START_S))
+            return CameraInfo(
+                **self._call({"op": "start", "rig": self._rig.model_dump_json()}, timeout_s=START_TIMEOUT_S)
+            )
         except AcquireError as error:
-            if isinstance(error, RecorderError):  # no answer at all: it will give none to `stop` either
+            if isinstance(error, RecorderError):  # no answer at all: `stop` would get none either
                 process.kill()
             self.stop()
             raise
 
-    def open_recording(self, path: Path, manifest: SessionManifest, attachments: list[tuple[str, str, bytes]]) -> None:
+    def open_recording(
+        self, path: Path, manifest: SessionManifest, attachments: list[tuple[str, str, bytes]]
+    ) -> None:
         """Begin a recording; `attachments` are (name, media type, bytes)."""
         header = {
             "op": "open_recording",
@@ -157,19 +167,27 @@ class CaptureProcess:
         self._call(header, b"".join(data for _, _, data in attachments))
 
     def require_space(self) -> None:
-        """Raise RecorderError unless the disk has room for a whole window beyond its reserve: asked before the striker is armed."""
+        """Raise RecorderError unless the disk has room for a window; called before the striker is armed."""
         self._call({"op": "require_space"})
 
     def open_window(self) -> int:
-        """Keep every image from `pre_trigger_s` before now on. Returns the start as a log time."""
+        """Record every image from `pre_trigger_s` before now on. Returns the start as a log time."""
         return int(self._call({"op": "open_window"})["start_ns"])
 
     def close_window(self, end_ns: int = 0) -> WindowReport:
-        """Stop keeping every image, from now or from `end_ns` (log time) where that has passed; what is reported is in the file."""
-        return WindowReport(**self._call({"op": "close_window", "end_ns": end_ns}, timeout_s=FINISH_S))
+        """End the window; the reported images are in the file.
+
+        Args:
+            end_ns: log time at which the window ends if that has passed; 0: now.
+        """
+        return WindowReport(
+            **self._call({"op": "close_window", "end_ns": end_ns}, timeout_s=FINISH_TIMEOUT_S)
+        )
 
     def write(self, topic_name: str, log_time_ns: int, data: bytes) -> None:
-        """Record one small message. Returns at once; messages travel in batches, in order, and before any later command.
+        """Record one small message, without waiting.
+
+        Messages travel in batches, in order, and before any later command.
 
         Raises:
             RecorderError: no such topic.
@@ -177,14 +195,14 @@ class CaptureProcess:
         if topic_name not in self._known:
             raise RecorderError(f"topic {topic_name!r} is not one of a recording's small topics")
         with self._batch_lock:
-            if len(self._batch) > BATCH_LIMIT or self._socket is None:
+            if len(self._batch) > BATCH_LIMIT_BYTES or self._socket is None:
                 self.dropped_messages += 1
                 return
             number = self._batch_topics.setdefault(topic_name, len(self._batch_topics))
             self._batch += wire.pack_message(number, log_time_ns, data)
 
     def status(self) -> CaptureStatus:
-        """How camera and recording do."""
+        """Camera and recorder health now."""
         reply = self._call({"op": "status"})
         reply["recording"] = Path(reply["recording"]) if reply["recording"] is not None else None
         reply["camera"] = CameraInfo(**reply["camera"]) if reply["camera"] is not None else None
@@ -192,8 +210,8 @@ class CaptureProcess:
         return CaptureStatus(**reply)
 
     def close_recording(self) -> RecordingReport:
-        """Finish the file. Until this returns it is called `<path>.part`."""
-        reply = self._call({"op": "close_recording"}, timeout_s=FINISH_S)
+        """Finish the file, which is called `<path>.part` until then."""
+        reply = self._call({"op": "close_recording"}, timeout_s=FINISH_TIMEOUT_S)
         return RecordingReport(Path(reply["path"]), reply["frames"], reply["lost"], reply["content_id"])
 
     def stop(self) -> None:
@@ -202,7 +220,7 @@ class CaptureProcess:
         if process is None:
             return
         with contextlib.suppress(AcquireError):
-            self._call({"op": "stop"}, timeout_s=FINISH_S)
+            self._call({"op": "stop"}, timeout_s=FINISH_TIMEOUT_S)
         self._stopping.set()
         if self._sender is not None:
             self._sender.join()
@@ -217,21 +235,25 @@ class CaptureProcess:
                 break
             except subprocess.TimeoutExpired:
                 continue
-        if self._heart is not None:
-            self._heart.join()
+        if self._heartbeat is not None:
+            self._heartbeat.join()
         self._process = None
 
     def _end_hung(self, process: subprocess.Popen[bytes]) -> None:
         self._hung = True
-        process.kill()  # SIGTERM would have to be handled by the very interpreter that does not run
+        process.kill()  # SIGTERM is handled by the interpreter, which does not run
 
-    # --- transport ------------------------------------------------------------------------------------------------
+    # --- transport ---
 
-    def _call(self, header: dict[str, Any], payload: bytes = b"", timeout_s: float = REPLY_S) -> dict[str, Any]:
+    def _call(
+        self, header: dict[str, Any], payload: bytes = b"", timeout_s: float = REPLY_TIMEOUT_S
+    ) -> dict[str, Any]:
         with self._call_lock:
             connection = self._socket
             if connection is None:
-                raise CaptureGone("the capture process is not running: the daemon starts it again, see `acquire status`")
+                raise CaptureGone(
+                    "the capture process is not running: the daemon starts it again, see `acquire status`"
+                )
             self._number += 1
             number = self._number
             try:
@@ -241,18 +263,23 @@ class CaptureProcess:
                 connection.settimeout(timeout_s)
                 while True:
                     reply, _ = wire.receive(connection)
-                    if reply.pop("id", None) == number:  # an older number answers a call that was given up
+                    if reply.pop("id", None) == number:  # an older number answers a call that timed out
                         break
             except TimeoutError:
-                raise RecorderError(f"the capture process gave no answer to {header['op']!r} within {timeout_s:g} s") from None
+                raise RecorderError(
+                    f"the capture process did not answer {header['op']!r} within {timeout_s:g} s"
+                ) from None
             except wire.WireClosed:
-                raise CaptureGone(self._obituary()) from None
+                raise CaptureGone(self._gone_text()) from None
         if "raised" in reply:
             raise errors.by_name(reply["raised"])(reply["message"])
         return reply
 
-    def _obituary(self) -> str:
-        return f"the capture process {self.end}: the daemon starts it again; `acquire recover` reads what it left as *.part"
+    def _gone_text(self) -> str:
+        return (
+            f"the capture process {self.end}: the daemon starts it again; "
+            "`acquire recover` reads the *.part file it left"
+        )
 
     def _flush(self, connection: socket.socket) -> None:
         with self._send_lock:
@@ -271,4 +298,4 @@ class CaptureProcess:
             try:
                 self._flush(connection)
             except wire.WireClosed:
-                return  # the next call says why
+                return  # the next call raises the reason

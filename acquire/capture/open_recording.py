@@ -1,4 +1,4 @@
-"""The recording that the capture process has open: its files, its recorder, and the memory they write from."""
+"""Open recording of the capture process: its files, its recorder, and the memory that they write from."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from typing import Any
 from acquire.capture import wire
 from acquire.config import RigConfig
 from acquire.errors import RecorderError
+from acquire.recorder.choose_recorder import choose_recorder
+from acquire.recorder.direct.backlog import backlog_frames, backlog_memory
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.direct_file import can_write_directly
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
-from acquire.recorder.frame_recorder import FrameRecorder, backlog_bytes, backlog_frames, lent_memory
+from acquire.recorder.frame_format import FrameFormat
+from acquire.recorder.frame_recorder import FrameRecorder
 from acquire.recorder.writer import McapWriter
 from schemas.document import canonical_json
 from schemas.session_manifest import MANIFEST_NAME, SessionManifest
@@ -23,26 +26,47 @@ Attachments = list[tuple[str, str, bytes]]
 """name, media type, content"""
 
 
-def spare_buffers(rig: RigConfig) -> int:
-    """Frames that a continuous recording keeps while the disk stands still."""
-    camera, recorder = rig.camera, rig.recorder
+def frame_format(rig: RigConfig) -> FrameFormat:
+    """Size and rate of the rig's frames."""
+    camera = rig.camera
+    return FrameFormat(camera.name, camera.width, camera.height, camera.frame_rate_hz)
+
+
+def borrowable_frames(rig: RigConfig) -> int:
+    """Number of camera buffers that a continuous recording may borrow; 0 in other modes."""
+    recorder = rig.recorder
     if recorder.mode != "continuous" or recorder.image_format != "raw":
         return 0
-    return backlog_frames(camera.width, camera.height, camera.frame_rate_hz)
+    return backlog_frames(frame_format(rig))
 
 
 class OpenRecording:
-    """An open recording."""
+    """An open recording, with its messages of small topics and its windows."""
 
     def __init__(
-        self, path: Path, manifest: SessionManifest, attachments: Attachments, log_time_ns: int, rig: RigConfig, spare: int
+        self,
+        path: Path,
+        manifest: SessionManifest,
+        attachments: Attachments,
+        log_time_ns: int,
+        rig: RigConfig,
+        borrowable: int,
     ) -> None:
-        """`spare`: of the camera's buffers, to be used where the recording is written past the page cache."""
+        """Open the first file and write its head.
+
+        Args:
+            path: first file of the recording.
+            manifest: written to every file, with the file's number.
+            attachments: written to every file.
+            log_time_ns: log time of the attachments.
+            rig: camera and recorder configuration.
+            borrowable: number of camera buffers that may be borrowed, for direct I/O; 0: frames are copied.
+        """
         config = rig.recorder
         self.rig = rig
-        self._lent = spare > 0
         self.anchor = manifest.wall_anchor_ns
         self.camera = rig.camera.name
+        self._format = frame_format(rig)
         self._disk = DiskSpace(path.parent, config.disk_reserve_bytes)
 
         def write_head(writer: McapWriter, part: int) -> None:
@@ -56,52 +80,37 @@ class OpenRecording:
         if config.mode == "continuous":
             rotation = Rotation(config.rotate_bytes, config.keep_files)
             # Windows go through the page cache: `analyze watch` reads them a moment later.
-            if config.image_format == "raw" and can_write_directly(path.parent):
-                camera = rig.camera
-                self._memory = (
-                    lent_memory(camera.width, camera.height, spare)
-                    if spare
-                    else BlockMemory(backlog_bytes(camera.width, camera.height, camera.frame_rate_hz))
-                )
+            if config.image_format == "raw" and borrowable and can_write_directly(path.parent):
+                self._memory = backlog_memory(self._format, borrowable)
         self.files = FileSeries(path, write_head, rotation, self._disk, self._memory, manifest.part)
         self.frames: FrameRecorder | None = None
         self.first_frame_ns: int | None = None
-        """log time"""
+        """log time of the first frame; None before it"""
         self._small = wire.small_topics(self.camera)
         self._sequences: Counter[str] = Counter()
 
     @property
     def path(self) -> Path:
-        """Of the file that is being written, once it is whole."""
+        """Final path of the file being written; the file appears there when it is complete."""
         return self.files.path
 
     @property
     def waiting_bytes(self) -> int:
-        """Images in memory before the disk."""
-        queued = self.frames.waiting * self.rig.camera.width * self.rig.camera.height if self.frames is not None else 0
+        """Bytes of images in memory that wait for the disk."""
+        queued = self.frames.waiting * self._format.image_bytes if self.frames is not None else 0
         return queued + (self._memory.used_bytes if self._memory is not None else 0)
 
     def require_space(self) -> None:
-        """Refuse a window that the disk has no room for."""
-        config, camera = self.rig.recorder, self.rig.camera
-        frames = math.ceil((config.max_window_s + config.pre_trigger_s) * camera.frame_rate_hz)
-        self._disk.require(frames * camera.width * camera.height, "a window")
+        """Raise RecorderError unless the disk has room for a window of the greatest length."""
+        config = self.rig.recorder
+        frames = math.ceil((config.max_window_s + config.pre_trigger_s) * self._format.frame_rate_hz)
+        self._disk.require(frames * self._format.image_bytes, "a window")
 
     def begin(self) -> None:
-        """The head of the file is written: take frames."""
+        """Begin to record frames, after the head of the file."""
         for topic in self._small.values():
             self.files.add_topic(topic)
-        camera = self.rig.camera
-        self.frames = FrameRecorder(
-            self.files,
-            self.camera,
-            camera.width,
-            camera.height,
-            camera.frame_rate_hz,
-            self.rig.recorder,
-            self.anchor,
-            lent=self._lent,
-        )
+        self.frames = choose_recorder(self.files, self._format, self.rig.recorder, self.anchor)
 
     def write(self, name: str, log_time_ns: int, data: bytes) -> None:
         """Write one message of a small topic."""
@@ -113,12 +122,12 @@ class OpenRecording:
         self.files.write(self.files.add_topic(topic), log_time_ns, data, sequence=sequence)
 
     def finish(self) -> dict[str, Any]:
-        """Write what waits, finish the last file, and say what the recording holds."""
+        """Write the waiting frames and finish the last file; the answer to `close_recording`."""
         frames = self.frames
         try:
             if frames is not None:
                 frames.close()
-        finally:  # whatever befell the last frames, the file is finished
+        finally:  # the file is finished even if writing the last frames failed
             seal = self.files.finish()
         return {
             "path": str(seal.path),
@@ -128,7 +137,7 @@ class OpenRecording:
         }
 
     def abandon(self) -> None:
-        """The head could not be written: leave nothing behind."""
+        """Delete the file, whose head could not be written."""
         if self.frames is not None:
             self.frames.close()
         self.files.abandon()

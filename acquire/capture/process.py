@@ -1,8 +1,9 @@
-"""The capture process: reads the camera and writes the recording, nothing else. `python -m acquire.capture --fd N`.
+"""The capture process: reads the camera and writes the recording, nothing else.
 
-The daemon tells it what to do over a socket pair (capture_link.py is the other end), and hears that it lives (heart.py). It finishes
-the recording by itself when it is terminated and when the daemon dies. Ctrl-C in a terminal reaches every process there; this one
-leaves it to the daemon.
+The daemon sends commands over a socket pair (link.py is the other end) and receives heartbeats
+(heartbeat.py). The process finishes the recording by itself when it is terminated and when the daemon dies.
+Ctrl-C in a terminal reaches every process of the terminal; this one ignores it and leaves the reaction to the
+daemon.
 """
 
 from __future__ import annotations
@@ -23,31 +24,38 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from pydantic import ValidationError
 
 from acquire.camera.base import Camera, CameraInfo, ClockReading
-from acquire.camera.stream import CameraStream, TimedFrame
+from acquire.camera.stream import CameraStream
 from acquire.capture import wire
-from acquire.capture.heartbeat import Heart
-from acquire.capture.open_recording import Attachments, OpenRecording, spare_buffers
+from acquire.capture.heartbeat import Heartbeat
+from acquire.capture.open_recording import Attachments, OpenRecording, borrowable_frames
 from acquire.clock.clock import Clock, SystemClock
 from acquire.config import CameraConfig, RigConfig
 from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
-from acquire.recorder.frame_recorder import Arrival, FrameRecorder
+from acquire.frames.frame import Frame
+from acquire.recorder.frame_recorder import FrameRecorder
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import SessionManifest
 
 COMMAND_S = 180.0
-"""a command that takes longer hangs; the longest waits for a slow disk"""
+"""time after which a command counts as hung [s]; the longest commands wait for a slow disk"""
 STUCK_S = 5.0
-"""beyond the stall time: by then a camera that sends nothing was taken for lost, unless its thread is stuck"""
+"""time beyond the stall time after which the camera thread counts as stuck: it should have reported the
+camera lost [s]"""
 
 MakeCamera = Callable[[CameraConfig, Clock, int], Camera]
-"""the number is that of spare buffers"""
+"""called with configuration, clock, and number of borrowable frames"""
 
 
 class Capture:
-    """Serves commands from `connection` until it closes, `stop` comes, or the wake-up descriptor says that a signal did."""
+    """Server of the daemon's commands.
 
-    def __init__(self, connection: socket.socket, make_camera: MakeCamera, clock: Clock, wake_fd: int) -> None:
+    It ends when `connection` closes, when `stop` arrives, or when a signal wakes `wake_fd`.
+    """
+
+    def __init__(
+        self, connection: socket.socket, make_camera: MakeCamera, clock: Clock, wake_fd: int
+    ) -> None:
         self._connection = connection
         self._make_camera = make_camera
         self._clock = clock
@@ -58,7 +66,7 @@ class Capture:
         self._recording: OpenRecording | None = None
         self._error = ""
         self._begun_ns: int | None = None
-        """host monotonic, when the command under work came"""
+        """host monotonic time at which the current command arrived; None while there is none"""
         self._started_ns = 0
         self._commands: dict[str, Callable[[dict[str, Any], bytes], dict[str, Any] | None]] = {
             "start": self._start,
@@ -73,7 +81,7 @@ class Capture:
         }
 
     def run(self) -> None:
-        """Serve, and whatever ends that: finish the recording and release the camera."""
+        """Serve commands; at the end, for whatever reason, finish the recording and release the camera."""
         try:
             while self._serve_one():
                 pass
@@ -87,8 +95,8 @@ class Capture:
                 if self._stream is not None:
                     self._stream.stop()
 
-    def well(self) -> bool:
-        """Whether the threads that matter turn: the one that serves commands, and the one that reads the camera."""
+    def is_healthy(self) -> bool:
+        """True while the threads that serve commands and read the camera make progress."""
         now, begun = self._clock.monotonic_ns(), self._begun_ns
         if begun is not None and now - begun > COMMAND_S * 1e9:
             return False
@@ -120,7 +128,7 @@ class Capture:
         self._begun_ns = None
         return command != "stop"
 
-    # --- commands -------------------------------------------------------------------------------------------------
+    # --- commands ---
 
     def _start(self, header: dict[str, Any], _: bytes) -> dict[str, Any]:
         try:
@@ -130,7 +138,7 @@ class Capture:
         if self._stream is not None:
             self._stream.stop()
         self._stream = CameraStream(
-            lambda: self._make_camera(rig.camera, self._clock, spare_buffers(rig)),
+            lambda: self._make_camera(rig.camera, self._clock, borrowable_frames(rig)),
             rig.camera,
             self._clock,
             self._on_frame,
@@ -152,7 +160,9 @@ class Capture:
             attachments.append((name, media_type, payload[at : at + size]))
             at += size
         log_time_ns = manifest.wall_anchor_ns + self._clock.monotonic_ns()
-        recording = OpenRecording(Path(header["path"]), manifest, attachments, log_time_ns, rig, stream.spare_buffers)
+        recording = OpenRecording(
+            Path(header["path"]), manifest, attachments, log_time_ns, rig, stream.borrowable_frames
+        )
         try:
             recording.begin()
         except BaseException:
@@ -176,7 +186,9 @@ class Capture:
         return {"start_ns": self._frames(recording).open_window(self._clock.monotonic_ns())}
 
     def _close_window(self, header: dict[str, Any], *_: object) -> dict[str, Any]:
-        return asdict(self._frames(self._open()).close_window(self._clock.monotonic_ns(), int(header.get("end_ns", 0))))
+        return asdict(
+            self._frames(self._open()).close_window(self._clock.monotonic_ns(), int(header.get("end_ns", 0)))
+        )
 
     def _messages(self, header: dict[str, Any], payload: bytes) -> None:
         recording = self._recording
@@ -189,7 +201,11 @@ class Capture:
         stream = self._started()[1]
         status, recording = stream.status(), self._recording
         frames = recording.frames if recording is not None else None
-        error = str(frames.error) if frames is not None and frames.error is not None else self._error or status.trouble
+        error = (
+            str(frames.error)
+            if frames is not None and frames.error is not None
+            else self._error or status.trouble
+        )
         now = self._clock.monotonic_ns()
         return {
             "frames": status.frames,
@@ -204,7 +220,9 @@ class Capture:
             "camera": asdict(self._info) if self._info is not None else None,
             "connected": status.connected,
             "clock_latched": status.latched,
-            "last_frame_age_s": (now - status.last_frame_ns) * 1e-9 if status.last_frame_ns is not None else None,
+            "last_frame_age_s": (now - status.last_frame_ns) * 1e-9
+            if status.last_frame_ns is not None
+            else None,
             "error": error,
             "warnings": status.warnings,
         }
@@ -229,28 +247,14 @@ class Capture:
             raise RecorderError(f"{recording.path}: takes no frames yet")
         return recording.frames
 
-    # --- from the camera's threads --------------------------------------------------------------------------------
+    # --- from the camera's threads ---
 
-    def _on_frame(self, timed: TimedFrame) -> None:
+    def _on_frame(self, frame: Frame) -> None:
         recording = self._recording
         if recording is not None and recording.frames is not None:
-            frame = timed.frame
             if recording.first_frame_ns is None:
-                recording.first_frame_ns = recording.anchor + timed.mid_exposure_ns
-            recording.frames.add(
-                Arrival(
-                    image=frame.image,
-                    sequence=timed.sequence,
-                    frame_id=frame.frame_id,
-                    device_time_ns=frame.device_time_ns,
-                    host_time_ns=frame.host_time_ns,
-                    mid_exposure_ns=timed.mid_exposure_ns,
-                    mapping_sd_ns=timed.mapping_sd_ns,
-                    exposure_us=frame.exposure_us,
-                    lost_before=timed.lost_before,
-                    lender=timed.lease,
-                )
-            )
+                recording.first_frame_ns = recording.anchor + frame.mid_exposure_ns
+            recording.frames.add(frame)
 
     def _on_clock(self, reading: ClockReading) -> None:
         if (recording := self._recording) is not None:
@@ -270,36 +274,43 @@ class Capture:
             message.timestamp.FromNanoseconds(recording.anchor + now)
             self._write_quietly(recording, topics.LOG, now, message.SerializeToString())
 
-    def _write_quietly(self, recording: OpenRecording, topic: topics.Topic, host_ns: int, data: bytes) -> None:
-        # The recording may be closed in this very moment, or its disk be full: neither may end the camera's thread.
+    def _write_quietly(
+        self, recording: OpenRecording, topic: topics.Topic, host_ns: int, data: bytes
+    ) -> None:
+        # The recording may be closing, or its disk full: neither may end the camera's thread.
         with contextlib.suppress(RecorderError):
             recording.write(topic.name, recording.anchor + host_ns, data)
 
 
-def serve(fd: int, heart_fd: int, make_camera: MakeCamera) -> None:
-    """Run the capture process on socket `fd`, in the main thread; signs of life go to the pipe `heart_fd`."""
+def serve(fd: int, heartbeat_fd: int, make_camera: MakeCamera) -> None:
+    """Run the capture process on socket `fd`, in the main thread, heartbeats to the pipe `heartbeat_fd`."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     wake_read, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: None)  # the wake-up descriptor carries it to the select in _serve_one
+        signal.signal(
+            number, lambda *_: None
+        )  # the wake-up descriptor carries it to the select in _serve_one
     signal.set_wakeup_fd(wake_write, warn_on_full_buffer=False)
-    # The camera's thread must get the interpreter soon after a frame came, whatever else runs; the default is 5 ms.
+    # The camera's thread must get the GIL soon after a frame arrives, whatever else runs; the default is 5
+    # ms.
     sys.setswitchinterval(0.0005)
     with socket.socket(fileno=fd) as connection:
         capture = Capture(connection, make_camera, SystemClock(), wake_read)
-        heart = Heart(heart_fd, capture.well)
+        heartbeat = Heartbeat(heartbeat_fd, capture.is_healthy)
         try:
             capture.run()
         finally:
-            heart.stop()
+            heartbeat.stop()
 
 
 def main() -> None:
-    """Entry point."""
-    parser = argparse.ArgumentParser(description="Capture process of the daemon; not meant to be started by hand.")
+    """Parse the command line and serve."""
+    parser = argparse.ArgumentParser(
+        description="Capture process of the daemon; not meant to be started by hand."
+    )
     parser.add_argument("--fd", type=int, required=True, help="inherited socket to take commands from")
-    parser.add_argument("--heart", type=int, required=True, help="inherited pipe to give signs of life on")
+    parser.add_argument("--heartbeat", type=int, required=True, help="inherited pipe to send heartbeats on")
     arguments = parser.parse_args()
     from acquire.camera.aravis import AravisCamera
 
-    serve(arguments.fd, arguments.heart, AravisCamera)
+    serve(arguments.fd, arguments.heartbeat, AravisCamera)

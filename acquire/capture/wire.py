@@ -1,4 +1,4 @@
-"""What passes between the daemon and the capture process: length-prefixed frames of a JSON header and bytes. No pickle."""
+"""Protocol of daemon and capture process: length-prefixed packets of a JSON header and bytes. No pickle."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from schemas import topics
 
 _PREFIX = struct.Struct("<II")
 _MESSAGE = struct.Struct("<HQI")
-_LIMIT = 1 << 30
+_MOST_PACKET_BYTES = 1 << 30
 
 
 class WireClosed(ConnectionError):
-    """The other side is gone."""
+    """The other side closed the connection, or sent invalid data."""
 
 
 def send(connection: socket.socket, header: dict[str, Any], payload: bytes = b"") -> None:
-    """Send one frame.
+    """Send one packet.
 
     Raises:
-        WireClosed: nobody receives any more.
+        WireClosed: the other side is gone.
     """
     text = json.dumps(header, separators=(",", ":")).encode()
     try:
@@ -33,27 +33,27 @@ def send(connection: socket.socket, header: dict[str, Any], payload: bytes = b""
 
 
 def receive(connection: socket.socket) -> tuple[dict[str, Any], bytes]:
-    """Wait for one frame.
+    """Wait for one packet.
 
     Raises:
-        WireClosed: the other side closed, or sent something that is no frame.
-        TimeoutError: nothing came within the connection's timeout.
+        WireClosed: the other side closed, or sent something that is no packet.
+        TimeoutError: nothing arrived within the connection's timeout.
     """
     text_size, payload_size = _PREFIX.unpack(_exactly(connection, _PREFIX.size))
-    if text_size + payload_size > _LIMIT:
-        raise WireClosed(f"a frame of {text_size + payload_size} bytes is none of ours")
+    if text_size + payload_size > _MOST_PACKET_BYTES:
+        raise WireClosed(f"invalid packet of {text_size + payload_size} bytes")
     text = _exactly(connection, text_size)
     try:
         header = json.loads(text)
     except (ValueError, RecursionError):
         header = None
     if not isinstance(header, dict):
-        raise WireClosed("a frame without a JSON header is none of ours")
+        raise WireClosed("invalid packet: no JSON header")
     return header, _exactly(connection, payload_size)
 
 
 def small_topics(camera: str) -> dict[str, topics.Topic]:
-    """What the daemon may have recorded, by name: everything but images and their meta."""
+    """Topics that the daemon may write, by name: all but images and their meta."""
     known = (
         topics.camera_calibration(camera),
         topics.STRIKER_SAMPLE,
@@ -67,12 +67,12 @@ def small_topics(camera: str) -> dict[str, topics.Topic]:
 
 
 def pack_message(topic: int, log_time_ns: int, data: bytes) -> bytes:
-    """One recorded message inside a batch; `topic` counts through the batch's list of names."""
+    """One message in a batch; `topic` is the index in the batch's list of names."""
     return _MESSAGE.pack(topic, log_time_ns, len(data)) + data
 
 
 def unpack_messages(batch: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """(topic, log time, data) of each message in a batch.
+    """Yield (topic, log time, data) of each message in a batch.
 
     Raises:
         ValueError: the batch ends inside a message.

@@ -1,11 +1,13 @@
 """CRC-32 (IEEE) of image messages, each pixel read once (libdeflate).
 
-A chunk's CRC covers the message head as well as the data, the content id's only the data. Both follow from the image's own CRC: a CRC
-is linear, so the CRC of A and B together is that of A, taken on over as many zeros as B has bytes, XOR that of B.
+A chunk's CRC covers the message head and the data, the CRC in the content id only the data. Both follow from
+the image's own CRC: a CRC is linear, so the CRC of A followed by B is the CRC of A, continued over as many
+zeros as B has bytes, XOR the CRC of B.
 
-libdeflate folds 128 or 256 bytes at a time with carry-less multiplication (Gopal et al., "Fast CRC computation for generic polynomials
-using PCLMULQDQ", Intel 2009) as wide as the processor has it. On the one of docs/benchmarks.md a frame of 323 kB takes 13 us from its
-level-2 cache, 24 us from memory; isal, which is wide only with AVX-512, takes 26 us, zlib 88 us.
+libdeflate folds 128 or 256 bytes at a time with carry-less multiplication (Gopal et al., "Fast CRC
+computation for generic polynomials using PCLMULQDQ", Intel 2009), as wide as the processor supports. On the
+processor of docs/reference/benchmarks.md a frame of 323 kB takes 13 us from the level-2 cache, 24 us from
+memory; isal, which is wide only with AVX-512, takes 26 us, zlib 88 us.
 """
 
 from __future__ import annotations
@@ -20,12 +22,13 @@ import deflate
 from schemas.mcap.records import Buffer
 
 _LARGE_BYTES: Final = 8192
-"""below it reading twice is cheaper than combining"""
+"""size below which reading twice is cheaper than combining two CRCs"""
 _Table = list[int]
+_ByteTables = tuple[_Table, _Table, _Table, _Table]
 
 
 class Checksums(NamedTuple):
-    """CRC-32 of a chunk up to a message's end, and of that message's data alone."""
+    """CRC-32 of a chunk up to the end of a message, and of the message's data alone."""
 
     chunk: int
     data: int
@@ -44,21 +47,23 @@ def checksums(chunk: int, head: Buffer, parts: Sequence[Buffer]) -> Checksums:
     return Checksums(chunk, data)
 
 
-def joined(head: Buffer, prefix: Buffer, pixels: int, size: int) -> Checksums:
-    """Of a chunk that holds `head`, `prefix` and `size` bytes of pixels with the CRC `pixels`, and of its data: all but `head`."""
+def image_checksums(head: Buffer, prefix: Buffer, pixels: int, size: int) -> Checksums:
+    """Checksums of a chunk of one image: `head`, `prefix`, `size` bytes of pixels with the CRC `pixels`."""
     zeros = _over_zeros(size)
     data = zlib.crc32(prefix)
-    return Checksums(_apply(zeros, zlib.crc32(prefix, zlib.crc32(head))) ^ pixels, _apply(zeros, data) ^ pixels)
+    return Checksums(
+        _apply(zeros, zlib.crc32(prefix, zlib.crc32(head))) ^ pixels, _apply(zeros, data) ^ pixels
+    )
 
 
 def crc_of(pixels: Buffer) -> int:
-    """CRC-32; other threads run meanwhile."""
+    """CRC-32 of `pixels`, computed without the GIL."""
     return deflate.crc32(pixels)
 
 
 @lru_cache(maxsize=8)
-def _over_zeros(size: int) -> tuple[_Table, _Table, _Table, _Table]:
-    """What `size` zero bytes make of a CRC, without what they make of none: linear in it, so one table for each of its bytes."""
+def _over_zeros(size: int) -> _ByteTables:
+    """Linear part of continuing a CRC over `size` zero bytes, as one table for each byte of the CRC."""
     zeros = bytes(size)
     none = deflate.crc32(zeros, 0)
     bits = [deflate.crc32(zeros, 1 << bit) ^ none for bit in range(32)]
@@ -71,6 +76,6 @@ def _over_zeros(size: int) -> tuple[_Table, _Table, _Table, _Table]:
     return tables[0], tables[1], tables[2], tables[3]
 
 
-def _apply(tables: tuple[_Table, _Table, _Table, _Table], crc: int) -> int:
+def _apply(tables: _ByteTables, crc: int) -> int:
     low, second, third, high = tables
     return low[crc & 255] ^ second[crc >> 8 & 255] ^ third[crc >> 16 & 255] ^ high[crc >> 24]

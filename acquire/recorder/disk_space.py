@@ -1,4 +1,7 @@
-"""Refuses what the disk has no room for, before it begins. What fills the disk in spite of that is the writer's to survive."""
+"""Check of the free disk space before a recording or window begins.
+
+The writer survives a disk that fills up later.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,7 @@ from acquire.errors import RecorderError
 
 
 def free_bytes(folder: Path) -> int:
-    """Bytes that this user may still write on the disk of `folder`.
+    """Number of bytes that this user may still write on the disk of `folder`.
 
     Raises:
         RecorderError: there is no such folder.
@@ -25,19 +28,20 @@ def free_bytes(folder: Path) -> int:
 
 @dataclass(frozen=True)
 class DiskSpace:
-    """The disk of one folder, of which `reserve_bytes` are never for images."""
+    """Disk of one folder, with `reserve_bytes` that images never get."""
 
     folder: Path
     reserve_bytes: int
     probe: Callable[[Path], int] = free_bytes
 
     def require(self, needed_bytes: int, purpose: str) -> None:
-        """Raise RecorderError unless `needed_bytes` can be written and the reserve stays."""
+        """Raise RecorderError unless `needed_bytes` can be written without touching the reserve."""
         free = self.probe(self.folder)
         if free - needed_bytes < self.reserve_bytes:
             raise RecorderError(
-                f"{self.folder}: {purpose} needs {_text(needed_bytes)} and {_text(self.reserve_bytes)} are kept back (disk_reserve_bytes), "
-                f"but only {_text(free)} are free on this disk: free some space"
+                f"{self.folder}: {purpose} needs {_text(needed_bytes)} and {_text(self.reserve_bytes)} "
+                f"are kept back (disk_reserve_bytes), but only {_text(free)} are free on this disk: "
+                "free some space"
             )
 
 

@@ -1,8 +1,10 @@
-"""A recording in one file, or in a row of numbered files, each a recording by itself, with no message lost between two.
+"""A recording in one file or in a series of numbered files, with no message lost between two.
 
-The next file is open, with its head and topics, before the last takes its end: every message goes to the one or to the other. Both
-the making of the new one and the old one's end run on a thread of their own, because a busy disk lets either wait; meanwhile the old
-file grows on. An image and the meta written after it stand in the same file.
+Each file is a recording by itself.
+
+The next file is open, with its head and topics, before the current one is finished: every message goes to one
+of the two. A thread of its own opens the new file and finishes the old one, because a busy disk delays both;
+meanwhile the old file keeps growing. An image and the meta written after it are in the same file.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from typing import Any
 from acquire.errors import RecorderError
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.disk_space import DiskSpace
-from acquire.recorder.messages import ImageMessage, LentImage, SmallMessage
+from acquire.recorder.messages import BorrowedImage, ImageMessage, SmallMessage
 from acquire.recorder.writer import Channel, McapWriter, Seal
 from schemas.mcap.records import Buffer
 from schemas.topics import Topic
@@ -25,26 +27,27 @@ from schemas.topics import Topic
 
 @dataclass(frozen=True)
 class Rotation:
-    """When a file is full, and how many are kept."""
+    """Size of a full file, and number of files that are kept."""
 
     rotate_bytes: int = 0
-    """0: one file takes everything"""
+    """size from which on the next file is begun; 0: everything goes to one file"""
     keep_files: int = 0
-    """files there may be, the one being written among them; older ones are deleted. 0: all are kept"""
+    """number of files, including the one being written; older ones are deleted. 0: all are kept"""
 
 
 def part_path(path: Path, part: int) -> Path:
-    """Of file number `part` in the row that begins with `path`."""
+    """Path of file number `part` in the series that begins with `path`."""
     return path if part == 1 else path.with_name(f"{path.stem}-{part:04d}{path.suffix}")
 
 
 class FileSeries:
-    """Writes to `path`, then to `<stem>-0002.mcap`, `<stem>-0003.mcap`, ... Every method may be called from any thread.
+    """Writer of `path`, then `<stem>-0002.mcap`, `<stem>-0003.mcap`, ...
 
-    `write_head(writer, part)` writes manifest and attachments of part 1, 2, ... A series that broke off goes on with `first_part`.
+    Every method may be called from any thread.
 
     Raises:
-        RecorderError: a path is taken, or the disk refuses or has no room for the next file; the current one can still be finished.
+        RecorderError: a path is taken, or the disk refuses or has no room for the next file; the current one
+            can still be finished.
     """
 
     def __init__(
@@ -56,7 +59,16 @@ class FileSeries:
         memory: BlockMemory | None = None,
         first_part: int = 1,
     ) -> None:
-        """`memory`: see McapWriter."""
+        """Open the first file.
+
+        Args:
+            path: first file of the series.
+            write_head: writes manifest and attachments of a part, given its writer and number.
+            rotation: when the next file is begun.
+            disk: checked before each file.
+            memory: see McapWriter.
+            first_part: number of the first file; above 1 where an interrupted series continues.
+        """
         self._path = path
         self._memory = memory
         self._write_head = write_head
@@ -66,18 +78,20 @@ class FileSeries:
         self._topics: dict[str, Topic] = {}
         self._part = first_part
         self._written = 0
-        self._kept = deque(earlier for part in range(1, first_part) if (earlier := part_path(path, part)).exists())
-        self._turner: threading.Thread | None = None
+        self._files = deque(
+            earlier for part in range(1, first_part) if (earlier := part_path(path, part)).exists()
+        )
+        self._rotation_thread: threading.Thread | None = None
         self._next: McapWriter | None = None
         self._refused: RecorderError | None = None
-        """why there is no next file"""
+        """reason why the next file could not be opened"""
         self._error: RecorderError | None = None
-        """why a full file could not be finished"""
-        self._writer = self._begin(first_part)
+        """reason why a full file could not be finished"""
+        self._writer = self._open_file(first_part)
 
     @property
     def path(self) -> Path:
-        """Of the file that is being written, once it is whole."""
+        """Final path of the file being written; the file appears there when it is complete."""
         return self._writer.path
 
     @property
@@ -87,16 +101,16 @@ class FileSeries:
 
     @property
     def size(self) -> int:
-        """Bytes written so far, to all files."""
+        """Number of bytes written so far, to all files."""
         return self._written + self._writer.size
 
     @property
     def never_waits(self) -> bool:
-        """Whether `write_images` returns without waiting for the disk."""
+        """True if `write_images` returns without waiting for the disk."""
         return self._memory is not None
 
     def add_topic(self, topic: Topic) -> Channel:
-        """Make a channel; the same topic again gives the same channel, and so does every file."""
+        """Make a channel; the same topic again gives the same channel, in every file."""
         with self._lock:
             self._topics.setdefault(topic.name, topic)
             return self._writer.add_topic(topic)
@@ -112,21 +126,21 @@ class FileSeries:
             self._writer.write_small(channel, messages)
 
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images together, to the next file where this one is full and that one is ready."""
+        """Write images together; to the next file if the current one is full and the next one ready."""
         with self._lock:
             if 0 < self._rotation.rotate_bytes <= self._writer.size:
-                self._turn()
+                self._rotate()
             self._writer.write_images(channel, messages)
 
-    def write_lent(self, channel: Channel, images: Sequence[LentImage]) -> None:
-        """The same, from where they lie: see McapWriter."""
+    def write_borrowed(self, channel: Channel, images: Sequence[BorrowedImage]) -> None:
+        """Write images directly from borrowed buffers: see McapWriter."""
         with self._lock:
             if 0 < self._rotation.rotate_bytes <= self._writer.size:
-                self._turn()
-            self._writer.write_lent(channel, images)
+                self._rotate()
+            self._writer.write_borrowed(channel, images)
 
     def flush(self) -> None:
-        """Hand small topics to the file now; on return others can read in it what was written before."""
+        """Hand small topics to the file; on return others can read in it what was written before."""
         with self._lock:
             writer = self._writer
         writer.flush()
@@ -135,11 +149,12 @@ class FileSeries:
         """Finish the last file.
 
         Raises:
-            RecorderError: it, or one before it, could not be finished; `acquire recover` reads the `.part` file.
+            RecorderError: it, or an earlier one, could not be finished; `acquire recover` reads the `.part`
+                file.
         """
-        self._join()
+        self._join_rotation()
         with self._lock:
-            # The next file has taken nothing yet if it came too late.
+            # A next file that was ready too late has no message.
             _discard(self._next)
             seal = self._writer.finish()
             if self._error is not None:
@@ -147,39 +162,39 @@ class FileSeries:
             return seal
 
     def abandon(self) -> None:
-        """Leave nothing of the current file behind."""
-        self._join()
+        """Delete the current file."""
+        self._join_rotation()
         with self._lock:
             _discard(self._next)
             _discard(self._writer)
 
     # --- under the lock ---
 
-    def _turn(self) -> None:
-        """Go over to the next file if it is ready; if nobody makes it, have it made."""
+    def _rotate(self) -> None:
+        """Change to the next file if it is ready; else have it opened."""
         if (error := self._error or self._refused) is not None:
             raise error
         if self._next is not None:
             full, self._writer, self._next = self._writer, self._next, None
-            for topic in self._topics.values():  # those that came while it was made
+            for topic in self._topics.values():  # topics that were added while it was opened
                 self._writer.add_topic(topic)
             self._part += 1
             self._written += full.size
-            self._start(self._finish, full)
-        elif self._turner is None or not self._turner.is_alive():
-            self._start(self._prepare, self._part + 1)
+            self._start(self._finish_full, full)
+        elif self._rotation_thread is None or not self._rotation_thread.is_alive():
+            self._start(self._open_next, self._part + 1)
 
     def _start(self, work: Callable[[Any], None], argument: object) -> None:
-        self._turner = threading.Thread(target=work, args=(argument,), name="recorder-turn")
-        self._turner.start()
+        self._rotation_thread = threading.Thread(target=work, args=(argument,), name="recorder-rotate")
+        self._rotation_thread.start()
 
     # --- helper thread ---
 
-    def _join(self) -> None:
-        while (turner := self._turner) is not None and turner.is_alive():
-            turner.join()
+    def _join_rotation(self) -> None:
+        while (thread := self._rotation_thread) is not None and thread.is_alive():
+            thread.join()
 
-    def _begin(self, part: int) -> McapWriter:
+    def _open_file(self, part: int) -> McapWriter:
         path = part_path(self._path, part)
         self._disk.require(self._rotation.rotate_bytes, f"recording {path.name}")
         writer = McapWriter(path, self._memory)
@@ -193,19 +208,23 @@ class FileSeries:
             raise
         return writer
 
-    def _prepare(self, part: int) -> None:
+    def _open_next(self, part: int) -> None:
         try:
-            self._next = self._begin(part)
-        except (RecorderError, OSError) as error:
-            self._refused = error if isinstance(error, RecorderError) else RecorderError(f"{self._path}: {error.strerror}")
+            self._next = self._open_file(part)
+        except RecorderError as error:
+            self._refused = error
+        except OSError as error:
+            self._refused = RecorderError(f"{self._path}: {error.strerror}")
 
-    def _finish(self, writer: McapWriter) -> None:
+    def _finish_full(self, writer: McapWriter) -> None:
         try:
-            self._kept.append(writer.finish().path)
-            while 0 < self._rotation.keep_files <= len(self._kept):
-                self._kept.popleft().unlink(missing_ok=True)
-        except (RecorderError, OSError) as error:
-            self._error = error if isinstance(error, RecorderError) else RecorderError(f"{writer.path}: {error.strerror}")
+            self._files.append(writer.finish().path)
+            while 0 < self._rotation.keep_files <= len(self._files):
+                self._files.popleft().unlink(missing_ok=True)
+        except RecorderError as error:
+            self._error = error
+        except OSError as error:
+            self._error = RecorderError(f"{writer.path}: {error.strerror}")
 
 
 def _discard(writer: McapWriter | None) -> None:

@@ -1,94 +1,52 @@
-"""Decides what happens to each frame: a pre-trigger delay line, full rate inside a strike window, previews outside, meta always.
-
-In continuous mode every frame goes straight to the file, and a window only says what of it belongs to a strike.
-
-A frame enters the delay line and leaves it `pre_trigger_s` later; a window that opens takes the whole line with it. Its meta, and a
-preview, do not wait longer than META_WAIT_S: a killed process must not have kept back more. So images and meta reach the file in the
-order of their exposure, and `image_recorded` is always true to it, where `pre_trigger_s` is no longer than that. Where it is longer, the
-images that a window takes from the line come behind newer metas, which said that they are not recorded.
-"""
+"""Recorder of a frame stream with windows: the common part of both modes, and the continuous mode."""
 
 from __future__ import annotations
 
 import math
 import threading
+from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Final
 
 from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
-from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
-from acquire.recorder.direct.borrowed_queue import Lender, LentQueue
-from acquire.recorder.frame_queue import AtOnce, FrameFile, FrameQueue, ImageSink, Queued
-from acquire.recorder.page_memory import PAGE
-from schemas.proto import percuss_pb2 as pb
+from acquire.frames.frame import Frame
+from acquire.recorder.frame_file import FrameFile
+from acquire.recorder.frame_format import FrameFormat
+from acquire.recorder.frame_path import FramePath
 
-BACKLOG_S: Final = 2.0
-"""how long the disk may stand still before images are dropped"""
-META_WAIT_S: Final = 0.25
-"""how long a frame's meta may wait for a trigger"""
 LATE_FRAME_S: Final = 0.25
-"""how long a closing window waits for frames that were exposed before it closed"""
-
-
-def backlog_bytes(width: int, height: int, frame_rate_hz: float) -> int:
-    """Memory for a recording that is written past the page cache."""
-    return math.ceil(BACKLOG_S * frame_rate_hz * width * height) + 4 * BLOCK_BYTES
-
-
-def backlog_frames(width: int, height: int, frame_rate_hz: float) -> int:
-    """How many of its frames a camera lends to such a recording: the same memory. None where they are smaller than a page."""
-    return math.ceil(BACKLOG_S * frame_rate_hz) if width * height >= PAGE else 0
-
-
-def lent_memory(width: int, height: int, frames: int) -> BlockMemory:
-    """Memory for what is not lent, where a camera lends so many frames."""
-    # Of each image the end and what stands between it and the next, two pages at most; a file that ends beside the next one's head.
-    return BlockMemory(frames * 2 * PAGE + 8 * BLOCK_BYTES, frames * width * height)
-
-
-class Arrival(NamedTuple):
-    """A frame with its times on the host's clock. `image` need only be valid during the call it is given to, unless it is kept."""
-
-    image: NDArray[np.uint8]
-    """(height, width) mono8"""
-    sequence: int
-    frame_id: int
-    device_time_ns: int
-    host_time_ns: int
-    mid_exposure_ns: int
-    """host monotonic"""
-    mapping_sd_ns: int
-    exposure_us: float
-    lost_before: int
-    lender: Lender | None = None
-    """whose memory the image lies in; None: it must be copied"""
+"""longest wait of a closing window for frames that were exposed before it closed [s]"""
+WRITE_TIMEOUT_S: Final = 30.0
+"""longest wait of a closing window for the disk [s]"""
 
 
 @dataclass(frozen=True)
 class WindowReport:
-    """What a closed window holds; times are log times of its first and last image, of the window itself where there is none."""
+    """Content of a closed window.
+
+    The times are log times of its first and last image, or of the window itself if it has no image.
+    """
 
     start_ns: int
     end_ns: int
     frames: int
     lost: int
-    """frames that should be in the window and are not: lost on the way from the camera, or dropped before a slow disk"""
+    """frames that should be in the window and are not: lost on the way from the camera, or dropped by a slow
+    disk"""
 
 
 @dataclass(slots=True)
-class _Stored:
-    meta: pb.FrameMeta
-    mid_ns: int
-    """host monotonic"""
-    image: bool
-    """it is in the file, on its way there, or can still be written"""
-    slot: int | None
-    """of the image in the ring, while it is ours"""
+class DelayedFrame:
+    """A recent frame that may still become part of a window."""
+
+    frame: Frame
+    has_image: bool
+    """True if the image is in the file, on its way there, or can still be written"""
+    held: bool = False
+    """True while the delay line owns the frame's buffer"""
 
 
 @dataclass
@@ -101,9 +59,20 @@ class _Window:
     frames: int = 0
     lost: int = 0
 
+    def add(self, delayed: DelayedFrame) -> None:
+        """Count a frame."""
+        frame = delayed.frame
+        self.lost += frame.lost_before if self.frames else 0
+        if delayed.has_image:
+            self.frames += 1
+            self.last_ns = frame.mid_exposure_ns
+            self.first_ns = self.first_ns or self.last_ns
+        else:
+            self.lost += 1
 
-class FrameRecorder:
-    """Between the acquisition thread (`add`) and the file. Windows are opened and closed from another thread.
+
+class FrameRecorder(ABC):
+    """Recorder between the acquisition thread (`add`) and the file. Another thread opens and closes windows.
 
     Raises:
         RecorderError: from `open_window` and `close_window`, when the file can take no images.
@@ -111,120 +80,88 @@ class FrameRecorder:
 
     def __init__(
         self,
-        writer: ImageSink,
-        camera: str,
-        width: int,
-        height: int,
-        frame_rate_hz: float,
+        path: FramePath,
+        file: FrameFile,
+        frames: FrameFormat,
         config: RecorderConfig,
         wall_anchor_ns: int,
-        *,
-        lent: bool = False,
     ) -> None:
-        """`lent`: arrivals have lenders, whose buffers are used where the mode allows it."""
+        """`wall_anchor_ns`: log time minus host monotonic time."""
         self.frames = 0
+        """frames that arrived"""
         self.lost = 0
-        self._config = config
-        self._continuous = config.mode == "continuous"
+        """frames lost on the way from the camera"""
+        self._path = path
+        self._file = file
         self._anchor = wall_anchor_ns
-        self._period_ns = 1e9 / frame_rate_hz
+        self._period_ns = 1e9 / frames.frame_rate_hz
         self._pre_trigger_ns = int(config.pre_trigger_s * 1e9)
-        self._meta_wait_ns = min(self._pre_trigger_ns, int(META_WAIT_S * 1e9))
-        self._preview_ns = 1e9 / config.preview_hz if config.preview_hz > 0 else math.inf
-        self._next_preview_ns = 0.0 if config.preview_hz > 0 else math.inf
-        self._every_meta = pb.FrameMeta(width=width, height=height)
-        raw = config.image_format == "raw"
-        self._file = FrameFile(writer, camera, (width, height) if raw else None, wall_anchor_ns)
-        # PNG takes longer than a frame may: the thread of the queue does it.
-        self._way: AtOnce | LentQueue | FrameQueue
-        if self._continuous and raw and writer.never_waits:
-            self._way = LentQueue(self._file) if lent else AtOnce(self._file)
-        else:
-            self._way = FrameQueue(self._file, math.ceil(frame_rate_hz * (config.pre_trigger_s + BACKLOG_S)) + 2, height, width)
-        self._queue = self._way if isinstance(self._way, FrameQueue) else None
-        self._dropped = 0
+        self._max_window_ns = int(config.max_window_s * 1e9) + self._pre_trigger_ns
+        self._line: deque[DelayedFrame] = deque()
+        """frames that may still become part of a window, oldest first"""
         self._lock = threading.Lock()
-        self._passed = threading.Condition(self._lock)
-        """a frame went by"""
+        self._arrived = threading.Condition(self._lock)
+        """notified with each frame while `_awaited`"""
         self._awaited = False
-        """somebody waits for one"""
-        self._line: deque[_Stored] = deque()
-        """frames that may still become part of a window; in continuous mode they are in the file, or on their way, already"""
-        self._told = 0
-        """of the line, how many of the oldest have their meta in the file, or on its way"""
         self._ending = False
         self._window: _Window | None = None
         self._newest_ns = 0
 
     @property
     def dropped(self) -> int:
-        """Images that should be in the file and are not, because the disk was too slow or full."""
-        return self._dropped + self._way.dropped
+        """Number of images that should be in the file and are not, because the disk was too slow or full."""
+        return self._path.dropped
 
     @property
     def waiting(self) -> int:
-        """Frames in the queue before the disk; see BlockMemory for what is with the file."""
-        return 0 if isinstance(self._way, AtOnce) else self._way.waiting
+        """Number of frames in the queue before the file; BlockMemory counts the bytes that the file holds."""
+        return self._path.waiting
 
     @property
     def error(self) -> RecorderError | None:
-        """Why the file takes no more images."""
-        return self._way.error
+        """Reason why the file takes no more images; None while it does."""
+        return self._path.error
 
-    def add(self, arrival: Arrival) -> None:
-        """Take a frame in; its image is copied, or kept. Called from the acquisition thread; never waits for the disk."""
+    def add(self, frame: Frame) -> None:
+        """Take a frame: borrow its buffer or copy its image. Never waits for the disk."""
         if self._ending:
             return
-        meta = self._meta(arrival)
-        stored = self._take(meta, arrival)
+        delayed = self._take(frame)
         with self._lock:
             self.frames += 1
-            self.lost += arrival.lost_before
-            self._newest_ns = mid = arrival.mid_exposure_ns
-            window, line = self._window, self._line
-            if window is not None and self._inside(window, mid):
-                window.lost += arrival.lost_before if window.frames else 0
-                self._count(window, stored)
-                self._keep(stored)
-            elif self._continuous:
-                self._keep(stored)
-                line.append(stored)
-                while line[0].mid_ns < mid - self._pre_trigger_ns:
-                    line.popleft()
-                self._told = len(line)
+            self.lost += frame.lost_before
+            self._newest_ns = frame.mid_exposure_ns
+            window = self._window
+            if window is not None and self._newest_ns <= self._last_ns_of(window):
+                window.add(delayed)
+                self._record(delayed)
             else:
-                line.append(stored)
-                self._tell(mid - self._meta_wait_ns)
-                self._let_go(mid - self._pre_trigger_ns)
+                self._delay(delayed)
             if self._awaited:
-                self._passed.notify_all()
+                self._arrived.notify_all()
 
     def open_window(self, now_ns: int) -> int:
-        """From now on, and from `pre_trigger_s` before now (host monotonic), keep every image. Returns the start as a log time."""
+        """Record every image from `pre_trigger_s` before now (host monotonic) on.
+
+        Returns:
+            The window's start as a log time.
+        """
         with self._lock:
             if self._window is not None:
                 raise RecorderError("a window is open already: close it first")
             if self.error is not None:
                 raise self.error
             self._window = window = _Window(start_ns=now_ns - self._pre_trigger_ns)
-            self._let_go(window.start_ns)
-            for stored in self._line:
-                window.lost += stored.meta.frames_lost_before if window.frames else 0
-                self._count(window, stored)
-                told, self._told = self._told > 0, max(0, self._told - 1)
-                if not told:
-                    self._keep(stored)
-                elif stored.slot is not None:
-                    self._put(stored, with_meta=False)
-            self._line.clear()
+            for delayed in self._claim(window.start_ns):
+                window.add(delayed)
             return self._anchor + window.start_ns
 
     def close_window(self, now_ns: int, end_ns: int = 0) -> WindowReport:
-        """Keep what was exposed until now (host monotonic), wait until it is in the file, and say what it is.
+        """End the window now, wait until its images are in the file, and report its content.
 
         Args:
-            now_ns: host monotonic.
-            end_ns: log time; where it is before now the window need not last longer. 0: until now.
+            now_ns: host monotonic time.
+            end_ns: log time at which the window may end if that is before now; 0: it ends now.
         """
         now_ns = min(now_ns, end_ns - self._anchor) if end_ns else now_ns
         with self._lock:
@@ -233,15 +170,16 @@ class FrameRecorder:
                 raise RecorderError("no window is open")
             window.end_ns = now_ns
             self._awaited = True
-            self._passed.wait_for(lambda: self._newest_ns > now_ns, LATE_FRAME_S)
+            self._arrived.wait_for(lambda: self._newest_ns > now_ns, LATE_FRAME_S)
             self._awaited = False
             self._window = None
-            # A camera that fell silent owes the frames up to the window's end; no later frame will count them for this window.
-            silent_ns = min(now_ns, window.start_ns + self._max_window_ns()) - max(self._newest_ns, window.start_ns)
             if self._newest_ns <= now_ns:
+                # A silent camera owes the frames up to the window's end; no later frame counts them for this
+                # window.
+                silence_end_ns = min(now_ns, window.start_ns + self._max_window_ns)
+                silent_ns = silence_end_ns - max(self._newest_ns, window.start_ns)
                 window.lost += max(0, math.floor(silent_ns / self._period_ns - 0.5))
-        if not isinstance(self._way, AtOnce):
-            self._way.wait_until_written(30.0)
+        self._path.wait_until_written(WRITE_TIMEOUT_S)
         if self.error is not None:
             raise self.error
         self._file.flush()
@@ -249,93 +187,59 @@ class FrameRecorder:
         return WindowReport(self._anchor + first_ns, self._anchor + last_ns, window.frames, window.lost)
 
     def close(self) -> None:
-        """Write what waits, meta of the delay line included. Safe to call twice."""
+        """Write the waiting frames, and the meta of those in the delay line. Safe to call twice."""
         with self._lock:
             if not self._ending:
                 self._ending = True
-                self._tell(self._newest_ns + 1)
-        if not isinstance(self._way, AtOnce):
-            self._way.close()
+                self._end_delay()
+        self._path.close()
 
-    def _take(self, meta: pb.FrameMeta, arrival: Arrival) -> _Stored:
-        image = arrival.image
-        if isinstance(self._way, LentQueue):
-            return _Stored(meta, arrival.mid_exposure_ns, self._way.take(meta, arrival.mid_exposure_ns, arrival.lender), None)
-        if isinstance(self._way, AtOnce):
-            return _Stored(meta, arrival.mid_exposure_ns, self._way.write(meta, image), None)
-        slot = self._way.ring.take(image)
-        if slot is None and not self._continuous:
-            self._reclaim()
-            slot = self._way.ring.take(image)
-        return _Stored(meta, arrival.mid_exposure_ns, slot is not None, slot)
+    def _last_ns_of(self, window: _Window) -> int:
+        """Latest mid-exposure that belongs to the window."""
+        return window.start_ns + self._max_window_ns if window.end_ns is None else window.end_ns
 
-    def _reclaim(self) -> None:
-        """All slots wait for the disk: the oldest in the delay line gives up its image."""
-        with self._lock:
-            while self._line and self._line[0].slot is None:
-                self._let_go(self._line[0].mid_ns + 1)
-            if self._line:
-                self._line[0].image = False
-                self._let_go(self._line[0].mid_ns + 1)
+    @abstractmethod
+    def _take(self, frame: Frame) -> DelayedFrame:
+        """Secure the frame's pixels. Called without the lock."""
 
-    def _meta(self, arrival: Arrival) -> pb.FrameMeta:
-        meta = pb.FrameMeta()
-        meta.CopyFrom(self._every_meta)  # half as long as naming every field
-        meta.sequence = arrival.sequence
-        meta.device_time_ns = arrival.device_time_ns
-        meta.host_time_ns = arrival.host_time_ns
-        meta.mid_exposure_host_ns = arrival.mid_exposure_ns
-        meta.frame_id = arrival.frame_id
-        meta.mapping_sd_ns = arrival.mapping_sd_ns
-        meta.exposure_us = arrival.exposure_us
-        if arrival.lost_before:
-            meta.frames_lost_before = arrival.lost_before
-        return meta
+    @abstractmethod
+    def _record(self, delayed: DelayedFrame) -> None:
+        """Record a frame of the open window. Called with the lock held, as are the methods below."""
 
-    # --- under the lock ---
+    @abstractmethod
+    def _delay(self, delayed: DelayedFrame) -> None:
+        """Put a frame outside of any window into the delay line, and take the old ones out."""
 
-    def _inside(self, window: _Window, mid_ns: int) -> bool:
-        end = window.start_ns + self._max_window_ns() if window.end_ns is None else window.end_ns
-        return mid_ns <= end
+    @abstractmethod
+    def _claim(self, start_ns: int) -> Iterable[DelayedFrame]:
+        """Empty the delay line for a window that begins at `start_ns`; its frames from there on, recorded."""
 
-    def _max_window_ns(self) -> int:
-        return int(self._config.max_window_s * 1e9) + self._pre_trigger_ns
+    @abstractmethod
+    def _end_delay(self) -> None:
+        """Write what the file still lacks of the frames in the delay line."""
 
-    def _count(self, window: _Window, stored: _Stored) -> None:
-        if stored.image:
-            window.frames += 1
-            window.last_ns = stored.mid_ns
-            window.first_ns = window.first_ns or window.last_ns
-        else:
-            window.lost += 1
 
-    def _keep(self, stored: _Stored) -> None:
-        if self._queue is not None:
-            self._dropped += not stored.image
-            self._put(stored)
+class ContinuousRecorder(FrameRecorder):
+    """Records every frame; a window only determines which of them belong to a strike."""
 
-    def _put(self, stored: _Stored, *, with_meta: bool = True) -> None:
-        """Hand the frame over, its slot with it."""
-        if self._queue is not None:
-            self._queue.put(Queued(stored.meta, stored.slot, with_meta))
-            stored.slot = None
+    def _take(self, frame: Frame) -> DelayedFrame:
+        return DelayedFrame(frame, self._path.take(frame))
 
-    def _tell(self, before_ns: int) -> None:
-        """Write the meta of frames in the line that were exposed before `before_ns`, and what of them is due as a preview."""
-        while self._told < len(self._line) and (stored := self._line[self._told]).mid_ns < before_ns:
-            mid = stored.mid_ns
-            self._told += 1
-            if mid >= self._next_preview_ns and stored.image:
-                self._next_preview_ns = mid + self._preview_ns
-                self._put(stored)
-            elif self._queue is not None:
-                self._queue.put(Queued(stored.meta, None))
+    def _record(self, delayed: DelayedFrame) -> None:
+        """Nothing is left to do: `_take` recorded it."""
 
-    def _let_go(self, before_ns: int) -> None:
-        """Let frames out of the delay line that were exposed before `before_ns`."""
-        self._tell(before_ns)
-        while self._line and self._line[0].mid_ns < before_ns:
-            stored = self._line.popleft()
-            self._told -= 1
-            if stored.slot is not None and self._queue is not None:
-                self._queue.ring.give_back(stored.slot)
+    def _delay(self, delayed: DelayedFrame) -> None:
+        self._line.append(delayed)
+        self._forget_before(delayed.frame.mid_exposure_ns - self._pre_trigger_ns)
+
+    def _claim(self, start_ns: int) -> Iterable[DelayedFrame]:
+        self._forget_before(start_ns)
+        claimed, self._line = self._line, deque()
+        return claimed
+
+    def _end_delay(self) -> None:
+        """Nothing is left to do: every frame is recorded."""
+
+    def _forget_before(self, start_ns: int) -> None:
+        while self._line and self._line[0].frame.mid_exposure_ns < start_ns:
+            self._line.popleft()

@@ -1,4 +1,4 @@
-"""When the frames of a finished recording were exposed, and how many never came: what is needed to say what lies between two files."""
+"""Number, losses and last time of the frames in a finished file, for the gap before the next file."""
 
 from __future__ import annotations
 
@@ -15,27 +15,29 @@ from schemas.proto import percuss_pb2 as pb
 
 @dataclass(frozen=True)
 class FrameTimes:
-    """The frames of one file."""
+    """Frame counts and last frame time of one file."""
 
     frames: int
     lost: int
-    """between its first and its last"""
+    """frames lost between its first and its last"""
     last_ns: int | None
-    """log time of the last frame; None where there is none"""
+    """log time of the last frame; None if the file has no frame"""
 
     @classmethod
-    def of(cls, path: Path, camera: str) -> FrameTimes:
-        """Read a whole file.
+    def read(cls, path: Path, camera: str) -> FrameTimes:
+        """Read a complete file.
 
         Raises:
-            RecorderError: it is not whole.
+            RecorderError: the file cannot be read, or is incomplete.
         """
         meta = topics.frame_meta(camera)
         frames = lost = 0
         last_ns = None
         try:
             with path.open("rb") as file:
-                for _, _, message in make_reader(file).iter_messages(topics=[meta.name], log_time_order=False):
+                for _, _, message in make_reader(file).iter_messages(
+                    topics=[meta.name], log_time_order=False
+                ):
                     lost += pb.FrameMeta.FromString(message.data).frames_lost_before if frames else 0
                     frames += 1
                     last_ns = message.log_time

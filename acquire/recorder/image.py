@@ -1,4 +1,4 @@
-"""Image messages: RawImage without copying the pixels, PNG where the disk is small."""
+"""Encoding of image messages: RawImage without copying the pixels, PNG for small disks."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
 from acquire.errors import RecorderError
-from schemas.mcap.packed import timestamp_field, varint
+from schemas.mcap.protobuf_wire import timestamp_field, varint
 from schemas.mcap.records import Buffer
 
 _DATA_FIELD = bytes([6 << 3 | 2])
 
 
 class RawImageEncoder:
-    """foxglove.RawImage, mono8, of one size: everything but time and pixels is serialised once; pixels are handed on, not copied.
+    """Encoder of foxglove.RawImage, mono8, of one size, without copying the pixels.
 
-    Protobuf fields may stand in any order and a message may be put together from parts (protobuf.dev, "Encoding").
+    Only the time is serialised for each image. Protobuf fields may stand in any order and a message may be
+    concatenated from parts (protobuf.dev, "Encoding").
     """
 
     def __init__(self, camera: str, width: int, height: int) -> None:
@@ -28,15 +29,18 @@ class RawImageEncoder:
         self._after_time = image.SerializeToString(deterministic=True) + _DATA_FIELD + varint(width * height)
 
     def prefix(self, log_time_ns: int, size: int) -> bytes:
-        """The message before its pixels, of which there are `size` bytes."""
+        """Bytes of the message before its `size` bytes of pixels."""
         if size != self._size:
-            raise RecorderError(f"an image has {size} bytes, the recording's are {self._shape[1]} x {self._shape[0]}")
+            raise RecorderError(
+                f"an image has {size} bytes, the recording's are {self._shape[1]} x {self._shape[0]}"
+            )
         return timestamp_field(log_time_ns) + self._after_time
 
     def encode(self, log_time_ns: int, image: NDArray[np.uint8]) -> list[Buffer]:
         """Parts of the message; the last one is a view of `image` (height, width)."""
         if image.shape != self._shape:
-            raise RecorderError(f"image is {image.shape[1]} x {image.shape[0]}, the recording's are {self._shape[1]} x {self._shape[0]}")
+            size, expected = f"{image.shape[1]} x {image.shape[0]}", f"{self._shape[1]} x {self._shape[0]}"
+            raise RecorderError(f"image is {size}, the recording's are {expected}")
         if not image.flags.c_contiguous:
             image = np.ascontiguousarray(image)
         return [timestamp_field(log_time_ns) + self._after_time, image.data.cast("B")]
@@ -45,13 +49,17 @@ class RawImageEncoder:
 def png_message(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> bytes:
     """foxglove.CompressedImage, format png, of `image` (height, width).
 
-    Huffman coding only, on horizontal differences: on noisy images as small as any other lossless setting, at 160 MB/s.
+    Huffman coding only, on horizontal differences: as small as any other lossless setting on noisy images, at
+    160 MB/s.
     """
     import cv2
 
-    settings = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY, cv2.IMWRITE_PNG_FILTER, 16)
+    strategy = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY)
+    settings = (cv2.IMWRITE_PNG_COMPRESSION, 1, *strategy, cv2.IMWRITE_PNG_FILTER, 16)
     done, data = cv2.imencode(".png", image, settings)
     if not done:
         raise RecorderError("image could not be encoded as PNG")
     stamp = Timestamp(seconds=log_time_ns // 10**9, nanos=log_time_ns % 10**9)
-    return CompressedImage(timestamp=stamp, frame_id=camera, data=data.tobytes(), format="png").SerializeToString()
+    return CompressedImage(
+        timestamp=stamp, frame_id=camera, data=data.tobytes(), format="png"
+    ).SerializeToString()

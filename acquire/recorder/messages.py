@@ -1,4 +1,4 @@
-"""Messages that are handed to the writer of a recording."""
+"""Messages as they are handed to the writer of a recording."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from schemas.mcap.records import Buffer
 
 
 class DiskBehind(RecorderError):
-    """What waits for the disk fills the memory there is: this image was not taken, a later one may be."""
+    """The memory is full of bytes that wait for the disk: this image is refused, a later one may not be."""
 
 
 class ImageMessage(NamedTuple):
-    """One image to be written; `parts` are views of bytes that stay as they are until they are written."""
+    """One image to be written; the bytes of `parts` must not change until they are written."""
 
     log_time_ns: int
     parts: Sequence[Buffer]
     sequence: int = 0
     publish_time_ns: int | None = None
-    """log time where None"""
+    """equal to the log time if None"""
 
 
-class LentImage(NamedTuple):
-    """One image to be written from where it lies."""
+class BorrowedImage(NamedTuple):
+    """One image to be written directly from a borrowed buffer."""
 
     log_time_ns: int
     sequence: int
     prefix: bytes
     """the message before its pixels"""
     pixels: memoryview
-    """at least a page, and begin on one of the memory"""
+    """at least a page long; begins on a page of the memory"""
     crc: int
     """CRC-32 of the pixels"""
     release: Callable[[], None]
@@ -45,4 +45,4 @@ class SmallMessage(NamedTuple):
     data: Buffer
     sequence: int = 0
     publish_time_ns: int | None = None
-    """log time where None"""
+    """equal to the log time if None"""

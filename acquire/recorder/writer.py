@@ -1,15 +1,14 @@
-"""Writes a recording: images as chunks of their own without copying, small topics in chunks of theirs, renamed only when whole.
+"""Writer of a recording: images in chunks of their own, small topics in others, renamed when complete.
 
-While it is written the file is called `<name>.part`. Whatever ends the process, what reached the file can be read by
-`acquire recover`; what is still in memory is at most 0.5 s of small topics, and with a DirectFile 0.2 s of images while the disk keeps up.
+While it is written the file is called `<name>.part`. However the process ends, `acquire recover` reads
+everything that reached the file. The memory holds at most 0.5 s of small topics, and with a DirectFile 0.2 s
+of images while the disk keeps up.
 """
 
 from __future__ import annotations
 
-import struct
 import threading
-import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -18,30 +17,36 @@ from typing import Final
 from acquire.errors import RecorderError
 from acquire.recorder import atomic
 from acquire.recorder.checksum import checksums
-from acquire.recorder.data_file import DataFile, LentRun
 from acquire.recorder.direct.block_memory import BlockMemory
-from acquire.recorder.direct.borrowed_chunks import pack_lent
+from acquire.recorder.direct.borrowed_chunks import pack_borrowed
 from acquire.recorder.direct.direct_file import DirectFile
-from acquire.recorder.messages import DiskBehind, ImageMessage, LentImage, SmallMessage
-from acquire.recorder.page_cache_file import PageCacheFile
+from acquire.recorder.messages import BorrowedImage, DiskBehind, ImageMessage, SmallMessage
+from acquire.recorder.paged.page_cache_file import PageCacheFile
+from acquire.recorder.recording_file import RecordingFile
 from schemas.document import sha256_text
 from schemas.mcap import records as container
-from schemas.mcap.records import Buffer, ContentHash
-from schemas.mcap.summary import Summary, pack_chunk, pack_topic
+from schemas.mcap.chunks import PendingMessages
+from schemas.mcap.content_hash import LARGE_MESSAGE_BYTES, ContentHash, HashedMessage
+from schemas.mcap.record_writer import RecordWriter
+from schemas.mcap.records import AttachmentRecord, Buffer
 from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME
 from schemas.topics import Topic
 
 PART_SUFFIX: Final = ".part"
 SMALL_CHUNK_BYTES: Final = 64 << 10
 SMALL_PART_BYTES: Final = 512
-"""joined to what stands before it"""
+"""size below which an image's first part is joined to the message head"""
 CHUNK_EXTRA: Final = 128
-"""more than what stands around a chunk's messages takes, and more than a message's line in the index"""
+"""upper bound of a chunk's overhead, and of a message's entry in the index [bytes]"""
 FLUSH_S: Final = 0.1
-"""a frame's meta waits up to 0.25 s for a trigger before it comes here, and a DirectFile 0.1 s for more: together below 0.5 s"""
+"""interval between flushes of small topics [s]
+
+A frame's meta waits up to 0.25 s for a trigger before it is written here, and a DirectFile up to 0.1 s for
+more bytes: together below 0.5 s.
+"""
 SYNC_BYTES: Final = 32 << 20
-SMALL_BYTES: Final = 2 << 20
-"""of small topics that wait for a full disk to be finished with"""
+MOST_SMALL_BYTES: Final = 2 << 20
+"""bytes of small topics that may wait in memory on a full disk until the recording is finished"""
 
 
 @dataclass(frozen=True)
@@ -54,7 +59,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class Seal:
-    """A finished recording."""
+    """Path, content id and size of a finished recording."""
 
     path: Path
     content_id: str
@@ -66,49 +71,64 @@ class Seal:
 class McapWriter:
     """One recording being written. Every method may be called from any thread.
 
-    A disk that fills up raises RecorderError and takes back the message that did not fit; `finish` still gives a whole file.
+    When the disk fills up, the message that does not fit is taken back with a RecorderError, and `finish`
+    still completes the file.
 
     Raises:
         RecorderError: the path is taken, its folder is missing, or the disk refuses.
     """
 
-    def __init__(self, path: Path, memory: BlockMemory | None = None, flush_s: float = FLUSH_S, sync_bytes: int = SYNC_BYTES) -> None:
-        """Through the page cache, or with `memory` past it (where `can_write_directly`)."""
+    def __init__(
+        self,
+        path: Path,
+        memory: BlockMemory | None = None,
+        flush_s: float = FLUSH_S,
+        sync_bytes: int = SYNC_BYTES,
+    ) -> None:
+        """Open the file.
+
+        Args:
+            path: final path; the file appears there when it is complete.
+            memory: for direct I/O (where `can_write_directly`); None: write through the page cache.
+            flush_s: interval between flushes of small topics [s].
+            sync_bytes: bytes after which the disk is made to write.
+        """
         self.path = path
         self.part_path = path.with_name(path.name + PART_SUFFIX)
         atomic.refuse_taken(path)
-        self._file: DataFile = (
-            PageCacheFile(self.part_path, sync_bytes) if memory is None else DirectFile(self.part_path, memory, sync_bytes)
+        self._file: RecordingFile = (
+            PageCacheFile(self.part_path, sync_bytes)
+            if memory is None
+            else DirectFile(self.part_path, memory, sync_bytes)
         )
         self._flush_s = flush_s
         self._sync_bytes = sync_bytes
         self._pushed = 0
         self._lock = threading.Lock()
-        self._summary = Summary()
+        self._records = RecordWriter(self._append_buffers)
         self._hash = ContentHash()
         self._manifest_hash: dict[str, str] = {}
         self._channels: dict[str, Channel] = {}
-        self._small = bytearray()
-        self._small_index: dict[int, list[tuple[int, int]]] = {}
+        self._pending = PendingMessages()
         self._closed = False
         self._full: RecorderError | None = None
         self._wake = threading.Event()
-        self._put([container.MAGIC, container.record(container.HEADER, container.string("") + container.string("percuss"))])
+        self._records.begin()
         self._keeper = threading.Thread(target=self._keep, name="recorder-sync", daemon=True)
         self._keeper.start()
 
     @property
     def size(self) -> int:
-        """Bytes written so far."""
+        """Number of bytes written so far."""
         return self._file.size
 
     @property
     def never_waits(self) -> bool:
-        """Whether `write_images` returns without waiting for the disk."""
+        """True if `write_images` returns without waiting for the disk."""
         return self._file.never_waits
 
     def metadata(self, name: str, entries: dict[str, str]) -> None:
-        """Write named strings."""
+        """Write a metadata record of named strings."""
         with self._lock:
             self._open()
             self._metadata(name, entries)
@@ -120,11 +140,7 @@ class McapWriter:
         with self._lock:
             self._open()
             self._flush_small()
-            head = container.string(name) + container.string(media_type)
-            body = struct.pack("<QQ", log_time_ns, log_time_ns) + head + struct.pack("<Q", len(data)) + data
-            offset = self._file.size
-            length = self._put([container.record(container.ATTACHMENT, body + struct.pack("<I", zlib.crc32(body)))])
-            self._summary.add_attachment(offset, length, container.AttachmentRecord(name, media_type, log_time_ns, b""), len(data))
+            self._records.write_attachment(AttachmentRecord(name, media_type, log_time_ns, data))
 
     def add_topic(self, topic: Topic) -> Channel:
         """Make a channel; the same topic again gives the same channel."""
@@ -133,14 +149,12 @@ class McapWriter:
             known = self._channels.get(topic.name)
             if known is not None:
                 if known.topic.schema_name != topic.schema_name:
-                    raise RecorderError(f"{self.path}: topic {topic.name} holds {known.topic.schema_name}, not {topic.schema_name}")
+                    held, given = known.topic.schema_name, topic.schema_name
+                    raise RecorderError(f"{self.path}: topic {topic.name} holds {held}, not {given}")
                 return known
             number = len(self._channels) + 1
-            schema, channel = pack_topic(topic, number)
             self._flush_small()
-            self._put([schema, channel])
-            self._summary.schemas.append(schema)
-            self._summary.channels.append(channel)
+            self._records.add_topic(topic, number)
             self._channels[topic.name] = Channel(number, topic)
             return self._channels[topic.name]
 
@@ -152,12 +166,17 @@ class McapWriter:
         sequence: int = 0,
         publish_time_ns: int | None = None,
     ) -> None:
-        """Write one message, given whole or in parts. Its buffer may be used again; an image is as safe as `write_images` makes it.
+        """Write one message, given whole or in parts; its buffer may be reused.
+
+        Images are as safe as with `write_images`.
 
         Raises:
-            RecorderError: the disk is full or failing, the recording is finished, or the time is 0 (1970: a clock nobody set).
+            RecorderError: the disk is full or failing, the recording is finished, or the time is 0 (1970: a
+                clock that was never set).
         """
-        parts: Sequence[Buffer] = (memoryview(data),) if isinstance(data, bytes | bytearray | memoryview) else data
+        parts: Sequence[Buffer] = (
+            (memoryview(data),) if isinstance(data, bytes | bytearray | memoryview) else data
+        )
         if channel.topic.image:
             self.write_images(channel, [ImageMessage(log_time_ns, parts, sequence, publish_time_ns)])
             return
@@ -170,44 +189,48 @@ class McapWriter:
             RecorderError: as from `write`.
         """
         for message in messages:
-            self._refuse_unset(channel, message.log_time_ns)
+            self._refuse_unset_time(channel, message.log_time_ns)
         if not messages:  # an empty entry in the index has no times for its chunk
             return
         with self._lock:
             self._open()
-            if self._full is not None and len(self._small) > SMALL_BYTES:
+            if self._full is not None and len(self._pending.data) > MOST_SMALL_BYTES:
                 raise self._full
-            small, index, topic = self._small, self._small_index.setdefault(channel.id, []), channel.topic.name
             for time_ns, data, sequence, publish_time_ns in messages:
                 publish = time_ns if publish_time_ns is None else publish_time_ns
-                index.append((time_ns, len(small)))
-                small += container.message_head(channel.id, sequence, time_ns, publish, len(data))
-                small += data
-            self._hash.add_all(topic, [(message.log_time_ns, len(message.data), message.data, None) for message in messages])
-            if len(small) >= SMALL_CHUNK_BYTES:
+                self._pending.add(channel.id, sequence, time_ns, publish, data)
+            hashed = [(message.log_time_ns, len(message.data), message.data, None) for message in messages]
+            self._hash.add_all(channel.topic.name, hashed)
+            if len(self._pending.data) >= SMALL_CHUNK_BYTES:
                 self._flush_small()
 
     def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
-        """Write images as one chunk, all or none. On return they are in the page cache; or copied, and soon on the disk.
+        """Write images as one chunk, all or none.
+
+        On return they are in the page cache, or copied and soon on the disk.
 
         Raises:
-            DiskBehind: there is no memory for them now; only where `never_waits`.
+            DiskBehind: there is no memory for them now; only if `never_waits`.
             RecorderError: as from `write`.
         """
         buffers: list[Buffer] = []
-        index: list[tuple[int, int]] = []
-        identity: list[tuple[int, int, Buffer, int]] = []
+        places: list[tuple[int, int]] = []
+        hashed: list[HashedMessage] = []
         at = crc = 0
-        # The checksums release the GIL and are taken outside the lock, so that small topics never wait for them.
+        # The checksums release the GIL and are taken outside the lock, so that small topics never wait for
+        # them.
         for message in messages:
             time_ns, publish = message.log_time_ns, message.publish_time_ns
-            self._refuse_unset(channel, time_ns)
+            self._refuse_unset_time(channel, time_ns)
             size = sum(map(len, message.parts))
-            head = container.message_head(channel.id, message.sequence, time_ns, time_ns if publish is None else publish, size)
+            head = container.message_head(
+                channel.id, message.sequence, time_ns, time_ns if publish is None else publish, size
+            )
             sums = checksums(crc, head, message.parts)
             crc = sums.chunk
-            index.append((time_ns, at))
-            identity.append((time_ns, size, b"" if size >= container.LARGE_MESSAGE else b"".join(message.parts), sums.data))
+            places.append((time_ns, at))
+            data = b"" if size >= LARGE_MESSAGE_BYTES else b"".join(message.parts)
+            hashed.append((time_ns, size, data, sums.data))
             small = 1 if message.parts and len(message.parts[0]) < SMALL_PART_BYTES else 0
             buffers.append(head + message.parts[0] if small else head)
             buffers += message.parts[small:]
@@ -218,35 +241,35 @@ class McapWriter:
             self._open()
             if self._full is not None:
                 raise self._full
-            if not self._file.has_room(at + CHUNK_EXTRA * (1 + len(index)), image=True):
-                raise DiskBehind(f"{self.part_path}: the disk is too slow: {at} bytes more have no room in memory")
-            self._chunk(buffers, at, crc, {channel.id: index}, image=True)
-            for time_ns, size, data, data_crc in identity:
-                self._hash.add(channel.topic.name, time_ns, size, data, data_crc)
+            if not self._file.has_room(at + CHUNK_EXTRA * (1 + len(places)), image=True):
+                raise self._disk_behind(at)
+            self._records.write_chunk(buffers, at, crc, {channel.id: places}, append=self._append_images)
+            self._hash.add_all(channel.topic.name, hashed)
 
-    def write_lent(self, channel: Channel, images: Sequence[LentImage]) -> None:
-        """Write images from where they lie, a chunk each, all or none; each is released when it is on the disk, or the disk failed.
+    def write_borrowed(self, channel: Channel, images: Sequence[BorrowedImage]) -> None:
+        """Write images directly from borrowed buffers, in a chunk each, all or none.
+
+        Each buffer is released when its image is on the disk, or when the disk failed.
 
         Raises:
-            RecorderError: as from `write_images`; none is released then.
+            RecorderError: as from `write_images`; then no buffer is released.
         """
         for image in images:
-            self._refuse_unset(channel, image.log_time_ns)
+            self._refuse_unset_time(channel, image.log_time_ns)
         with self._lock:
             self._open()
             if self._full is not None:
                 raise self._full
-            chunks = pack_lent(self._file.size, channel.id, images)
+            chunks = pack_borrowed(self._records.size, channel.id, images)
             run = chunks.run
-            if not self._file.has_room(run.own_bytes, image=True, lent=run.lent_bytes):
-                raise DiskBehind(f"{self.part_path}: the disk is too slow: {chunks.size} bytes more have no room in memory")
-            self._put(run)
-            self._summary.chunks += chunks.entries
-            self._summary.message_counts[channel.id] += len(images)
-            self._hash.add_all(channel.topic.name, chunks.identity)
+            if not self._file.has_room(run.own_bytes, image=True, borrowed=run.borrowed_bytes):
+                raise self._disk_behind(chunks.size)
+            self._append(lambda: self._file.append_borrowed(run))
+            self._records.note_chunks(chunks.size, chunks.entries, channel.id, len(images))
+            self._hash.add_all(channel.topic.name, chunks.hashed)
 
     def flush(self) -> None:
-        """Hand small topics to the file now; on return others can read in it what was written before. `finish` does it too.
+        """Hand small topics to the file; on return others can read in it what was written before.
 
         Raises:
             RecorderError: the disk refused some of it.
@@ -262,10 +285,11 @@ class McapWriter:
             raise self._disk_error(error) from None
 
     def finish(self) -> Seal:
-        """Write what is in memory, the seal and the summary; fsync; give the file its name.
+        """Write the waiting messages, the seal and the summary; fsync; give the file its final name.
 
         Raises:
-            RecorderError: the disk refuses, or the name was taken meanwhile; the `.part` file stays and `acquire recover` reads it.
+            RecorderError: the disk refuses, or the name was taken meanwhile. The `.part` file stays, and
+                `acquire recover` reads it.
         """
         with self._lock:
             self._open()
@@ -276,7 +300,7 @@ class McapWriter:
             self._flush_small()
             content_id = self._hash.hexdigest()
             self._metadata(SEAL_NAME, {"content_id": content_id, **self._manifest_hash})
-            self._put([self._summary.pack(self._file.size)])
+            self._records.end()
         except BaseException:
             self._file.abort()
             raise
@@ -285,10 +309,10 @@ class McapWriter:
         except OSError as error:
             raise self._disk_error(error) from None
         atomic.publish(self.part_path, self.path)
-        return Seal(self.path, content_id, self._summary.message_counts.total(), self._file.size)
+        return Seal(self.path, content_id, self._records.summary.message_counts.total(), self._file.size)
 
     def abort(self) -> None:
-        """Stop writing; the `.part` file stays as it is."""
+        """Stop writing and leave the `.part` file."""
         with self._lock:
             closed, self._closed = self._closed, True
         if not closed:
@@ -298,16 +322,20 @@ class McapWriter:
     def __enter__(self) -> McapWriter:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        """Finish, or after an error leave the `.part` file."""
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Finish; after an error leave the `.part` file."""
         if kind is not None:
             self.abort()
         elif not self._closed:
             self.finish()
 
-    def _refuse_unset(self, channel: Channel, log_time_ns: int) -> None:
+    def _refuse_unset_time(self, channel: Channel, log_time_ns: int) -> None:
         if log_time_ns <= 0:
-            raise RecorderError(f"{self.path}: {channel.topic.name} has log time {log_time_ns}: give wall anchor + host time")
+            raise RecorderError(
+                f"{self.path}: {channel.topic.name} has log time {log_time_ns}: give wall anchor + host time"
+            )
 
     # --- under the lock ---
 
@@ -317,43 +345,47 @@ class McapWriter:
 
     def _metadata(self, name: str, entries: dict[str, str]) -> None:
         self._flush_small()
-        offset = self._file.size
-        length = self._put([container.record(container.METADATA, container.string(name) + container.string_map(entries))])
-        self._summary.add_metadata(offset, length, name)
+        self._records.write_metadata(name, entries)
 
     def _flush_small(self) -> None:
         # Without room they stay in memory; a recording that ends has the time to wait for the disk.
-        if self._small and (self._closed or self._file.has_room(len(self._small) + SMALL_CHUNK_BYTES, image=False)):
-            self._chunk([self._small], len(self._small), zlib.crc32(self._small), self._small_index)
-            self._small, self._small_index = bytearray(), {}
+        size = len(self._pending.data)
+        if size and (self._closed or self._file.has_room(size + SMALL_CHUNK_BYTES, image=False)):
+            self._records.write_pending(self._pending)
+            self._pending = PendingMessages()
 
-    def _chunk(self, buffers: list[Buffer], size: int, crc: int, index: dict[int, list[tuple[int, int]]], *, image: bool = False) -> None:
-        packed = pack_chunk(self._file.size, size, crc, index)
-        self._put([packed.head + buffers[0], *buffers[1:], packed.indexes], image=image)
-        self._summary.chunks.append(packed.entry)
-        for number, entries in index.items():
-            self._summary.message_counts[number] += len(entries)
+    def _append_images(self, buffers: Sequence[Buffer]) -> None:
+        self._append(lambda: self._file.append(buffers, image=True))
 
-    def _put(self, buffers: Sequence[Buffer] | LentRun, *, image: bool = False) -> int:
+    def _append_buffers(self, buffers: Sequence[Buffer]) -> None:
+        self._append(lambda: self._file.append(buffers))
+
+    def _append(self, append: Callable[[], int]) -> None:
+        """Append to the file; close it for images where the disk refuses."""
         try:
-            length = self._file.append_lent(buffers) if isinstance(buffers, LentRun) else self._file.append(buffers, image=image)
+            append()
         except OSError as error:
-            # From here on no more images; the space held back is for small topics, the seal and the summary.
+            # From here on no more images: the reserved space is for small topics, the seal and the summary.
             self._full = self._disk_error(error)
             self._file.release_reserve()
             raise self._full from None
         if self._file.size - self._pushed >= self._sync_bytes:
             self._pushed = self._file.size
             self._wake.set()
-        return length
 
     def _disk_error(self, error: OSError) -> RecorderError:
-        return RecorderError(f"{self.part_path}: cannot be written: {error.strerror}: free space on this disk, finish, and start a new one")
+        return RecorderError(
+            f"{self.part_path}: cannot be written: {error.strerror}: "
+            "free space on this disk, finish, and start a new one"
+        )
+
+    def _disk_behind(self, size: int) -> DiskBehind:
+        return DiskBehind(f"{self.part_path}: the disk is too slow: {size} bytes more have no room in memory")
 
     # --- helper thread ---
 
     def _keep(self) -> None:
-        """Flush small topics ten times a second, and have bytes pushed to the disk."""
+        """Flush small topics every `flush_s`, and push bytes to the disk."""
         while True:
             self._wake.wait(self._flush_s)
             with self._lock:
@@ -362,7 +394,7 @@ class McapWriter:
                 self._wake.clear()
                 try:
                     self._flush_small()
-                except RecorderError:  # the next caller of write or finish meets the full disk itself
+                except RecorderError:  # the next call of write or finish raises it again
                     continue
             self._file.sync()
 

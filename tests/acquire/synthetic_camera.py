@@ -18,11 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from acquire.camera.base import Camera, CameraInfo, ClockReading, Frame
-from acquire.camera.buffers import FrameBuffers
+from acquire.camera.base import Camera, CameraInfo, ClockReading
 from acquire.clock.clock import Clock
 from acquire.config import CameraConfig
 from acquire.errors import CameraLost, CameraNotFound
+from acquire.frames.buffer_pool import BufferPool, PooledBuffer
+from acquire.frames.frame import Frame
 
 ORIGIN_NS = 77_000_000_000
 DRIFT = 50e-6
@@ -48,12 +49,26 @@ class Faults:
         return cls(numbers["lose"], numbers["die"], numbers["stick"], numbers["freeze"])
 
 
+class MarkedBuffer(PooledBuffer):
+    """Marks the pixels of a released frame, so that a later reader is noticed."""
+
+    __slots__ = ("_image",)
+
+    def __init__(self, pool: BufferPool, slot: int, image: np.ndarray) -> None:
+        super().__init__(pool, slot)
+        self._image = image
+
+    def release(self) -> None:
+        self._image[0, 4:8] = 0xAA
+        super().release()
+
+
 @dataclass
 class SyntheticCamera(Camera):
     config: CameraConfig
     clock: Clock
     faults: Faults = field(default_factory=Faults.from_environment)
-    spare: int = 0
+    borrowable: int = 0
     deaths: int = 0
 
     def __post_init__(self) -> None:
@@ -62,8 +77,8 @@ class SyntheticCamera(Camera):
         self._start_ns = 0
         size = self.config.width, self.config.height
         pixels = np.random.default_rng(1).integers(0, 255, size[::-1], dtype=np.uint8)
-        self._buffers = FrameBuffers(2, self.spare, pixels.size)
         self._free = deque(range(2))
+        self._buffers = BufferPool(2, self.borrowable, pixels.size, self._free.append)
         for slot in range(len(self._buffers)):
             self._buffers.image(slot, *size)[:] = pixels
 
@@ -112,24 +127,12 @@ class SyntheticCamera(Camera):
             host_time_ns=self.clock.monotonic_ns(),
             exposure_us=self.config.exposure_us,
             lost_before=lost,
-            token=slot,
+            buffer=MarkedBuffer(self._buffers, slot, image),
         )
 
-    def release(self, frame: Frame) -> None:
-        frame.image[0, 4:8] = 0xAA  # whoever still looks at a released frame will notice
-        slot = self._buffers.release(frame)
-        if slot is not None:
-            self._free.append(slot)
-
     @property
-    def spare_buffers(self) -> int:
-        return self.spare
-
-    def keep(self, frame: Frame) -> bool:
-        slot = self._buffers.keep(frame)
-        if slot is not None:
-            self._free.append(slot)
-        return slot is not None
+    def borrowable_frames(self) -> int:
+        return self.borrowable
 
     def latch_clock(self) -> ClockReading | None:
         before = self.clock.monotonic_ns()
@@ -145,13 +148,13 @@ class SyntheticCamera(Camera):
 _faults = Faults.from_environment()
 
 
-def make(config: CameraConfig, clock: Clock, spare_buffers: int = 0) -> Camera:
+def make(config: CameraConfig, clock: Clock, borrowable_frames: int = 0) -> Camera:
     """One set of faults for the process: a camera that died once lives after the reconnection."""
-    return SyntheticCamera(config, clock, _faults, spare_buffers)
+    return SyntheticCamera(config, clock, _faults, borrowable_frames)
 
 
 if __name__ == "__main__":
     from acquire.capture.process import serve
 
-    fd, heart_fd = (int(sys.argv[sys.argv.index(name) + 1]) for name in ("--fd", "--heart"))
-    serve(fd, heart_fd, make)
+    fd, heartbeat_fd = (int(sys.argv[sys.argv.index(name) + 1]) for name in ("--fd", "--heartbeat"))
+    serve(fd, heartbeat_fd, make)

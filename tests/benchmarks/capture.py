@@ -39,21 +39,25 @@ from rich.progress import track
 from rich.table import Table
 
 from acquire.config import RecorderConfig
+from acquire.frames.frame import Frame
+from acquire.frames.page_memory import page_memory, whole_pages
+from acquire.recorder.choose_recorder import choose_recorder
+from acquire.recorder.direct.backlog import backlog_frames, backlog_memory
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.direct_file import can_write_directly
-from acquire.recorder.frame_queue import BATCH_BYTES
-from acquire.recorder.frame_recorder import Arrival, FrameRecorder, backlog_frames, lent_memory
+from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.messages import ImageMessage
-from acquire.recorder.page_memory import page_memory, whole_pages
+from acquire.recorder.paged.copied_queue import BATCH_BYTES
 from acquire.recorder.writer import SYNC_BYTES, McapWriter
 from schemas import topics
 
 WIDTH, HEIGHT, RATE_HZ = 656, 492, 365
+FORMAT = FrameFormat("main", WIDTH, HEIGHT, RATE_HZ)
 PERIOD_NS = 10**9 // RATE_HZ
 T0_NS = 1_700_000_000_000_000_000
 BUFFERS = 128
-"""the 64 that a rig file asks for, and some of those that a camera may lend besides"""
+"""the 64 that a rig file asks for, and some of those that may be borrowed besides"""
 BATCH = BATCH_BYTES // (WIDTH * HEIGHT)
 Frames = list[NDArray[np.uint8]]
 Calls = Iterator[float]
@@ -97,7 +101,7 @@ def windows_writer(path: Path, frames: Frames) -> Calls:
 @cache
 def _memory() -> BlockMemory:
     """As it is when a recording has begun: it is not part of writing a frame that this is made, or given back."""
-    return lent_memory(WIDTH, HEIGHT, backlog_frames(WIDTH, HEIGHT, RATE_HZ))
+    return backlog_memory(FORMAT, backlog_frames(FORMAT))
 
 
 class Pool:
@@ -108,19 +112,19 @@ class Pool:
 
 
 class PoolBuffer:
-    """One frame's memory: a Lender."""
+    """FrameBuffer of one frame."""
 
     def __init__(self, pool: Pool, image: NDArray[np.uint8]) -> None:
         self.image = image
-        self.pixels = memoryview(image).cast("B")
+        self.borrowed = False
         self._pool = pool
 
-    def keep(self) -> bool:
-        """See Lender: it is not filled again before it is released."""
+    def borrow(self) -> bool:
+        """See FrameBuffer: it is not filled again before it is released."""
         return True
 
     def release(self) -> None:
-        """See Lender."""
+        """See FrameBuffer."""
         self._pool.free.append(self)
 
 
@@ -136,7 +140,7 @@ def whole_recorder(path: Path, frames: Frames) -> Calls:
     """All of this recorder, continuous: what the capture process does with a frame, from the camera's buffer to file, meta and index."""
     memory = _memory()
     writer = McapWriter(path, memory)
-    recorder = FrameRecorder(writer, "main", WIDTH, HEIGHT, RATE_HZ, RecorderConfig(mode="continuous"), T0_NS, lent=True)
+    recorder = choose_recorder(writer, FORMAT, RecorderConfig(mode="continuous"), T0_NS)
     pool = Pool(frames[:BUFFERS])
     yield 0.0
     for number in range(1, len(frames) + 1):
@@ -144,9 +148,9 @@ def whole_recorder(path: Path, frames: Frames) -> Calls:
         # It never waits for the disk; whoever feeds it faster than the disk writes must.
         while not pool.free:
             time.sleep(5e-3)
-        lender = pool.free.popleft()
+        buffer = pool.free.popleft()
         start = time.perf_counter()
-        recorder.add(Arrival(lender.image, number, number, mid, mid, mid, 1000, 1500.0, 0, lender))
+        recorder.add(Frame(buffer.image, number, number, mid, mid, 1500.0, 0, buffer, mid, 1000))
         yield time.perf_counter() - start
     recorder.close()
     writer.finish()
@@ -270,16 +274,25 @@ def kernel_threads_s() -> float:
 def machine(folder: Path) -> str:
     """Processor, kernel and file system."""
     model = next(
-        line.partition(":")[2].strip() for line in Path("/proc/cpuinfo").read_text(encoding="ascii").splitlines() if "model name" in line
+        line.partition(":")[2].strip()
+        for line in Path("/proc/cpuinfo").read_text(encoding="ascii").splitlines()
+        if "model name" in line
     )
     mounts = [line.split()[1:3] for line in Path("/proc/mounts").read_text(encoding="utf-8").splitlines()]
-    kind = max((mount for mount in mounts if folder.resolve().is_relative_to(mount[0])), key=lambda mount: len(mount[0]))[1]
+    kind = max(
+        (mount for mount in mounts if folder.resolve().is_relative_to(mount[0])),
+        key=lambda mount: len(mount[0]),
+    )[1]
     way = "O_DIRECT" if can_write_directly(folder) else "no O_DIRECT"
     return f"{os.cpu_count()} x {model}, Linux {os.uname().release}, {kind} ({way}), load {os.getloadavg()[0]:.1f}"
 
 
 @click.command()
-@click.option("--folder", type=click.Path(path_type=Path, exists=True), help="On the disk to be measured; a temporary one by default.")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, exists=True),
+    help="On the disk to be measured; a temporary one by default.",
+)
 @click.option("--frames", "count", default=1095, help="Per turn; 1095 are three seconds at line rate.")
 @click.option("--rounds", default=5)
 def main(folder: Path | None, count: int, rounds: int) -> None:
@@ -296,7 +309,9 @@ def main(folder: Path | None, count: int, rounds: int) -> None:
                 done = turn(writer, Path(scratch) / "bench.mcap", frames)
                 if round_number:  # the first round only touches the memory of the page cache
                     turns[name].append(done)
-    table = Table(title=f"{count} frames of {WIDTH} x {HEIGHT} ({megabytes:.0f} MB), medians of {rounds} rounds; {title}")
+    table = Table(
+        title=f"{count} frames of {WIDTH} x {HEIGHT} ({megabytes:.0f} MB), medians of {rounds} rounds; {title}"
+    )
     for heading in (
         "writer",
         "MB/s",
@@ -314,7 +329,8 @@ def main(folder: Path | None, count: int, rounds: int) -> None:
         cpu = statistics.median(each.cpu_s for each in done)
         references = (RATED_RAW, RATED_DURABLE) if name.startswith(RATED) else (RAW, DURABLE)
         ratios = [
-            statistics.median(raw.cpu_s / own.cpu_s for raw, own in zip(turns[reference], done, strict=True)) for reference in references
+            statistics.median(raw.cpu_s / own.cpu_s for raw, own in zip(turns[reference], done, strict=True))
+            for reference in references
         ]
         table.add_row(
             name,

@@ -19,7 +19,10 @@ def real_rig() -> Callable[[], RigConfig]:
     def read() -> RigConfig:
         path = os.environ.get("PERCUSS_RIG")
         if not path:
-            pytest.fail("no rig given: PERCUSS_RIG=rig.toml pytest tests/contracts -m hardware (docs/hardware.md)", pytrace=False)
+            pytest.fail(
+                "no rig given: PERCUSS_RIG=rig.toml pytest tests/contracts -m hardware (docs/how-to/hardware.md)",
+                pytrace=False,
+            )
         try:
             return read_rig(Path(path))
         except ConfigError as error:

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from acquire.camera.aravis import AravisCamera
-from acquire.camera.base import Camera, Frame
+from acquire.camera.base import Camera
 from acquire.clock.clock import SystemClock
 from acquire.config import CameraConfig, RigConfig
 from acquire.errors import CameraError
+from acquire.frames.frame import Frame
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource
 from schemas.session_manifest import CameraCalibrationSpec
@@ -22,29 +23,40 @@ from tests.loopback import loopback
 ADDRESS = loopback(61)
 CLOSE_S = 12.0
 BUFFERS = 16
-SPARE = 20
+BORROWABLE = 20
 STALL_S = 10.0
 """a loaded machine may pause"""
 
 
 def config(address: str) -> CameraConfig:
     calibration = CameraCalibrationSpec(
-        width=656, height=492, K=[[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]], T_world_camera=np.eye(4).tolist()
+        width=656,
+        height=492,
+        K=[[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]],
+        T_world_camera=np.eye(4).tolist(),
     )
     return CameraConfig(address=address, buffers=BUFFERS, stall_s=STALL_S, calibration=calibration)
 
 
 @pytest.fixture(params=["virtual", pytest.param("real", marks=pytest.mark.hardware)])
 def camera_config(request: pytest.FixtureRequest, real_rig: Callable[[], RigConfig]) -> CameraConfig:
-    return config(ADDRESS) if request.param == "virtual" else real_rig().camera.model_copy(update={"buffers": BUFFERS, "stall_s": STALL_S})
+    return (
+        config(ADDRESS)
+        if request.param == "virtual"
+        else real_rig().camera.model_copy(update={"buffers": BUFFERS, "stall_s": STALL_S})
+    )
 
 
 @pytest.fixture
 def camera(camera_config: CameraConfig) -> Iterator[Camera]:
     before = set(threading.enumerate())
     clock = SystemClock()
-    server = VirtualGigeCamera(ADDRESS, "CONTRACT", PatternSource(clock, 1), clock) if camera_config.address == ADDRESS else None
-    device = AravisCamera(camera_config, clock, SPARE)
+    server = (
+        VirtualGigeCamera(ADDRESS, "CONTRACT", PatternSource(clock, 1), clock)
+        if camera_config.address == ADDRESS
+        else None
+    )
+    device = AravisCamera(camera_config, clock, BORROWABLE)
     try:
         yield device
     finally:
@@ -70,7 +82,9 @@ def test_it_says_who_it_is(camera: Camera) -> None:
     assert info.serial
 
 
-def test_frames_are_numbered_and_their_clocks_run_forward(camera: Camera, camera_config: CameraConfig) -> None:
+def test_frames_are_numbered_and_their_clocks_run_forward(
+    camera: Camera, camera_config: CameraConfig
+) -> None:
     camera.open()
     camera.start()
     previous = next_frame(camera)
@@ -79,14 +93,14 @@ def test_frames_are_numbered_and_their_clocks_run_forward(camera: Camera, camera
     assert previous.image.shape == (camera_config.height, camera_config.width)
     assert previous.image.dtype == np.uint8
     for _ in range(60):
-        camera.release(previous)
+        previous.buffer.release()
         frame = next_frame(camera)
         assert frame.sequence == previous.sequence + 1
         assert frame.device_time_ns > previous.device_time_ns
         assert frame.host_time_ns > previous.host_time_ns
         assert frame.exposure_us == pytest.approx(camera_config.exposure_us, rel=0.02, abs=20.0)
         previous = frame
-    camera.release(previous)
+    previous.buffer.release()
     camera.stop()
 
 
@@ -96,9 +110,9 @@ def test_a_held_frame_is_not_overwritten(camera: Camera) -> None:
     held = next_frame(camera)
     copy = held.image.copy()
     for _ in range(40):  # more than there are buffers
-        camera.release(next_frame(camera))
+        next_frame(camera).buffer.release()
     assert np.array_equal(held.image, copy)
-    camera.release(held)
+    held.buffer.release()
 
 
 def test_frames_that_are_never_released_end_in_silence_not_in_overwriting(camera: Camera) -> None:
@@ -107,53 +121,53 @@ def test_frames_that_are_never_released_end_in_silence_not_in_overwriting(camera
     held = [next_frame(camera) for _ in range(BUFFERS)]
     assert camera.read(0.3) is None
     for frame in held:
-        camera.release(frame)
+        frame.buffer.release()
     assert next_frame(camera).lost_before > 0  # what came meanwhile is counted
 
 
-def test_kept_frames_take_nothing_from_reception(camera: Camera) -> None:
+def test_borrowed_frames_take_nothing_from_reception(camera: Camera) -> None:
     camera.open()
     camera.start()
-    assert camera.spare_buffers == SPARE
-    kept: list[tuple[Frame, np.ndarray]] = []
-    for _ in range(SPARE):
+    assert camera.borrowable_frames == BORROWABLE
+    borrowed: list[tuple[Frame, np.ndarray]] = []
+    for _ in range(BORROWABLE):
         frame = next_frame(camera)
         assert frame.image.ctypes.data % 4096 == 0
-        assert camera.keep(frame)
-        kept.append((frame, frame.image.copy()))
+        assert frame.buffer.borrow()
+        borrowed.append((frame, frame.image.copy()))
     previous = next_frame(camera)
-    assert not camera.keep(previous), "no buffer is left to take its place"
+    assert not previous.buffer.borrow(), "no buffer is left to take its place"
     for _ in range(2 * BUFFERS):
-        camera.release(previous)
+        previous.buffer.release()
         previous = next_frame(camera)
         assert previous.lost_before == 0
-    camera.release(previous)
-    assert all(np.array_equal(frame.image, copy) for frame, copy in kept)
-    other = threading.Thread(target=lambda: [camera.release(frame) for frame, _ in kept[:5]])
+    previous.buffer.release()
+    assert all(np.array_equal(frame.image, copy) for frame, copy in borrowed)
+    other = threading.Thread(target=lambda: [frame.buffer.release() for frame, _ in borrowed[:5]])
     other.start()
     again = []
     other.join()
     for _ in range(5):
         frame = next_frame(camera)
-        assert camera.keep(frame)
+        assert frame.buffer.borrow()
         again.append(frame)
     last = next_frame(camera)
-    assert not camera.keep(last)
-    for frame in (last, *again, *(frame for frame, _ in kept[5:])):
-        camera.release(frame)
+    assert not last.buffer.borrow()
+    for frame in (last, *again, *(frame for frame, _ in borrowed[5:])):
+        frame.buffer.release()
     assert {next_frame(camera).lost_before for _ in range(BUFFERS // 2)} == {0}
 
 
-def test_a_kept_frame_outlives_its_camera(camera: Camera) -> None:
+def test_a_borrowed_frame_outlives_its_camera(camera: Camera) -> None:
     camera.open()
     camera.start()
     frame = next_frame(camera)
-    assert camera.keep(frame)
+    assert frame.buffer.borrow()
     copy = frame.image.copy()
     camera.close()
     assert np.array_equal(frame.image, copy)
-    camera.release(frame)
-    assert not camera.keep(frame)
+    frame.buffer.release()
+    assert not frame.buffer.borrow()
 
 
 def test_its_clock_is_read_between_two_of_the_hosts(camera: Camera) -> None:

@@ -22,7 +22,7 @@ from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.paper_strikes import paper_strike_plan
 from analyze.planning.plan import Prepared, Request, finish, prepare
-from analyze.verbs.plan.files import planned_rig, striker_model
+from analyze.verbs.plan.rig import planned_rig, striker_model
 from schemas.rig import StrikerConfig
 from tests.analyze.geometry.shapes import spec_of
 from tests.analyze.planning.random_bodies import FAR_TAG
@@ -81,12 +81,22 @@ def test_the_limits_by_hand(tmp_path: Path) -> None:
     st.floats(0.6, 24.5),
     st.floats(0.0, 1.0),
 )
-def test_a_speed_that_may_be_planned_is_one_that_is_accepted(arm: float, cocked: float, limit: float, share: float) -> None:
+def test_a_speed_that_may_be_planned_is_one_that_is_accepted(
+    arm: float, cocked: float, limit: float, share: float
+) -> None:
     config = StrikerConfig(arm_length_m=arm, cocked_angle_rad=cocked, velocity_limit_rad_s=limit)
     model = striker_model(config)
     low, high = model.slowest_m_s, model.fastest_m_s
     assert low < high
-    for speed in (low, high, low + share * (high - low), math.nextafter(low, 0), math.nextafter(high, math.inf), math.nan, math.inf):
+    for speed in (
+        low,
+        high,
+        low + share * (high - low),
+        math.nextafter(low, 0),
+        math.nextafter(high, math.inf),
+        math.nan,
+        math.inf,
+    ):
         assert accepts(config, speed) == (not model.too_fast_or_slow(speed))
 
 
@@ -97,7 +107,9 @@ def prepared() -> Prepared:
     return prepare(load_object_model(spec, None, ""), spec, Bench(StrikerModel(), view.default_camera(), 0.5))
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))])
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
+)
 def test_every_speed_of_a_plan_is_accepted(prepared: Prepared, seed: int) -> None:
     rng = np.random.default_rng((seed, 0x5A11))
     config = StrikerConfig(
@@ -172,15 +184,37 @@ def test_a_value_that_cannot_be_is_refused_by_both_alike(tmp_path: Path, section
             'frame_rate_hz = "fast"',
             "camera.frame_rate_hz: should be a number, not 'fast': write it like frame_rate_hz = 120.0 in [camera]",
         ),
-        ("camera", "width = 656.5", "camera.width: should be a whole number, not 656.5: write it like width = 656 in [camera]"),
+        (
+            "camera",
+            "width = 656.5",
+            "camera.width: should be a whole number, not 656.5: write it like width = 656 in [camera]",
+        ),
         ("top", 'g_m_s2 = "g"', "g_m_s2: should be a number, not 'g': write it like g_m_s2 = 9.81"),
-        ("striker", "port = 3", 'striker.port: should be text in quotes, not 3: write it like port = "/dev/ttyUSB0" in [striker]'),
-        ("striker", 'reach_m = ["low", 1]', "striker.reach_m.0: should be a number, not 'low': correct reach_m in [striker]"),
-        ("striker", "reach_m = 1", "striker.reach_m: should be a list, not 1: write it like reach_m = [...] in [striker]"),
-        ("daemon", "socket = 3", 'daemon.socket: should be text in quotes, not 3: write it like socket = "TEXT" in [daemon]'),
+        (
+            "striker",
+            "port = 3",
+            'striker.port: should be text in quotes, not 3: write it like port = "/dev/ttyUSB0" in [striker]',
+        ),
+        (
+            "striker",
+            'reach_m = ["low", 1]',
+            "striker.reach_m.0: should be a number, not 'low': correct reach_m in [striker]",
+        ),
+        (
+            "striker",
+            "reach_m = 1",
+            "striker.reach_m: should be a list, not 1: write it like reach_m = [...] in [striker]",
+        ),
+        (
+            "daemon",
+            "socket = 3",
+            'daemon.socket: should be text in quotes, not 3: write it like socket = "TEXT" in [daemon]',
+        ),
     ],
 )
-def test_a_value_of_the_wrong_kind_is_named_with_how_to_write_it(tmp_path: Path, section: str, line: str, says: str) -> None:
+def test_a_value_of_the_wrong_kind_is_named_with_how_to_write_it(
+    tmp_path: Path, section: str, line: str, says: str
+) -> None:
     path = rig_file(tmp_path / "rig.toml", **{section: line})
     with pytest.raises(ConfigError) as daemons:
         read_rig(path)

@@ -33,11 +33,15 @@ class Device:
     clocks: list[pb.ClockSample] = field(default_factory=list)
 
     def striker(self) -> DynamixelStriker:
-        return DynamixelStriker(self.config, self.samples.append, self.events.append, self.clocks.append, SystemClock())
+        return DynamixelStriker(
+            self.config, self.samples.append, self.events.append, self.clocks.append, SystemClock()
+        )
 
 
 @pytest.fixture(params=["virtual", pytest.param("hardware", marks=pytest.mark.hardware)])
-def device(request: pytest.FixtureRequest, tmp_path: Path, real_rig: Callable[[], RigConfig]) -> Iterator[Device]:
+def device(
+    request: pytest.FixtureRequest, tmp_path: Path, real_rig: Callable[[], RigConfig]
+) -> Iterator[Device]:
     if request.param == "virtual":
         with Plant(tmp_path) as plant:
             yield Device(plant.config())

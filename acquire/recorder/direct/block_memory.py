@@ -1,4 +1,4 @@
-"""Memory for bytes on their way to the disk: equal blocks, allocated once, touched once, used again and again."""
+"""Memory for bytes on their way to the disk: blocks of equal size, allocated once and reused."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import threading
 from collections import deque
 from typing import Final
 
-from acquire.recorder.page_memory import page_memory
+from acquire.frames.page_memory import page_memory
 
 BLOCK_BYTES: Final = 1 << 20
 
@@ -14,39 +14,44 @@ BLOCK_BYTES: Final = 1 << 20
 class BlockMemory:
     """A fixed number of page-aligned blocks of BLOCK_BYTES. Any thread takes blocks and gives them back."""
 
-    def __init__(self, size: int, most_lent_bytes: int = 0) -> None:
-        """At least `size` bytes, and at least eight blocks; `most_lent_bytes` may wait besides, in memory that was lent."""
+    def __init__(self, size: int, most_borrowed_bytes: int = 0) -> None:
+        """Allocate at least `size` bytes and eight blocks.
+
+        Besides, `most_borrowed_bytes` may wait for the disk in borrowed buffers.
+        """
         self.blocks = max(8, -(-size // BLOCK_BYTES))
-        self.most_bytes = self.blocks * BLOCK_BYTES + most_lent_bytes
-        """that may wait for the disk"""
+        self.most_bytes = self.blocks * BLOCK_BYTES + most_borrowed_bytes
+        """greatest number of bytes that may wait for the disk"""
         whole = memoryview(page_memory(self.blocks * BLOCK_BYTES))
-        self._free = deque(whole[at : at + BLOCK_BYTES] for at in range(0, self.blocks * BLOCK_BYTES, BLOCK_BYTES))
-        self._lent_bytes = 0
+        self._free = deque(
+            whole[at : at + BLOCK_BYTES] for at in range(0, self.blocks * BLOCK_BYTES, BLOCK_BYTES)
+        )
+        self._borrowed_bytes = 0
         self._lock = threading.Lock()
 
     @property
     def free(self) -> int:
-        """Blocks that can be taken now."""
+        """Number of blocks that can be taken now."""
         return len(self._free)
 
     @property
     def used_bytes(self) -> int:
-        """What waits for the disk, in whole blocks, and in memory that was lent."""
-        return (self.blocks - self.free) * BLOCK_BYTES + self._lent_bytes
+        """Bytes that wait for the disk: in whole blocks, and in borrowed buffers."""
+        return (self.blocks - self.free) * BLOCK_BYTES + self._borrowed_bytes
 
     def take(self) -> memoryview:
-        """A block, the one given back last: it is still in the processor's cache.
+        """Take the block given back last: it is still in the processor's cache.
 
         Raises:
-            IndexError: there is none.
+            IndexError: no block is free.
         """
         return self._free.pop()
 
     def give_back(self, block: memoryview) -> None:
-        """The block may be taken again."""
+        """Make a block available again."""
         self._free.append(block)
 
-    def count_lent(self, size: int) -> None:
-        """So many bytes more, or fewer, wait in memory that was lent."""
+    def count_borrowed(self, size: int) -> None:
+        """Count `size` bytes more (negative: fewer) that wait in borrowed buffers."""
         with self._lock:
-            self._lent_bytes += size
+            self._borrowed_bytes += size

@@ -1,15 +1,16 @@
-"""A file written past the page cache (O_DIRECT), from blocks of our own, on a thread of its own.
+"""A file written without the page cache (O_DIRECT), from preallocated blocks, by a thread of its own.
 
-A write through the page cache copies every byte once more, and hands it to the kernel's threads, which may find the disk busy when
-gigabytes wait; then they hold up whoever writes next. Here bytes are copied once, into a block, and pages that are lent not at all: the
-disk reads them where they lie. Who appends never waits for the disk: while it stands still, blocks fill, and when none is left images
-are refused.
+A write through the page cache copies every byte once more and hands it to the kernel's threads, which may
+find the disk busy when gigabytes wait; then they block the next writer. Here bytes are copied once, into a
+block, and borrowed pages not at all: the disk reads them in place. Appending never waits for the disk: while
+the disk stands still the blocks fill, and when none is left images are refused.
 
-The space of the file is allocated before bytes for it are taken in, so that a disk that fills up refuses the next image, never one
-that was taken. O_DIRECT writes whole pages: the last one is padded with zeros, which no record begins with, and written again when it
-has more. `finish` cuts the file to its length; a file that a killed process leaves ends in such zeros.
+The space of the file is allocated before its bytes are accepted, so that a disk that fills up refuses the
+next image, never an accepted one. O_DIRECT writes whole pages: the last page is padded with zeros, which no
+record begins with, and written again when more bytes follow. `finish` cuts the file to its length; the file
+of a killed process ends in such zeros.
 
-A reader that maps the growing file sees whole records only: what it sees behind them is zeros, now or a moment ago.
+A reader that maps the growing file sees whole records, followed by nothing but zeros.
 """
 
 from __future__ import annotations
@@ -23,41 +24,46 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar, Final
 
+from acquire.frames.page_memory import PAGE
 from acquire.recorder import atomic
-from acquire.recorder.data_file import LentRun
 from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
-from acquire.recorder.page_memory import PAGE
-from acquire.recorder.waiting_bytes import WaitingBytes
+from acquire.recorder.direct.waiting_bytes import WaitingBytes
+from acquire.recorder.recording_file import BorrowedRun
 from schemas.mcap.records import Buffer
 
 GATHER_BYTES: Final = 4 << 20
 MOST_GATHER_BYTES: Final = 8 << 20
-"""Written together, the more the more may wait: of 8 MB a frame's share of a write is 12 us, of 2 MB 18 us."""
-MOST_BYTES: Final = 16 << 20
-"""of one write"""
+"""Bytes written together, more of them where more may wait: a frame's share of a write of 8 MB is 12 us, of 2
+MB 18 us."""
+MOST_WRITE_BYTES: Final = 16 << 20
+"""greatest size of one write"""
 MOST_VIEWS: Final = 1024
-"""IOV_MAX"""
+"""greatest number of buffers of one write: IOV_MAX of Linux"""
 FLUSH_S: Final = 0.1
-"""what has not gathered by then is written anyway"""
+"""bytes are written after this time even if too few have gathered [s]"""
 RESERVE_BYTES: Final = 8 << 20
-"""allocated, but not for images: small topics, seal and summary"""
+"""allocated space that images do not get: for small topics, seal and summary"""
 ALLOCATE_BYTES: Final = 64 << 20
-SPARE_BLOCKS: Final = 2
-"""of memory, not for images"""
-_KEEP_SIZE: Final = 1
+"""step of the allocation of disk space"""
+RESERVE_BLOCKS: Final = 2
+"""blocks of memory that images do not get"""
+_FALLOC_FL_KEEP_SIZE: Final = 1
 
 _libc = ctypes.CDLL(None, use_errno=True)
 
 
 def _allocate(fd: int, offset: int, size: int) -> None:
-    """fallocate(2) that leaves the file's length as it is; os.posix_fallocate would change it, and fill by hand where it must."""
-    if _libc.fallocate(fd, _KEEP_SIZE, ctypes.c_int64(offset), ctypes.c_int64(size)) != 0:
+    """Allocate disk space without changing the file's length.
+
+    os.posix_fallocate changes the length, and writes zeros on file systems that cannot allocate.
+    """
+    if _libc.fallocate(fd, _FALLOC_FL_KEEP_SIZE, ctypes.c_int64(offset), ctypes.c_int64(size)) != 0:
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))
 
 
 def can_write_directly(folder: Path) -> bool:
-    """Whether the file system of `folder` takes O_DIRECT writes and allocates space in advance. Leaves nothing behind."""
+    """True if the file system of `folder` accepts O_DIRECT writes and allocates space in advance."""
     try:
         fd = os.open(folder, os.O_TMPFILE | os.O_WRONLY | os.O_DIRECT | os.O_CLOEXEC, 0o600)
     except OSError:
@@ -73,7 +79,7 @@ def can_write_directly(folder: Path) -> bool:
 
 
 class DirectFile:
-    """See DataFile. The bytes wait in blocks of `memory`, which several files may share.
+    """See RecordingFile. The bytes wait in blocks of `memory`, which several files may share.
 
     Raises:
         RecorderError: `part_path` is taken, or its folder is missing.
@@ -92,58 +98,60 @@ class DirectFile:
         self._ahead = memory.most_bytes + RESERVE_BYTES
         self._allocated = 0
         self._wanted = 0
-        """where the file will end if what waits to be taken in is"""
+        """size of the file once the bytes being appended are accepted"""
         self._full: OSError | None = None
         self._committed = 0
-        """bytes that may be written: `size`, or less while more than the memory holds is taken in"""
+        """bytes that may be written: `size`, or less while more bytes are appended than the memory holds"""
         self._written = 0
-        """whole pages that are on the disk and stay as they are"""
+        """bytes in whole pages that are on the disk and final"""
         self._readable = 0
-        """bytes that are in the file, those in its padded last page included"""
+        """bytes that are in the file, including those in its padded last page"""
         self._tail = mmap.mmap(-1, PAGE)
         self._failed: OSError | None = None
         self._closing = False
         self._change = threading.Condition()
         self._allocate_ahead()
-        self._thread = threading.Thread(target=self._write_blocks, name="recorder-disk", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="recorder-disk", daemon=True)
         self._thread.start()
 
-    def has_room(self, size: int, *, image: bool, lent: int = 0) -> bool:
-        """See DataFile."""
-        blocks = self._memory.free - (SPARE_BLOCKS if image else 0)
+    def has_room(self, size: int, *, image: bool, borrowed: int = 0) -> bool:
+        """See RecordingFile."""
+        blocks = self._memory.free - (RESERVE_BLOCKS if image else 0)
         in_memory = size <= self._waiting.room + blocks * BLOCK_BYTES
-        # Where the disk is full or failing it is for `append` to say so.
-        return in_memory and (self._fits(size + lent, image=image) or self._full is not None or self._failed is not None)
+        # Where the disk is full or failing, `append` raises the error.
+        return in_memory and (
+            self._fits(size + borrowed, image=image) or self._full is not None or self._failed is not None
+        )
 
     def append(self, buffers: Sequence[Buffer], *, image: bool = False) -> int:
-        """See DataFile."""
+        """See RecordingFile."""
         size = sum(map(len, buffers))
         self._make_room(size, image=image)
-        self._taken_until(self._copy(self.size, buffers, []))
+        self._accept_until(self._copy(self.size, buffers, []))
         return size
 
-    def append_lent(self, run: LentRun) -> int:
-        """See DataFile."""
+    def append_borrowed(self, run: BorrowedRun) -> int:
+        """See RecordingFile."""
         own = run.own_bytes
-        size = own + run.lent_bytes
+        size = own + run.borrowed_bytes
         self._make_room(size, image=True)
-        blocks = self._take_blocks(own)  # from here on nothing can fail
-        at = self._waiting.lend(self._copy(self.size, [run.lead], blocks), run, blocks)
-        self._taken_until(self._copy(at, [run.behind[-1]], blocks))
+        blocks = self._take_blocks(own)  # no error is possible from here on
+        at = self._waiting.add_borrowed(self._copy(self.size, [run.lead], blocks), run, blocks)
+        self._accept_until(self._copy(at, [run.following[-1]], blocks))
         return size
 
     def _make_room(self, size: int, *, image: bool) -> None:
-        """On the disk."""
+        """Wait until `size` bytes more are allocated on the disk."""
         if self._failed is not None:
             raise self._failed
         self._wanted = self.size + size
         while not self._fits(size, image=image):
             if self._full is not None:
                 raise self._full
-            self._wait_for_the_disk()
+            self._wait_for_disk()
 
     def _copy(self, at: int, buffers: Sequence[Buffer], blocks: list[memoryview]) -> int:
-        """From `at` on, into `blocks` and those that are free; returns where it ends."""
+        """Copy bytes for offset `at` into `blocks`, then into free ones; returns the offset of the end."""
         waiting = self._waiting
         for buffer in buffers:
             view = memoryview(buffer)
@@ -156,27 +164,27 @@ class DirectFile:
                 view = view[len(part) :]
         return at
 
-    def _taken_until(self, at: int) -> None:
+    def _accept_until(self, at: int) -> None:
         self.size = self._committed = at
         if at - self._written >= self._gather:
             with self._change:
                 self._change.notify_all()
 
     def release_reserve(self) -> None:
-        """See DataFile: allocated space stays allocated, and only images were kept out of it."""
+        """See RecordingFile: allocated space stays allocated, and only images were denied the reserve."""
 
     def wait_until(self, size: int) -> None:
-        """See DataFile."""
+        """See RecordingFile."""
         with self._change:
             self._change.wait_for(lambda: self._readable >= size or self._failed is not None)
             if self._readable < size and self._failed is not None:
                 raise self._failed
 
     def sync(self) -> None:
-        """See DataFile: the writing thread does it."""
+        """See RecordingFile: the writing thread does it."""
 
     def finish(self) -> None:
-        """See DataFile."""
+        """See RecordingFile."""
         try:
             self._end()
             if self._failed is not None:
@@ -186,7 +194,7 @@ class DirectFile:
             os.close(self._fd)
 
     def abort(self) -> None:
-        """See DataFile."""
+        """See RecordingFile."""
         try:
             self._end()
         except OSError:  # as far as the disk allows
@@ -200,23 +208,23 @@ class DirectFile:
             self._change.notify_all()
         self._thread.join()
         self._waiting.close()
-        # Cuts the padding, and gives back what was allocated and not used.
+        # Cut the padding and give back the allocated space that was not used.
         os.ftruncate(self._fd, self.size if self._failed is None else self._readable)
 
     def _fits(self, size: int, *, image: bool) -> bool:
         return self.size + size + (RESERVE_BYTES if image else 0) <= self._allocated
 
     def _take(self, at: int) -> memoryview:
-        """A block for the file from `at` on."""
+        """Take a free block for the bytes from offset `at` on; waits for the disk if there is none."""
         while True:
             try:
                 return self._memory.take()
             except IndexError:
                 self._committed = at
-                self._wait_for_the_disk()
+                self._wait_for_disk()
 
     def _take_blocks(self, size: int) -> list[memoryview]:
-        """Those that copying `size` bytes needs."""
+        """Take the blocks that copying `size` bytes needs."""
         blocks: list[memoryview] = []
         try:
             while size > self._waiting.room + len(blocks) * BLOCK_BYTES:
@@ -227,7 +235,7 @@ class DirectFile:
             raise
         return blocks
 
-    def _wait_for_the_disk(self) -> None:
+    def _wait_for_disk(self) -> None:
         with self._change:
             self._change.notify_all()
             self._change.wait(FLUSH_S)
@@ -236,10 +244,12 @@ class DirectFile:
 
     # --- writing thread ---
 
-    def _write_blocks(self) -> None:
+    def _run(self) -> None:
         while True:
             with self._change:
-                gathered = self._change.wait_for(lambda: self._closing or self._committed - self._written >= self._gather, FLUSH_S)
+                gathered = self._change.wait_for(
+                    lambda: self._closing or self._committed - self._written >= self._gather, FLUSH_S
+                )
                 ending, size = self._closing, self._committed
             try:
                 self._allocate_ahead()
@@ -248,9 +258,9 @@ class DirectFile:
                 if self._written - self._synced >= self._sync_bytes:
                     self._synced = self._written
                     os.fdatasync(self._fd)
-            except Exception as error:  # whatever ends this thread, nobody may wait for it for ever
+            except Exception as error:  # whatever ends this thread, no other may wait for it for ever
                 self._failed = error if isinstance(error, OSError) else OSError(errno.EIO, repr(error))
-                self._waiting.give_back_lent()
+                self._waiting.release_borrowed()
             with self._change:
                 self._change.notify_all()
                 if self._failed is not None or (ending and self._readable == self.size):
@@ -270,9 +280,9 @@ class DirectFile:
                 step = max(BLOCK_BYTES, step // 4)
 
     def _write(self, size: int, *, tail: bool) -> None:
-        """Bring the file up to `size`, or, without `tail`, up to the last whole page below it."""
+        """Write the file up to `size`, or without `tail` up to the last whole page before it."""
         while True:
-            whole = min(size - size % PAGE, self._written + MOST_BYTES)
+            whole = min(size - size % PAGE, self._written + MOST_WRITE_BYTES)
             views = self._waiting.views(self._written, whole)
             last = whole == size - size % PAGE
             padded = size % PAGE if last and tail and self._readable < size else 0
@@ -285,7 +295,7 @@ class DirectFile:
             with self._change:
                 self._written = whole
                 self._readable = max(self._readable, whole + padded)
-            self._waiting.let_go(whole)
+            self._waiting.drop_written(whole)
             if last:
                 return
 
@@ -298,8 +308,8 @@ def _write_pages(fd: int, views: list[memoryview], offset: int) -> None:
             offset += taken
             views = views[MOST_VIEWS:]
             continue
-        taken -= taken % PAGE  # a piece of a page is written again
+        taken -= taken % PAGE  # a partly written page is written again
         if taken == 0:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         offset += taken
-        views = atomic.behind(views, taken)
+        views = atomic.remaining(views, taken)

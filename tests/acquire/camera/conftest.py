@@ -25,10 +25,20 @@ def camera_config() -> Callable[..., CameraConfig]:
 
     def make(address: str, **changes: object) -> CameraConfig:
         calibration = CameraCalibrationSpec(
-            width=656, height=492, K=[[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]], T_world_camera=np.eye(4).tolist()
+            width=656,
+            height=492,
+            K=[[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]],
+            T_world_camera=np.eye(4).tolist(),
         )
         return CameraConfig.model_validate(
-            {"address": address, "calibration": calibration, "receive_buffer_bytes": 64 << 20, "buffers": 256, "stall_s": 10.0, **changes}
+            {
+                "address": address,
+                "calibration": calibration,
+                "receive_buffer_bytes": 64 << 20,
+                "buffers": 256,
+                "stall_s": 10.0,
+                **changes,
+            }
         )
 
     return make

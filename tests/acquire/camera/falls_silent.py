@@ -27,7 +27,10 @@ def falls_silent(host: int, answers: int) -> Iterator[str]:
     ended = threading.Event()
     with (
         subprocess.Popen(
-            [sys.executable, str(_PATTERN_CAMERA), behind], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, str(_PATTERN_CAMERA), behind],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         ) as camera,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as front,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as back,

@@ -17,7 +17,9 @@ if __name__ == "__main__":
     clock = SystemClock()
     loss = float(sys.argv[2]) if len(sys.argv) > 2 else 0.0
     drift = float(sys.argv[3]) if len(sys.argv) > 3 else DRIFT
-    camera = VirtualGigeCamera(sys.argv[1], "PATTERN", PatternSource(clock, 7), clock, drift=drift, packet_loss=loss, seed=3)
+    camera = VirtualGigeCamera(
+        sys.argv[1], "PATTERN", PatternSource(clock, 7), clock, drift=drift, packet_loss=loss, seed=3
+    )
     sys.stdout.write("ready\n")
     sys.stdout.flush()
     sys.stdin.read()

@@ -16,10 +16,10 @@ import pytest
 from acquire.camera import aravis
 from acquire.camera.aravis import AravisCamera
 from acquire.camera.aravis_library import discover
-from acquire.camera.base import Frame
 from acquire.camera.discovery import is_controlled
 from acquire.clock.clock import DeviceClockMapper, SystemClock
 from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
+from acquire.frames.frame import Frame
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource, noise, read_stamp, stamped
 from tests.acquire.camera.falls_silent import falls_silent
@@ -42,7 +42,7 @@ def read_for_ever(camera: AravisCamera, device_times_ns: list[int] | None = None
         if frame is not None:
             if device_times_ns is not None:
                 device_times_ns.append(frame.device_time_ns)
-            camera.release(frame)
+            frame.buffer.release()
 
 
 def test_frames_are_byte_exact_periodic_and_none_is_lost_at_120_fps(pattern_camera, camera_config) -> None:
@@ -79,8 +79,10 @@ def test_frames_are_byte_exact_periodic_and_none_is_lost_at_120_fps(pattern_came
             ids.append(frame.frame_id)
             if count % 30 == 0 and (again := camera.latch_clock()) is not None:
                 mapper.add(again)
-            sigmas.append((mapper.to_host(frame.device_time_ns) - start_ns) / mapper.sd_at(frame.device_time_ns))
-            camera.release(frame)
+            sigmas.append(
+                (mapper.to_host(frame.device_time_ns) - start_ns) / mapper.sd_at(frame.device_time_ns)
+            )
+            frame.buffer.release()
         camera.stop()
         camera.close()
     assert set(np.diff(times)) == {PERIOD_NS}
@@ -88,7 +90,9 @@ def test_frames_are_byte_exact_periodic_and_none_is_lost_at_120_fps(pattern_came
     assert max(ids) == 65535
     assert min(ids) == 1  # the ids wrapped past 0
     assert camera.incomplete_frames == 0
-    assert np.max(np.abs(sigmas)) < 3.0  # a slow machine reads the clock slowly and says so; what a quiet one does: make bench-clock
+    assert (
+        np.max(np.abs(sigmas)) < 3.0
+    )  # a slow machine reads the clock slowly and says so; what a quiet one does: make bench-clock
 
 
 def test_stop_and_start_again_loses_nothing(pattern_camera, camera_config) -> None:
@@ -103,7 +107,7 @@ def test_stop_and_start_again_loses_nothing(pattern_camera, camera_config) -> No
                 if last is not None:
                     assert frame.device_time_ns - last == PERIOD_NS
                 last = frame.device_time_ns
-                camera.release(frame)
+                frame.buffer.release()
             camera.stop()
         camera.close()
 
@@ -111,7 +115,14 @@ def test_stop_and_start_again_loses_nothing(pattern_camera, camera_config) -> No
 def test_region_exposure_gain_and_rate_are_set(pattern_camera, camera_config) -> None:
     with pattern_camera(loopback(33)):
         config = camera_config(
-            loopback(33), width=320, height=200, offset_x=100, offset_y=50, frame_rate_hz=50.0, exposure_us=900.0, gain_db=3.0
+            loopback(33),
+            width=320,
+            height=200,
+            offset_x=100,
+            offset_y=50,
+            frame_rate_hz=50.0,
+            exposure_us=900.0,
+            gain_db=3.0,
         )
         camera = AravisCamera(config, SystemClock())
         camera.open()
@@ -135,7 +146,7 @@ def test_pulses_at_an_input_make_the_frames_where_the_rig_file_says_so(camera_co
             frame = next_frame(camera)
             assert frame.lost_before == 0
             times.append(frame.device_time_ns)
-            camera.release(frame)
+            frame.buffer.release()
         assert set(np.diff(times)) == {12_500_000}
     finally:
         camera.close()
@@ -156,12 +167,14 @@ def test_without_pulses_the_trigger_is_named_and_a_free_camera_is_set_free(camer
         waiting.close()
         free.open()  # the camera still has the other's settings
         free.start()
-        free.release(next_frame(free))
+        next_frame(free).buffer.release()
         free.stop()
         free.close()
         impatient.open()
         impatient.start()
-        with pytest.raises(CameraLost, match=r"no frame for \d\.\d s \(trigger = Line0: do its pulses come\?\)"):
+        with pytest.raises(
+            CameraLost, match=r"no frame for \d\.\d s \(trigger = Line0: do its pulses come\?\)"
+        ):
             read_for_ever(impatient)
     finally:
         for camera in (waiting, free, impatient):
@@ -172,7 +185,9 @@ def test_without_pulses_the_trigger_is_named_and_a_free_camera_is_set_free(camer
 def test_an_absent_camera_is_named_in_time(camera_config) -> None:
     began = time.monotonic()
     camera = AravisCamera(camera_config(loopback(34)), SystemClock())
-    with pytest.raises(CameraNotFound, match=rf"no camera answers at {re.escape(loopback(34))} .*acquire discover") as caught:
+    with pytest.raises(
+        CameraNotFound, match=rf"no camera answers at {re.escape(loopback(34))} .*acquire discover"
+    ) as caught:
         camera.open()
     assert time.monotonic() - began < 8.0  # 2.5 s of Aravis's time-outs
     assert "\n" not in str(caught.value)
@@ -184,7 +199,10 @@ def test_an_absent_camera_is_named_in_time(camera_config) -> None:
     [
         ({"width": 5000}, "Width = 5000 px was refused"),
         ({"gain_db": 2.5}, "gain = 2.5 dB was asked, 2 dB read back: correct the rig file"),
-        ({"trigger": "Line7"}, "TriggerSource = Line7 was refused .*'Line7' not an entry.*: correct the rig file"),
+        (
+            {"trigger": "Line7"},
+            "TriggerSource = Line7 was refused .*'Line7' not an entry.*: correct the rig file",
+        ),
     ],
 )
 def test_settings_the_camera_cannot_take_are_refused(pattern_camera, camera_config, changes, message) -> None:
@@ -256,15 +274,20 @@ def test_a_clock_that_jumps_is_a_lost_camera_and_no_frame(camera_config) -> None
     server = VirtualGigeCamera(loopback(39), "V", PatternSource(clock, SEED), clock)
     library, jump_ns = server._library, [0]
     server._library = replace(
-        library, buffer_set_timestamp=lambda buffer, time_ns: library.buffer_set_timestamp(buffer, time_ns + jump_ns[0])
+        library,
+        buffer_set_timestamp=lambda buffer, time_ns: library.buffer_set_timestamp(
+            buffer, time_ns + jump_ns[0]
+        ),
     )
     camera = AravisCamera(camera_config(loopback(39)), clock)
     try:
         camera.open()
         camera.start()
-        camera.release(next_frame(camera))
+        next_frame(camera).buffer.release()
         jump_ns[0] = 20_000_000_000
-        with pytest.raises(CameraLost, match=r"its clock jumped by 20 s: check power and cable, then connect again"):
+        with pytest.raises(
+            CameraLost, match=r"its clock jumped by 20 s: check power and cable, then connect again"
+        ):
             read_for_ever(camera)
     finally:
         camera.close()
@@ -302,7 +325,7 @@ def test_lost_packets_are_asked_for_again(pattern_camera, camera_config) -> None
             frame = next_frame(camera)
             lost += frame.lost_before
             assert np.array_equal(frame.image, stamped(pattern, *read_stamp(frame.image)))
-            camera.release(frame)
+            frame.buffer.release()
         camera.stop()
         camera.close()
         counts = json.loads(process.communicate()[0])
@@ -335,7 +358,10 @@ def test_a_set_up_that_hangs_is_given_up_and_cleared_away_when_it_comes_back(
     connect = camera._open
     monkeypatch.setattr(camera, "_open", lambda: (goes_on.wait(), connect())[1])
     with pattern_camera(loopback(48)):
-        with pytest.raises(CameraError, match=rf"camera {re.escape(loopback(48))} is not set up after 0\.2 s: switch it off and on"):
+        with pytest.raises(
+            CameraError,
+            match=rf"camera {re.escape(loopback(48))} is not set up after 0\.2 s: switch it off and on",
+        ):
             camera.open()
         goes_on.set()
         wait_for_threads("aravis-open")
@@ -360,7 +386,13 @@ def wait_for_threads(name: str) -> None:
         (38, r"stopped answering while it was set up .*timeout\): try again"),
         (45, r"stopped answering while it was set up .*timeout\): try again"),
     ],
-    ids=["before discovery", "before control", "while it describes itself", "before its settings", "between its settings"],
+    ids=[
+        "before discovery",
+        "before control",
+        "while it describes itself",
+        "before its settings",
+        "between its settings",
+    ],
 )
 def test_a_camera_that_falls_silent_while_it_is_opened(camera_config, answers: int, says: str) -> None:
     with falls_silent(49, answers) as address:
@@ -394,7 +426,10 @@ def test_one_that_says_who_it_is_and_no_more(camera_config) -> None:
         thread = threading.Thread(target=answer, name="half-dead")
         thread.start()
         try:
-            with pytest.raises(CameraError, match=rf"camera {re.escape(address)} says who it is, but cannot be connected to .*off and on"):
+            with pytest.raises(
+                CameraError,
+                match=rf"camera {re.escape(address)} says who it is, but cannot be connected to .*off and on",
+            ):
                 AravisCamera(camera_config(address), SystemClock()).open()
         finally:
             ended.set()

@@ -8,8 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from acquire.camera.stream import CameraStream, TimedFrame
+from acquire.camera.stream import CameraStream
 from acquire.clock.clock import SystemClock
+from acquire.frames.frame import Frame
 from tests.acquire.synthetic_camera import Faults, SyntheticCamera
 
 FRAMES = 90
@@ -26,14 +27,16 @@ class SteppedClock(SystemClock):
 
 
 @pytest.mark.parametrize("hours", [1, -1])
-def test_a_step_of_the_wall_clock_changes_no_frames_time(camera_config, monkeypatch: pytest.MonkeyPatch, hours: int) -> None:
+def test_a_step_of_the_wall_clock_changes_no_frames_time(
+    camera_config, monkeypatch: pytest.MonkeyPatch, hours: int
+) -> None:
     clock, config = SteppedClock(), camera_config("synthetic", width=64, height=48)
     camera = SyntheticCamera(config, clock, Faults())
-    frames: list[TimedFrame] = []
+    frames: list[Frame] = []
     enough = threading.Event()
 
-    def on_frame(timed: TimedFrame) -> None:
-        frames.append(timed)
+    def on_frame(frame: Frame) -> None:
+        frames.append(frame)
         if len(frames) == FRAMES // 3:
             clock.step_ns = hours * 3600 * 10**9
             monkeypatch.setattr("time.time", lambda: clock.wall_ns() * 1e-9)
@@ -49,9 +52,10 @@ def test_a_step_of_the_wall_clock_changes_no_frames_time(camera_config, monkeypa
         stream.stop()
     status = stream.status()
     assert (status.lost, status.trouble, status.latched) == (0, "", True)
-    exposed = [timed.mid_exposure_ns - round(timed.frame.exposure_us * 500.0) for timed in frames]
+    exposed = [frame.mid_exposure_ns - round(frame.exposure_us * 500.0) for frame in frames]
     sigmas = [
-        (camera.device_ns(host) - timed.frame.device_time_ns) / timed.mapping_sd_ns for host, timed in zip(exposed, frames, strict=True)
+        (camera.device_ns(host) - frame.device_time_ns) / frame.mapping_sd_ns
+        for host, frame in zip(exposed, frames, strict=True)
     ]
     assert np.max(np.abs(sigmas)) < 3.0
     assert all(later > earlier for earlier, later in pairwise(exposed))

@@ -30,7 +30,9 @@ from tests.loopback import loopback
 from tests.places import PATTERN_CAMERA, ROOT
 
 COMMAND = (sys.executable, str(Path(__file__).with_name("synthetic_camera.py")))
-CALIBRATION = CameraCalibrationSpec(width=64, height=48, K=[[100, 0, 32], [0, 100, 24], [0, 0, 1]], T_world_camera=np.eye(4).tolist())
+CALIBRATION = CameraCalibrationSpec(
+    width=64, height=48, K=[[100, 0, 32], [0, 100, 24], [0, 0, 1]], T_world_camera=np.eye(4).tolist()
+)
 RATE = 120.0
 LARGE = CALIBRATION.model_copy(update={"width": 111, "height": 83})
 """9213 bytes: two pages and a piece, so that a continuous recording writes frames from the camera's buffers"""
@@ -38,8 +40,16 @@ LARGE = CALIBRATION.model_copy(update={"width": 111, "height": 83})
 
 def rig(address: str = "synthetic", *, large: bool = False, **recorder: object) -> RigConfig:
     calibration = LARGE if large else CALIBRATION
-    camera = CameraConfig(address=address, width=calibration.width, height=calibration.height, frame_rate_hz=RATE, calibration=calibration)
-    return RigConfig(camera=camera, recorder=RecorderConfig.model_validate({"disk_reserve_bytes": 0, **recorder}))
+    camera = CameraConfig(
+        address=address,
+        width=calibration.width,
+        height=calibration.height,
+        frame_rate_hz=RATE,
+        calibration=calibration,
+    )
+    return RigConfig(
+        camera=camera, recorder=RecorderConfig.model_validate({"disk_reserve_bytes": 0, **recorder})
+    )
 
 
 def manifest_of_a_box() -> SessionManifest:
@@ -74,14 +84,18 @@ def _number(message) -> int:
     return int(np.frombuffer(data[:4], np.uint32)[0])
 
 
-def test_a_window_holds_every_frame_from_before_it_opened(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+def test_a_window_holds_every_frame_from_before_it_opened(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
     capture = CaptureProcess(rig(preview_hz=10.0), COMMAND)
     info = capture.start()
     try:
         assert info.model == "Synthetic"
         manifest = manifest_of_a_box()
         capture.open_recording(
-            tmp_path / "a.mcap", manifest, [("plan.json", "application/json", b"plan"), ("object.toml", "application/toml", b"o")]
+            tmp_path / "a.mcap",
+            manifest,
+            [("plan.json", "application/json", b"plan"), ("object.toml", "application/toml", b"o")],
         )
         time.sleep(0.8)
         asked = manifest.wall_anchor_ns + time.monotonic_ns()
@@ -100,7 +114,10 @@ def test_a_window_holds_every_frame_from_before_it_opened(tmp_path: Path, enviro
         capture.stop()
     assert start == pytest.approx(asked - 0.25e9, abs=0.05e9)
     found = read(tmp_path / "a.mcap")
-    images, metas = found["/camera/main/image"], [pb.FrameMeta.FromString(m.data) for m in found["/camera/main/meta"]]
+    images, metas = (
+        found["/camera/main/image"],
+        [pb.FrameMeta.FromString(m.data) for m in found["/camera/main/meta"]],
+    )
 
     inside = [m for m in images if report.start_ns <= m.log_time <= report.end_ns]
     assert len(inside) == report.frames
@@ -130,7 +147,10 @@ def test_a_window_holds_every_frame_from_before_it_opened(tmp_path: Path, enviro
     assert {sample.clock for sample in clocks} == {"camera/main"}
     with (tmp_path / "a.mcap").open("rb") as file:
         reader = make_reader(file)
-        assert [(a.name, a.data) for a in reader.iter_attachments()] == [("plan.json", b"plan"), ("object.toml", b"o")]
+        assert [(a.name, a.data) for a in reader.iter_attachments()] == [
+            ("plan.json", b"plan"),
+            ("object.toml", b"o"),
+        ]
         names = {m.name: m.metadata for m in reader.iter_metadata()}
     assert SessionManifest.model_validate_json(names["percuss.manifest"]["json"]) == manifest
     assert names["percuss.seal"]["content_id"] == done.content_id
@@ -164,12 +184,16 @@ def test_a_continuous_recording_of_the_cameras_own_buffers(
         images += found.get("/camera/main/image", [])
         metas += [pb.FrameMeta.FromString(message.data) for message in found.get("/camera/main/meta", [])]
     assert (
-        [meta.sequence for meta in metas] == [image.sequence for image in images] == list(range(metas[0].sequence, metas[-1].sequence + 1))
+        [meta.sequence for meta in metas]
+        == [image.sequence for image in images]
+        == list(range(metas[0].sequence, metas[-1].sequence + 1))
     )
     assert all(meta.image_recorded for meta in metas)
     numbers = [_number(image) for image in images]
     runs = [later - earlier for earlier, later in pairwise(numbers)]
-    assert sum(step not in {1, 2} for step in runs) == 1, "numbers begin again once, where the camera came back"
+    assert sum(step not in {1, 2} for step in runs) == 1, (
+        "numbers begin again once, where the camera came back"
+    )
     assert sum(step == 2 for step in runs) >= 2
     assert done.lost == sum(meta.frames_lost_before for meta in metas)
     inside = [image for image in images if report.start_ns <= image.log_time <= report.end_ns]
@@ -185,7 +209,9 @@ def test_small_topics_arrive_in_order_and_complete(tmp_path: Path, environment: 
         capture.open_recording(tmp_path / "a.mcap", manifest, [])
         for number in range(3000):
             capture.write(
-                "/striker/sample", manifest.wall_anchor_ns + time.monotonic_ns(), pb.StrikerSample(tick_ms=number).SerializeToString()
+                "/striker/sample",
+                manifest.wall_anchor_ns + time.monotonic_ns(),
+                pb.StrikerSample(tick_ms=number).SerializeToString(),
             )
         with pytest.raises(RecorderError, match="/camera/main/image"):
             capture.write("/camera/main/image", 1, b"")
@@ -194,11 +220,15 @@ def test_small_topics_arrive_in_order_and_complete(tmp_path: Path, environment: 
     finally:
         capture.stop()
     found = read(tmp_path / "a.mcap")
-    assert [pb.StrikerSample.FromString(m.data).tick_ms for m in found["/striker/sample"]] == list(range(3000))
+    assert [pb.StrikerSample.FromString(m.data).tick_ms for m in found["/striker/sample"]] == list(
+        range(3000)
+    )
     assert [m.sequence for m in found["/striker/sample"]] == list(range(3000))
 
 
-def test_lost_frames_are_counted_where_they_were_lost(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+def test_lost_frames_are_counted_where_they_were_lost(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
     environment.setenv("CAMERA_FAULTS", "lose:20")
     capture = CaptureProcess(rig(), COMMAND)
     capture.start()
@@ -216,10 +246,14 @@ def test_lost_frames_are_counted_where_they_were_lost(tmp_path: Path, environmen
     numbers = [_number(m) for m in images]
     assert report.lost == numbers[-1] - numbers[0] + 1 - len(numbers)
     assert report.lost >= 3
-    assert re.fullmatch(r"\d+ frames lost before frame \d+, \d+ in all", Log.FromString(found["/log"][0].data).message)
+    assert re.fullmatch(
+        r"\d+ frames lost before frame \d+, \d+ in all", Log.FromString(found["/log"][0].data).message
+    )
 
 
-def test_a_lost_camera_comes_back_into_the_same_recording(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+def test_a_lost_camera_comes_back_into_the_same_recording(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
     environment.setenv("CAMERA_FAULTS", "die:60")
     capture = CaptureProcess(rig(), COMMAND)
     capture.start()
@@ -266,7 +300,9 @@ def test_an_absent_camera_is_one_line_and_leaves_no_process(environment: pytest.
     capture.stop()
 
 
-def test_a_taken_path_and_a_full_disk_are_refused_without_a_trace(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+def test_a_taken_path_and_a_full_disk_are_refused_without_a_trace(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "a.mcap").write_bytes(b"mine")
     capture = CaptureProcess(rig(disk_reserve_bytes=1 << 60), COMMAND)
     capture.start()
@@ -289,7 +325,9 @@ def test_a_taken_path_and_a_full_disk_are_refused_without_a_trace(tmp_path: Path
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap"]
 
 
-def test_a_window_without_room_is_refused_before_the_striker_is_armed(tmp_path: Path, environment: pytest.MonkeyPatch) -> None:
+def test_a_window_without_room_is_refused_before_the_striker_is_armed(
+    tmp_path: Path, environment: pytest.MonkeyPatch
+) -> None:
     disk = os.statvfs(tmp_path)
     free = disk.f_bavail * disk.f_frsize
     # 64 x 48 at 120 fps for days: the recording may begin, the window not, and if others free some space meanwhile.
@@ -347,7 +385,10 @@ def test_a_gige_camera_on_real_wires(tmp_path: Path, environment: pytest.MonkeyP
     calibration = CALIBRATION.model_copy(update={"width": 656, "height": 492})
     camera = CameraConfig(address=loopback(41), receive_buffer_bytes=8 << 20, calibration=calibration)
     with subprocess.Popen(
-        [sys.executable, str(PATTERN_CAMERA), camera.address], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, str(PATTERN_CAMERA), camera.address],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
@@ -360,7 +401,9 @@ def test_a_gige_camera_on_real_wires(tmp_path: Path, environment: pytest.MonkeyP
             capture.open_window()
             for number in range(1000):
                 capture.write(
-                    "/striker/sample", manifest.wall_anchor_ns + time.monotonic_ns(), pb.StrikerSample(tick_ms=number).SerializeToString()
+                    "/striker/sample",
+                    manifest.wall_anchor_ns + time.monotonic_ns(),
+                    pb.StrikerSample(tick_ms=number).SerializeToString(),
                 )
                 time.sleep(0.001)
             report = capture.close_window()
@@ -374,6 +417,8 @@ def test_a_gige_camera_on_real_wires(tmp_path: Path, environment: pytest.MonkeyP
     assert status.receive_buffer_bytes > 0
     found = read(tmp_path / "a.mcap")
     assert len(found["/striker/sample"]) == 1000
-    times = np.array([m.log_time for m in found["/camera/main/image"] if report.start_ns <= m.log_time <= report.end_ns])
+    times = np.array(
+        [m.log_time for m in found["/camera/main/image"] if report.start_ns <= m.log_time <= report.end_ns]
+    )
     assert len(times) == report.frames > 120
     np.testing.assert_allclose(np.diff(times) * 1e-9, 1 / 120, atol=1e-3)

@@ -33,7 +33,12 @@ def start_camera() -> Iterator[Callable[[], subprocess.Popen[str]]]:
     processes: list[subprocess.Popen[str]] = []
 
     def start() -> subprocess.Popen[str]:
-        process = subprocess.Popen([sys.executable, str(PATTERN_CAMERA), ADDRESS], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        process = subprocess.Popen(
+            [sys.executable, str(PATTERN_CAMERA), ADDRESS],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         processes.append(process)
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
@@ -48,7 +53,10 @@ def start_camera() -> Iterator[Callable[[], subprocess.Popen[str]]]:
 def _rig(rotate_bytes: int = 40 << 20) -> RigConfig:
     calibration = CALIBRATION.model_copy(update={"width": WIDTH, "height": HEIGHT})
     camera = CameraConfig(address=ADDRESS, receive_buffer_bytes=64 << 20, buffers=64, calibration=calibration)
-    return RigConfig(camera=camera, recorder=RecorderConfig(mode="continuous", rotate_bytes=rotate_bytes, disk_reserve_bytes=0))
+    return RigConfig(
+        camera=camera,
+        recorder=RecorderConfig(mode="continuous", rotate_bytes=rotate_bytes, disk_reserve_bytes=0),
+    )
 
 
 def _check(paths: list[Path]) -> list[tuple[int, pb.FrameMeta]]:
@@ -77,7 +85,10 @@ def _files(folder: Path) -> list[Path]:
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["killed", "paused"])
 def test_a_camera_that_goes_away_and_comes_back(
-    tmp_path: Path, environment: pytest.MonkeyPatch, start_camera: Callable[[], subprocess.Popen[str]], how: str
+    tmp_path: Path,
+    environment: pytest.MonkeyPatch,
+    start_camera: Callable[[], subprocess.Popen[str]],
+    how: str,
 ) -> None:
     process = start_camera()
     capture = CaptureProcess(_rig())
@@ -132,8 +143,16 @@ def test_a_kill_costs_less_than_half_a_second(
         assert not recover(part, tmp_path / f"z-recovered-{number}.mcap").anything_damaged
         part.unlink()
     messages = [read(path) for path in _files(tmp_path)]
-    images = sorted((m for found in messages for m in found.get("/camera/main/image", [])), key=lambda message: message.sequence)
-    metas = sorted((m for found in messages for m in found.get("/camera/main/meta", [])), key=lambda message: message.sequence)
+    images = sorted(
+        (m for found in messages for m in found.get("/camera/main/image", [])),
+        key=lambda message: message.sequence,
+    )
+    metas = sorted(
+        (m for found in messages for m in found.get("/camera/main/meta", [])),
+        key=lambda message: message.sequence,
+    )
     for found in (images, metas):
-        assert [message.sequence for message in found] == list(range(found[0].sequence, found[0].sequence + len(found)))
+        assert [message.sequence for message in found] == list(
+            range(found[0].sequence, found[0].sequence + len(found))
+        )
         assert (killed_ns - found[-1].log_time) * 1e-9 < 0.5 + held_up_s

@@ -29,7 +29,9 @@ def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
     tmp_path: Path, environment: pytest.MonkeyPatch, large: bool
 ) -> None:
     """Nothing of the process runs after SIGKILL: what is recovered is what it had handed to the system."""
-    capture = CaptureProcess(rig(large=large, mode="continuous", rotate_bytes=300_000 if large else 150_000), COMMAND)
+    capture = CaptureProcess(
+        rig(large=large, mode="continuous", rotate_bytes=300_000 if large else 150_000), COMMAND
+    )
     capture.start()
     process = capture._process
     assert process is not None
@@ -46,16 +48,25 @@ def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
             capture.status()
     finally:
         capture.stop()
-    parts = list(tmp_path.glob("*.part"))  # two where the kill came while one file was finished and the next begun
+    parts = list(
+        tmp_path.glob("*.part")
+    )  # two where the kill came while one file was finished and the next begun
     assert 1 <= len(parts) <= 2
     for number, part in enumerate(parts):
         assert recover(part, tmp_path / f"recovered-{number}.mcap").has_manifest
         part.unlink()
-    files = [read(path) for path in sorted(tmp_path.iterdir())]  # a.mcap, a-0002.mcap, ... in any order, recovered-0.mcap
+    files = [
+        read(path) for path in sorted(tmp_path.iterdir())
+    ]  # a.mcap, a-0002.mcap, ... in any order, recovered-0.mcap
     assert len(files) >= 3
     for topic in ("/striker/sample", "/camera/main/image", "/camera/main/meta"):
-        found = sorted((message for file in files for message in file.get(topic, [])), key=lambda message: message.log_time)
-        assert [message.sequence for message in found] == list(range(found[0].sequence, found[0].sequence + len(found)))
+        found = sorted(
+            (message for file in files for message in file.get(topic, [])),
+            key=lambda message: message.log_time,
+        )
+        assert [message.sequence for message in found] == list(
+            range(found[0].sequence, found[0].sequence + len(found))
+        )
         assert (killed_ns - found[-1].log_time) * 1e-9 < 0.5
 
 

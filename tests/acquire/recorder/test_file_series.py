@@ -16,17 +16,21 @@ from mcap.reader import make_reader
 
 from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
+from acquire.recorder.choose_recorder import choose_recorder
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.direct_file import can_write_directly
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
-from acquire.recorder.frame_recorder import Arrival, FrameRecorder
+from acquire.recorder.frame_format import FrameFormat
+from acquire.recorder.frame_recorder import FrameRecorder
 from acquire.recorder.writer import McapWriter
 from schemas import topics
+from tests.acquire.recorder.direct.counting_buffer import CountingBuffer, frame_in
 from tests.places import ROOT
 
 ANCHOR_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 10_000_000
+FORMAT = FrameFormat("main", 128, 64, 100.0)
 IMAGE = np.random.default_rng(1).integers(0, 256, (64, 128), dtype=np.uint8)
 
 
@@ -35,27 +39,31 @@ def _head(writer: McapWriter, part: int) -> None:
     writer.attachment("plan.json", "application/json", b"plan")
 
 
-def _series(path: Path, rotate_bytes: int, keep_files: int = 0, memory: BlockMemory | None = None) -> FileSeries:
-    return FileSeries(path, _head, Rotation(rotate_bytes, keep_files), DiskSpace(path.parent, 0, lambda _: 1 << 40), memory)
+def _series(
+    path: Path, rotate_bytes: int, keep_files: int = 0, memory: BlockMemory | None = None
+) -> FileSeries:
+    return FileSeries(
+        path, _head, Rotation(rotate_bytes, keep_files), DiskSpace(path.parent, 0, lambda _: 1 << 40), memory
+    )
 
 
 def _feed(recorder: FrameRecorder, numbers: range, lost: int = 0) -> None:
     for number in numbers:
         mid = number * PERIOD_NS
-        recorder.add(Arrival(IMAGE, number, number, mid, mid, mid, 1000, 1500.0, lost))
+        recorder.add(frame_in(CountingBuffer(IMAGE), number, mid, lost))
 
 
 def _settle(recorder: FrameRecorder, series: FileSeries) -> None:
     """Everything is written, the next file ready, the last one finished: a camera takes its time, these tests do not."""
     while recorder.waiting:
         time.sleep(1e-3)
-    while (turner := series._turner) is not None and turner.is_alive():
-        turner.join()
+    while (rotation := series._rotation_thread) is not None and rotation.is_alive():
+        rotation.join()
 
 
 def _continuous(series: FileSeries) -> FrameRecorder:
     config = RecorderConfig(mode="continuous", pre_trigger_s=0.1)
-    return FrameRecorder(series, "main", 128, 64, 100.0, config, ANCHOR_NS)
+    return choose_recorder(series, FORMAT, config, ANCHOR_NS)
 
 
 @pytest.fixture(params=["page cache", "direct"])
@@ -101,7 +109,9 @@ def test_no_message_is_lost_between_files_and_each_is_whole(tmp_path: Path, seri
     ordered = [tmp_path / "a.mcap", *(path for path in files if path.name != "a.mcap")]
     contents = [_read(path) for path in ordered]
     for topic in ("/camera/main/image", "/camera/main/meta", "/striker/sample"):
-        assert list(itertools.chain.from_iterable(content.get(topic, []) for content in contents)) == list(range(1, 201))
+        assert list(itertools.chain.from_iterable(content.get(topic, []) for content in contents)) == list(
+            range(1, 201)
+        )
     for part, (path, content) in enumerate(zip(ordered, contents, strict=True), 1):
         assert content["/camera/main/image"] == content["/camera/main/meta"]
         with path.open("rb") as file:
@@ -140,9 +150,13 @@ def test_a_ring_keeps_the_newest_files(tmp_path: Path, memory: BlockMemory | Non
     assert last == list(range(last[0], 201))
 
 
-def test_without_room_for_another_file_the_last_one_is_finished(tmp_path: Path, memory: BlockMemory | None) -> None:
+def test_without_room_for_another_file_the_last_one_is_finished(
+    tmp_path: Path, memory: BlockMemory | None
+) -> None:
     free = [1 << 40]
-    series = FileSeries(tmp_path / "a.mcap", _head, Rotation(100_000), DiskSpace(tmp_path, 50_000, lambda _: free[0]), memory)
+    series = FileSeries(
+        tmp_path / "a.mcap", _head, Rotation(100_000), DiskSpace(tmp_path, 50_000, lambda _: free[0]), memory
+    )
     recorder = _continuous(series)
     free[0] = 149_999
     for start in range(1, 41, 10):
@@ -163,7 +177,8 @@ def test_space_is_asked_for_by_name(tmp_path: Path) -> None:
     disk = DiskSpace(tmp_path, 1 << 30, lambda _: 3 << 30)
     disk.require(2 << 30, "a window")
     with pytest.raises(
-        RecorderError, match=r"a window needs 2\.15 GB and 1\.07 GB are kept back .* only 3\.22 GB are free .* free some space$"
+        RecorderError,
+        match=r"a window needs 2\.15 GB and 1\.07 GB are kept back .* only 3\.22 GB are free .* free some space$",
     ):
         disk.require((2 << 30) + 1, "a window")
     with pytest.raises(RecorderError, match="create the folder first"):
@@ -174,7 +189,7 @@ def fill(folder: Path) -> None:
     """Record until the disk is full and beyond, finish, read back; runs in a process of its own."""
     series = FileSeries(folder / "a.mcap", _head, Rotation(), DiskSpace(folder, 0))
     config = RecorderConfig(pre_trigger_s=0.0, preview_hz=0.0, max_window_s=60.0)
-    recorder = FrameRecorder(series, "main", 128, 64, 100.0, config, ANCHOR_NS)
+    recorder = choose_recorder(series, FORMAT, config, ANCHOR_NS)
     _feed(recorder, range(1, 11))
     recorder.open_window(105_000_000)
     for start in range(11, 4011, 50):
@@ -199,7 +214,19 @@ def test_a_disk_that_fills_up_in_a_window_leaves_a_whole_recording(tmp_path: Pat
     """On a real file system of 20 MB, in a mount namespace of its own."""
     mount = 'mount -t tmpfs -o size=20m none "$1" 2>/dev/null || exit 77; shift; exec "$@"'
     code = "import sys, pathlib; from tests.acquire.recorder.test_file_series import fill; fill(pathlib.Path(sys.argv[1]))"
-    command = ["unshare", "-rm", "sh", "-c", mount, "sh", str(tmp_path), sys.executable, "-c", code, str(tmp_path)]
+    command = [
+        "unshare",
+        "-rm",
+        "sh",
+        "-c",
+        mount,
+        "sh",
+        str(tmp_path),
+        sys.executable,
+        "-c",
+        code,
+        str(tmp_path),
+    ]
     try:
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60)
     except FileNotFoundError:

@@ -12,13 +12,16 @@ from mcap.reader import make_reader
 
 from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
-from acquire.recorder.frame_recorder import META_WAIT_S, Arrival, FrameRecorder
+from acquire.recorder.choose_recorder import choose_recorder
+from acquire.recorder.frame_format import FrameFormat
+from acquire.recorder.window_recorder import META_WAIT_S
 from acquire.recorder.writer import McapWriter
 from schemas.proto import percuss_pb2 as pb
+from tests.acquire.recorder.direct.counting_buffer import CountingBuffer, frame_in
 
 ANCHOR_NS = 1_700_000_000_000_000_000
 PERIOD_NS = 10_000_000
-IMAGE = np.zeros((8, 16), np.uint8)
+BUFFER = CountingBuffer(np.zeros((8, 16), np.uint8))
 
 
 class Rig:
@@ -28,7 +31,10 @@ class Rig:
         self.path = path
         self.writer = McapWriter(path)
         settings = {"pre_trigger_s": 0.1, "preview_hz": 5.0, **config}
-        self.recorder = FrameRecorder(self.writer, "main", 16, 8, 100.0, RecorderConfig.model_validate(settings), ANCHOR_NS)
+        frames = FrameFormat("main", 16, 8, 100.0)
+        self.recorder = choose_recorder(
+            self.writer, frames, RecorderConfig.model_validate(settings), ANCHOR_NS
+        )
         self.next = 1
 
     @property
@@ -39,14 +45,13 @@ class Rig:
         for _ in range(count):
             self.next += lost
             mid = self.next * PERIOD_NS
-            self.recorder.add(Arrival(IMAGE, self.next, 1, mid, mid, mid, 1000, 1500.0, lost))
+            self.recorder.add(frame_in(BUFFER, self.next, mid, lost))
             self.next += 1
             lost = 0
 
     def settle(self) -> None:
         """What is to be written now is with the writer."""
-        assert self.recorder._queue is not None
-        self.recorder._queue.wait_until_written(10.0)
+        self.recorder._path.wait_until_written(10.0)
 
     def finish(self) -> tuple[list[int], list[pb.FrameMeta]]:
         """Sequences of the images, and all meta, in the file's order."""
@@ -84,7 +89,9 @@ def test_a_window_reaches_back_and_ends_when_it_is_closed(rig: Rig) -> None:
     with pytest.raises(RecorderError, match="open already"):
         rig.recorder.open_window(rig.now_ns)
     rig.feed(20)
-    closing = threading.Thread(target=lambda now: reports.append(rig.recorder.close_window(now)), args=(rig.now_ns + 30_000_000,))
+    closing = threading.Thread(
+        target=lambda now: reports.append(rig.recorder.close_window(now)), args=(rig.now_ns + 30_000_000,)
+    )
     reports: list = []
     closing.start()
     rig.feed(5)
@@ -102,16 +109,22 @@ def test_a_window_reaches_back_and_ends_when_it_is_closed(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("pre_trigger_s", [0.1, 0.25, 3.0])
-def test_meta_and_previews_never_wait_longer_than_a_quarter_second(tmp_path: Path, pre_trigger_s: float) -> None:
+def test_meta_and_previews_never_wait_longer_than_a_quarter_second(
+    tmp_path: Path, pre_trigger_s: float
+) -> None:
     """What a killed process has not handed to the file, however far a window may reach back; the rest is the writer's 0.1 s."""
     rig = Rig(tmp_path / "a.mcap", pre_trigger_s=pre_trigger_s)
     written: dict[str, list[int]] = {"/camera/main/image": [], "/camera/main/meta": []}
-    write, write_images = rig.writer.write, rig.writer.write_images
-    rig.writer.write = lambda channel, *rest, sequence: (written[channel.topic.name].append(sequence), write(channel, *rest, sequence))  # type: ignore[method-assign]
-    rig.writer.write_images = lambda channel, messages: (  # type: ignore[method-assign]
-        written[channel.topic.name].extend(message.sequence for message in messages),
-        write_images(channel, messages),
-    )
+
+    def noting(write):
+        def noted(channel, messages) -> None:
+            written[channel.topic.name].extend(message.sequence for message in messages)
+            write(channel, messages)
+
+        return noted
+
+    for name in ("write_small", "write_images"):
+        setattr(rig.writer, name, noting(getattr(rig.writer, name)))
     rig.feed(400)
     rig.settle()
     waits = int(min(pre_trigger_s, META_WAIT_S) * 100)
@@ -128,7 +141,10 @@ def test_meta_and_previews_never_wait_longer_than_a_quarter_second(tmp_path: Pat
     rig.recorder.close()
     rig.writer.finish()
     with rig.path.open("rb") as file:
-        images = [message.sequence for _, _, message in make_reader(file).iter_messages(topics=["/camera/main/image"])]
+        images = [
+            message.sequence
+            for _, _, message in make_reader(file).iter_messages(topics=["/camera/main/image"])
+        ]
     assert images == sorted(set(written["/camera/main/image"])), "in the order of their times, none twice"
 
 
@@ -176,7 +192,9 @@ def test_a_window_nobody_closes_does_not_fill_the_disk(tmp_path: Path) -> None:
     assert len(metas) == 220
 
 
-def test_a_disk_that_stands_still_costs_counted_images_and_no_meta(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_stands_still_costs_counted_images_and_no_meta(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig = Rig(tmp_path / "a.mcap", max_window_s=60.0)
     go, write = threading.Event(), rig.writer.write_images
 
@@ -196,7 +214,9 @@ def test_a_disk_that_stands_still_costs_counted_images_and_no_meta(tmp_path: Pat
     assert [meta.sequence for meta in metas] == list(range(1, 501))
 
 
-def test_a_failing_disk_is_told_to_whoever_closes_the_window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_disk_is_reported_to_the_caller_who_closes_the_window(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig = Rig(tmp_path / "a.mcap")
     rig.recorder.open_window(rig.now_ns)
     rig.feed(10)

@@ -16,7 +16,7 @@ from acquire.errors import RecorderError
 from acquire.recorder.image import RawImageEncoder, png_message
 from acquire.recorder.writer import McapWriter
 from schemas import topics
-from schemas.mcap.records import ContentHash
+from schemas.mcap.content_hash import ContentHash
 from schemas.proto import percuss_pb2 as pb
 
 T0 = 1_700_000_000_000_000_000
@@ -37,7 +37,12 @@ def _write(path: Path, frames: int = 5, samples: int = 200):
         time = T0 + number * 8_333_333
         writer.write(images, time, encoder.encode(time, _image(number)), sequence=number)
     for number in range(samples):
-        writer.write(striker, T0 + number * 1_000_000, pb.StrikerSample(tick_ms=number).SerializeToString(), sequence=number)
+        writer.write(
+            striker,
+            T0 + number * 1_000_000,
+            pb.StrikerSample(tick_ms=number).SerializeToString(),
+            sequence=number,
+        )
     return writer.finish()
 
 
@@ -59,11 +64,19 @@ def test_reads_in_the_reference_implementation(tmp_path: Path) -> None:
     images = [m for _, c, m in found if c.topic == "/camera/main/image"]
     for number, message in enumerate(images):
         raw = RawImage.FromString(message.data)
-        assert (raw.width, raw.height, raw.step, raw.encoding, raw.frame_id) == (656, 492, 656, "mono8", "main")
+        assert (raw.width, raw.height, raw.step, raw.encoding, raw.frame_id) == (
+            656,
+            492,
+            656,
+            "mono8",
+            "main",
+        )
         assert raw.timestamp.ToNanoseconds() == message.log_time
         assert raw.data == _image(number).tobytes()
         assert message.sequence == number
-    assert [pb.StrikerSample.FromString(m.data).tick_ms for _, c, m in found if c.topic == "/striker/sample"] == list(range(200))
+    assert [
+        pb.StrikerSample.FromString(m.data).tick_ms for _, c, m in found if c.topic == "/striker/sample"
+    ] == list(range(200))
 
 
 def test_content_id_is_the_documented_hash(tmp_path: Path) -> None:
@@ -82,7 +95,9 @@ def test_png_is_lossless(tmp_path: Path) -> None:
 
     message = CompressedImage.FromString(png_message("main", T0, _image(1)))
     assert message.format == "png"
-    np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED), _image(1))
+    np.testing.assert_array_equal(
+        cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED), _image(1)
+    )
 
 
 def test_a_taken_path_is_refused(tmp_path: Path) -> None:
@@ -158,7 +173,10 @@ def test_many_threads_write_at_once(tmp_path: Path) -> None:
         for number in range(500):
             writer.write(channel, T0 + number, b"\x18\x01", sequence=number)
 
-    threads = [threading.Thread(target=small, args=(topic,)) for topic in (topics.STRIKER_SAMPLE, topics.CLOCK_SAMPLE, topics.LOG)]
+    threads = [
+        threading.Thread(target=small, args=(topic,))
+        for topic in (topics.STRIKER_SAMPLE, topics.CLOCK_SAMPLE, topics.LOG)
+    ]
     for thread in threads:
         thread.start()
     for number in range(30):

@@ -1,4 +1,4 @@
-"""Images that are written from where they lie: the same messages as any other way, and every buffer given back once."""
+"""Images written from borrowed buffers: the same messages as copied ones, and every buffer released once."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 
 from acquire.errors import RecorderError
+from acquire.frames.page_memory import PAGE
 from acquire.recorder.direct import direct_file
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.direct.borrowed_chunks import gap_before
 from acquire.recorder.direct.direct_file import RESERVE_BYTES, can_write_directly
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.messages import DiskBehind
-from acquire.recorder.page_memory import PAGE
 from acquire.recorder.recover.edit import append_topics, remove_topics
 from acquire.recorder.recover.recover import recover
 from acquire.recorder.writer import McapWriter
@@ -37,9 +37,16 @@ from analyze.reading.followed_recording import FollowedRecording
 from analyze.reading.recording import Recording, open_partial, open_recording
 from schemas import topics
 from schemas.mcap import records as container
+from schemas.mcap.walk import walk
 from schemas.proto import percuss_pb2 as pb
 from tests import small_recording as small
-from tests.acquire.recorder.direct.lenders import PERIOD_NS, T0, Lender, image_of, lent_image
+from tests.acquire.recorder.direct.counting_buffer import (
+    PERIOD_NS,
+    T0,
+    CountingBuffer,
+    borrowed_image,
+    image_of,
+)
 
 IMAGE_TOPIC = "/camera/main/image"
 WIDTH, HEIGHT = 331, 67
@@ -53,27 +60,39 @@ def memory(tmp_path: Path) -> Iterator[BlockMemory]:
     memory = BlockMemory(8 << 20, 64 << 20)
     yield memory
     assert memory.free == memory.blocks, "every block was given back"
-    assert memory.used_bytes == 0, "all that was lent too"
+    assert memory.used_bytes == 0, "all that was borrowed too"
 
 
-def _write(path: Path, memory: BlockMemory | None, batches: list[int], width: int, height: int, between: list[int]) -> list[Lender]:
+def _write(
+    path: Path, memory: BlockMemory | None, batches: list[int], width: int, height: int, between: list[int]
+) -> list[CountingBuffer]:
     """A recording with a small message of `between[n]` bytes after the nth batch of images."""
-    lenders: list[Lender] = []
+    buffers: list[CountingBuffer] = []
     with McapWriter(path, memory, flush_s=60.0) as writer:
-        images, small_topic = writer.add_topic(topics.raw_image("main")), writer.add_topic(topics.STRIKER_SAMPLE)
+        images, small_topic = (
+            writer.add_topic(topics.raw_image("main")),
+            writer.add_topic(topics.STRIKER_SAMPLE),
+        )
         for count, size in zip(batches, between, strict=True):
-            batch = [Lender(image_of(width, height, number)) for number in range(len(lenders), len(lenders) + count)]
-            writer.write_lent(images, [lent_image(lender, number) for number, lender in enumerate(batch, len(lenders))])
-            lenders += batch
-            writer.write(small_topic, T0 + len(lenders) * PERIOD_NS, bytes(size), sequence=len(lenders))
+            batch = [
+                CountingBuffer(image_of(width, height, number))
+                for number in range(len(buffers), len(buffers) + count)
+            ]
+            writer.write_borrowed(
+                images, [borrowed_image(buffer, number) for number, buffer in enumerate(batch, len(buffers))]
+            )
+            buffers += batch
+            writer.write(small_topic, T0 + len(buffers) * PERIOD_NS, bytes(size), sequence=len(buffers))
             writer.flush()
-    return lenders
+    return buffers
 
 
 def _images(path: Path) -> dict[int, np.ndarray]:
     found: dict[int, np.ndarray] = {}
     with path.open("rb") as file:
-        for _, _, message in make_reader(file, validate_crcs=True).iter_messages(topics=[IMAGE_TOPIC], log_time_order=False):
+        for _, _, message in make_reader(file, validate_crcs=True).iter_messages(
+            topics=[IMAGE_TOPIC], log_time_order=False
+        ):
             assert message.log_time == T0 + message.sequence * PERIOD_NS
             raw = RawImage.FromString(message.data)
             found[message.sequence] = np.frombuffer(raw.data, np.uint8).reshape(raw.height, raw.width)
@@ -98,7 +117,9 @@ def test_padding_is_a_whole_record_or_none(at: int) -> None:
     assert (at + gap) % PAGE == 0
     assert gap == 0 or container.RECORD_HEAD <= gap < PAGE + container.RECORD_HEAD
     if gap:
-        [(opcode, found, body)] = container.walk(memoryview(container.padding(gap)))
+        [(opcode, found, body)] = walk(
+            memoryview(container.pack_record(container.PADDING, bytes(gap - container.RECORD_HEAD)))
+        )
         assert (opcode, found, container.RECORD_HEAD + len(body)) == (container.PADDING, 0, gap)
 
 
@@ -109,12 +130,14 @@ def test_padding_is_a_whole_record_or_none(at: int) -> None:
     between=st.lists(st.integers(0, 5000), min_size=4, max_size=4),
     direct=st.booleans(),
 )
-def test_any_sizes_come_out_as_they_went_in(size: int, batches: list[int], between: list[int], direct: bool) -> None:
+def test_any_sizes_come_out_as_they_went_in(
+    size: int, batches: list[int], between: list[int], direct: bool
+) -> None:
     with tempfile.TemporaryDirectory(dir=Path.cwd()) as folder:
         path = Path(folder) / "a.mcap"
         memory = BlockMemory(8 << 20, 64 << 20) if direct and can_write_directly(path.parent) else None
-        lenders = _write(path, memory, batches, size, 1, between[: len(batches)])
-        assert [(lender.kept, lender.released) for lender in lenders] == [(0, 1)] * sum(batches)
+        buffers = _write(path, memory, batches, size, 1, between[: len(batches)])
+        assert [(buffer.borrows, buffer.released) for buffer in buffers] == [(0, 1)] * sum(batches)
         assert memory is None or (memory.free, memory.used_bytes) == (memory.blocks, 0)
         _check_images(_images(path), sum(batches), size, 1)
         _on_pages(path, size, 1, sum(batches))
@@ -124,18 +147,31 @@ def test_content_is_the_same_as_when_it_is_copied(tmp_path: Path, memory: BlockM
     _write(tmp_path / "a.mcap", memory, [3, 1, 12], WIDTH, HEIGHT, [5, 70_000, 9])
     encoder = RawImageEncoder("camera", WIDTH, HEIGHT)
     with McapWriter(tmp_path / "b.mcap", memory, flush_s=60.0) as writer:
-        images, small_topic = writer.add_topic(topics.raw_image("main")), writer.add_topic(topics.STRIKER_SAMPLE)
+        images, small_topic = (
+            writer.add_topic(topics.raw_image("main")),
+            writer.add_topic(topics.STRIKER_SAMPLE),
+        )
         for number in range(16):
             time_ns = T0 + number * PERIOD_NS
-            writer.write(images, time_ns, encoder.encode(time_ns, image_of(WIDTH, HEIGHT, number)), sequence=number)
+            writer.write(
+                images, time_ns, encoder.encode(time_ns, image_of(WIDTH, HEIGHT, number)), sequence=number
+            )
             if number in {2, 3, 15}:
-                writer.write(small_topic, time_ns + PERIOD_NS, bytes({2: 5, 3: 70_000, 15: 9}[number]), sequence=number + 1)
+                writer.write(
+                    small_topic,
+                    time_ns + PERIOD_NS,
+                    bytes({2: 5, 3: 70_000, 15: 9}[number]),
+                    sequence=number + 1,
+                )
     messages: list[list[tuple]] = []
     seals: list[str] = []
     for name in ("a.mcap", "b.mcap"):
         with (tmp_path / name).open("rb") as file:
             reader = make_reader(file, validate_crcs=True)
-            found = [(m.log_time, m.publish_time, m.sequence, channel.topic, m.data) for _, channel, m in reader.iter_messages()]
+            found = [
+                (m.log_time, m.publish_time, m.sequence, channel.topic, m.data)
+                for _, channel, m in reader.iter_messages()
+            ]
             messages.append(sorted(found))
             seals += [each.metadata["content_id"] for each in reader.iter_metadata()]
     assert messages[0] == messages[1]
@@ -147,7 +183,7 @@ def test_content_is_the_same_as_when_it_is_copied(tmp_path: Path, memory: BlockM
 
 @pytest.fixture
 def recording(tmp_path: Path, memory: BlockMemory) -> Path:
-    """Whole, with a manifest and eight lent images of the small recording's size."""
+    """Whole, with a manifest and eight borrowed images of the small recording's size."""
     with McapWriter(tmp_path / "a.mcap", memory, flush_s=60.0) as writer:
         small.write_head(writer)
         channel = writer.add_topic(topics.raw_image("main"))
@@ -155,7 +191,13 @@ def recording(tmp_path: Path, memory: BlockMemory) -> Path:
         writer.write(writer.add_topic(topics.CLOCK_SAMPLE), T0, sample.SerializeToString())
         for first in (0, 3):
             numbers = range(first, first + (3 if first == 0 else 5))
-            writer.write_lent(channel, [lent_image(Lender(image_of(small.WIDTH, small.HEIGHT, number)), number) for number in numbers])
+            writer.write_borrowed(
+                channel,
+                [
+                    borrowed_image(CountingBuffer(image_of(small.WIDTH, small.HEIGHT, number)), number)
+                    for number in numbers
+                ],
+            )
     return tmp_path / "a.mcap"
 
 
@@ -164,7 +206,7 @@ def _check_small(found: dict[int, np.ndarray]) -> None:
 
 
 def test_it_holds_padding(recording: Path) -> None:
-    opcodes = [opcode for opcode, _, _ in container.walk(memoryview(recording.read_bytes()), len(container.MAGIC))]
+    opcodes = [opcode for opcode, _, _ in walk(memoryview(recording.read_bytes()), len(container.MAGIC))]
     assert container.PADDING in opcodes
     _on_pages(recording, small.WIDTH, small.HEIGHT, 8)
 
@@ -172,7 +214,9 @@ def test_it_holds_padding(recording: Path) -> None:
 def test_mcaps_readers(recording: Path) -> None:
     _check_small(_images(recording))
     with recording.open("rb") as file:
-        stream = [record for record in StreamReader(file, validate_crcs=True).records if isinstance(record, Message)]
+        stream = [
+            record for record in StreamReader(file, validate_crcs=True).records if isinstance(record, Message)
+        ]
     images = [message.sequence for message in stream if len(message.data) > small.WIDTH * small.HEIGHT]
     assert images == list(range(8))
 
@@ -185,7 +229,11 @@ def test_rerun(recording: Path, tmp_path: Path) -> None:
         "print(json.dumps([str(column) for column in RrdReader(sys.argv[2]).store().schema().component_columns()]))\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program, str(recording), str(tmp_path / "s.rrd")], capture_output=True, text=True, check=False, timeout=60
+        [sys.executable, "-c", program, str(recording), str(tmp_path / "s.rrd")],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
     )
     assert done.returncode == 0, done.stderr
     assert IMAGE_TOPIC in " ".join(json.loads(done.stdout))
@@ -206,12 +254,16 @@ def test_whoever_follows_it_while_it_grows(tmp_path: Path, memory: BlockMemory) 
     seen: list[int] = []
     with FollowedRecording(writer.part_path) as following:
         for number in range(20):
-            writer.write_lent(channel, [lent_image(Lender(image_of(WIDTH, HEIGHT, number)), number)])
+            writer.write_borrowed(
+                channel, [borrowed_image(CountingBuffer(image_of(WIDTH, HEIGHT, number)), number)]
+            )
             if number % 3 == 2:
                 writer.flush()
             for message in following.poll():
                 seen.append(message.sequence)
-                np.testing.assert_array_equal(following.image(message).image, image_of(WIDTH, HEIGHT, message.sequence))
+                np.testing.assert_array_equal(
+                    following.image(message).image, image_of(WIDTH, HEIGHT, message.sequence)
+                )
         writer.finish()
         seen += [message.sequence for message in following.poll()]
     assert seen == list(range(20))
@@ -229,7 +281,9 @@ def test_recover_takes_a_whole_one_and_a_cut_one(recording: Path, tmp_path: Path
     assert not report.anything_lost
     _check_small(_images(tmp_path / "b.mcap"))
     data = recording.read_bytes()
-    chunks = [at for opcode, at, _ in container.walk(memoryview(data), len(container.MAGIC)) if opcode == container.CHUNK]
+    chunks = [
+        at for opcode, at, _ in walk(memoryview(data), len(container.MAGIC)) if opcode == container.CHUNK
+    ]
     for number, cut in enumerate((chunks[4] - 5, chunks[4], chunks[5] + 3000)):
         (tmp_path / "cut.part").write_bytes(data[:cut])
         report = recover(tmp_path / "cut.part", tmp_path / f"cut{number}.mcap")
@@ -239,7 +293,11 @@ def test_recover_takes_a_whole_one_and_a_cut_one(recording: Path, tmp_path: Path
 @pytest.mark.parametrize("damage", ["opcode", "short", "long", "huge", "bytes"])
 def test_damaged_padding_costs_no_image(recording: Path, tmp_path: Path, damage: str) -> None:
     data = bytearray(recording.read_bytes())
-    places = [at for opcode, at, _ in container.walk(memoryview(bytes(data)), len(container.MAGIC)) if opcode == container.PADDING]
+    places = [
+        at
+        for opcode, at, _ in walk(memoryview(bytes(data)), len(container.MAGIC))
+        if opcode == container.PADDING
+    ]
     at = places[len(places) // 2]
     (length,) = struct.unpack_from("<Q", data, at + 1)
     if damage == "opcode":
@@ -247,7 +305,9 @@ def test_damaged_padding_costs_no_image(recording: Path, tmp_path: Path, damage:
     elif damage == "bytes":
         data[at + container.RECORD_HEAD + length // 2] = container.CHUNK
     else:
-        struct.pack_into("<Q", data, at + 1, {"short": length // 2, "long": length + 40, "huge": 1 << 60}[damage])
+        struct.pack_into(
+            "<Q", data, at + 1, {"short": length // 2, "long": length + 40, "huge": 1 << 60}[damage]
+        )
     (tmp_path / "damaged.mcap").write_bytes(data)
     report = recover(tmp_path / "damaged.mcap", tmp_path / "b.mcap")
     assert report.topics[IMAGE_TOPIC] == 8
@@ -258,13 +318,18 @@ def test_damaged_padding_costs_no_image(recording: Path, tmp_path: Path, damage:
 # --- ways out -----------------------------------------------------------------------------------------------------
 
 
-def _lend(writer: McapWriter, first: int, count: int) -> list[Lender]:
-    lenders = [Lender(image_of(WIDTH, HEIGHT, number)) for number in range(first, first + count)]
-    writer.write_lent(writer.add_topic(topics.raw_image("main")), [lent_image(each, first + n) for n, each in enumerate(lenders)])
-    return lenders
+def _write_borrowed(writer: McapWriter, first: int, count: int) -> list[CountingBuffer]:
+    buffers = [CountingBuffer(image_of(WIDTH, HEIGHT, number)) for number in range(first, first + count)]
+    writer.write_borrowed(
+        writer.add_topic(topics.raw_image("main")),
+        [borrowed_image(each, first + n) for n, each in enumerate(buffers)],
+    )
+    return buffers
 
 
-def test_nothing_is_given_back_before_the_disk_has_it(tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_given_back_before_the_disk_has_it(
+    tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
+) -> None:
     go, write_pages = threading.Event(), direct_file._write_pages
 
     def stuck(fd: int, views: list[memoryview], offset: int) -> None:
@@ -274,44 +339,48 @@ def test_nothing_is_given_back_before_the_disk_has_it(tmp_path: Path, memory: Bl
     with McapWriter(tmp_path / "a.mcap", memory) as writer:
         writer.flush()
         monkeypatch.setattr(direct_file, "_write_pages", stuck)
-        lenders = _lend(writer, 0, 5) + _lend(writer, 5, 7)
+        buffers = _write_borrowed(writer, 0, 5) + _write_borrowed(writer, 5, 7)
         assert memory.used_bytes >= 12 * 5 * PAGE
-        assert not any(lender.released for lender in lenders)
+        assert not any(buffer.released for buffer in buffers)
         go.set()
         writer.flush()
-        assert all(lender.released == 1 for lender in lenders)
-    assert all(lender.released == 1 for lender in lenders)
+        assert all(buffer.released == 1 for buffer in buffers)
+    assert all(buffer.released == 1 for buffer in buffers)
     _check_images(_images(tmp_path / "a.mcap"), 12)
 
 
 def test_a_recording_that_is_given_up_gives_back_what_it_wrote(tmp_path: Path, memory: BlockMemory) -> None:
     writer = McapWriter(tmp_path / "a.mcap", memory)
-    lenders = _lend(writer, 0, 9)
+    buffers = _write_borrowed(writer, 0, 9)
     writer.abort()
-    assert all(lender.released == 1 for lender in lenders)
+    assert all(buffer.released == 1 for buffer in buffers)
     assert recover(tmp_path / "a.mcap.part", tmp_path / "b.mcap").topics == {IMAGE_TOPIC: 9}
 
 
-def test_a_failing_disk_gives_everything_back(tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_disk_gives_everything_back(
+    tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
+) -> None:
     writer = McapWriter(tmp_path / "a.mcap", memory)
-    lenders = _lend(writer, 0, 3)
+    buffers = _write_borrowed(writer, 0, 3)
     writer.flush()
 
     def broken(*_: object) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(direct_file, "_write_pages", broken)
-    lenders += _lend(writer, 3, 3)
+    buffers += _write_borrowed(writer, 3, 3)
     with pytest.raises(RecorderError, match="Input/output error"):
         writer.flush()  # comes back, and says that not all is on the disk
-    assert all(lender.released == 1 for lender in lenders), "the camera goes on, though nobody finished the recording yet"
-    late = Lender(image_of(WIDTH, HEIGHT, 6))
+    assert all(buffer.released == 1 for buffer in buffers), (
+        "the camera goes on, though nobody finished the recording yet"
+    )
+    late = CountingBuffer(image_of(WIDTH, HEIGHT, 6))
     with pytest.raises(RecorderError, match="Input/output error"):
-        writer.write_lent(writer.add_topic(topics.raw_image("main")), [lent_image(late, 6)])
+        writer.write_borrowed(writer.add_topic(topics.raw_image("main")), [borrowed_image(late, 6)])
     assert late.released == 0, "it was not taken"
     with pytest.raises(RecorderError, match="Input/output error"):
         writer.finish()
-    assert all(lender.released == 1 for lender in lenders)
+    assert all(buffer.released == 1 for buffer in buffers)
     assert recover(tmp_path / "a.mcap.part", tmp_path / "b.mcap").topics == {IMAGE_TOPIC: 3}
 
 
@@ -327,14 +396,17 @@ def test_a_full_disk_refuses_all_of_a_batch_and_gives_a_whole_recording(
 
     monkeypatch.setattr(direct_file, "_allocate", small_disk)
     writer = McapWriter(tmp_path / "a.mcap", memory)
-    lenders = _lend(writer, 0, 40)
-    late = [Lender(image_of(WIDTH, HEIGHT, number)) for number in range(40, 50)]
+    buffers = _write_borrowed(writer, 0, 40)
+    late = [CountingBuffer(image_of(WIDTH, HEIGHT, number)) for number in range(40, 50)]
     with pytest.raises(RecorderError, match=r"cannot be written.*free space") as refused:
-        writer.write_lent(writer.add_topic(topics.raw_image("main")), [lent_image(each, 40 + n) for n, each in enumerate(late)])
+        writer.write_borrowed(
+            writer.add_topic(topics.raw_image("main")),
+            [borrowed_image(each, 40 + n) for n, each in enumerate(late)],
+        )
     assert not isinstance(refused.value, DiskBehind)
-    assert not any(lender.released for lender in late)
+    assert not any(buffer.released for buffer in late)
     writer.finish()
-    assert all(lender.released == 1 for lender in lenders)
+    assert all(buffer.released == 1 for buffer in buffers)
     _check_images(_images(tmp_path / "a.mcap"), 40)
 
 
@@ -342,9 +414,11 @@ def test_without_room_in_memory_the_disk_is_behind(tmp_path: Path, memory: Block
     with McapWriter(tmp_path / "a.mcap", memory) as writer:
         writer.flush()
         taken = [memory.take() for _ in range(memory.free)]
-        lender = Lender(image_of(WIDTH, HEIGHT, 0))
+        buffer = CountingBuffer(image_of(WIDTH, HEIGHT, 0))
         with pytest.raises(DiskBehind):
-            writer.write_lent(writer.add_topic(topics.raw_image("main")), [lent_image(lender, 0)] * 100)
-        assert lender.released == 0
+            writer.write_borrowed(
+                writer.add_topic(topics.raw_image("main")), [borrowed_image(buffer, 0)] * 100
+            )
+        assert buffer.released == 0
         for block in taken:
             memory.give_back(block)

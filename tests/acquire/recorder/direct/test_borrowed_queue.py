@@ -1,4 +1,4 @@
-"""A recorder of frames whose buffers it keeps: what it drops is counted, what it took is in the file, and every buffer goes back once."""
+"""A recorder that borrows the frames' buffers: dropped frames are counted, taken ones are in the file, buffers go back once."""
 
 from __future__ import annotations
 
@@ -14,18 +14,22 @@ from mcap.reader import make_reader
 
 from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
+from acquire.recorder.choose_recorder import choose_recorder
 from acquire.recorder.direct import direct_file
+from acquire.recorder.direct.backlog import backlog_memory
 from acquire.recorder.direct.borrowed_queue import BATCH_FRAMES
 from acquire.recorder.direct.direct_file import can_write_directly
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.file_series import FileSeries, Rotation
-from acquire.recorder.frame_recorder import META_WAIT_S, Arrival, FrameRecorder, lent_memory
+from acquire.recorder.frame_format import FrameFormat
 from acquire.recorder.recover.recover import recover
+from acquire.recorder.window_recorder import META_WAIT_S
 from acquire.recorder.writer import McapWriter
 from schemas.proto import percuss_pb2 as pb
-from tests.acquire.recorder.direct.lenders import T0, Lender, image_of
+from tests.acquire.recorder.direct.counting_buffer import T0, CountingBuffer, frame_in, image_of
 
 WIDTH, HEIGHT = 331, 67
+FORMAT = FrameFormat("main", WIDTH, HEIGHT, 100.0)
 PERIOD_NS = 10_000_000
 
 
@@ -33,34 +37,38 @@ class Rig:
     """A continuous recorder that is fed 100 frames per second by hand."""
 
     def __init__(self, path: Path, rotate_bytes: int = 0) -> None:
-        self.memory = lent_memory(WIDTH, HEIGHT, 200)
+        self.memory = backlog_memory(FORMAT, 200)
         self.path = path
-        self.writer = FileSeries(path, lambda *_: None, Rotation(rotate_bytes), DiskSpace(path.parent, 0), self.memory)
+        self.writer = FileSeries(
+            path, lambda *_: None, Rotation(rotate_bytes), DiskSpace(path.parent, 0), self.memory
+        )
         config = RecorderConfig(mode="continuous", pre_trigger_s=0.1)
-        self.recorder = FrameRecorder(self.writer, "main", WIDTH, HEIGHT, 100.0, config, T0, lent=True)
-        self.lenders: list[Lender] = []
+        self.recorder = choose_recorder(self.writer, FORMAT, config, T0)
+        self.buffers: list[CountingBuffer] = []
 
     @property
     def now_ns(self) -> int:
-        return len(self.lenders) * PERIOD_NS + PERIOD_NS // 2
+        return len(self.buffers) * PERIOD_NS + PERIOD_NS // 2
 
-    def feed(self, count: int, lost: int = 0, *, keeps: bool = True) -> None:
+    def feed(self, count: int, lost: int = 0, *, replaceable: bool = True) -> None:
         for _ in range(count):
-            lender = Lender(image_of(WIDTH, HEIGHT, len(self.lenders) + 1), keeps)
-            self.lenders.append(lender)
-            number = len(self.lenders)
+            buffer = CountingBuffer(image_of(WIDTH, HEIGHT, len(self.buffers) + 1), replaceable)
+            self.buffers.append(buffer)
+            number = len(self.buffers)
             mid = number * PERIOD_NS
-            self.recorder.add(Arrival(lender.image, number, number, mid, mid, mid, 1000, 1500.0, lost, lender))
+            self.recorder.add(frame_in(buffer, number, mid, lost))
 
     def finish(self) -> tuple[list[int], list[pb.FrameMeta]]:
-        """Sequences of the images, and all meta, in the order of the files; every image is the one that was lent."""
+        """Sequences of the images, and all meta, in the order of the files; every image is the one that was borrowed."""
         self.recorder.close()
         self.writer.finish()
         images: list[int] = []
         metas: list[pb.FrameMeta] = []
         for path in sorted(self.path.parent.glob("*.mcap"), key=lambda path: (len(path.name), path.name)):
             with path.open("rb") as file:
-                for _, channel, message in make_reader(file, validate_crcs=True).iter_messages(log_time_order=False):
+                for _, channel, message in make_reader(file, validate_crcs=True).iter_messages(
+                    log_time_order=False
+                ):
                     if channel.topic.endswith("image"):
                         images.append(message.sequence)
                         assert message.data.endswith(image_of(WIDTH, HEIGHT, message.sequence).tobytes())
@@ -70,8 +78,8 @@ class Rig:
         return images, metas
 
     def check_given_back(self) -> None:
-        assert [lender.released for lender in self.lenders] == [lender.kept for lender in self.lenders]
-        assert all(lender.kept <= 1 for lender in self.lenders)
+        assert [buffer.released for buffer in self.buffers] == [buffer.borrows for buffer in self.buffers]
+        assert all(buffer.borrows <= 1 for buffer in self.buffers)
         assert self.memory.free == self.memory.blocks
         assert self.memory.used_bytes == 0
 
@@ -97,7 +105,7 @@ def test_every_frame_is_in_the_file(rig: Rig) -> None:
 
 def test_what_cannot_be_kept_is_dropped_and_counted(rig: Rig) -> None:
     rig.feed(20)
-    rig.feed(5, keeps=False)
+    rig.feed(5, replaceable=False)
     rig.feed(20)
     assert rig.recorder.dropped == 5
     images, metas = rig.finish()
@@ -109,7 +117,7 @@ def test_windows_say_what_they_hold(rig: Rig) -> None:
     rig.feed(30)
     rig.recorder.open_window(rig.now_ns)
     rig.feed(10)
-    rig.feed(2, keeps=False)
+    rig.feed(2, replaceable=False)
     rig.feed(1, lost=3)
     rig.feed(8)
     report = rig.recorder.close_window(rig.now_ns - PERIOD_NS)
@@ -149,11 +157,13 @@ def test_files_follow_each_other_without_a_gap(tmp_path: Path) -> None:
             time.sleep(1e-3)
     images, metas = rig.finish()
     assert rig.writer.parts >= 4
-    assert images == [meta.sequence for meta in metas] == list(range(1, len(rig.lenders) + 1))
+    assert images == [meta.sequence for meta in metas] == list(range(1, len(rig.buffers) + 1))
     rig.check_given_back()
 
 
-def test_a_failing_disk_gives_everything_back_and_is_told(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_disk_gives_everything_back_and_is_reported(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rig.feed(24)
     rig.recorder.open_window(rig.now_ns)
 
@@ -185,7 +195,7 @@ def test_a_frame_that_comes_while_the_recording_is_closed_is_given_back(rig: Rig
     rig.writer.finish()
     rig.feed(1)
     assert rig.recorder.waiting == 0
-    assert [lender.released for lender in rig.lenders] == [1] * 5
+    assert [buffer.released for buffer in rig.buffers] == [1] * 5
     rig.recorder.close()
 
 
@@ -198,10 +208,10 @@ def test_a_disk_that_stands_still_holds_nobody_up(rig: Rig, monkeypatch: pytest.
 
     monkeypatch.setattr(direct_file, "_write_pages", stuck)
     begun = time.monotonic()
-    rig.feed(200)  # as many as a camera would lend
+    rig.feed(200)  # as many as a camera has to borrow
     assert time.monotonic() - begun < 20.0
     assert rig.recorder.waiting < BATCH_FRAMES, "there is a place for all that may be kept"
-    assert not any(lender.released for lender in rig.lenders[20:])
+    assert not any(buffer.released for buffer in rig.buffers[20:])
     go.set()
     images, metas = rig.finish()
     assert images == [meta.sequence for meta in metas] == list(range(1, 201))
@@ -224,15 +234,19 @@ def test_what_a_killed_process_leaves_is_recovered(tmp_path: Path) -> None:
     rig.check_given_back()
 
 
-def test_a_writer_through_the_page_cache_takes_no_lent_frames(tmp_path: Path) -> None:
-    """The recorder copies then; nothing is kept."""
+def test_a_writer_through_the_page_cache_borrows_no_buffer(tmp_path: Path) -> None:
+    """The recorder copies then."""
     with McapWriter(tmp_path / "a.mcap") as writer:
-        recorder = FrameRecorder(writer, "main", WIDTH, HEIGHT, 100.0, RecorderConfig(mode="continuous"), T0, lent=True)
-        lender = Lender(image_of(WIDTH, HEIGHT, 1))
-        recorder.add(Arrival(lender.image, 1, 1, PERIOD_NS, PERIOD_NS, PERIOD_NS, 1000, 1500.0, 0, lender))
-        lender.image[:] = 0xAA
+        recorder = choose_recorder(writer, FORMAT, RecorderConfig(mode="continuous"), T0)
+        buffer = CountingBuffer(image_of(WIDTH, HEIGHT, 1))
+        recorder.add(frame_in(buffer, 1, PERIOD_NS))
+        buffer.image[:] = 0xAA
         recorder.close()
-    assert (lender.kept, lender.released) == (0, 0)
+    assert (buffer.borrows, buffer.released) == (0, 0)
     with (tmp_path / "a.mcap").open("rb") as file:
-        [message] = [message for _, channel, message in make_reader(file).iter_messages() if channel.topic.endswith("image")]
+        [message] = [
+            message
+            for _, channel, message in make_reader(file).iter_messages()
+            if channel.topic.endswith("image")
+        ]
     assert message.data.endswith(image_of(WIDTH, HEIGHT, 1).tobytes())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import random
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,15 +13,13 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from acquire.config import RecorderConfig
 from acquire.errors import RecorderError
+from acquire.frames.page_memory import PAGE
 from acquire.recorder.direct import direct_file
 from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
 from acquire.recorder.direct.direct_file import RESERVE_BYTES, DirectFile, can_write_directly
-from acquire.recorder.frame_recorder import Arrival, FrameRecorder
 from acquire.recorder.image import RawImageEncoder
 from acquire.recorder.messages import DiskBehind
-from acquire.recorder.page_memory import PAGE
 from acquire.recorder.recover.recover import recover
 from acquire.recorder.writer import McapWriter
 from analyze.reading.followed_recording import FollowedRecording
@@ -46,7 +43,12 @@ def memory(tmp_path: Path) -> Iterator[BlockMemory]:
 
 def _image(writer: McapWriter, number: int) -> None:
     time_ns = T0 + number * 1_000_000
-    writer.write(writer.add_topic(topics.raw_image("main")), time_ns, ENCODER.encode(time_ns, IMAGES[number % 4]), sequence=number)
+    writer.write(
+        writer.add_topic(topics.raw_image("main")),
+        time_ns,
+        ENCODER.encode(time_ns, IMAGES[number % 4]),
+        sequence=number,
+    )
 
 
 def test_any_sizes_come_out_as_they_went_in(tmp_path: Path, memory: BlockMemory) -> None:
@@ -56,7 +58,8 @@ def test_any_sizes_come_out_as_they_went_in(tmp_path: Path, memory: BlockMemory)
     expected = bytearray()
     for _ in range(60):
         pieces = [
-            source[start : start + generator.choice([0, 1, 30, PAGE, 100_000, 900_000])] for start in generator.sample(range(1000), 3)
+            source[start : start + generator.choice([0, 1, 30, PAGE, 100_000, 900_000])]
+            for start in generator.sample(range(1000), 3)
         ]
         while not file.has_room(sum(map(len, pieces)), image=False):
             time.sleep(1e-3)
@@ -69,7 +72,9 @@ def test_any_sizes_come_out_as_they_went_in(tmp_path: Path, memory: BlockMemory)
             assert found == expected.ljust(len(found), b"\0")
     file.finish()
     assert (tmp_path / "a.part").read_bytes() == expected
-    assert (tmp_path / "a.part").stat().st_blocks * 512 < len(expected) + 64 * PAGE, "what was allocated and not used is free again"
+    assert (tmp_path / "a.part").stat().st_blocks * 512 < len(expected) + 64 * PAGE, (
+        "what was allocated and not used is free again"
+    )
 
 
 def test_the_recording_is_the_same_as_through_the_page_cache(tmp_path: Path, memory: BlockMemory) -> None:
@@ -87,35 +92,6 @@ def test_what_is_larger_than_the_memory_waits_for_the_disk(tmp_path: Path, memor
     with (tmp_path / "a.mcap").open("rb") as file:
         (found,) = make_reader(file).iter_attachments()
     assert found.data == attachment
-
-
-def test_a_disk_that_stands_still_costs_counted_images_and_nobody_waits(
-    tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    go, write_pages = threading.Event(), direct_file._write_pages
-
-    def stuck(fd: int, views: list[memoryview], offset: int) -> None:
-        go.wait(30)
-        write_pages(fd, views, offset)
-
-    with McapWriter(tmp_path / "a.mcap", memory) as writer:
-        recorder = FrameRecorder(writer, "main", WIDTH, HEIGHT, 100.0, RecorderConfig(mode="continuous"), T0)
-        monkeypatch.setattr(direct_file, "_write_pages", stuck)
-        begun = time.monotonic()
-        for number in range(1, 61):
-            mid = number * 10_000_000
-            recorder.add(Arrival(IMAGES[0], number, number, mid, mid, mid, 1000, 1500.0, 0))
-        assert time.monotonic() - begun < 10.0
-        # 8 MB of memory, less what is kept for small topics and the page that was begun.
-        kept = 60 - recorder.dropped
-        assert 16 <= kept <= 19
-        assert recorder.error is None
-        go.set()
-        recorder.close()
-    with (tmp_path / "a.mcap").open("rb") as file:
-        found = [(channel.topic, message.sequence) for _, channel, message in make_reader(file, validate_crcs=True).iter_messages()]
-    assert [sequence for topic, sequence in found if topic.endswith("image")] == list(range(1, kept + 1))
-    assert [sequence for topic, sequence in found if topic.endswith("meta")] == list(range(1, 61))
 
 
 def test_a_full_disk_refuses_the_next_image_and_still_gives_a_whole_recording(
@@ -146,7 +122,9 @@ def test_a_full_disk_refuses_the_next_image_and_still_gives_a_whole_recording(
     assert found == [*range(taken), 7]
 
 
-def test_a_failing_disk_is_told_and_what_it_took_is_recovered(tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_disk_is_reported_and_what_it_took_is_recovered(
+    tmp_path: Path, memory: BlockMemory, monkeypatch: pytest.MonkeyPatch
+) -> None:
     writer = McapWriter(tmp_path / "a.mcap", memory)
     for number in range(5):
         _image(writer, number)
@@ -212,7 +190,13 @@ def test_a_file_cut_anywhere_gives_every_message_before_the_cut(tmp_path: Path, 
     writer.abort()
     assert writer.part_path.stat().st_size == ends[-1]
     generator = random.Random(3)
-    cuts = [len(data), ends[-1], ends[2], ends[2] + 1, *(generator.randrange(ends[0], len(data)) for _ in range(12))]
+    cuts = [
+        len(data),
+        ends[-1],
+        ends[2],
+        ends[2] + 1,
+        *(generator.randrange(ends[0], len(data)) for _ in range(12)),
+    ]
     for number, cut in enumerate(cuts):
         path, out = tmp_path / f"cut{number}.part", tmp_path / f"whole{number}.mcap"
         path.write_bytes(data[:cut])

@@ -1,0 +1,119 @@
+"""Pools of page-aligned frame buffers.
+
+Some buffers of a camera's pool circulate between its stream and the reader. The others are a reserve: one of
+them takes the place of each borrowed buffer, so that frames which wait for a disk never take a buffer from
+reception.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from acquire.frames.frame import Frame
+from acquire.frames.page_memory import page_memory, whole_pages
+
+
+class BufferPool:
+    """Buffers of `payload` bytes, each at the beginning of a page. Any thread borrows and releases."""
+
+    def __init__(
+        self,
+        circulating: int,
+        reserve: int,
+        payload: int,
+        requeue: Callable[[int], None] = lambda _slot: None,
+    ) -> None:
+        """Allocate the memory.
+
+        Args:
+            circulating: buffers that belong to the stream to begin with: slots 0 to circulating - 1.
+            reserve: buffers that replace borrowed ones.
+            payload: size of a buffer in bytes.
+            requeue: gives a slot to the stream; not called after `close`.
+        """
+        count, stride = circulating + reserve, whole_pages(payload)
+        # Views of it keep the memory: the memory of a closed camera lives as long as one of its frames is
+        # borrowed.
+        memory = np.frombuffer(page_memory(count * stride), np.uint8)
+        self._memory = memory[: count * stride].reshape(count, stride)
+        self.circulating = circulating
+        self._reserve = list(range(circulating, count))
+        self._requeue: Callable[[int], None] | None = requeue
+        self._lock = threading.Lock()
+
+    def __len__(self) -> int:
+        return len(self._memory)
+
+    @property
+    def reserve(self) -> int:
+        """Number of buffers in the reserve now."""
+        return len(self._reserve)
+
+    def address(self, slot: int) -> int:
+        """Address of the slot's first byte."""
+        return self._memory[slot].ctypes.data
+
+    def image(self, slot: int, width: int, height: int) -> NDArray[np.uint8]:
+        """View (height, width) of a slot."""
+        return self._memory[slot, : width * height].reshape(height, width)
+
+    def buffer(self, slot: int) -> PooledBuffer:
+        """Handle of a circulating slot, for the frame that was received into it."""
+        return PooledBuffer(self, slot)
+
+    def copy(self, frame: Frame) -> Frame | None:
+        """Copy a frame's image into a buffer of the reserve. None if the reserve is empty."""
+        with self._lock:
+            if not self._reserve:
+                return None
+            slot = self._reserve.pop()
+        height, width = frame.image.shape
+        image = self.image(slot, width, height)
+        image[:] = frame.image
+        return frame._replace(image=image, buffer=PooledBuffer(self, slot, borrowed=True))
+
+    def replace(self) -> bool:
+        """Give the stream a buffer of the reserve in place of a borrowed one. False if there is none."""
+        with self._lock:
+            if not self._reserve or self._requeue is None:
+                return False
+            # The buffer released last: part of it may still be in the processor's caches.
+            self._requeue(self._reserve.pop())
+            return True
+
+    def give_back(self, slot: int, *, borrowed: bool) -> None:
+        """Return a slot: to the reserve if it was borrowed, else to the stream."""
+        with self._lock:
+            if borrowed:
+                self._reserve.append(slot)
+            elif self._requeue is not None:
+                self._requeue(slot)
+
+    def close(self) -> None:
+        """Disconnect from the stream; borrowed buffers stay valid until their release."""
+        with self._lock:
+            self._requeue = None
+
+
+class PooledBuffer:
+    """FrameBuffer: one use of a slot, by one frame."""
+
+    __slots__ = ("_pool", "borrowed", "slot")
+
+    def __init__(self, pool: BufferPool, slot: int, *, borrowed: bool = False) -> None:
+        self._pool = pool
+        self.slot = slot
+        self.borrowed = borrowed
+
+    def borrow(self) -> bool:
+        """See FrameBuffer."""
+        self.borrowed = self._pool.replace()
+        return self.borrowed
+
+    def release(self) -> None:
+        """See FrameBuffer."""
+        self._pool.give_back(self.slot, borrowed=self.borrowed)

@@ -1,0 +1,36 @@
+"""Page-aligned memory, populated in advance: O_DIRECT writes from it, a camera's stream into it."""
+
+from __future__ import annotations
+
+import mmap
+from typing import Final
+
+PAGE: Final = 4096
+"""page size in bytes; a multiple of every disk's block size"""
+_HUGE_PAGE: Final = 2 << 20
+"""size of a huge page in bytes"""
+_MADV_POPULATE_WRITE: Final = 23
+"""Linux 5.14: every page is there before the first frame comes"""
+
+
+def page_memory(size: int) -> mmap.mmap:
+    """Allocate at least `size` zero bytes that begin on a page; no later access causes a page fault.
+
+    Huge pages are used where the kernel offers them.
+    """
+    # Private: shared memory gets no huge pages in the kernel's usual configuration (shmem_enabled = never).
+    memory = mmap.mmap(-1, -(-size // _HUGE_PAGE) * _HUGE_PAGE, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    if hasattr(mmap, "MADV_HUGEPAGE"):
+        memory.madvise(mmap.MADV_HUGEPAGE)
+    for start in range(0, len(memory), _HUGE_PAGE):  # madvise holds the GIL: only for a short time each
+        try:
+            memory.madvise(_MADV_POPULATE_WRITE, start, _HUGE_PAGE)
+        except OSError:  # an older kernel: touch each page
+            for at in range(start, start + _HUGE_PAGE, mmap.PAGESIZE):
+                memory[at] = 0
+    return memory
+
+
+def whole_pages(size: int) -> int:
+    """`size` [bytes], rounded up to whole pages."""
+    return -(-size // PAGE) * PAGE

@@ -1,0 +1,37 @@
+"""Choice of a recording's mode and of its path to the disk, made once when it opens."""
+
+from __future__ import annotations
+
+import math
+
+from acquire.config import RecorderConfig
+from acquire.recorder.direct.backlog import BACKLOG_S
+from acquire.recorder.direct.borrowed_queue import BorrowedQueue
+from acquire.recorder.frame_file import FrameFile, ImageSink
+from acquire.recorder.frame_format import FrameFormat
+from acquire.recorder.frame_recorder import ContinuousRecorder, FrameRecorder
+from acquire.recorder.paged.copied_queue import CopiedQueue
+from acquire.recorder.window_recorder import WindowRecorder
+
+
+def choose_recorder(
+    sink: ImageSink, frames: FrameFormat, config: RecorderConfig, wall_anchor_ns: int
+) -> FrameRecorder:
+    """Start the recorder of one camera.
+
+    Args:
+        sink: file, or series of files. If it never waits for the disk, continuous raw frames are written
+            directly from their borrowed buffers; else they are copied.
+        frames: size and rate of the frames.
+        config: mode, image format, and times of a window.
+        wall_anchor_ns: log time minus host monotonic time.
+    """
+    raw = config.image_format == "raw"
+    file = FrameFile(sink, frames, wall_anchor_ns, raw=raw)
+    if config.mode == "continuous" and raw and sink.never_waits:
+        return ContinuousRecorder(BorrowedQueue(file), file, frames, config, wall_anchor_ns)
+    # PNG takes longer than the time between two frames: the queue's thread encodes it.
+    buffers = math.ceil(frames.frame_rate_hz * (config.pre_trigger_s + BACKLOG_S)) + 2
+    queue = CopiedQueue(file, frames, buffers)
+    mode = ContinuousRecorder if config.mode == "continuous" else WindowRecorder
+    return mode(queue, file, frames, config, wall_anchor_ns)

@@ -1,0 +1,188 @@
+"""Bytes of a file that wait for the disk: copied into blocks, or in place in borrowed buffers.
+
+One thread adds bytes at the end, another takes views of them and drops what is written. Copied bytes fill one
+block after the other, also where borrowed pages stand between them in the file, so that one page at the end
+of an image takes one page of memory and no more. Borrowed pages begin and end on pages of the file; therefore
+a byte has the same place within its page in memory and in the file.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from acquire.recorder.direct.block_memory import BLOCK_BYTES, BlockMemory
+from acquire.recorder.recording_file import BorrowedRun
+
+
+class _Stretch:
+    """Consecutive bytes of the file: one growing block, or a run with borrowed pages."""
+
+    __slots__ = ("block", "borrowed_bytes", "closed", "end", "release", "start", "views")
+
+    def __init__(self, start: int) -> None:
+        self.start = self.end = start
+        """offset in the file"""
+        self.views: list[memoryview] = []
+        self.closed = False
+        """True if it does not grow any more, its views cover exactly its bytes, and it ends with a page of
+        the file"""
+        self.block: list[memoryview] = []
+        """given back together with the stretch"""
+        self.release: list[Callable[[], None]] = []
+        self.borrowed_bytes = 0
+
+
+class WaitingBytes:
+    """Queue of bytes between the appending and the writing thread. Offsets are those in the file."""
+
+    def __init__(self, memory: BlockMemory) -> None:
+        self._memory = memory
+        self._block: memoryview | None = None
+        """block being filled"""
+        self._room = 0
+        self._growing: _Stretch | None = None
+        self._added: deque[_Stretch] = deque()
+        """stretches that the writing thread has not seen yet"""
+        self._line: list[_Stretch] = []
+        """stretches of the writing thread"""
+
+    # --- the thread that appends ---
+
+    @property
+    def room(self) -> int:
+        """Number of bytes that can be copied before another block is needed."""
+        return self._room
+
+    def add_block(self, block: memoryview) -> None:
+        """Continue in `block`; the previous one is full."""
+        self._block, self._room = block, BLOCK_BYTES
+
+    def copy(self, at: int, part: memoryview) -> None:
+        """Copy the file's next bytes; there is room for them."""
+        stretch = self._growing
+        if stretch is None:
+            stretch = _Stretch(at)
+            stretch.views = [self._rest_of_block()]
+        self._fill(part, stretch)
+        stretch.end += len(part)
+        if self._growing is None:
+            self._added.append(stretch)
+        self._growing = stretch
+        if not self._room:
+            self._close_growing()
+
+    def add_borrowed(self, at: int, run: BorrowedRun, more: list[memoryview]) -> int:
+        """Add all of `run` between its lead and its last bytes.
+
+        Args:
+            at: offset of the first borrowed page, the beginning of a page of the file.
+            run: borrowed pages and the bytes between them.
+            more: blocks for those bytes.
+
+        Returns:
+            Offset of the end.
+        """
+        self._close_growing()
+        stretch = _Stretch(at)
+        views = stretch.views
+        for pages, following in zip(run.pages, run.following[:-1], strict=False):
+            views.append(pages)
+            copied = memoryview(following)
+            while copied:
+                if not self._room:
+                    self.add_block(more.pop())
+                rest, size = self._rest_of_block(), min(len(copied), self._room)
+                views.append(rest[:size])
+                self._fill(copied[:size], stretch)
+                copied = copied[size:]
+        views.append(run.pages[-1])
+        stretch.end = at + sum(map(len, views))
+        stretch.release, stretch.borrowed_bytes = run.release, run.borrowed_bytes
+        stretch.closed = True
+        self._memory.count_borrowed(stretch.borrowed_bytes)
+        self._added.append(stretch)
+        return stretch.end
+
+    def _rest_of_block(self) -> memoryview:
+        if self._block is None:
+            raise IndexError("there is no block to copy to")
+        return self._block[BLOCK_BYTES - self._room :]
+
+    def _fill(self, part: memoryview, stretch: _Stretch) -> None:
+        block, size = self._block, len(part)
+        if block is None:
+            raise IndexError("there is no block to copy to")
+        within = BLOCK_BYTES - self._room
+        block[within : within + size] = part
+        self._room -= size
+        if not self._room:
+            stretch.block.append(block)
+            self._block = None
+
+    def _close_growing(self) -> None:
+        stretch = self._growing
+        if stretch is not None:
+            stretch.views = [stretch.views[0][: stretch.end - stretch.start]]
+            stretch.closed = True
+            self._growing = None
+
+    # --- the thread that writes ---
+
+    def views(self, start: int, end: int) -> list[memoryview]:
+        """Views of the bytes from `start`, which is not dropped yet, to `end`, which was added."""
+        line = self._line
+        while start < end and (not line or line[-1].end < end):
+            line.append(self._added.popleft())
+        views: list[memoryview] = []
+        for stretch in line:
+            if stretch.closed and start <= stretch.start and stretch.end <= end:
+                views += stretch.views
+            else:
+                at = stretch.start
+                for view in stretch.views:
+                    if part := view[max(start - at, 0) : max(end - at, 0)]:
+                        views.append(part)
+                    at += len(view)
+        return views
+
+    def drop_written(self, end: int) -> None:
+        """Give back the memory of the bytes before `end`: they are written."""
+        count = 0
+        for stretch in self._line:
+            if not stretch.closed or stretch.end > end:
+                break
+            count += 1
+            self._release(stretch)
+            self._give_back(stretch)
+        del self._line[:count]
+
+    def release_borrowed(self) -> None:
+        """Release all borrowed buffers: the disk failed, they will not be written."""
+        while self._added:
+            self._line.append(self._added.popleft())
+        for stretch in self._line:
+            self._release(stretch)
+
+    # --- either thread, when the other has ended ---
+
+    def close(self) -> None:
+        """Give back all memory."""
+        self.release_borrowed()
+        for stretch in self._line:
+            self._give_back(stretch)
+        self._line = []
+        if self._block is not None:
+            self._memory.give_back(self._block)
+        self._block, self._growing, self._room = None, None, 0
+
+    def _release(self, stretch: _Stretch) -> None:
+        if stretch.release:
+            self._memory.count_borrowed(-stretch.borrowed_bytes)
+            releases, stretch.release = stretch.release, []
+            for release in releases:
+                release()
+
+    def _give_back(self, stretch: _Stretch) -> None:
+        for block in stretch.block:
+            self._memory.give_back(block)

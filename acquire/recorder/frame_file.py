@@ -1,0 +1,143 @@
+"""Image and meta topics of one camera in a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+from acquire.frames.frame import Frame
+from acquire.recorder.checksum import crc_of
+from acquire.recorder.frame_format import FrameFormat
+from acquire.recorder.image import RawImageEncoder, png_message
+from acquire.recorder.messages import BorrowedImage, ImageMessage, SmallMessage
+from acquire.recorder.writer import Channel
+from schemas import topics
+from schemas.mcap.records import Buffer
+from schemas.proto import percuss_pb2 as pb
+
+FRAME_ID: Final = "camera"
+"""Foxglove's name of the camera frame C; the calibration message carries the same name"""
+
+
+class ImageSink(Protocol):
+    """Destination of messages: one file, or a series of files."""
+
+    @property
+    def never_waits(self) -> bool:
+        """True if `write_images` and `write_borrowed` return without waiting for the disk."""
+        ...
+
+    def add_topic(self, topic: topics.Topic) -> Channel:
+        """Make a channel."""
+        ...
+
+    def write_small(self, channel: Channel, messages: Sequence[SmallMessage]) -> None:
+        """Write messages of a small topic."""
+        ...
+
+    def write_images(self, channel: Channel, messages: Sequence[ImageMessage]) -> None:
+        """Write images together."""
+        ...
+
+    def write_borrowed(self, channel: Channel, images: Sequence[BorrowedImage]) -> None:
+        """Write images directly from their borrowed buffers."""
+        ...
+
+    def flush(self) -> None:
+        """Hand small topics to the file now."""
+        ...
+
+
+class FrameFile:
+    """Writer of frames as messages of the image and the meta topic."""
+
+    def __init__(self, sink: ImageSink, frames: FrameFormat, wall_anchor_ns: int, *, raw: bool) -> None:
+        """Make the two topics.
+
+        Args:
+            sink: file, or series of files, that is written.
+            frames: size of the images.
+            wall_anchor_ns: log time minus host monotonic time.
+            raw: write foxglove.RawImage; False: PNG as foxglove.CompressedImage.
+        """
+        self._sink = sink
+        self._anchor = wall_anchor_ns
+        self._encoder = RawImageEncoder(FRAME_ID, frames.width, frames.height)
+        self._raw = raw
+        self._images = sink.add_topic(
+            topics.raw_image(frames.camera) if raw else topics.compressed_image(frames.camera)
+        )
+        self._metas = sink.add_topic(topics.frame_meta(frames.camera))
+        self._every_meta = pb.FrameMeta(width=frames.width, height=frames.height)
+
+    def write_images(self, frames: Sequence[Frame]) -> None:
+        """Write images together, all or none.
+
+        Raises:
+            RecorderError: none was written.
+        """
+        messages: list[ImageMessage] = []
+        for frame in frames:
+            time_ns = self._anchor + frame.mid_exposure_ns
+            image = frame.image
+            data: list[Buffer] = (
+                self._encoder.encode(time_ns, image) if self._raw else [png_message(FRAME_ID, time_ns, image)]
+            )
+            messages.append(ImageMessage(time_ns, data, frame.sequence))
+        self._sink.write_images(self._images, messages)
+
+    def write_borrowed(self, frames: Sequence[Frame]) -> None:
+        """Write raw images from their borrowed buffers, all or none.
+
+        Each buffer is released when the disk has its image.
+
+        Raises:
+            DiskBehind: there is no room now.
+            RecorderError: the disk is full or failing. In both cases no buffer was released.
+        """
+        anchor, prefix = self._anchor, self._encoder.prefix
+        pixels = [frame.pixels for frame in frames]
+        crcs = [crc_of(each) for each in pixels]
+        images: list[BorrowedImage] = []
+        for frame, each, crc in zip(frames, pixels, crcs, strict=True):
+            time_ns = anchor + frame.mid_exposure_ns
+            message = BorrowedImage(
+                time_ns, frame.sequence, prefix(time_ns, len(each)), each, crc, frame.buffer.release
+            )
+            images.append(message)
+        self._sink.write_borrowed(self._images, images)
+
+    def write_metas(self, frames: Sequence[tuple[Frame, bool]]) -> None:
+        """Write the meta of frames; the boolean is True if the frame's image is in the file.
+
+        Raises:
+            RecorderError: the disk is full or failing.
+        """
+        anchor = self._anchor
+        self._sink.write_small(
+            self._metas,
+            [
+                SmallMessage(anchor + frame.mid_exposure_ns, self._meta(frame, recorded), frame.sequence)
+                for frame, recorded in frames
+            ],
+        )
+
+    def flush(self) -> None:
+        """Hand small topics to the file; on return others can read what was written before."""
+        self._sink.flush()
+
+    def _meta(self, frame: Frame, recorded: bool) -> bytes:
+        meta = pb.FrameMeta()
+        meta.CopyFrom(self._every_meta)  # takes half as long as naming every field
+        meta.sequence = frame.sequence
+        meta.device_time_ns = frame.device_time_ns
+        meta.host_time_ns = frame.host_time_ns
+        meta.mid_exposure_host_ns = frame.mid_exposure_ns
+        meta.frame_id = frame.frame_id
+        meta.mapping_sd_ns = frame.mapping_sd_ns
+        meta.exposure_us = frame.exposure_us
+        if frame.lost_before:
+            meta.frames_lost_before = frame.lost_before
+        if recorded:
+            meta.image_recorded = True
+        return meta.SerializeToString()
