@@ -1,142 +1,123 @@
-"""One table of a TOML file, one entry of it, or of one of its [[tables]], written anew; every other line stays as people wrote it."""
+"""Edits entries of a TOML file with tomlkit; comments, layout and all other entries stay as they were written.
+
+Each function returns None if the file is not TOML, or if the table is not written as [table] or [[table]]: an inline table or
+dotted keys are left to the user.
+"""
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Mapping
-from typing import Any
 
-_HEADER = re.compile(r"""\s*\[{1,2}\s*[\w"'.\- ]+\s*\]{1,2}\s*(#.*)?$""")
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import AoT, Table
 
 
 def with_table(text: str, table: str, entries: Mapping[str, str]) -> str | None:
-    """`text` with [table] holding just these entries (key -> value as TOML); None where that cannot be done by lines.
+    """`text` with exactly these entries in [table]; a missing table is added at the end.
 
     Args:
-        text: a TOML file's content.
-        table: its dotted name.
-        entries: what shall stand in it, in this order.
+        text: content of a TOML file.
+        table: dotted name of the table.
+        entries: values, as TOML, by key.
     """
-    lines = text.splitlines()
-    headers = [i for i, line in enumerate(lines) if _HEADER.match(line)]
-    start = _start(lines, headers, table)
-    body = [f"{key} = {value}" for key, value in entries.items()]
-    if start is None:
-        new = [*lines, *([""] if lines and lines[-1].strip() else []), f"[{table}]", *body]
-    else:
-        end = next((i for i in headers if i > start), len(lines))
-        # Blank lines and remarks just before the next table are its own.
-        after = end
-        while after > start + 1 and (not lines[after - 1].strip() or lines[after - 1].lstrip().startswith("#")):
-            after -= 1
-        new = [*lines[: start + 1], *body, *lines[after:]]
-    changed = "\n".join(new) + "\n"
-    return changed if _only_changes(text, changed, table, "\n".join(body)) else None
-
-
-def with_entry_in_each(text: str, table: str, key: str, values: Mapping[int, str]) -> str | None:
-    """`text` with `key` = value (as TOML) in some of the [[table]]s; None where that cannot be done by lines.
-
-    Args:
-        text: a TOML file's content.
-        table: name of an array of tables.
-        key: of the entry; where it is there it is replaced.
-        values: by the number of the [[table]], from 0.
-    """
-    lines = text.splitlines()
-    headers = [i for i, line in enumerate(lines) if _HEADER.match(line)]
-    named = re.compile(r"\s*\[\[\s*" + re.escape(table) + r"\s*\]\]\s*(#.*)?$")
-    starts = [i for i in headers if named.match(lines[i])]
-    if any(number >= len(starts) for number in values):
-        return None
-    for number in sorted(values, reverse=True):
-        if not _write_entry(lines, headers, starts[number], key, values[number]):
-            return None
-    changed = "\n".join(lines) + "\n"
     try:
-        old, new = tomllib.loads(text), tomllib.loads(changed)
-        for number, value in values.items():
-            old[table][number][key] = tomllib.loads(f"{key} = {value}")[key]
-    except (tomllib.TOMLDecodeError, KeyError, IndexError, TypeError):
+        document = tomlkit.parse(text)
+        found = _find(document, table)
+        if found is None:
+            return _with_new_table(text, table, entries)
+        if not isinstance(found, Table):
+            return None
+        for key in [key for key in found if key not in entries]:
+            del found[key]
+        for key, value in entries.items():
+            _set_entry(found, key, value)
+    except TOMLKitError:
         return None
-    return changed if old == new else None
+    return _rendered(document)
 
 
 def with_entry(text: str, table: str, key: str, value: str) -> str | None:
-    """`text` with `key` = value (as TOML) in [table]; None where that cannot be done by lines, or there is no such table.
+    """`text` with `key` = `value` (as TOML) in [table], which must exist."""
+    try:
+        document = tomlkit.parse(text)
+        found = _find(document, table)
+        if not isinstance(found, Table):
+            return None
+        _set_entry(found, key, value)
+    except TOMLKitError:
+        return None
+    return _rendered(document)
+
+
+def with_entry_in_each(text: str, table: str, key: str, values: Mapping[int, str]) -> str | None:
+    """`text` with `key` in some of the [[table]]s.
 
     Args:
-        text: a TOML file's content.
-        table: its dotted name.
-        key: of the entry; where it is there it is replaced.
-        value: as TOML.
+        text: content of a TOML file.
+        table: name of an array of tables.
+        key: of the entry, which is added or replaced.
+        values: values, as TOML, by the number of the [[table]], from 0.
     """
-    lines = text.splitlines()
-    headers = [i for i, line in enumerate(lines) if _HEADER.match(line)]
-    start = _start(lines, headers, table)
-    if start is None or not _write_entry(lines, headers, start, key, value):
-        return None
-    changed = "\n".join(lines) + "\n"
     try:
-        old, new = tomllib.loads(text), tomllib.loads(changed)
-        at = old
-        for name in table.split("."):
-            at = at[name]
-        at[key] = tomllib.loads(f"{key} = {value}")[key]
-    except (tomllib.TOMLDecodeError, KeyError, TypeError):
+        document = tomlkit.parse(text)
+        tables = document.get(table)
+        if not isinstance(tables, AoT) or any(number >= len(tables) for number in values):
+            return None
+        for number, value in values.items():
+            _set_entry(tables.body[number], key, value)
+    except TOMLKitError:
         return None
-    return changed if old == new else None
+    return _rendered(document)
 
 
-def _start(lines: list[str], headers: list[int], table: str) -> int | None:
-    """Line of the header [table]."""
-    named = re.compile(r"\s*\[\s*" + r"\s*\.\s*".join(map(re.escape, table.split("."))) + r"\s*\]\s*(#.*)?$")
-    return next((i for i in headers if named.match(lines[i])), None)
+def _find(document: tomlkit.TOMLDocument, table: str) -> object:
+    """Item of this dotted name, None if it is missing."""
+    found: object = document
+    for name in table.split("."):
+        if not isinstance(found, Mapping):
+            raise TOMLKitError(f"{name} is not in a table")
+        found = found.get(name)
+        if found is None:
+            return None
+    return found
 
 
-def _write_entry(lines: list[str], headers: list[int], start: int, key: str, value: str) -> bool:
-    """Put the entry into the table whose header is line `start`, in place; False where the end of the old one cannot be told."""
-    first = start + 1
-    last = next((i for i in headers if i >= first), len(lines))
-    body = _without_entry(lines[first:last], key)
-    if body is None:
-        return False
-    # Blank lines and remarks just before the next table are its own.
-    after = len(body)
-    while after > 0 and (not body[after - 1].strip() or body[after - 1].lstrip().startswith("#")):
-        after -= 1
-    lines[first:last] = [*body[:after], f"{key} = {value}", *body[after:]]
-    return True
+def _set_entry(table: Table, key: str, value: str) -> None:
+    """Replace an entry in its place, or add it after the table's last entry."""
+    item = tomlkit.value(value)
+    if key in table:
+        table[key] = item
+        return
+    # Blank lines and comments at the end of a table belong to the next table.
+    body, trailing = table.value.body, []
+    while body and body[-1][0] is None:
+        trailing.insert(0, body.pop())
+    table.add(key, item)
+    body.extend(trailing)
 
 
-def _without_entry(body: list[str], key: str) -> list[str] | None:
-    """A table's lines without an entry, over however many lines it goes; None where its end cannot be told."""
-    entry = re.compile(rf"\s*{re.escape(key)}\s*=")
-    first = next((i for i, line in enumerate(body) if entry.match(line)), None)
-    if first is None:
-        return body
-    for last in range(first + 1, len(body) + 1):
-        try:
-            tomllib.loads("\n".join(body[first:last]))
-        except tomllib.TOMLDecodeError:
-            continue
-        return [*body[:first], *body[last:]]
-    return None
+def _with_new_table(text: str, table: str, entries: Mapping[str, str]) -> str | None:
+    before = text if not text or text.endswith("\n") else f"{text}\n"
+    lines = [
+        *([""] if before.strip() else []),
+        f"[{table}]",
+        *(f"{key} = {value}" for key, value in entries.items()),
+    ]
+    added = before + "\n".join(lines) + "\n"
+    return added if _is_toml(added) else None
 
 
-def _only_changes(before: str, after: str, table: str, body: str) -> bool:
-    """Whether the file means the same but for this table: a table can be written in ways that a line editor does not see."""
-    old: dict[str, Any]
+def _rendered(document: tomlkit.TOMLDocument) -> str | None:
+    """Text of an edited document; None if tomlkit cannot express the change where it stands."""
+    text = document.as_string()
+    return text if _is_toml(text) and tomllib.loads(text) == document.unwrap() else None
+
+
+def _is_toml(text: str) -> bool:
     try:
-        old, new, wanted = tomllib.loads(before), tomllib.loads(after), tomllib.loads(body)
+        tomllib.loads(text)
     except tomllib.TOMLDecodeError:
         return False
-    at = old
-    *path, last = table.split(".")
-    for key in path:
-        at = at.setdefault(key, {})
-        if not isinstance(at, dict):
-            return False
-    at[last] = wanted
-    return old == new
+    return True

@@ -1,4 +1,4 @@
-"""One table of a TOML file anew, all else as people wrote it."""
+"""Entries of a TOML file are edited; comments, layout and all other entries stay."""
 
 import tomllib
 
@@ -40,7 +40,7 @@ def test_a_table_that_is_not_there_is_added_at_the_end():
 @pytest.mark.parametrize(
     "text", ["[camera]\ncalibration = { a = 1 }\n", "camera.calibration.a = 1\n", "camera = 3\n", "not toml"]
 )
-def test_what_a_line_editor_cannot_do_it_leaves(text):
+def test_a_table_that_is_written_otherwise_is_changed_rightly_or_not_at_all(text):
     new = with_table(text, "camera.calibration", {"a": "2"})
     assert new is None or tomllib.loads(new)["camera"]["calibration"] == {"a": 2}
 
@@ -75,10 +75,18 @@ def test_an_array_that_is_not_written_as_tables_is_left_alone():
 
 def test_one_entry_of_a_table_is_written_and_its_others_stay():
     assert with_entry(TEXT, "camera.calibration", "K", "[[5]]") == TEXT.replace(
-        "K = [\n  [1, 2],\n  [3, 4],\n]\nold = 1\n", "old = 1\nK = [[5]]\n"
+        "K = [\n  [1, 2],\n  [3, 4],\n]\nold = 1\n", "K = [[5]]\nold = 1\n"
     )
     assert with_entry(TEXT, "camera", "name", '"c"') == TEXT.replace(
         '"x"  # ours\n', '"x"  # ours\nname = "c"\n'
     )
     assert with_entry(TEXT, "level", "a", "1") is None
     assert with_entry("[camera]\ncalibration = { a = 1 }\n", "camera.calibration", "a", "2") is None
+
+
+def test_a_table_that_was_added_at_the_end_is_edited_again():
+    first = with_table('[camera]\naddress = "x"\n\n[striker]\nid = 1\n', "camera.calibration", {"a": "1"})
+    assert first is not None
+    second = with_table(first, "camera.calibration", {"a": "2", "b": "[3, 4]"})
+    assert second == first.replace("a = 1\n", "a = 2\nb = [3, 4]\n")
+    assert with_entry(second, "camera.calibration", "a", "5") == second.replace("a = 2", "a = 5")
