@@ -1,6 +1,7 @@
-"""The `analyze` command: verbs only; each hands over to the module that does the work.
+"""The `analyze` command: a group of verbs, each defined in a module of `analyze.verbs`.
 
-Exit codes: 0 done, 1 a named problem (one line on standard error), 2 wrong usage, 130 interrupted.
+Exit codes: 0 done, 1 a named problem (one line on standard error), 2 wrong usage, 3 done with failures,
+130 interrupted.
 """
 
 from __future__ import annotations
@@ -9,19 +10,23 @@ import os
 
 import click
 
-from analyze.verbs.batch import batch, query
+from analyze.verbs.batch import batch
 from analyze.verbs.calibrate.command import calibrate
-from analyze.verbs.estimate import estimate, report, score
+from analyze.verbs.estimate import estimate
 from analyze.verbs.export import export
 from analyze.verbs.gravity.command import gravity
 from analyze.verbs.import_ import import_
-from analyze.verbs.inspect.command import inspect, watch
+from analyze.verbs.inspect.command import inspect
 from analyze.verbs.parts import parts
 from analyze.verbs.plan.command import plan
 from analyze.verbs.print_tags import print_tags
+from analyze.verbs.query import query
 from analyze.verbs.register.command import register
 from analyze.verbs.replay import replay
+from analyze.verbs.report import report
 from analyze.verbs.reproduce import reproduce
+from analyze.verbs.score import score
+from analyze.verbs.watch.command import watch
 from schemas.command_line import Commands
 
 
@@ -29,7 +34,8 @@ from schemas.command_line import Commands
 @click.version_option(package_name="percuss")
 def main() -> None:
     """Plan strikes; turn recordings into centre of mass, inertia and region masses."""
-    # One thread for the linear algebra: the matrices are small, and results must not depend on the number of cores.
+    # One thread for the linear algebra: the matrices are small, and results must not depend on the number of
+    # cores.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
 

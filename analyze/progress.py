@@ -1,17 +1,29 @@
-"""A progress bar for work that takes longer than a second; on standard error, and only on a terminal."""
+"""Progress of work that takes longer than a second: the callback that reports it, and a progress bar."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import TracebackType
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+Progress = Callable[[str, int, int], None]
+"""called with the name of the step, the units of work done, and the units in all"""
 
 
-class StrikeProgress:
-    """Call with (text, done, total)."""
+def no_progress(_text: str, _done: int, _total: int) -> None:
+    """Discard a progress report."""
+
+
+class ProgressBar:
+    """Progress bar on standard error, shown only on a terminal.
+
+    A `Progress` callback and a context manager.
+    """
 
     def __init__(self) -> None:
+        # Imported here: the callback's type is used by modules that draw nothing.
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
         console = Console(stderr=True)
         self._progress = Progress(
             TextColumn("{task.description}"),
@@ -27,15 +39,18 @@ class StrikeProgress:
         self._task = self._progress.add_task(self._text, total=1)
 
     def __call__(self, text: str, done: int, total: int) -> None:
-        """Update the bar; a new step is shown at once, for it may not let the bar's own thread run until it ends."""
+        """Update the bar, and redraw it at once when the step changes."""
         self._progress.update(self._task, description=text, completed=done, total=max(total, 1))
         if text != self._text:
+            # A step that holds the interpreter keeps the bar's own thread from redrawing until it ends.
             self._text = text
             self._progress.refresh()
 
-    def __enter__(self) -> StrikeProgress:
+    def __enter__(self) -> ProgressBar:
         self._progress.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self._progress.stop()

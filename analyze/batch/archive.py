@@ -61,8 +61,8 @@ class Source:
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
     @property
-    def is_local_info(self) -> bool:
-        """Whether it lies on a disk of this machine."""
+    def is_local(self) -> bool:
+        """True if the recording is on a disk of this machine."""
         return "://" not in self.url
 
     def others(self, names: Iterable[str]) -> list[Source]:

@@ -100,9 +100,8 @@ def _analyse_on_worker(fields: dict[str, Any], limits: tuple[float, int], versio
     """
     if version != analysis_version():
         raise ArchiveError(
-            f"{socket.gethostname()}: its worker has another version of Percuss: install this one there, "
-            "and start it "
-            "again"
+            f"{socket.gethostname()}: its worker has another version of Percuss: install this one there, and "
+            "start it again"
         )
     request = Request.from_fields(fields)
     worker: WorkerProcess | None = getattr(_this_thread, "worker", None)

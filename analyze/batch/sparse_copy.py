@@ -181,7 +181,8 @@ def _summary_start(remote: _Remote, url: str) -> int:
         return summary_start(tail, remote.size)[0]
     except EndsEarly:
         raise RecordingCut(
-            f"{url}: ends early: it was cut short or is still being written: fetch it and use `acquire recover`"
+            f"{url}: ends early: it was cut short or is still being written: fetch it and use "
+            "`acquire recover`"
         ) from None
 
 

@@ -128,8 +128,8 @@ def stands_out_text(each: Repeated) -> str:
     _, scatter, stated, _, drift = cells(each)
     drifts = f" by {drift} a day" if each.stands_out.endswith("drifts") else ""
     return (
-        f"{each.stands_out}{drifts} (scatter {scatter}, stated {stated} {each.unit}, "
-        f"{each.sessions} sessions)"
+        f"{each.stands_out}{drifts} (scatter {scatter}, stated {stated} {each.unit}, {each.sessions} "
+        "sessions)"
     )
 
 
@@ -149,7 +149,7 @@ def save_summary(summary: Summary, path: Path) -> list[Path]:
             path,
             page_environment()
             .get_template("archive.html")
-            .render(found=summary, cells=cells, stands_out_text=stands_out_text),
+            .render(summary=summary, cells=cells, stands_out_text=stands_out_text),
         )
         return [path]
     written: list[Path] = []

@@ -1,1 +1,1 @@
-"""Camera calibrations: measured from images of a board, read from files of other programs, written into rig files."""
+"""Camera calibrations: measured from board images, read from other programs' files, written to rig files."""

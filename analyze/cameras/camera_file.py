@@ -1,4 +1,4 @@
-"""The camera that filmed: its lens and, where the file says it, its place in W."""
+"""Camera files: the lens of an imported video and, where the file has it, the camera's pose in W."""
 
 from __future__ import annotations
 
@@ -8,78 +8,96 @@ from pathlib import Path
 
 from analyze.cameras.board_images import SUFFIXES as PICTURES
 from analyze.cameras.board_images import VIDEOS
-from analyze.cameras.calibrate import read_rig
 from analyze.cameras.foreign_calibrations import SUFFIXES, read_calibration
+from analyze.cameras.rig_file import read_rig
 from analyze.errors import CalibrationError, ImportRefused
 from analyze.sources.source import FrameSource
 from analyze.sources.topic_source import TopicSource
 from schemas.rig import RigConfig
 from schemas.session_manifest import CameraCalibrationSpec
 
-_OF_OTHERS = (".xml", ".txt", ".ini", ".npz", ".mat")
-"""files in which other programs keep calibrations too"""
+UNREAD_SUFFIXES = (".xml", ".txt", ".ini", ".npz", ".mat")
+"""suffixes of other programs' calibrations that are not read"""
 
 
 @dataclass(frozen=True)
 class CameraFile:
-    """What a camera file says."""
+    """Content of a camera file."""
 
     path: Path
-    """where it is said: a file, or a file and its topic"""
+    """origin of the calibration: a file, or a file and its topic"""
     calibration: CameraCalibrationSpec
-    """its T_world_camera is the unit matrix where the file has none"""
+    """lens and pose; T_world_camera is the unit matrix if the file has none"""
     placed: bool
-    """the file says where the camera stands"""
+    """True if the file has T_world_camera"""
     rig: RigConfig | None = None
-    """what it says of gravity and the table besides, where it is a rig file"""
+    """the rig, for its gravity and table; None if it is not a rig file"""
     of_topic: bool = False
-    """said by a topic of a source"""
+    """True if the calibration comes from a topic of a source"""
 
     @property
     def file_name(self) -> str:
-        """What its content is called as a file."""
+        """Name of the content as an attached file."""
         return f"{self.path.name}.json" if self.of_topic else self.path.name
 
     def content(self) -> bytes:
-        """As the file has it; of a topic what was understood of it."""
-        return self.calibration.model_dump_json(exclude={"T_world_camera"}).encode() if self.of_topic else self.path.read_bytes()
+        """Bytes of the file; of a topic its calibration as JSON."""
+        return (
+            self.calibration.model_dump_json(exclude={"T_world_camera"}).encode()
+            if self.of_topic
+            else self.path.read_bytes()
+        )
 
 
 def read_camera(path: Path) -> CameraFile:
-    """A rig file, what `analyze calibrate -o` wrote, or a calibration of OpenCV, Kalibr or ROS (YAML, JSON).
+    """Read a rig file, a file of `analyze calibrate -o`, or a calibration of OpenCV, Kalibr or ROS.
 
     Raises:
-        CalibrationError: the file is missing, not valid, or holds no lens of a kind that is read.
-        DocumentError: it holds an entry that cannot be used.
+        CalibrationError: the file is missing, not valid, or contains no lens of a known model.
+        DocumentError: an entry cannot be used.
     """
     if not path.exists():
-        raise CalibrationError(f"{path}: no such camera file: check the path; `analyze calibrate VIEWS -o {path.name}` makes one")
+        raise CalibrationError(
+            f"{path}: no such camera file: check the path, or make one with `analyze calibrate VIEWS -o "
+            f"{path.name}`"
+        )
     if path.suffix.lower() in {*PICTURES, *VIDEOS}:
-        raise CalibrationError(f"{path}: is a view, no camera file: `analyze calibrate {path.name} -o camera.toml` makes one of 15 views")
+        raise CalibrationError(
+            f"{path}: is an image, not a camera file: make one from 15 views with `analyze calibrate "
+            f"{path.name} -o camera.toml`"
+        )
     if path.suffix.lower() in SUFFIXES:
         return CameraFile(path, *read_calibration(path))
-    if path.suffix.lower() in _OF_OTHERS:
+    if path.suffix.lower() in UNREAD_SUFFIXES:
         raise CalibrationError(
-            f"{path}: {path.suffix} is not read: save the calibration as YAML or JSON, or give what `analyze calibrate -o` wrote"
+            f"{path}: {path.suffix} is not read: save the calibration as YAML or JSON, or give what `analyze "
+            "calibrate -o` wrote"
         )
     rig, place = read_rig(path)
     return CameraFile(path, rig.camera.calibration, place is not None, rig)
 
 
 def camera_of(sources: Sequence[FrameSource]) -> CameraFile:
-    """The lens as the sources' own files say it.
+    """The lens that the sources' own topics state.
 
     Raises:
-        ImportRefused: they do not, or disagree.
-        CalibrationError, DocumentError: it is of a kind that is not read.
+        ImportRefused: they state none, or different ones.
+        CalibrationError, DocumentError: the lens is of an unknown model.
     """
-    said = [(source, source.calibration()) for source in sources if isinstance(source, TopicSource)]
+    calibrations = [(source, source.calibration()) for source in sources if isinstance(source, TopicSource)]
     found = [
-        CameraFile(Path(f"{source.path}:{topic[1]}"), topic[0], placed=False, of_topic=True) for source, topic in said if topic is not None
+        CameraFile(Path(f"{source.path}:{topic[1]}"), topic[0], placed=False, of_topic=True)
+        for source, topic in calibrations
+        if topic is not None
     ]
     if not found:
-        raise ImportRefused(f"{sources[0].name}: nothing says what lens took it: give --camera, which `analyze calibrate -o` writes")
+        raise ImportRefused(
+            f"{sources[0].name}: its lens is unknown: give --camera with a file of `analyze calibrate -o`"
+        )
     for other in found[1:]:
         if other.calibration != found[0].calibration:
-            raise ImportRefused(f"{other.path}: says another lens than {found[0].path}: import what one camera took, or give --camera")
+            raise ImportRefused(
+                f"{other.path}: its lens differs from that of {found[0].path}: import images of one camera, "
+                "or give --camera"
+            )
     return found[0]

@@ -1,82 +1,50 @@
-"""A calibration as TOML, by itself or in the rig file."""
+"""Rig files as the analysis reads them: the camera, its pose, and the level reading."""
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
+from typing import Any
 
-from analyze.cameras.calibrate import CalibrationAnswer, read_rig, spec_of, toml_entries
+import numpy as np
+
 from analyze.errors import CalibrationError
-from analyze.output_file import write_text
-from schemas.toml_table import with_table
+from schemas.document import validate
+from schemas.rig import RigConfig
 
-TABLE = "camera.calibration"
-
-
-def default_picture(output: Path) -> Path:
-    """Beside the calibration."""
-    return output.with_suffix(".png")
+PLUMB_LINE = "plumb line"
+"""`read_by` of a level reading that `analyze gravity` wrote"""
 
 
-def parse_mark(text: str) -> tuple[float, float, float]:
-    """Millimetres as people write them, in metres.
+def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
+    """The rig of a rig file, and its T_world_camera or None; calibration and address may be missing.
 
     Raises:
-        CalibrationError: not understood.
+        CalibrationError: the file is missing or not valid TOML.
+        DocumentError: an entry cannot be used.
     """
     try:
-        x, y, z = (float(part) / 1000 for part in text.split(","))
-    except ValueError:
-        x = y = z = float("nan")
-    if not all(abs(each) < 2.0 for each in (x, y, z)):
-        raise CalibrationError(f"--mark-mm {text}: not understood: write x,y,z in millimetres, as 0,0,3")
-    return x, y, z
-
-
-def write_calibration(answer: CalibrationAnswer, output: Path) -> None:
-    """Write the table as a file of its own, to be put into a rig file.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    found, board = answer.calibration, answer.options.board
-    what = f"{len(found.shots)} views of ChArUco {board.columns}x{board.rows}, squares {board.square_mm:g} mm"
-    lines = [
-        f"# analyze calibrate: {what}; pixels known to {found.pixels.worst:.2g} px at worst",
-        "# The rig file's [camera.calibration]: this in place of it.",
-        f"[{TABLE}]",
-        *(f"{key} = {value}" for key, value in toml_entries(answer).items()),
-    ]
-    if answer.world_camera is None:
-        lines.append("# T_world_camera: not measured: keep the rig file's, or calibrate with --table IMAGE")
-    write_text(output, "\n".join(lines) + "\n")
-
-
-def refuse_unplaced(rig: Path) -> None:
-    """Say before the work that this rig file says nothing of where the camera stands; for where it will not be measured.
-
-    Raises:
-        CalibrationError: so it is, or there is no such file.
-    """
-    if read_rig(rig)[1] is None:
-        raise _unplaced(rig)
-
-
-def _unplaced(rig: Path) -> CalibrationError:
-    return CalibrationError(
-        f"{rig}: says nothing of where the camera stands (T_world_camera), which is not measured here: add --table IMAGE"
-    )
-
-
-def write_into_rig(answer: CalibrationAnswer, rig: Path) -> None:
-    """Put the table into the rig file; every other line stays as it is.
-
-    Raises:
-        CalibrationError: its table is not written as [camera.calibration], or nothing says where the camera stands.
-        OutputError: the file cannot be written.
-    """
-    if spec_of(answer) is None:
-        raise _unplaced(rig)
-    text = with_table(rig.read_text(encoding="utf-8"), TABLE, toml_entries(answer))
-    if text is None:
-        raise CalibrationError(f"{rig}: has no plain table [{TABLE}] to write in: put what -o writes there by hand")
-    write_text(rig, text)
+        data: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CalibrationError(f"{path}: no such rig file: check the path") from None
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise CalibrationError(f"{path}: not valid TOML: {error}") from None
+    camera = data.get("camera")
+    placed = True
+    if isinstance(camera, dict):
+        camera.setdefault("address", "none")
+        calibration = camera.setdefault("calibration", {})
+        if isinstance(calibration, dict):
+            placed = "T_world_camera" in calibration
+            # Entries that are missing are what the command is about to measure: any valid ones do meanwhile.
+            some: dict[str, Any] = {
+                "width": 1,
+                "height": 1,
+                "K": np.eye(3).tolist(),
+                "T_world_camera": np.eye(4).tolist(),
+            }
+            camera["calibration"] = some | calibration
+    rig = validate(RigConfig, data, str(path))
+    return rig, rig.camera.calibration.T_world_camera if placed else None

@@ -1,1 +1,1 @@
-"""A body written for simulators: shape, mass, centre of mass and inertia as URDF, SDF, MJCF or USD, each loaded back before it is left."""
+"""Bodies for simulators: shape and inertial parameters as URDF, SDF, MJCF or USD, each file read back."""

@@ -1,4 +1,7 @@
-"""What is written, whatever the format: the exterior and the ten inertial parameters, in the object's frame O, SI units."""
+"""The body that is exported.
+
+Its exterior and ten inertial parameters, in the object's frame O and SI units.
+"""
 
 from __future__ import annotations
 
@@ -15,32 +18,33 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.types import Array
 from schemas.result import Result
 
-PROPER = np.stack(
+AXIS_ORDERS = np.stack(
     [np.eye(3)[list(order)] for order in ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))]
 )
-"""the ways to name three principal axes"""
-TAKEN = {"world", "base", "root", "default", "main"}
-"""names that SDF, MJCF or their users keep for something else"""
+"""permutation matrices of the three principal axes"""
+RESERVED_NAMES = {"world", "base", "root", "default", "main"}
+"""names that SDF, MJCF or their users reserve"""
 
 
 @dataclass(frozen=True)
 class Inertial:
-    """The ten parameters of a rigid body."""
+    """Ten inertial parameters of a rigid body."""
 
     mass: float
-    """kg"""
+    """mass [kg]"""
     com: Array
-    """(3,) m, in O"""
+    """(3,) centre of mass [m], in O"""
     inertia: Array
-    """(3, 3) kg m^2, about the centre of mass, axes of O"""
+    """(3, 3) inertia tensor [kg m^2], about the centre of mass, axes of O"""
 
     def principal(self) -> tuple[Array, Array]:
-        """Principal moments (3,) [kg m^2] and the rotation R (3, 3) whose columns are their axes in O: I = R diag R^T.
+        """Principal moments (3,) [kg m^2], and the rotation R (3, 3) with their axes in O as columns.
 
-        Of the ways to name the axes that which turns least, so that a tensor that is diagonal already stays as it is.
+        The tensor is I = R diag R^T. Of the possible orders and signs of the axes, R is the one with the
+        smallest rotation: a diagonal tensor stays as it is.
         """
         values, axes = np.linalg.eigh(self.inertia)
-        order = max(PROPER, key=lambda each: float(np.abs(np.diag(axes @ each)).sum()))
+        order = max(AXIS_ORDERS, key=lambda each: float(np.abs(np.diag(axes @ each)).sum()))
         values, axes = values @ order, axes @ order
         axes = axes * np.where(np.diag(axes) < 0, -1.0, 1.0)
         if np.linalg.det(axes) < 0:
@@ -49,52 +53,53 @@ class Inertial:
         return values, axes
 
     def principal_quaternion(self) -> tuple[Array, Array]:
-        """As `principal`, the rotation as a unit quaternion (4,) wxyz, w >= 0."""
+        """Principal moments (3,) [kg m^2] and the rotation as a unit quaternion (4,) wxyz, w >= 0."""
         values, axes = self.principal()
         wxyz = Rotation.from_matrix(axes).as_quat(canonical=True, scalar_first=True)
         return values, np.asarray(wxyz, dtype=np.float64)
 
 
 @dataclass(frozen=True)
-class Body:
-    """All that a file says."""
+class ExportBody:
+    """Content of an exported file."""
 
     name: str
-    """as its owner calls it: any text"""
+    """name that the user gave the object, any text"""
     model: ObjectModel
     inertial: Inertial
     provenance: Mapping[str, object]
-    """what it rests on, as JSON values"""
+    """origin of the numbers, as JSON values"""
 
     @property
     def identifier(self) -> str:
-        """The name as every format allows it."""
+        """Name that every format allows."""
         return identifier(self.name)
 
 
 def identifier(name: str) -> str:
-    """`name` as an identifier in ASCII: letters, digits and single underscores, a letter first; valid in URDF, SDF, MJCF and USD.
+    """`name` as an ASCII identifier that is valid in URDF, SDF, MJCF and USD.
 
-    SDF keeps names between double underscores and `world` for itself, MJCF `world`, USD allows letters, digits and underscores only.
+    It is a letter, then letters, digits and single underscores. SDF reserves names between double underscores
+    and `world`, MJCF `world`; USD allows letters, digits and underscores only.
     """
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     word = re.sub(r"[^A-Za-z0-9]+", "_", plain).strip("_")
     if not word:
         return "object"
-    return word if word[0].isalpha() and word.lower() not in TAKEN else f"object_{word}"
+    return word if word[0].isalpha() and word.lower() not in RESERVED_NAMES else f"object_{word}"
 
 
 def inertial_of(result: Result, name: str) -> Inertial:
-    """The ten parameters that a Result states, a prior's ones included.
+    """Ten inertial parameters of a result, including those from a prior.
 
     Raises:
-        ExportError: it states none, or such as no body can have.
+        ExportError: the result lacks some, or they are not physically possible.
     """
     mass, com, inertia = result.mass.value, result.centre_of_mass.value, result.inertia.value
     if mass is None or com is None or inertia is None:
         missing = "mass" if mass is None else "centre of mass" if com is None else "inertia"
         raise ExportError(
-            f"{name}: the result states no {missing}: strike the object over more edges, and estimate anew"
+            f"{name}: the result contains no {missing}: strike the object over more edges, and estimate again"
         )
     found = Inertial(
         float(np.asarray(mass)), np.array(com, dtype=np.float64), np.array(inertia, dtype=np.float64)
@@ -105,14 +110,14 @@ def inertial_of(result: Result, name: str) -> Inertial:
         or not np.array_equal(found.inertia, found.inertia.T)
     ):
         raise ExportError(
-            f"{name}: holds no centre of mass of three numbers and no symmetric inertia: estimate anew"
+            f"{name}: its centre of mass is not three numbers, or its inertia not symmetric: estimate again"
         )
     refuse_impossible(found, name)
     return found
 
 
 def refuse_impossible(inertial: Inertial, name: str) -> None:
-    """No simulator takes a body without mass, or one whose second moments are negative somewhere.
+    """Refuse a body without mass, or with a negative second moment, which no simulator accepts.
 
     Raises:
         ExportError: it is such a body.
@@ -120,6 +125,7 @@ def refuse_impossible(inertial: Inertial, name: str) -> None:
     least, middle, most = np.linalg.eigvalsh(inertial.inertia)
     if not (inertial.mass > 0 and least > 0 and least + middle >= most):
         raise ExportError(
-            f"{name}: {inertial.mass:g} kg with principal moments {least:.4g}, {middle:.4g}, {most:.4g} kg m2 is no body: "
-            "mass and moments must be above 0 and no moment above the sum of the others: estimate anew"
+            f"{name}: {inertial.mass:g} kg with principal moments {least:.4g}, {middle:.4g}, {most:.4g} kg "
+            "m2 is not physically possible: mass and moments must be above 0 and no moment above the sum of "
+            "the others: estimate again"
         )

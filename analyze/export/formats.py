@@ -1,4 +1,4 @@
-"""The formats, and how exactly each keeps a number."""
+"""The formats, with their suffixes and numerical precision."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 
 class Format(enum.Enum):
-    """A format that simulators read."""
+    """Format of a simulator's file."""
 
     URDF = "urdf"
     SDF = "sdf"
@@ -16,7 +16,7 @@ class Format(enum.Enum):
 
     @property
     def suffixes(self) -> tuple[str, ...]:
-        """How its files are named, the usual name first; USD's say which of its encodings is meant."""
+        """Suffixes of its files, the usual one first; USD's select one of its encodings."""
         return {
             "urdf": (".urdf",),
             "sdf": (".sdf",),
@@ -26,17 +26,22 @@ class Format(enum.Enum):
 
     @property
     def tolerance(self) -> float:
-        """Relative difference up to which a number is the same after reading: text keeps double precision, UsdPhysics has single."""
+        """Relative error of a number that was written and read.
+
+        Text keeps double precision, UsdPhysics single.
+        """
         return 1e-6 if self is Format.USD else 1e-9
 
 
 def why_misnamed(output: Path, wanted: Format) -> str | None:
-    """One line that says why no reader would take `output` for a file of format `wanted`; None where it is well named."""
+    """Line on why readers would not take `output` for a file of format `wanted`; None if it is well named."""
     suffix = output.suffix.lower()
     if wanted is Format.USD and suffix not in wanted.suffixes:
-        return f"{output}: USD goes by the name's ending: .usda (text), .usd or .usdc (binary): name it {output.stem}.usda"
+        kinds = ".usda (text), .usd or .usdc (binary)"
+        return f"{output}: USD is recognised by its suffix, {kinds}: name it {output.stem}.usda"
     for other in Format:
         if other is not wanted and suffix in other.suffixes and suffix not in wanted.suffixes:
             name = f"{output.stem}{wanted.suffixes[0]}"
-            return f"{output}: would be read as {other.value.upper()}, and is to be {wanted.value.upper()}: name it {name}"
+            formats = f"{other.value.upper()}, not to {wanted.value.upper()}"
+            return f"{output}: its suffix belongs to {formats}: name it {name}"
     return None

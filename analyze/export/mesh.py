@@ -1,4 +1,4 @@
-"""The exterior as a mesh file beside the body's own: OBJ, which keeps every digit and which all simulators read."""
+"""The exterior as an OBJ file beside the body's own: it keeps every digit, and all simulators read it."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analyze.export.body import Body
+from analyze.export.body import ExportBody
 
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A mesh file and its name."""
+    """Mesh file and its name."""
 
     name: str
-    """letters, digits, underscore, hyphen: valid in a URI as it stands, the same bytes have the same name"""
+    """valid in a URI (letters, digits, underscore, hyphen); the same bytes have the same name"""
     data: bytes
 
 
-def mesh_file(body: Body) -> MeshFile | None:
-    """The mesh that goes beside the body's file; None for a primitive, which every format can say exactly.
+def mesh_file(body: ExportBody) -> MeshFile | None:
+    """Mesh that goes beside the body's file; None for a primitive, which every format represents exactly.
 
-    Its name ends in a hash of its content, so that two exports into one folder never take each other's mesh.
+    Its name ends in a hash of its content, so that two exports into one folder never share a mesh by mistake.
     """
     if body.model.primitive is not None:
         return None
@@ -33,6 +33,6 @@ def mesh_file(body: Body) -> MeshFile | None:
 
 
 def numbers(values: np.ndarray | list[float] | tuple[float, ...]) -> str:
-    """Numbers with blanks between, each with as many digits as it takes to be read as the same number."""
-    # 0.0 is added, for -0 is 0 to every reader and only puzzles people.
+    """Numbers separated by blanks, each with as many digits as reading it back exactly takes."""
+    # Adding 0.0 turns -0 into 0, which readers treat alike.
     return " ".join(repr(float(value) + 0.0) for value in values)

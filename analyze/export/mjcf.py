@@ -1,27 +1,28 @@
 """MJCF: one free body, its frame O.
 
-The inertia goes as `diaginertia` with the quaternion of its principal axes, which is how MuJoCo itself keeps it: no reader has to
-diagonalise (MuJoCo 4.0 would, of `fullinertia`, to 5e-15). No mass is drawn from the shape; `boundmass`,
-`boundinertia`, `balanceinertia` and `settotalmass`, by which MuJoCo would alter what it reads, are off unless asked for. The mesh lies
-beside the file, for Drake, which reads MJCF too, leaves a mesh inside it out.
+The inertia is written as `diaginertia` with the quaternion of its principal axes, as MuJoCo stores it: no
+reader has to diagonalise (MuJoCo 4.0 would, of `fullinertia`, to 5e-15). No mass is computed from the shape;
+`boundmass`, `boundinertia`, `balanceinertia` and `settotalmass`, with which MuJoCo would alter what it reads,
+are off by default. The mesh is a file of its own, since Drake, which reads MJCF too, ignores a mesh inside
+the file.
 """
 
 from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-from analyze.export.body import Body
+from analyze.export.body import ExportBody
 from analyze.export.mesh import MeshFile, numbers
 from analyze.export.xml_text import child, document
 from schemas.object_spec import Box, Cylinder
 
 AS_WRITTEN = {"angle": "radian", "inertiafromgeom": "false"}
 ROLES = {"visual": {"contype": "0", "conaffinity": "0", "group": "2"}, "collision": {"group": "3"}}
-"""groups as MuJoCo's own models have them: the viewer shows 2 and hides 3"""
+"""groups as in MuJoCo's own models: the viewer shows 2 and hides 3"""
 
 
-def mjcf_text(body: Body, mesh: MeshFile | None) -> str:
-    """The file's text; `mesh` lies beside it."""
+def mjcf_text(body: ExportBody, mesh: MeshFile | None) -> str:
+    """Text of the file; `mesh` is beside it."""
     inertial = body.inertial
     moments, wxyz = inertial.principal_quaternion()
     root = ET.Element("mujoco", model=body.identifier)
@@ -42,8 +43,8 @@ def mjcf_text(body: Body, mesh: MeshFile | None) -> str:
     return document(root, body)
 
 
-def _shape(root: ET.Element, body: Body, mesh: MeshFile | None) -> dict[str, str]:
-    """Attributes of the geoms; MuJoCo gives boxes and cylinders by their halves."""
+def _shape(root: ET.Element, body: ExportBody, mesh: MeshFile | None) -> dict[str, str]:
+    """Attributes of the geoms; MuJoCo takes half sizes of boxes and cylinders."""
     match body.model.primitive:
         case Box(size_m=size):
             return {"type": "box", "size": numbers([edge / 2 for edge in size])}

@@ -1,7 +1,11 @@
-"""The ten parameters as a library that reads the format finds them: yourdfpy, rod, mujoco, usd-core. Shares nothing with the writers."""
+"""The ten parameters as another library reads them: yourdfpy, rod, mujoco, usd-core.
 
-# These libraries are only partly typed; their unknowns are no mistakes of ours.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportAttributeAccessIssue=false
+Shares no code with the writers.
+"""
+
+# These libraries are only partly typed.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false, reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
@@ -21,39 +25,39 @@ from analyze.types import Array
 
 Part = TypeVar("Part")
 
-PACKAGES = {
+READERS = {
     Format.URDF: ("yourdfpy", "yourdfpy"),
     Format.SDF: ("rod", "rod"),
     Format.MJCF: ("mujoco", "mujoco"),
     Format.USD: ("pxr", "usd-core"),
 }
-"""module and package that read it"""
+"""module and package that read each format"""
 
 
 def refuse_without_reader(wanted: Format) -> None:
-    """Say before any work that the library is missing.
+    """Refuse, before any work, a format whose reader is not installed.
 
     Raises:
-        ExportError: it is.
+        ExportError: it is missing.
     """
-    module, package = PACKAGES[wanted]
+    module, package = READERS[wanted]
     if importlib.util.find_spec(module) is None:
         raise ExportError(
-            f"no {wanted.value.upper()} is written that was not read back, and the package that reads it is missing: {package}: "
-            "install it with pip install 'percuss[export]'"
+            f"no {wanted.value.upper()} is written that was not read back, and the package that reads it is "
+            f"missing: {package}: install it with pip install 'percuss[export]'"
         )
 
 
 def read_back(path: Path, written: Format) -> Inertial:
-    """The first body's parameters, in its link's or prim's frame.
+    """Parameters of the first body, in its link's or prim's frame.
 
     Raises:
-        ExportError: the library does not read the file, or finds no body in it.
+        ExportError: the library cannot read the file, or finds no body in it.
     """
     try:
         return {Format.URDF: _urdf, Format.SDF: _sdf, Format.MJCF: _mjcf, Format.USD: _usd}[written](path)
     except Exception as error:  # each library raises its own kinds
-        package = PACKAGES[written][1]
+        package = READERS[written][1]
         raise ExportError(
             f"{path.name}: {package} does not read what was written: {' '.join(str(error).split())}"
         ) from error
@@ -62,17 +66,19 @@ def read_back(path: Path, written: Format) -> Inertial:
 def _urdf(path: Path) -> Inertial:
     import yourdfpy
 
-    # Its scene is for looking at: the parameters need none, nor a drawing library's meshes.
+    # The scene and its meshes are for display: the parameters need neither.
     link = yourdfpy.URDF.load(str(path), build_scene_graph=False, load_meshes=False).robot.links[0]
-    shapes = [_there(part.geometry, "geometry") for part in (*link.visuals, *link.collisions)]
+    shapes = [_required(part.geometry, "geometry") for part in (*link.visuals, *link.collisions)]
     _refuse_missing(path, [shape.mesh.filename for shape in shapes if shape.mesh is not None])
-    own = _there(link.inertial, "inertial")
-    pose = _there(own.origin, "origin")
-    return _in_frame(_there(own.mass, "mass"), pose[:3, 3], _there(own.inertia, "inertia"), pose[:3, :3])
+    own = _required(link.inertial, "inertial")
+    pose = _required(own.origin, "origin")
+    return _in_frame(
+        _required(own.mass, "mass"), pose[:3, 3], _required(own.inertia, "inertia"), pose[:3, :3]
+    )
 
 
 def _sdf(path: Path) -> Inertial:
-    # Else rod runs a Gazebo that is installed beside it, and refuses to be imported where that is older than 2022.
+    # Otherwise rod runs an installed Gazebo, and cannot be imported if that is older than 2022.
     os.environ.setdefault("ROD_SKIP_SDFORMAT_CHECK", "1")
     import rod
 
@@ -85,8 +91,8 @@ def _sdf(path: Path) -> Inertial:
             if part.geometry.mesh is not None
         ],
     )
-    own = _there(link.inertial, "inertial")
-    pose = _there(own.pose, "pose").transform()
+    own = _required(link.inertial, "inertial")
+    pose = _required(own.pose, "pose").transform()
     return _in_frame(own.mass, pose[:3, 3], own.inertia.matrix(), pose[:3, :3])
 
 
@@ -117,21 +123,21 @@ def _usd(path: Path) -> Inertial:
     )
 
 
-def _there(part: Part | None, name: str) -> Part:
+def _required(part: Part | None, name: str) -> Part:
     if part is None:
         raise ValueError(f"it finds no {name}")
     return part
 
 
 def _refuse_missing(path: Path, meshes: Sequence[str]) -> None:
-    """A mesh that is named and not there would be missed only by whoever draws it."""
+    """Refuse a file that names a mesh which does not exist: only drawing it would show that."""
     for name in meshes:
         if not (path.parent / name).is_file():
             raise FileNotFoundError(f"{name} is not beside it")
 
 
 def _in_frame(mass: float, com: Array, tensor: Array, axes: Array) -> Inertial:
-    """The body whose `tensor` is written along `axes` (columns)."""
+    """The body whose `tensor` (3, 3) is written along `axes` (columns)."""
     return Inertial(
         float(mass), np.array(com, dtype=np.float64), axes @ np.asarray(tensor, dtype=np.float64) @ axes.T
     )

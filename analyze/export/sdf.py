@@ -1,14 +1,15 @@
 """SDFormat 1.7, which Gazebo reads since version 11: one model with one link, its frame O.
 
-`<inertial><pose>` is the centre of mass in the link's frame with roll, pitch, yaw of the axes in which `<inertia>` is written
-(sdformat.org/spec?elem=link#inertial_pose): 0 here, so that the axes are O's. `<cylinder>` stands along z.
+`<inertial><pose>` is the centre of mass in the link's frame with roll, pitch and yaw of the axes that
+`<inertia>` refers to (sdformat.org/spec?elem=link#inertial_pose): 0 here, for the axes of O. `<cylinder>` is
+along z.
 """
 
 from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-from analyze.export.body import Body
+from analyze.export.body import ExportBody
 from analyze.export.mesh import MeshFile, numbers
 from analyze.export.xml_text import child, document
 from schemas.object_spec import Box, Cylinder
@@ -16,8 +17,8 @@ from schemas.object_spec import Box, Cylinder
 VERSION = "1.7"
 
 
-def sdf_text(body: Body, mesh: MeshFile | None) -> str:
-    """The file's text; `mesh` lies beside it."""
+def sdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
+    """Text of the file; `mesh` is beside it."""
     inertial, tensor = body.inertial, body.inertial.inertia
     root = ET.Element("sdf", version=VERSION)
     link = child(child(root, "model", name=body.identifier), "link", name=body.identifier)
@@ -34,7 +35,7 @@ def sdf_text(body: Body, mesh: MeshFile | None) -> str:
     return document(root, body)
 
 
-def _geometry(parent: ET.Element, body: Body, mesh: MeshFile | None) -> None:
+def _geometry(parent: ET.Element, body: ExportBody, mesh: MeshFile | None) -> None:
     match body.model.primitive:
         case Box(size_m=size):
             child(child(parent, "box"), "size", numbers(size))

@@ -1,21 +1,21 @@
 """URDF: one link, its frame O.
 
-`<inertial>`: `<origin>` is the centre of mass in the link's frame, the tensor is about it, in the axes that rpy = 0 makes the link's
-(wiki.ros.org/urdf/XML/link). `<cylinder>` stands along z, as ours does.
+`<origin>` of `<inertial>` is the centre of mass in the link's frame; the tensor is about it, along the link's
+axes for rpy = 0 (wiki.ros.org/urdf/XML/link). `<cylinder>` is along z, as in object files.
 """
 
 from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-from analyze.export.body import Body, Inertial
+from analyze.export.body import ExportBody, Inertial
 from analyze.export.mesh import MeshFile, numbers
 from analyze.export.xml_text import child, document
 from schemas.object_spec import Box, Cylinder
 
 
-def urdf_text(body: Body, mesh: MeshFile | None) -> str:
-    """The file's text; `mesh` lies beside it."""
+def urdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
+    """Text of the file; `mesh` is beside it."""
     robot = ET.Element("robot", name=body.identifier)
     link = child(robot, "link", name=body.identifier)
     link.append(inertial_element(body.inertial))
@@ -38,7 +38,7 @@ def inertial_element(inertial: Inertial) -> ET.Element:
     return own
 
 
-def _geometry(parent: ET.Element, body: Body, mesh: MeshFile | None) -> None:
+def _geometry(parent: ET.Element, body: ExportBody, mesh: MeshFile | None) -> None:
     match body.model.primitive:
         case Box(size_m=size):
             child(parent, "box", size=numbers(size))

@@ -1,11 +1,13 @@
-"""USD: one rigid body by UsdPhysics, its frame O, the shape inside the file; metres, kilograms, z up.
+"""USD: one rigid body with UsdPhysics, its frame O, the shape inside the file; metres, kilograms, z up.
 
-MassAPI: `centerOfMass` in the prim's frame, `diagonalInertia` about it along `principalAxes`, a quaternion that turns the prim's axes into
-the principal ones; all of them single precision (openusd.org, UsdPhysics: Mass Properties).
+In MassAPI, `centerOfMass` is in the prim's frame, and `diagonalInertia` about it along `principalAxes`, a
+quaternion that rotates the prim's axes into the principal ones; all in single precision (openusd.org,
+UsdPhysics: Mass Properties).
 """
 
-# pxr is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportAttributeAccessIssue=false
+# pxr is only partly typed.
+# pyright: reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false, reportAttributeAccessIssue=false
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analyze.export.body import Body
+from analyze.export.body import ExportBody
 from analyze.export.provenance import printable
 from schemas.object_spec import Box, Cylinder
 
@@ -27,8 +29,8 @@ SHAPE = "shape"
 METADATA = "percuss"
 
 
-def write_usd(body: Body, path: Path) -> None:
-    """Write the file at `path`, whose ending says the encoding."""
+def write_usd(body: ExportBody, path: Path) -> None:
+    """Write the file at `path`, whose suffix selects the encoding."""
     from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics
 
     layer = Sdf.Layer.CreateAnonymous(path.suffix)
@@ -38,7 +40,7 @@ def write_usd(body: Body, path: Path) -> None:
     UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)
     prim = UsdGeom.Xform.Define(stage, f"/{body.identifier}").GetPrim()
     stage.SetDefaultPrim(prim)
-    # On the prim, not the layer: it stays with the body where another stage refers to it.
+    # On the prim, not the layer, so that it stays with the body when another stage refers to it.
     prim.SetCustomDataByKey(METADATA, {key: _text(value) for key, value in body.provenance.items()})
     UsdPhysics.RigidBodyAPI.Apply(prim)
     moments, wxyz = body.inertial.principal_quaternion()
@@ -50,19 +52,19 @@ def write_usd(body: Body, path: Path) -> None:
     UsdPhysics.CollisionAPI.Apply(_shape(stage, f"/{body.identifier}/{SHAPE}", body))
     try:
         layer.Export(str(path))
-    except Tf.ErrorException as error:  # the operating system's own reason is lost on the way
+    except Tf.ErrorException as error:  # does not carry the operating system's reason
         raise OSError(errno.EIO, "usd-core could not write it", str(path)) from error
 
 
 def _text(value: object) -> str:
-    """As USD's dictionaries hold it, which know no null and no lists within lists: other than text as JSON."""
+    """Value for USD's dictionaries, which hold no null and no nested lists: text, or else JSON."""
     return printable(
         value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, allow_nan=False)
     )
 
 
-def _shape(stage: Usd.Stage, path: str, body: Body) -> Usd.Prim:
-    """The exterior, to be seen and to collide with."""
+def _shape(stage: Usd.Stage, path: str, body: ExportBody) -> Usd.Prim:
+    """The exterior, for display and collision."""
     from pxr import Gf, UsdGeom, UsdPhysics, Vt
 
     match body.model.primitive:
@@ -91,7 +93,7 @@ def _shape(stage: Usd.Stage, path: str, body: Body) -> Usd.Prim:
             mesh.CreateOrientationAttr(UsdGeom.Tokens.rightHanded)
             mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(model.bounds.astype(np.float32)))
             collision = UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim())
-            # PhysX moves convex bodies only.
+            # PhysX simulates convex bodies only.
             collision.CreateApproximationAttr(
                 UsdPhysics.Tokens.convexHull if model.is_convex else UsdPhysics.Tokens.convexDecomposition
             )

@@ -1,4 +1,7 @@
-"""A body's file, and its mesh beside it: written aside, read back by another library, compared, and only then put in place."""
+"""Writing of a body's file and its mesh.
+
+Staged, read back by another library, compared, then put in place.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from analyze.errors import ExportError
-from analyze.export.body import Body, Inertial
+from analyze.export.body import ExportBody, Inertial
 from analyze.export.formats import Format
 from analyze.export.mesh import MeshFile, mesh_file
 from analyze.export.mjcf import mjcf_text
@@ -20,10 +23,11 @@ from analyze.export.usd import write_usd
 from schemas.output_file import OutputError, refuse_unwritable
 
 
-def write_body(body: Body, wanted: Format, output: Path) -> list[Path]:
-    """Write `body` to `output`, check it, and say which files there are now: `output`, and a mesh beside it where the format wants one.
+def write_body(body: ExportBody, wanted: Format, output: Path) -> list[Path]:
+    """Write and check `body`, and return the files written.
 
-    What stood there before still stands where anything goes wrong.
+    They are `output`, and a mesh beside it if the format needs one. On failure, existing files stay as they
+    were.
 
     Raises:
         ExportError: the library that reads the format does not find the same ten parameters.
@@ -32,7 +36,9 @@ def write_body(body: Body, wanted: Format, output: Path) -> list[Path]:
     refuse_unwritable(output)
     mesh = None if wanted is Format.USD else mesh_file(body)
     try:
-        # In the same folder, so that putting in place is a rename; in a folder of its own, so that the mesh is found by its own name.
+        # Below the output's folder, so that putting in place is a rename; in a folder of its own, so that the
+        # mesh can
+        # have its own name.
         with tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.") as folder:
             staged = Path(folder) / f"body{output.suffix or wanted.suffixes[0]}"
             _write(body, wanted, staged, mesh)
@@ -43,7 +49,7 @@ def write_body(body: Body, wanted: Format, output: Path) -> list[Path]:
 
 
 def refuse_other(written: Inertial, found: Inertial, where: Format) -> None:
-    """Compare mass, centre of mass and tensor, each relative to its own size: of a vector or tensor the largest entry's.
+    """Compare mass, centre of mass and tensor, each relative to its size (of the largest entry).
 
     Raises:
         ExportError: one differs by more than the format's precision.
@@ -51,20 +57,20 @@ def refuse_other(written: Inertial, found: Inertial, where: Format) -> None:
     arm = float(np.sqrt(np.trace(written.inertia) / (2 * written.mass)))
     pairs = (
         ("mass", np.array(written.mass), np.array(found.mass), written.mass),
-        # A centre of mass next to O's origin is not known relative to its coordinates: the body's own size counts.
+        # A centre of mass near O's origin has small coordinates: compare with the body's own size.
         ("centre of mass", written.com, found.com, max(float(np.abs(written.com).max()), arm)),
         ("inertia", written.inertia, found.inertia, float(np.abs(written.inertia).max())),
     )
-    for what, said, read, size in pairs:
-        off = float(np.abs(said - read).max()) / size
+    for what, stated, read, size in pairs:
+        off = float(np.abs(stated - read).max()) / size
         if not off <= where.tolerance:
             raise ExportError(
-                f"the {where.value.upper()} file is read back with another {what}: off by {off:.2g} of it, {where.tolerance:g} is allowed: "
-                "nothing was written: report this with the object file"
+                f"the {where.value.upper()} file is read back with another {what}: off by {off:.2g} of it, "
+                f"{where.tolerance:g} is allowed: nothing was written: report this with the object file"
             )
 
 
-def _write(body: Body, wanted: Format, path: Path, mesh: MeshFile | None) -> None:
+def _write(body: ExportBody, wanted: Format, path: Path, mesh: MeshFile | None) -> None:
     if mesh is not None:
         (path.parent / mesh.name).write_bytes(mesh.data)
     match wanted:
@@ -79,7 +85,7 @@ def _write(body: Body, wanted: Format, path: Path, mesh: MeshFile | None) -> Non
 
 
 def _put_in_place(staged: Path, output: Path, mesh: MeshFile | None) -> list[Path]:
-    """The mesh first: a body's file never stands without its mesh."""
+    """Move the files into place, the mesh first, so that no body's file is without its mesh."""
     moves = [] if mesh is None else [(staged.parent / mesh.name, output.parent / mesh.name)]
     moves.append((staged, output))
     for source, target in moves:

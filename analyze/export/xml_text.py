@@ -1,15 +1,15 @@
-"""What the XML formats share."""
+"""XML documents, for the formats that are XML."""
 
 from __future__ import annotations
 
 from xml.etree import ElementTree as ET
 
-from analyze.export.body import Body
+from analyze.export.body import ExportBody
 from analyze.export.provenance import provenance_text
 
 
-def document(root: ET.Element, body: Body) -> str:
-    """The document as text, its provenance as a comment on top."""
+def document(root: ET.Element, body: ExportBody) -> str:
+    """The document as text, with the provenance as a comment on top."""
     root.insert(0, ET.Comment(provenance_text(body.provenance)))
     ET.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"

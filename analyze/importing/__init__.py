@@ -1,1 +1,1 @@
-"""Recordings of other cameras become ours: where images come from (source.py), which of them are a strike, how they are written."""
+"""Import of other cameras' images as recordings: find strikes, estimate the camera's pose, write."""

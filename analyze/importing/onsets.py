@@ -1,9 +1,9 @@
-"""Where in a film an object that stood still is struck: its marker rests, then turns about a point near it.
+"""Onsets of strikes in a clip: a marker at rest that then turns about a point near it.
 
-A marker that rests is looked for once; from then on every image is compared with it where it lies, which costs next to nothing. When
-that place changes, the marker is looked for again until it is seen to lie still (a finger passed in front of it), to lie still a little
-aside (it was pushed, and rests anew), to have turned about a point as near as an object's edge (a strike), or to be gone (the object
-was taken away).
+A marker at rest is searched for once; from then on each image's region around it is compared with its
+appearance at rest, which costs next to nothing. When the region changes, the marker is searched for again
+until it is found at rest (a finger passed in front of it), at rest a little aside (it was pushed), turned
+about a point as near as an object's edge (a strike), or gone (the object was taken away).
 """
 
 from __future__ import annotations
@@ -24,77 +24,85 @@ if TYPE_CHECKING:
     from analyze.sources.source import TimedImage
     from analyze.types import Array
 
-_STATED_NS = 1e9 / 61
-"""between two images of a film that may be slow motion: as such it states 60 a second or fewer"""
-_CAPTURED_NS = 1e9 / 240
-"""of which it then is, at least; by as much longer are the waits below"""
-_SEARCH_NS = 50_000_000
-_WATCH_NS = 20_000_000
-"""between two searches for a marker, and for one that has begun to move"""
-_STILL_LOOKS = 3
-"""searches in a row that find a marker in one place: it rests"""
-_STILL = 0.03
-"""of its side, by which a resting marker's corners may seem to move"""
-_CHANGED = 0.05
-"""1 - correlation of a place with itself at rest, from which on something happens there; brightness does not enter"""
-_TURNED = math.radians(5.0)
-"""from which on it tips"""
-_LEAPT = math.radians(45.0)
-"""by which nothing turns between two images: the film was stopped, or put together of several"""
-_SHIFTED = 0.3
-"""of its side, from which on it no longer lies where it lay"""
-_REACH = 6.0
-"""sides between a marker and the point about which it turns, at most: beyond it the object is carried"""
-_GONE_NS = 1_500_000_000
-"""after which a marker that is not seen is not waited for"""
-_UNSEEN_NS = 100_000_000
-"""without an image, in which whatever began is no strike that anybody saw begin: the object was put down anew between two previews"""
-_AFTER_NS = 1_000_000_000
-"""after a strike nothing else is looked for: the object falls"""
-_SMALL_PX = 900
-"""longer side of the images in which markers are looked for"""
-_CROP_PX = 40
-"""side of the place that is compared"""
+SLOW_MOTION_INTERVAL_NS = 1e9 / 61
+"""stated interval between images above which a clip may be slow motion, which states 60 a second or fewer"""
+SLOW_MOTION_CAPTURE_NS = 1e9 / 240
+"""longest capture interval of slow motion; the waits below are scaled by the ratio of the intervals"""
+SEARCH_INTERVAL_NS = 50_000_000
+WATCH_INTERVAL_NS = 20_000_000
+"""interval between two searches for a marker, and for one that has begun to move"""
+SEARCHES_AT_REST = 3
+"""consecutive searches that must find a marker in one place for it to be at rest"""
+MAX_REST_SHIFT = 0.03
+"""largest shift of a resting marker's corners, relative to its side"""
+MIN_CHANGE = 0.05
+"""1 - correlation of a region with itself at rest above which it has changed; brightness has no effect"""
+TIPPING_ANGLE = math.radians(5.0)
+"""rotation above which a marker tips [rad]"""
+CUT_ANGLE = math.radians(45.0)
+"""rotation between two images above which the recording was interrupted or cut [rad]"""
+MOVED_FRACTION = 0.3
+"""shift, relative to the marker's side, above which it has moved"""
+MAX_PIVOT_DISTANCE = 6.0
+"""largest distance from a marker to its pivot, in sides; beyond it the object is carried"""
+MARKER_LOST_NS = 1_500_000_000
+"""time after which a marker that is not seen is given up"""
+MAX_UNSEEN_NS = 100_000_000
+"""longest time without an image before a strike; in a longer one the object may have been put down anew"""
+PAUSE_AFTER_STRIKE_NS = 1_000_000_000
+"""time after a strike, while the object falls, without a search"""
+SEARCH_IMAGE_PX = 900
+"""longer side of the images that markers are searched in"""
+REGION_PX = 40
+"""side of the region that is compared"""
 
 
 @dataclass(frozen=True)
 class Onset:
-    """A strike as the film shows it."""
+    """Onset of a strike in a clip."""
 
     rest_ns: int
-    """since when the marker was seen at rest, on the source's clock"""
+    """time from which the marker was seen at rest, on the source's clock"""
     time_ns: int
-    """last moment at which it was seen at rest"""
+    """last time at which it was seen at rest"""
     moved_ns: int
-    """first moment at which it was not"""
+    """first time at which it was not"""
     markers: tuple[int | str, ...]
-    """that were seen at rest"""
+    """markers that were seen at rest"""
 
 
 @dataclass
 class _Rest:
-    """Markers that lie still, and what their places look like."""
+    """Markers at rest, and their appearance."""
 
     since_ns: int
     quiet_ns: int
     corners: dict[int | str, Array]
-    place: tuple[slice, slice]
-    look: Array
+    region: tuple[slice, slice]
+    appearance: Array
 
 
 class OnsetFinder:
-    """Feed the images of a film in the order of their times.
+    """Finder of onsets; feed it the images of a clip in the order of their times.
 
     Args:
-        markers: names of those that the object carries.
-        frame_ns: between two images. Where it is long the film may be slow motion that nobody has spoken of: all waits are longer then,
-            so that what moves slowly is not taken for what rests.
-        ways: in which strikes turn a marker in the image: clockwise, or not; an object that is set up again turns the other way.
+        markers: names of the object's markers.
+        frame_ns: interval between two images. Where it is long the clip may be unannounced slow motion: all
+            waits are then
+            longer, so that slow movement is not mistaken for rest.
+        directions: in which strikes turn a marker in the image, True for clockwise; an object that is set up
+            again turns
+            the other way.
     """
 
-    def __init__(self, markers: Iterable[int | str], frame_ns: float = 0.0, ways: frozenset[bool] = frozenset((True, False))) -> None:
-        self._ways = ways
-        self._slower = frame_ns / _CAPTURED_NS if frame_ns > _STATED_NS else 1.0
+    def __init__(
+        self,
+        markers: Iterable[int | str],
+        frame_ns: float = 0.0,
+        directions: frozenset[bool] = frozenset((True, False)),
+    ) -> None:
+        self._directions = directions
+        self._time_scale = frame_ns / SLOW_MOTION_CAPTURE_NS if frame_ns > SLOW_MOTION_INTERVAL_NS else 1.0
         self._known = frozenset(markers)
         self._families = families_of(self._known)
         self._seen: list[tuple[int, dict[int | str, Array]]] = []
@@ -103,79 +111,101 @@ class OnsetFinder:
         self._moved_ns = 0
         self._next_ns = 0
         self.ever_seen = False
-        """any of the markers, at any time"""
+        """True if any of the markers was seen"""
         self.ever_rested = False
-        """any of the markers lay still, at any time"""
+        """True if any of the markers was at rest"""
 
     def add(self, frame: TimedImage) -> Onset | None:
-        """The strike that has just begun; None where none has."""
+        """Onset of a strike that has just begun; None if none has."""
         if self._rest is None:
             if frame.time_ns >= self._next_ns:
                 self._search(frame)
             return None
         if not self._moving:
-            if _unlike(_look(frame.image, self._rest.place), self._rest.look) < _CHANGED:
+            if _difference(_appearance(frame.image, self._rest.region), self._rest.appearance) < MIN_CHANGE:
                 self._rest.quiet_ns = frame.time_ns
                 return None
             self._moving, self._moved_ns, self._next_ns = True, frame.time_ns, frame.time_ns
         return self._watch(frame, self._rest) if frame.time_ns >= self._next_ns else None
 
     def _search(self, frame: TimedImage) -> None:
-        self._next_ns = frame.time_ns + self._wait(_SEARCH_NS)
-        self._settles(frame, self._find(frame.image))
+        self._next_ns = frame.time_ns + self._wait(SEARCH_INTERVAL_NS)
+        self._try_settle(frame, self._find(frame.image))
 
-    def _settles(self, frame: TimedImage, found: dict[int | str, Array]) -> None:
-        """Take what was found for a rest, once some searches in a row have it in one place."""
-        self._seen = [*self._seen[1 - _STILL_LOOKS :], (frame.time_ns, found)]
-        if len(self._seen) < _STILL_LOOKS:
+    def _try_settle(self, frame: TimedImage, found: dict[int | str, Array]) -> None:
+        """Take found markers as at rest once several consecutive searches have them in one place."""
+        self._seen = [*self._seen[1 - SEARCHES_AT_REST :], (frame.time_ns, found)]
+        if len(self._seen) < SEARCHES_AT_REST:
             return
         latest = self._seen[-1][1]
-        still = {name for name in latest if all(name in seen and _shift(seen[name], latest[name]) < _STILL for _, seen in self._seen)}
+        still = {
+            name
+            for name in latest
+            if all(
+                name in seen and _shift(seen[name], latest[name]) < MAX_REST_SHIFT for _, seen in self._seen
+            )
+        }
         if not still:
             return
         corners = {name: latest[name] for name in still}
-        place = _place(corners, frame.image.shape)
-        self._rest = _Rest(self._seen[0][0], frame.time_ns, corners, place, _look(frame.image, place))
+        region = _marker_region(corners, frame.image.shape)
+        self._rest = _Rest(self._seen[0][0], frame.time_ns, corners, region, _appearance(frame.image, region))
         self._moving, self._seen, self.ever_rested = False, [], True
 
     def _watch(self, frame: TimedImage, rest: _Rest) -> Onset | None:
-        self._next_ns = frame.time_ns + self._wait(_WATCH_NS)
+        self._next_ns = frame.time_ns + self._wait(WATCH_INTERVAL_NS)
         found = self._find(frame.image)
         for name in rest.corners.keys() & found.keys():
-            turn, shift, reach = _motion(rest.corners[name], found[name])
-            if abs(turn) > _TURNED and (
-                self._moved_ns - rest.quiet_ns > self._wait(_UNSEEN_NS)
-                or (abs(turn) > _LEAPT and frame.time_ns == self._moved_ns)
-                or (turn > 0) not in self._ways
+            turn, shift, pivot_distance = _motion(rest.corners[name], found[name])
+            if abs(turn) > TIPPING_ANGLE and (
+                self._moved_ns - rest.quiet_ns > self._wait(MAX_UNSEEN_NS)
+                or (abs(turn) > CUT_ANGLE and frame.time_ns == self._moved_ns)
+                or (turn > 0) not in self._directions
             ):
                 self._forget(frame.time_ns)
                 return None
-            if abs(turn) > _TURNED:
-                self._forget(frame.time_ns + (self._wait(_AFTER_NS) if reach < _REACH else 0))
-                return Onset(rest.since_ns, rest.quiet_ns, self._moved_ns, tuple(sorted(rest.corners, key=str))) if reach < _REACH else None
-            if shift < _STILL:
-                rest.quiet_ns, rest.look, self._moving, self._seen = frame.time_ns, _look(frame.image, rest.place), False, []
+            if abs(turn) > TIPPING_ANGLE:
+                self._forget(
+                    frame.time_ns
+                    + (self._wait(PAUSE_AFTER_STRIKE_NS) if pivot_distance < MAX_PIVOT_DISTANCE else 0)
+                )
+                return (
+                    Onset(rest.since_ns, rest.quiet_ns, self._moved_ns, tuple(sorted(rest.corners, key=str)))
+                    if pivot_distance < MAX_PIVOT_DISTANCE
+                    else None
+                )
+            if shift < MAX_REST_SHIFT:
+                rest.quiet_ns, rest.appearance, self._moving, self._seen = (
+                    frame.time_ns,
+                    _appearance(frame.image, rest.region),
+                    False,
+                    [],
+                )
                 return None
-            if shift > _SHIFTED and reach > _REACH:
+            if shift > MOVED_FRACTION and pivot_distance > MAX_PIVOT_DISTANCE:
                 self._forget(frame.time_ns)
                 return None
-        if frame.time_ns - rest.quiet_ns > self._wait(_GONE_NS):
+        if frame.time_ns - rest.quiet_ns > self._wait(MARKER_LOST_NS):
             self._forget(frame.time_ns)
-        elif not self._seen or frame.time_ns - self._seen[-1][0] >= self._wait(_SEARCH_NS):
-            # Pushed a little, it rests anew: the strike begins from there.
-            self._settles(frame, found)
+        elif not self._seen or frame.time_ns - self._seen[-1][0] >= self._wait(SEARCH_INTERVAL_NS):
+            # A marker that was pushed a little may come to rest again: the strike then begins from there.
+            self._try_settle(frame, found)
         return None
 
     def _wait(self, usual_ns: int) -> int:
-        return round(usual_ns * self._slower)
+        return round(usual_ns * self._time_scale)
 
     def _forget(self, next_ns: int) -> None:
         self._rest, self._moving, self._seen, self._next_ns = None, False, [], next_ns
 
     def _find(self, image: NDArray[np.uint8]) -> dict[int | str, Array]:
-        coarser = max(1, math.ceil(max(image.shape) / _SMALL_PX))
+        coarser = max(1, math.ceil(max(image.shape) / SEARCH_IMAGE_PX))
         seen = detect(image[::coarser, ::coarser], self._families)
-        found = {sighting.marker_id: sighting.corners_px * coarser for sighting in seen if sighting.marker_id in self._known}
+        found = {
+            sighting.marker_id: sighting.corners_px * coarser
+            for sighting in seen
+            if sighting.marker_id in self._known
+        }
         self.ever_seen = self.ever_seen or bool(found)
         return found
 
@@ -185,12 +215,12 @@ def _side(corners: Array) -> float:
 
 
 def _shift(before: Array, now: Array) -> float:
-    """Largest move of a corner, in sides."""
+    """Largest shift of a corner, in sides of the marker."""
     return float(np.max(np.linalg.norm(now - before, axis=1))) / _side(before)
 
 
 def _motion(before: Array, now: Array) -> tuple[float, float, float]:
-    """Turn in the image [rad], largest move of a corner, and distance to the point about which it turned, both in sides."""
+    """Rotation in the image [rad], largest shift of a corner and distance to the pivot, both in sides."""
     middle_before, middle = before.mean(axis=0), now.mean(axis=0)
     a, b = before - middle_before, now - middle
     turn = math.atan2(float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])), float(np.sum(a * b)))
@@ -198,22 +228,22 @@ def _motion(before: Array, now: Array) -> tuple[float, float, float]:
     return turn, _shift(before, now), way / max(2 * abs(math.sin(turn / 2)), 1e-9)
 
 
-def _place(corners: dict[int | str, Array], shape: tuple[int, ...]) -> tuple[slice, slice]:
+def _marker_region(corners: dict[int | str, Array], shape: tuple[int, ...]) -> tuple[slice, slice]:
     """Rows and columns around the largest marker, thinned to a few pixels."""
     largest = max(corners.values(), key=_side)
     margin = 0.2 * _side(largest)
     low = np.maximum(np.floor(largest.min(axis=0) - margin), 0).astype(int)
     high = np.minimum(np.ceil(largest.max(axis=0) + margin), [shape[1], shape[0]]).astype(int)
-    step = max(1, int(max(high - low)) // _CROP_PX)
+    step = max(1, int(max(high - low)) // REGION_PX)
     return slice(int(low[1]), int(high[1]), step), slice(int(low[0]), int(high[0]), step)
 
 
-def _look(image: NDArray[np.uint8], place: tuple[slice, slice]) -> Array:
-    """What is there, without its brightness and contrast."""
+def _appearance(image: NDArray[np.uint8], place: tuple[slice, slice]) -> Array:
+    """Grey values of a region, normalised in brightness and contrast."""
     values = image[place].astype(np.float64).ravel()
     values -= values.mean()
     return values / max(float(np.linalg.norm(values)), 1e-9)
 
 
-def _unlike(one: Array, other: Array) -> float:
+def _difference(one: Array, other: Array) -> float:
     return 1.0 - float(one @ other)

@@ -1,4 +1,4 @@
-"""Which part of which source is which planned strike."""
+"""Strike windows: the part of each source that shows a planned strike."""
 
 from __future__ import annotations
 
@@ -11,118 +11,130 @@ from analyze.errors import ImportRefused
 from analyze.importing.onsets import Onset
 
 SKIPPED = "-"
-"""given in place of a strike's id: none"""
-_BEFORE_NS = 500_000_000
-"""of a strike's window, before the motion begins"""
-_AFTER_NS = 3_000_000_000
-"""of it, after: a large object falls in two seconds"""
-_AFTER_FRAMES = 720
-"""of it, after, at least: a film that plays slower than it says, or than anybody has said, has that much of the fall"""
+"""given in place of a strike's id to leave a strike out"""
+BEFORE_ONSET_NS = 500_000_000
+"""length of a window before the onset"""
+AFTER_ONSET_NS = 3_000_000_000
+"""length of a window after the onset: a large object falls in two seconds"""
+MIN_FRAMES_AFTER_ONSET = 720
+"""least number of frames after the onset, so that undeclared slow motion shows enough of the fall"""
 
 
 @dataclass(frozen=True)
-class Film:
-    """A source that was looked through."""
+class Clip:
+    """A source that was searched for strikes."""
 
     path: Path
     onsets: tuple[Onset, ...] = ()
-    """by time"""
+    """in the order of their times"""
     last_ns: int | None = None
-    """time of the last image; None where it was not looked through"""
+    """time of the last image; None if it was not searched"""
     frame_ns: float = 0.0
-    """between two images, by the times that the source states"""
+    """interval between two images by the source's times"""
     rested: bool = False
-    """a marker lay still in view, at any time"""
+    """True if a marker was at rest in view at any time"""
 
     @property
-    def why_none(self) -> str:
-        """Why no strike is seen, and what helps."""
+    def why_no_strike(self) -> str:
+        """Reason why no strike is found, with a remedy."""
         if not self.rested:
-            return "its tag is seen, but never lies still: put the camera on a stand, and take your hand off the object"
+            return (
+                "its tag is seen, but never lies still: put the camera on a stand and take your hand off the "
+                "object"
+            )
         return (
-            "no tag lies still in view and then tips: film all of the tag, sharp, from a second before the strike until the object has "
-            "fallen"
+            "no tag lies still in view and then tips: record the whole tag, sharp, from a second before the "
+            "strike until the object has fallen"
         )
 
 
-def around(onset: Onset, frame_ns: float) -> tuple[int, int]:
-    """Start and end of a strike's window, both included, if nothing follows: neither another strike nor the film's end."""
-    after_ns = max(_AFTER_NS, round(_AFTER_FRAMES * frame_ns))
-    return max(onset.time_ns - _BEFORE_NS, onset.rest_ns), onset.time_ns + after_ns
+def window_around(onset: Onset, frame_ns: float) -> tuple[int, int]:
+    """Start and end of a strike's window, both included, unless a strike or the clip's end cuts it."""
+    after_ns = max(AFTER_ONSET_NS, round(MIN_FRAMES_AFTER_ONSET * frame_ns))
+    return max(onset.time_ns - BEFORE_ONSET_NS, onset.rest_ns), onset.time_ns + after_ns
 
 
 @dataclass(frozen=True)
 class StrikeWindow:
     """The images of one strike."""
 
-    film: int
-    """number of the source"""
+    clip: int
+    """index of the source"""
     plan_strike_id: str
     attempt: int
     start_ns: int | None
-    """on the source's clock; None: from its first image"""
+    """on the source's clock; None for its first image"""
     end_ns: int | None
-    """on the source's clock, included; None: to its last image"""
+    """on the source's clock, included; None for its last image"""
     onset: Onset | None
-    """None: it was not looked for, or not found"""
+    """None if it was not searched for, or not found"""
 
     @property
     def strike_id(self) -> str:
-        """As the recording calls it."""
+        """Id of the strike in the recording."""
         return f"{self.plan_strike_id}.{self.attempt}"
 
 
-def one_each(films: Sequence[Film], planned: Sequence[str], asked: Sequence[str]) -> tuple[StrikeWindow, ...]:
-    """Each film is a strike: of the first motion in it, or all of it where none was found.
+def one_window_per_clip(
+    clips: Sequence[Clip], planned: Sequence[str], strike_ids: Sequence[str]
+) -> tuple[StrikeWindow, ...]:
+    """Windows of clips that show one strike each: around the first onset, or the whole clip without one.
 
     Args:
-        films: as they were named.
+        clips: in the order in which they were named.
         planned: ids of the plan's strikes, in its order.
-        asked: ids of the films' strikes, in their order; none: the films' names where all are ids, else the plan's order.
+        strike_ids: ids of the clips' strikes, in the clips' order; if empty the clips' names if all are ids,
+            else the
+            plan's order.
 
     Raises:
-        ImportRefused: which film is which strike cannot be told.
+        ImportRefused: the clips cannot be assigned to strikes.
     """
-    names = [film.path.stem for film in films]
-    if not asked and len(films) > len(planned) and not set(names) <= set(planned):
+    names = [clip.path.stem for clip in clips]
+    if not strike_ids and len(clips) > len(planned) and not set(names) <= set(planned):
         raise ImportRefused(
-            f"{len(films)} sources, but the plan has {len(planned)} strikes: say which each is: --strike ID for each, in order"
+            f"{len(clips)} sources, but the plan has {len(planned)} strikes: name each with --strike ID, in "
+            "order"
         )
-    ids = list(asked) or (names if set(names) <= set(planned) else list(planned))
-    if asked and len(asked) != len(films):
+    ids = list(strike_ids) or (names if set(names) <= set(planned) else list(planned))
+    if strike_ids and len(strike_ids) != len(clips):
         raise ImportRefused(
-            f"{len(asked)} times --strike for {len(films)} sources: give one for each, in their order, {SKIPPED} to leave one out"
+            f"{len(strike_ids)} times --strike for {len(clips)} sources: give one for each, in their order, "
+            f"{SKIPPED} to leave one out"
         )
     _refuse_unknown(ids, planned)
-    first = [(number, film.onsets[0] if film.onsets else None) for number, film in enumerate(films)]
-    return _windows(films, first, ids)
+    first = [(number, clip.onsets[0] if clip.onsets else None) for number, clip in enumerate(clips)]
+    return _windows(clips, first, ids)
 
 
-def split(film: Film, planned: Sequence[str], asked: Sequence[str]) -> tuple[StrikeWindow, ...]:
-    """Each motion in the film is a strike.
+def split_clip(clip: Clip, planned: Sequence[str], strike_ids: Sequence[str]) -> tuple[StrikeWindow, ...]:
+    """Windows of a clip in which each onset is a strike.
 
     Args:
-        film: that was looked through.
+        clip: that was searched.
         planned: ids of the plan's strikes, in its order.
-        asked: ids of the motions' strikes, in their order; none: the plan's order.
+        strike_ids: ids of the onsets' strikes, in their order; if empty the plan's order.
 
     Raises:
-        ImportRefused: which motion is which strike cannot be told.
+        ImportRefused: the onsets cannot be assigned to strikes.
     """
-    found = len(film.onsets)
-    at = ", ".join(f"{onset.time_ns * 1e-9:.1f}" for onset in film.onsets)
+    found = len(clip.onsets)
+    at = ", ".join(f"{onset.time_ns * 1e-9:.1f}" for onset in clip.onsets)
     if not found:
-        raise ImportRefused(f"{film.path}: no strike is seen in it: {film.why_none}")
-    if not asked and found != len(planned):
+        raise ImportRefused(f"{clip.path}: no strike is found in it: {clip.why_no_strike}")
+    if not strike_ids and found != len(planned):
         raise ImportRefused(
-            f"{film.path}: shows {found} strikes (at {at} s), the plan has {len(planned)}: say which each is: --strike ID for each, "
-            f"in order, {SKIPPED} to leave one out"
+            f"{clip.path}: shows {found} strikes (at {at} s), the plan has {len(planned)}: name each with "
+            f"--strike ID, in order, {SKIPPED} to leave one out"
         )
-    if asked and len(asked) != found:
-        raise ImportRefused(f"{film.path}: shows {found} strikes (at {at} s), but --strike is given {len(asked)} times: give one for each")
-    ids = list(asked) or list(planned)
+    if strike_ids and len(strike_ids) != found:
+        raise ImportRefused(
+            f"{clip.path}: shows {found} strikes (at {at} s), but --strike is given {len(strike_ids)} times: "
+            "give one for each"
+        )
+    ids = list(strike_ids) or list(planned)
     _refuse_unknown(ids, planned)
-    return _windows([film], [(0, onset) for onset in film.onsets], ids)
+    return _windows([clip], [(0, onset) for onset in clip.onsets], ids)
 
 
 def _refuse_unknown(ids: Iterable[str], planned: Sequence[str]) -> None:
@@ -131,7 +143,9 @@ def _refuse_unknown(ids: Iterable[str], planned: Sequence[str]) -> None:
             raise ImportRefused(f"--strike {each}: the plan has {', '.join(planned)}")
 
 
-def _windows(films: Sequence[Film], found: Sequence[tuple[int, Onset | None]], ids: Sequence[str]) -> tuple[StrikeWindow, ...]:
+def _windows(
+    clips: Sequence[Clip], found: Sequence[tuple[int, Onset | None]], ids: Sequence[str]
+) -> tuple[StrikeWindow, ...]:
     attempts: Counter[str] = Counter()
     windows: list[StrikeWindow] = []
     for at, ((number, onset), strike) in enumerate(zip(found, ids, strict=False)):
@@ -140,11 +154,11 @@ def _windows(films: Sequence[Film], found: Sequence[tuple[int, Onset | None]], i
         attempts[strike] += 1
         start = end = None
         if onset is not None:
-            start, end = around(onset, films[number].frame_ns)
+            start, end = window_around(onset, clips[number].frame_ns)
             following = found[at + 1][1] if at + 1 < len(found) and found[at + 1][0] == number else None
             if following is not None:
                 end = min(end, following.rest_ns)
-            last_ns = films[number].last_ns
+            last_ns = clips[number].last_ns
             end = end if last_ns is None else min(end, last_ns)
         windows.append(StrikeWindow(number, strike, attempts[strike], start, end, onset))
     return tuple(windows)

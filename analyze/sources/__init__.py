@@ -1,1 +1,1 @@
-"""Frames that other cameras and programs recorded: videos, image folders, ROS bags and MCAP topics."""
+"""Images recorded by other cameras and programs: videos, image folders, ROS 2 bags and MCAP topics."""

@@ -1,4 +1,7 @@
-"""A video file's packets as access units with start codes, as a recording holds them; a key one brings its parameter sets."""
+"""Packets of a video file as access units with start codes (Annex B), as recordings store them.
+
+The access unit of a key picture contains its parameter sets.
+"""
 
 from __future__ import annotations
 
@@ -10,58 +13,70 @@ import av
 import numpy as np
 from av.error import FFmpegError
 
-from analyze.reading.annex_b import VideoFormat, has_long_lengths, holds_parameter_sets, is_annex_b, mark_starts
+from analyze.reading.annex_b import (
+    VideoFormat,
+    has_four_byte_lengths,
+    holds_parameter_sets,
+    is_annex_b,
+    write_start_codes,
+)
 from schemas.mcap.records import Buffer
 
 _FILTER = {VideoFormat.H264: "h264_mp4toannexb", VideoFormat.H265: "hevc_mp4toannexb"}
 
 
 def has_lengths(stream: av.VideoStream) -> bool:
-    """Whether the file tells its access units apart by itself, as MP4 and Matroska do: lengths are in place of start codes."""
+    """True if the file separates access units by lengths in place of start codes, as MP4 and Matroska do."""
     head = bytes(stream.codec_context.extradata or b"")
     return bool(head) and not is_annex_b(head)
 
 
 class AccessUnits:
-    """Of one stream.
+    """Converter of one stream's packets.
 
     Args:
-        video: how it is coded.
+        video: codec.
         stream: the stream.
-        room: bytes left free before each access unit, for what stands there in a recording.
+        room: bytes left free before each access unit, for the message's head in a recording.
     """
 
     def __init__(self, video: VideoFormat, stream: av.VideoStream, room: int) -> None:
         self._video, self._room = video, bytes(room)
         self._head = bytes(stream.codec_context.extradata or b"")
         self._has_starts = is_annex_b(self._head)
-        self._has_long_lengths = has_lengths(stream) and has_long_lengths(video, self._head)
+        self._has_long_lengths = has_lengths(stream) and has_four_byte_lengths(video, self._head)
         self._filter = av.BitStreamFilterContext(_FILTER[video], stream)
 
-    def of(self, packets: Sequence[av.Packet]) -> list[memoryview | None]:
-        """Room and access unit of each packet, writable; None where it is damaged. Packets may be used up."""
+    def convert(self, packets: Sequence[av.Packet]) -> list[memoryview | None]:
+        """Room and access unit of each packet, writable; None for a damaged packet.
+
+        The packets may be consumed.
+        """
         if not self._has_long_lengths:
             return [self._one(packet) for packet in packets]
         sizes = np.array([packet.size for packet in packets])
-        data = bytearray().join(chain.from_iterable(zip(repeat(self._room), cast("Sequence[Buffer]", packets))))
+        data = bytearray().join(
+            chain.from_iterable(zip(repeat(self._room), cast("Sequence[Buffer]", packets)))
+        )
         ends = np.cumsum(sizes + len(self._room))
-        marked = mark_starts(self._video, data, ends - sizes, ends).tolist()
+        marked = write_start_codes(self._video, data, ends - sizes, ends).tolist()
         view, places = memoryview(data), pairwise([0, *ends.tolist()])
         return [
-            view[start:end] if good else self._turned(packet) for packet, good, (start, end) in zip(packets, marked, places, strict=True)
+            view[start:end] if good else self._filtered(packet)
+            for packet, good, (start, end) in zip(packets, marked, places, strict=True)
         ]
 
     def _one(self, packet: av.Packet) -> memoryview | None:
         data = memoryview(packet)
         if not self._has_starts and (self._head or not is_annex_b(data)):
-            return self._turned(packet)
+            return self._filtered(packet)
         head = self._head if packet.is_keyframe and not holds_parameter_sets(self._video, data) else b""
         return memoryview(bytearray().join((self._room, head, data)))
 
-    def _turned(self, packet: av.Packet) -> memoryview | None:
-        self._filter.flush()  # one that has seen parameter sets leaves them out
+    def _filtered(self, packet: av.Packet) -> memoryview | None:
+        self._filter.flush()  # otherwise it omits parameter sets that it has already written
         try:
-            turned = self._filter.filter(packet)
+            filtered = self._filter.filter(packet)
         except FFmpegError:
             return None
-        return memoryview(bytearray().join((self._room, cast("Buffer", turned[0])))) if turned else None
+        return memoryview(bytearray().join((self._room, cast("Buffer", filtered[0])))) if filtered else None

@@ -1,4 +1,4 @@
-"""A folder of images with a CSV of their times as a source: what a high-speed camera's own program leaves."""
+"""A folder of images with a CSV of their times as a source, as high-speed cameras' programs write it."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from typing import Self, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from analyze.cameras.board_images import SUFFIXES as PICTURES
+from analyze.cameras.board_images import SUFFIXES as IMAGE_SUFFIXES
 from analyze.errors import ImportRefused
-from analyze.reading.image_message import image_of_file
+from analyze.reading.image_message import decode_image_file
+from analyze.sources.frame_timing import usual_interval
 from analyze.sources.image_file import ImageFile, image_file
-from analyze.sources.pace import usual_interval
 from analyze.sources.source import TimedFile, TimedImage
 from schemas.session_manifest import TimeSource
 
 _NAME, _TIME = "name", "time_s"
-_NEEDED = f"{_NAME},{_TIME}"
-_FILES = {".png", ".jpg", ".jpeg"}
-_LEAST_S, _MOST_S = 1e-5, 0.5
-"""between two images: no camera is as fast, no tip as slow"""
+COLUMNS = f"{_NAME},{_TIME}"
+FILE_SUFFIXES = {".png", ".jpg", ".jpeg"}
+MIN_INTERVAL_S, MAX_INTERVAL_S = 1e-5, 0.5
+"""bounds of the interval between two images: no camera is faster, no tip slower"""
 
 
 class ImageFolder:
@@ -34,10 +34,10 @@ class ImageFolder:
 
     Args:
         folder: with the images.
-        times: CSV with the columns `name` and `time_s`; None: the only one in the folder.
+        times: CSV with the columns `name` and `time_s`; None for the only one in the folder.
 
     Raises:
-        ImportRefused: the CSV is missing or not understood, or an image that it names is not there.
+        ImportRefused: the CSV is missing or not understood, or an image that it names does not exist.
     """
 
     def __init__(self, folder: Path, times: Path | None = None) -> None:
@@ -51,7 +51,7 @@ class ImageFolder:
         self.time_sd_ns = _step_ns(self._csv)
         self.rate_hz = 1e9 / usual_interval([time_ns for time_ns, _ in self._images])
         self.is_coded = True
-        self.holds_files = {path.suffix.lower() for _, path in self._images} <= _FILES
+        self.holds_files = {path.suffix.lower() for _, path in self._images} <= FILE_SUFFIXES
         first = self._image(self._images[0][1])
         self.height, self.width = first.shape
 
@@ -59,9 +59,13 @@ class ImageFolder:
     def remarks(self) -> tuple[str, ...]:
         """See FrameSource."""
         named = {path.resolve() for _, path in self._images}
-        there = [path.resolve() for path in self.path.iterdir() if path.suffix.lower() in PICTURES]
+        there = [path.resolve() for path in self.path.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
         unnamed = sum(path not in named for path in there)
-        return (f"{self.name}: left out what {self._csv.name} does not name: {unnamed} of {len(there)} images",) if unnamed else ()
+        return (
+            (f"{self.name}: left out {unnamed} of {len(there)} images, which {self._csv.name} does not name",)
+            if unnamed
+            else ()
+        )
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
         """See FrameSource."""
@@ -78,12 +82,14 @@ class ImageFolder:
             yield TimedFile(time_ns, file)
 
     def close(self) -> None:
-        """Nothing is open between two readings."""
+        """Do nothing: no file is open between two readings."""
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def _between(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, Path]]:
@@ -92,7 +98,7 @@ class ImageFolder:
                 yield time_ns, path
 
     def _image(self, path: Path) -> NDArray[np.uint8]:
-        image = image_of_file(self._read(path))
+        image = decode_image_file(self._read(path))
         if image is None:
             raise self._no_image(path)
         return image
@@ -107,10 +113,12 @@ class ImageFolder:
         try:
             return path.read_bytes()
         except OSError as error:
-            raise ImportRefused(f"{path}: cannot be read: {error.strerror}: check what {self._csv.name} names") from None
+            raise ImportRefused(
+                f"{path}: cannot be read: {error.strerror}: check what {self._csv.name} names"
+            ) from None
 
     def _no_image(self, path: Path) -> ImportRefused:
-        return ImportRefused(f"{path}: is no image that can be read: leave it out of {self._csv.name}")
+        return ImportRefused(f"{path}: not a readable image: leave it out of {self._csv.name}")
 
     def _refuse_other_size(self, path: Path, width: int, height: int) -> None:
         if (width, height) != (self.width, self.height):
@@ -123,53 +131,72 @@ def _only_csv(folder: Path) -> Path:
     if len(found) == 1:
         return found[0]
     if not found:
-        raise ImportRefused(f"{folder}: nothing says when its images were taken: put a CSV with the columns {_NEEDED} into it")
-    raise ImportRefused(f"{folder}: holds {len(found)} CSV files: say which has the times: --times {found[0]}")
+        raise ImportRefused(
+            f"{folder}: the times of its images are unknown: put a CSV with the columns {COLUMNS} into it"
+        )
+    raise ImportRefused(
+        f"{folder}: contains {len(found)} CSV files: name the one with the times, as --times {found[0]}"
+    )
 
 
 def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
-    """(time since the first [ns], image), by time."""
+    """Time since the first image [ns] and path of each image, in the order of the times."""
+    found = _read_lines(path, folder)
+    if len(found) < 2:
+        raise ImportRefused(f"{path}: names {len(found)} images: a strike needs more")
+    start = found[0][0]
+    timed = [(round((time_s - start) * 10**9), image) for time_s, image in found]
+    often, count = Counter(str(image) for _, image in found).most_common(1)[0]
+    if count > 1:
+        raise ImportRefused(f"{path}: names {often} {count} times: each image has one time: correct it")
+    for (earlier, _), (later, image) in pairwise(timed):
+        if later <= earlier:
+            raise ImportRefused(f"{path}: two images have the same time, one is {image.name}: correct it")
+    usual_s = 1e-9 * float(np.median(np.diff([time_ns for time_ns, _ in timed])))
+    if not MIN_INTERVAL_S < usual_s < MAX_INTERVAL_S:
+        raise ImportRefused(
+            f"{path}: its images come every {usual_s:.3g} s: {_TIME} must be in seconds, not milliseconds or "
+            "frame numbers"
+        )
+    return timed
+
+
+def _read_lines(path: Path, folder: Path) -> list[tuple[Decimal, Path]]:
+    """Time [s] and path of each image that a CSV names, in the order of the times."""
     found: list[tuple[Decimal, Path]] = []
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             rows = _rows(file)
             if not {_NAME, _TIME} <= set(rows.fieldnames or ()):
-                raise ImportRefused(f"{path}: has the columns {','.join(rows.fieldnames or ()) or 'none'}: it needs {_NEEDED}")
+                columns = ",".join(rows.fieldnames or ()) or "none"
+                raise ImportRefused(f"{path}: has the columns {columns}: it needs {COLUMNS}")
             for row in rows:
                 if not (row[_NAME] or "").strip():
-                    raise ImportRefused(f"{path}: line {rows.line_num}: names no image: correct it, or leave the line out")
+                    raise ImportRefused(
+                        f"{path}: line {rows.line_num}: names no image: correct it, or leave the line out"
+                    )
                 time_s = _seconds(row[_TIME])
                 if time_s is None:
-                    raise ImportRefused(f"{path}: line {rows.line_num}: {_TIME} {row[_TIME]!r} is no number of seconds")
+                    raise ImportRefused(
+                        f"{path}: line {rows.line_num}: {_TIME} {row[_TIME]!r} is not a number of seconds"
+                    )
                 found.append((time_s, folder / row[_NAME].strip()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ImportRefused(f"{path}: cannot be read as CSV ({error}): it needs the columns {_NEEDED}") from None
-    found.sort()
-    if len(found) < 2:
-        raise ImportRefused(f"{path}: names {len(found)} images: a strike has more")
-    start = found[0][0]
-    timed = [(round((time_s - start) * 10**9), image) for time_s, image in found]
-    often, count = Counter(str(image) for _, image in found).most_common(1)[0]
-    if count > 1:
-        raise ImportRefused(f"{path}: names {often} {count} times: an image was taken at one time: correct it")
-    for (earlier, _), (later, image) in pairwise(timed):
-        if later <= earlier:
-            raise ImportRefused(f"{path}: two images have the same time, one is {image.name}: correct it")
-    usual_s = 1e-9 * float(np.median(np.diff([time_ns for time_ns, _ in timed])))
-    if not _LEAST_S < usual_s < _MOST_S:
-        raise ImportRefused(f"{path}: its images come every {usual_s:.3g} s: {_TIME} is in seconds: are these milliseconds, or numbers?")
-    return timed
+        raise ImportRefused(
+            f"{path}: cannot be read as CSV ({error}): it needs the columns {COLUMNS}"
+        ) from None
+    return sorted(found)
 
 
 def _rows(file: TextIO) -> csv.DictReader[str]:
-    """Columns by their names, whatever their case and the blanks around them."""
+    """Rows of a CSV by column name, without regard to case and surrounding blanks."""
     rows = csv.DictReader(file)
     rows.fieldnames = [name.strip().lower() for name in rows.fieldnames or ()]
     return rows
 
 
 def _seconds(text: str | None) -> Decimal | None:
-    """To the nanosecond, also of seconds since 1970."""
+    """Time [s], exact to the nanosecond also for seconds since 1970; None if it is no number."""
     try:
         value = Decimal((text or "").strip())
     except InvalidOperation:
@@ -178,7 +205,10 @@ def _seconds(text: str | None) -> Decimal | None:
 
 
 def _step_ns(path: Path) -> int:
-    """1 sigma of the times by the digits they are written with."""
+    """Standard deviation of the times [ns], from the number of digits they are written with."""
     with path.open(encoding="utf-8-sig", newline="") as file:
-        digits = max((len(row[_TIME].partition(".")[2]) for row in _rows(file) if "e" not in row[_TIME].lower()), default=9)
+        digits = max(
+            (len(row[_TIME].partition(".")[2]) for row in _rows(file) if "e" not in row[_TIME].lower()),
+            default=9,
+        )
     return max(1, round(10.0 ** (9 - digits) / 12**0.5))

@@ -1,6 +1,6 @@
-"""Images and coded pictures as messages, their bytes handed on and not copied.
+"""Images and coded pictures as protobuf messages whose data are passed on without a copy.
 
-Protobuf fields may stand in any order, and a message may be put together from parts (protobuf.dev, "Encoding").
+Protobuf fields may be in any order, and a message may be assembled from parts (protobuf.dev, "Encoding").
 """
 
 from __future__ import annotations
@@ -18,21 +18,32 @@ from numpy.typing import NDArray
 from analyze.reading.annex_b import VideoFormat
 from analyze.sources.image_file import ImageFile
 from schemas.mcap import records as container
-from schemas.mcap.packed import timestamp_field, varint
+from schemas.mcap.protobuf_wire import timestamp_field, varint
 from schemas.mcap.records import Buffer
 
 _FILE_DATA = bytes([2 << 3 | 2])
 _RAW_DATA = bytes([6 << 3 | 2])
 _VIDEO_DATA = bytes([3 << 3 | 2])
-_VARINT = 5
-"""bytes of a video's varints, so that all heads are as long: seconds until the year 3058, nanoseconds, bytes of a picture"""
-_RECORD_HEAD = np.dtype([("opcode", "u1"), ("size", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")])
-"""of a message (schemas/mcap/records.py)"""
+VARINT_BYTES = 5
+"""length of a video's varints, so that all heads have one length: seconds until the year 3058"""
+MESSAGE_RECORD_HEAD = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("size", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log", "<u8"),
+        ("publish", "<u8"),
+    ]
+)
+"""head of a message record (schemas/mcap/records.py)"""
 
 
 def compressed_image(camera: str, log_time_ns: int, file: ImageFile) -> tuple[Buffer, ...]:
-    """Parts of a foxglove.CompressedImage."""
-    return timestamp_field(log_time_ns) + _file_head(camera, file.format) + _FILE_DATA + varint(len(file.data)), file.data
+    """Parts of a foxglove.CompressedImage message."""
+    return timestamp_field(log_time_ns) + _file_head(camera, file.format) + _FILE_DATA + varint(
+        len(file.data)
+    ), file.data
 
 
 @cache
@@ -41,26 +52,30 @@ def _file_head(camera: str, kind: str) -> bytes:
 
 
 class VideoMessages(NamedTuple):
-    """Messages of coded pictures, but for the pictures."""
+    """Messages of n coded pictures, without the pictures."""
 
     times_ns: NDArray[np.int64]
     """(n,) log times"""
     sequences: NDArray[np.int64]
-    """(n,)"""
+    """(n,) sequence numbers"""
     sizes: NDArray[np.int64]
-    """(n,) bytes of each picture"""
+    """(n,) size of each picture [bytes]"""
 
 
 def raw_image(camera: str, log_time_ns: int, image: NDArray[np.uint8]) -> tuple[Buffer, ...]:
-    """Parts of a foxglove.RawImage, mono8, of `image` (height, width)."""
+    """Parts of a foxglove.RawImage message, mono8, of `image` (height, width)."""
     height, width = image.shape
     pixels = np.ascontiguousarray(image)
-    return timestamp_field(log_time_ns) + _raw_head(camera, width, height) + _RAW_DATA + varint(pixels.size), pixels.data.cast("B")
+    return timestamp_field(log_time_ns) + _raw_head(camera, width, height) + _RAW_DATA + varint(
+        pixels.size
+    ), pixels.data.cast("B")
 
 
 @cache
 def _raw_head(camera: str, width: int, height: int) -> bytes:
-    return RawImage(width=width, height=height, encoding="mono8", step=width, frame_id=camera).SerializeToString(deterministic=True)
+    return RawImage(
+        width=width, height=height, encoding="mono8", step=width, frame_id=camera
+    ).SerializeToString(deterministic=True)
 
 
 @cache
@@ -69,28 +84,37 @@ def _video_head(camera: str, kind: VideoFormat) -> bytes:
 
 
 def video_room(camera: str, kind: VideoFormat) -> int:
-    """Bytes that stand before each picture in the file."""
+    """Bytes before each picture in the recording."""
     return _video_layout(camera, kind).itemsize
 
 
-def put_video_heads(camera: str, kind: VideoFormat, channel: int, messages: VideoMessages, data: Sequence[memoryview]) -> None:
-    """Put before each picture its message record's head, and all other fields of its foxglove.CompressedVideo.
+def put_video_heads(
+    camera: str, kind: VideoFormat, channel: int, messages: VideoMessages, data: Sequence[memoryview]
+) -> None:
+    """Write the message record's head and the fields of foxglove.CompressedVideo before each picture.
 
-    All are put together at once, as columns: a gigabyte of video has 100 000 pictures.
+    All heads are made at once, as columns: a gigabyte of video has 100 000 pictures.
 
     Args:
         camera: its name.
-        kind: how the pictures are coded.
+        kind: codec of the pictures.
         channel: of the topic.
-        messages: of the pictures.
+        messages: n messages of the pictures.
         data: n pictures, each after `video_room` bytes.
     """
     heads = np.empty(len(data), _video_layout(camera, kind))
     room = heads.itemsize
-    heads["opcode"], heads["size"], heads["channel"] = container.MESSAGE, room - container.RECORD_HEAD + messages.sizes, channel
+    heads["opcode"], heads["size"], heads["channel"] = (
+        container.MESSAGE,
+        room - container.RECORD_HEAD + messages.sizes,
+        channel,
+    )
     heads["sequence"] = messages.sequences & 0xFFFFFFFF
     heads["log"] = heads["publish"] = messages.times_ns
-    heads["stamp"], heads["seconds"] = bytes([1 << 3 | 2, 2 + 2 * _VARINT, 1 << 3]), _varints(messages.times_ns // 10**9)
+    heads["stamp"], heads["seconds"] = (
+        bytes([1 << 3 | 2, 2 + 2 * VARINT_BYTES, 1 << 3]),
+        _varints(messages.times_ns // 10**9),
+    )
     heads["nanos"], heads["nanoseconds"] = bytes([2 << 3]), _varints(messages.times_ns % 10**9)
     heads["fields"], heads["length"] = _video_head(camera, kind) + _VIDEO_DATA, _varints(messages.sizes)
     packed = heads.tobytes()
@@ -101,12 +125,24 @@ def put_video_heads(camera: str, kind: VideoFormat, channel: int, messages: Vide
 @cache
 def _video_layout(camera: str, kind: VideoFormat) -> np.dtype[np.void]:
     fields = len(_video_head(camera, kind) + _VIDEO_DATA)
-    seconds, nanoseconds, length = ((name, "u1", _VARINT) for name in ("seconds", "nanoseconds", "length"))
-    return np.dtype([*_RECORD_HEAD.descr, ("stamp", "S3"), seconds, ("nanos", "S1"), nanoseconds, ("fields", f"S{fields}"), length])
+    seconds, nanoseconds, length = (
+        (name, "u1", VARINT_BYTES) for name in ("seconds", "nanoseconds", "length")
+    )
+    return np.dtype(
+        [
+            *MESSAGE_RECORD_HEAD.descr,
+            ("stamp", "S3"),
+            seconds,
+            ("nanos", "S1"),
+            nanoseconds,
+            ("fields", f"S{fields}"),
+            length,
+        ]
+    )
 
 
 def _varints(values: NDArray[np.int64]) -> NDArray[np.uint8]:
-    """(n, _VARINT) bytes of each value's varint: filled up with zeros, which the encoding allows."""
-    table = (values[:, None] >> 7 * np.arange(_VARINT) & 127).astype(np.uint8)
+    """Varints (n, VARINT_BYTES) of the values, padded with zeros, which the encoding allows."""
+    table = (values[:, None] >> 7 * np.arange(VARINT_BYTES) & 127).astype(np.uint8)
     table[:, :-1] |= 128
     return table

@@ -1,6 +1,7 @@
-"""Pictures of Motion JPEG as JPEG files (ITU-T T.81): the camera coded them, so they are handed on and not coded again.
+"""Pictures of Motion JPEG as JPEG files (ITU-T T.81), stored as the camera coded them.
 
-Cameras that stream leave out the Huffman tables where they are those of the standard's annex K, which not every reader knows by heart.
+Cameras that stream omit the Huffman tables if they are those of the standard's annex K, which some readers
+need.
 """
 
 from __future__ import annotations
@@ -15,25 +16,28 @@ from schemas.mcap.records import Buffer
 
 JPEG_START = b"\xff\xd8"
 _TABLES, _SCAN = 0xC4, 0xDA
-_FRAMES = frozenset(range(0xC0, 0xD0)) - {_TABLES, 0xC8, 0xCC}
-"""markers of a frame's head, by how it is coded"""
+FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {_TABLES, 0xC8, 0xCC}
+"""markers of a frame header, by kind of coding"""
 
 
 def jpeg_file(picture: Buffer) -> tuple[Buffer, int, int] | None:
-    """A picture with all that a reader wants of a JPEG file, its width and height; None where it is damaged."""
+    """Complete JPEG file of a picture, its width and height; None if the picture is damaged."""
     tables = size = scan = None
     for marker, at, length in _segments(picture):
-        if marker in _FRAMES and length >= 7:
-            size = int.from_bytes(picture[at + 3 : at + 5], "big"), int.from_bytes(picture[at + 1 : at + 3], "big")
+        if marker in FRAME_MARKERS and length >= 7:
+            size = (
+                int.from_bytes(picture[at + 3 : at + 5], "big"),
+                int.from_bytes(picture[at + 1 : at + 3], "big"),
+            )
         tables = at if marker == _TABLES else tables
         scan = at if marker == _SCAN else scan
     if scan is None or size is None:
         return None
-    return (picture if tables is not None else JPEG_START + _usual_tables() + bytes(picture[2:])), *size
+    return (picture if tables is not None else JPEG_START + _standard_tables() + bytes(picture[2:])), *size
 
 
 def _segments(picture: Buffer) -> Iterator[tuple[int, int, int]]:
-    """Marker, place and length of each segment's content up to the first scan."""
+    """Marker, offset and length of each segment's content, up to the first scan."""
     if bytes(picture[:2]) != JPEG_START:
         return
     at = 2
@@ -52,12 +56,14 @@ def _segments(picture: Buffer) -> Iterator[tuple[int, int, int]]:
 
 
 @cache
-def _usual_tables() -> bytes:
-    """Annex K's Huffman tables as segments, as an encoder that takes no pains writes them."""
+def _standard_tables() -> bytes:
+    """Segments with annex K's Huffman tables, as an encoder with default settings writes them."""
     encoder = av.CodecContext.create("mjpeg", "w")
-    assert isinstance(encoder, av.VideoCodecContext)  # noqa: S101 - of this codec it is
+    assert isinstance(encoder, av.VideoCodecContext)  # noqa: S101 - mjpeg is a video codec
     encoder.width, encoder.height, encoder.pix_fmt, encoder.time_base = 16, 16, "yuvj420p", Fraction(1)
     encoder.options = {"huffman": "default"}
     frame = av.VideoFrame(16, 16, "yuvj420p")
     picture = b"".join(bytes(packet) for given in (frame, None) for packet in encoder.encode(given))
-    return b"".join(picture[at - 4 : at + length] for marker, at, length in _segments(picture) if marker == _TABLES)
+    return b"".join(
+        picture[at - 4 : at + length] for marker, at, length in _segments(picture) if marker == _TABLES
+    )

@@ -1,4 +1,7 @@
-"""Files of messages that others wrote: MCAP, and ROS 2 bags (a folder with metadata.yaml, or .db3 alone). Topics, and messages by time."""
+"""Message files of other programs: MCAP files and ROS 2 bags, with their topics and messages by time.
+
+A bag is a folder with metadata.yaml, or a single .db3 file.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +20,8 @@ from schemas.session_manifest import MANIFEST_NAME
 
 BAG_FILE = ".db3"
 METADATA = "metadata.yaml"
-_LARGEST_RECORD = 1 << 30
-"""bytes; a damaged length would ask for all memory"""
+MAX_RECORD_BYTES = 1 << 30
+"""largest record read; a damaged length would ask for all memory"""
 
 
 @dataclass(frozen=True)
@@ -27,25 +30,25 @@ class Topic:
 
     name: str
     schema: str
-    """name of its messages' type"""
+    """name of the messages' type"""
     encoding: str
-    """of its messages: protobuf, json, cdr"""
+    """encoding of the messages: protobuf, json or cdr"""
     count: int | None
-    """messages, where the file tells"""
+    """number of messages; None if the file does not state it"""
 
 
-class Logged(NamedTuple):
-    """A message as it stands in the file."""
+class LoggedMessage(NamedTuple):
+    """A message as stored in the file."""
 
     log_ns: int
     data: bytes
 
 
 class MessageFile(Protocol):
-    """Topics and messages of a file; every call opens it anew.
+    """Topics and messages of a file, which every call opens anew.
 
-    Raises (all of it):
-        ImportRefused: it is damaged, or none of ours to read.
+    Raises (all methods):
+        ImportRefused: the file is damaged, or of an unknown kind.
     """
 
     @property
@@ -54,18 +57,26 @@ class MessageFile(Protocol):
         ...
 
     def topics(self) -> list[Topic]:
-        """All of them, by name."""
+        """All topics, by name."""
         ...
 
     def messages(
-        self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None, *, as_written: bool = False
-    ) -> Iterator[Logged]:
-        """By log time, both ends included; or of an MCAP file in the order in which they stand in it."""
+        self,
+        topic: Topic,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        *,
+        as_written: bool = False,
+    ) -> Iterator[LoggedMessage]:
+        """Messages of a topic by log time, both ends included.
+
+        Of an MCAP file in file order if `as_written`.
+        """
         ...
 
 
 class McapFile:
-    """An MCAP file with an index, of whatever program."""
+    """MCAP file with an index, of any program."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -76,10 +87,14 @@ class McapFile:
             summary = self._reader(stream).get_summary()
             if summary is None or not summary.channels:
                 raise ImportRefused(
-                    f"{self.path}: holds no index, or no messages: write it anew with `mcap recover {self.path.name} -o NEW.mcap`"
+                    f"{self.path}: contains no index, or no messages: rewrite it with `mcap recover "
+                    f"{self.path.name} -o NEW.mcap`"
                 )
             if any(index.name == MANIFEST_NAME for index in summary.metadata_indexes):
-                raise ImportRefused(f"{self.path}: is a recording of ours already: `analyze estimate {self.path.name}` takes it as it is")
+                raise ImportRefused(
+                    f"{self.path}: is already a recording: use it as it is, as in `analyze estimate "
+                    f"{self.path.name}`"
+                )
             counts = summary.statistics.channel_message_counts if summary.statistics is not None else None
             found: dict[tuple[str, str, str], int | None] = {}
             for number, channel in summary.channels.items():
@@ -91,8 +106,13 @@ class McapFile:
         return [Topic(*key, many) for key, many in sorted(found.items())]
 
     def messages(
-        self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None, *, as_written: bool = False
-    ) -> Iterator[Logged]:
+        self,
+        topic: Topic,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        *,
+        as_written: bool = False,
+    ) -> Iterator[LoggedMessage]:
         """See MessageFile."""
         with self._named_damage(), self.path.open("rb") as stream:
             until = None if end_ns is None else max(end_ns + 1, start_ns or 0)
@@ -100,12 +120,15 @@ class McapFile:
                 [topic.name], starting_at=start_ns, ending_before=until, log_time_order=not as_written
             )
             for schema, channel, message in found:
-                if channel.message_encoding == topic.encoding and (schema.name if schema else "") == topic.schema:
-                    yield Logged(message.log_time, message.data)
+                if (
+                    channel.message_encoding == topic.encoding
+                    and (schema.name if schema else "") == topic.schema
+                ):
+                    yield LoggedMessage(message.log_time, message.data)
 
     @staticmethod
     def _reader(stream: object) -> SeekingReader:
-        return SeekingReader(stream, record_size_limit=_LARGEST_RECORD)  # pyright: ignore[reportArgumentType]
+        return SeekingReader(stream, record_size_limit=MAX_RECORD_BYTES)  # pyright: ignore[reportArgumentType]
 
     @contextmanager
     def _named_damage(self) -> Iterator[None]:
@@ -115,14 +138,15 @@ class McapFile:
             raise
         except OSError as error:
             raise ImportRefused(f"{self.path}: cannot be read: {error.strerror}") from None
-        except Exception:  # the reader and three decompressors have errors of their own
+        except Exception:  # the reader and three decompressors raise errors of their own
             raise ImportRefused(
-                f"{self.path}: is no MCAP file, damaged or cut short: try `mcap recover {self.path.name} -o NEW.mcap`"
+                f"{self.path}: not an MCAP file, damaged, or cut short: try `mcap recover {self.path.name} "
+                "-o NEW.mcap`"
             ) from None
 
 
 class BagFile:
-    """A ROS 2 bag in either storage; of a folder all its files."""
+    """ROS 2 bag in either storage; a folder stands for all its files."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -137,15 +161,24 @@ class BagFile:
         return [Topic(*key, many or None) for key, many in sorted(found.items())]
 
     def messages(
-        self, topic: Topic, start_ns: int | None = None, end_ns: int | None = None, *, as_written: bool = False
-    ) -> Iterator[Logged]:
+        self,
+        topic: Topic,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        *,
+        as_written: bool = False,
+    ) -> Iterator[LoggedMessage]:
         """See MessageFile."""
         del as_written
         with self._opened() as reader:
-            meant = [each for each in reader.connections if each.topic == topic.name and each.msgtype == topic.schema]
+            meant = [
+                each
+                for each in reader.connections
+                if each.topic == topic.name and each.msgtype == topic.schema
+            ]
             until = None if end_ns is None else end_ns + 1
             for _, log_ns, data in reader.messages(meant, start_ns, until):
-                yield Logged(log_ns, bytes(data))
+                yield LoggedMessage(log_ns, bytes(data))
 
     @contextmanager
     def _opened(self) -> Iterator[Reader]:
@@ -156,8 +189,12 @@ class BagFile:
             raise
         except OSError as error:
             raise ImportRefused(f"{self.path}: cannot be read: {error.strerror or error}") from None
-        except Exception as error:  # the reader, its two storages and its decompressor have errors of their own
-            raise ImportRefused(f"{self.path}: is no ROS 2 bag that can be read ({' '.join(str(error).split())[:120]})") from None
+        except (
+            Exception
+        ) as error:  # the reader, its two storages and its decompressor raise errors of their own
+            raise ImportRefused(
+                f"{self.path}: not a readable ROS 2 bag ({' '.join(str(error).split())[:120]})"
+            ) from None
 
 
 def _serialization(connection: Connection) -> str:
@@ -165,15 +202,15 @@ def _serialization(connection: Connection) -> str:
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a ROS 2 bag: a folder that says so, or a database of one."""
+    """True if the path is a ROS 2 bag: a folder with its metadata, or its database."""
     return (path / METADATA).is_file() or path.suffix.lower() == BAG_FILE
 
 
 def is_message_file(path: Path) -> bool:
-    """Whether a path is a file of messages."""
+    """True if the path is a message file."""
     return path.suffix.lower() == ".mcap" or is_bag(path)
 
 
 def open_message_file(path: Path) -> MessageFile:
-    """The file or folder, by what it is called."""
+    """The message file at a path, by its name."""
     return BagFile(path) if is_bag(path) else McapFile(path)

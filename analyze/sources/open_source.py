@@ -1,4 +1,4 @@
-"""What a path on the command line is: a video, a folder of images, an MCAP file or a ROS 2 bag."""
+"""The source at a path of the command line: video, folder of images, MCAP file or ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -15,37 +15,47 @@ from analyze.sources.video import VideoSource
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """What the user says of the sources."""
+    """The user's statements about the sources."""
 
     capture_hz: float | None = None
-    """rate at which a slow-motion video was captured"""
+    """frame rate at which a slow-motion video was captured"""
     times: Path | None = None
     """CSV with the times of a folder's images"""
     topic: str | None = None
-    """of an MCAP file or bag; None: the only one with images"""
+    """topic of an MCAP file or bag; None for the only one with images"""
 
 
 def open_source(path: Path, options: SourceOptions) -> FrameSource:
-    """The source at `path`.
+    """Open the source at `path`.
 
     Raises:
-        ImportRefused: it is none that can be read.
+        ImportRefused: it cannot be read.
     """
     if not path.exists():
         raise ImportRefused(f"{path}: no such file or folder: check the path")
     if is_message_file(path):
         if options.capture_hz is not None or options.times is not None:
             named = "--capture-fps" if options.capture_hz is not None else "--times"
-            raise ImportRefused(f"{path}: {named} is not of files of messages: theirs have times of their own")
+            raise ImportRefused(
+                f"{path}: {named} does not apply to message files, which have times of their own: leave it "
+                "out"
+            )
         return TopicSource(path, options.topic)
     if path.suffix.lower() == ".bag":
-        raise ImportRefused(f"{path}: is a ROS 1 bag: make a ROS 2 bag of it with `rosbags-convert --src {path.name} --dst {path.stem}`")
+        raise ImportRefused(
+            f"{path}: is a ROS 1 bag: convert it with `rosbags-convert --src {path.name} --dst {path.stem}`"
+        )
     if options.topic is not None:
-        raise ImportRefused(f"{path}: --topic is of MCAP files and ROS 2 bags: leave it out")
+        raise ImportRefused(f"{path}: --topic applies to MCAP files and ROS 2 bags only: leave it out")
     if options.times is not None and not path.is_dir():
-        raise ImportRefused(f"{path}: --times is of folders of images: a video has times of its own: leave it out")
+        raise ImportRefused(
+            f"{path}: --times applies to folders of images only, a video has times of its own: leave it out"
+        )
     if path.is_dir():
         if options.capture_hz is not None:
-            raise ImportRefused(f"{path}: --capture-fps is of videos: a folder's images have the times of its CSV")
+            raise ImportRefused(
+                f"{path}: --capture-fps applies to videos only, a folder's images have the times of its CSV: "
+                "leave it out"
+            )
         return ImageFolder(path, options.times)
     return VideoSource(path, options.capture_hz)

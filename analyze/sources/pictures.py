@@ -1,4 +1,7 @@
-"""Image messages of others to grey values: Foxglove's (protobuf, JSON), ROS 2's (CDR), raw, JPEG or PNG; and the stamp in their header."""
+"""Image messages of other programs as grey values, with the stamps of their headers.
+
+Read are Foxglove's messages (protobuf, JSON) and ROS 2's (CDR): raw, JPEG or PNG.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from analyze.reading.image_message import image_of_file
+from analyze.reading.image_message import decode_image_file
 from schemas.mcap.records import ContainerError
 
 Image = NDArray[np.uint8]
@@ -33,15 +36,15 @@ _RAW, _COMPRESSED = "foxglove.RawImage", "foxglove.CompressedImage"
 
 @dataclass(frozen=True)
 class RawPicture:
-    """Pixels as they stand in a message."""
+    """Pixels as stored in a message."""
 
     stamp_ns: int
-    """of its header, 0 where it has none"""
+    """stamp of the message's header; 0 if it has none"""
     width: int
     height: int
     encoding: str
     step: int
-    """bytes of a row"""
+    """bytes per row"""
     data: Image
     """(n,) bytes"""
     big_endian: bool = False
@@ -49,10 +52,10 @@ class RawPicture:
 
 @dataclass(frozen=True)
 class CodedPicture:
-    """An image file's content, or a coded picture of a video."""
+    """Content of an image file, or a coded picture of a video."""
 
     stamp_ns: int
-    """of its header, 0 where it has none"""
+    """stamp of the message's header; 0 if it has none"""
     format: str
     data: bytes
 
@@ -60,40 +63,51 @@ class CodedPicture:
 Picture = RawPicture | CodedPicture
 
 
-def is_read(message_encoding: str, schema: str) -> bool:
-    """Whether messages of a topic are images that are read."""
+def is_readable(message_encoding: str, schema: str) -> bool:
+    """True if messages of this encoding and schema are images that can be read."""
     return (message_encoding, schema) in _PARSERS
 
 
-def picture_of(message_encoding: str, schema: str, data: bytes) -> Picture:
+def parse_picture(message_encoding: str, schema: str, data: bytes) -> Picture:
     """The image in a message.
 
     Raises:
-        ContainerError: it is damaged.
+        ContainerError: the message is damaged.
     """
     try:
         return _PARSERS[message_encoding, schema](data)
-    except (DecodeError, SerdeError, ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError, OverflowError):
+    except (
+        DecodeError,
+        SerdeError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        IndexError,
+        RecursionError,
+        OverflowError,
+    ):
         raise ContainerError(f"a message is no {schema}") from None
 
 
-def grey_of(picture: Picture) -> Image:
-    """Its grey values (height, width).
+def grey_values(picture: Picture) -> Image:
+    """Grey values (height, width) of an image.
 
     Raises:
-        ContainerError: the encoding is not read, or the pixels are damaged.
+        ContainerError: the encoding is not supported, or the pixels are damaged.
     """
     if isinstance(picture, RawPicture):
-        return _grey_of_raw(picture)
-    image = image_of_file(picture.data)
+        return _raw_grey_values(picture)
+    image = decode_image_file(picture.data)
     if image is None:
         raise ContainerError(f"a {picture.format!r:.40} image cannot be decoded")
     return image
 
 
-# --- raw pixels ---------------------------------------------------------------------------------------------------
+# --- raw pixels
+# ---------------------------------------------------------------------------------------------------
 
-_COLOURS = {
+COLOUR_CONVERSIONS = {
     "rgb8": (3, cv2.COLOR_RGB2GRAY),
     "8uc3": (3, cv2.COLOR_BGR2GRAY),
     "bgr8": (3, cv2.COLOR_BGR2GRAY),
@@ -101,43 +115,55 @@ _COLOURS = {
     "bgra8": (4, cv2.COLOR_BGRA2GRAY),
     "8uc4": (4, cv2.COLOR_BGRA2GRAY),
 }
-# OpenCV names a mosaic by its second row's second and third pixel: RGGB is its BayerBG.
-_MOSAICS = {
+# OpenCV names a mosaic by the second row's second and third pixel: RGGB is its BayerBG.
+MOSAIC_CONVERSIONS = {
     "bayer_rggb8": cv2.COLOR_BayerBG2GRAY,
     "bayer_bggr8": cv2.COLOR_BayerRG2GRAY,
     "bayer_gbrg8": cv2.COLOR_BayerGR2GRAY,
     "bayer_grbg8": cv2.COLOR_BayerGB2GRAY,
 }
-_LUMA_AT = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
-"""place of the first luma among the bytes of two pixels"""
-_READ = "mono8, mono16, rgb8, bgr8, rgba8, bgra8, 8UC1, 8UC3, bayer_*8, yuv422, yuyv and nv12 are"
+LUMA_OFFSET = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
+"""offset of the first luma value among the bytes of two pixels"""
+READ_ENCODINGS = "mono8, mono16, rgb8, bgr8, rgba8, bgra8, 8UC1, 8UC3, bayer_*8, yuv422, yuyv and nv12 are"
 
 
-def _grey_of_raw(picture: RawPicture) -> Image:
+def _raw_grey_values(picture: RawPicture) -> Image:
     encoding = picture.encoding.lower()
-    channels, code = _COLOURS.get(encoding, (1, None))
-    channels = 2 if encoding in _LUMA_AT or encoding == "mono16" else channels
-    if code is None and channels == 1 and encoding not in {"mono8", "8uc1", "nv12", *_MOSAICS}:
-        raise ContainerError(f"encoding {picture.encoding!r:.40} is not read: {_READ}")
+    channels, code = COLOUR_CONVERSIONS.get(encoding, (1, None))
+    channels = 2 if encoding in LUMA_OFFSET or encoding == "mono16" else channels
+    if code is None and channels == 1 and encoding not in {"mono8", "8uc1", "nv12", *MOSAIC_CONVERSIONS}:
+        raise ContainerError(
+            f"encoding {picture.encoding!r:.40} is not supported: {READ_ENCODINGS} supported"
+        )
     width, height, step = picture.width, picture.height, picture.step
-    data = picture.data[: step * height] if encoding == "nv12" and 3 * step * height == 2 * len(picture.data) else picture.data
+    data = (
+        picture.data[: step * height]
+        if encoding == "nv12" and 3 * step * height == 2 * len(picture.data)
+        else picture.data
+    )
     if width <= 0 or height <= 0 or step < width * channels or step * height != len(data):
-        raise ContainerError(f"an image of {width} x {height} {encoding} with rows of {step} bytes cannot have {len(picture.data)} bytes")
+        raise ContainerError(
+            f"an image of {width} x {height} {encoding} with rows of {step} bytes must not have "
+            f"{len(picture.data)} bytes"
+        )
     rows = data.reshape(height, step)[:, : width * channels]
-    if encoding in _LUMA_AT:
-        return rows[:, _LUMA_AT[encoding] :: 2]
+    if encoding in LUMA_OFFSET:
+        return rows[:, LUMA_OFFSET[encoding] :: 2]
     if encoding == "mono16":
         return rows[:, 0 if picture.big_endian else 1 :: 2]
-    if encoding in _MOSAICS:
+    if encoding in MOSAIC_CONVERSIONS:
         if min(width, height) < 4:
             raise ContainerError(f"an image of {width} x {height} is too small for {encoding}")
-        return np.asarray(cv2.cvtColor(np.ascontiguousarray(rows), _MOSAICS[encoding]), dtype=np.uint8)
+        return np.asarray(
+            cv2.cvtColor(np.ascontiguousarray(rows), MOSAIC_CONVERSIONS[encoding]), dtype=np.uint8
+        )
     if code is None:
         return rows
     return np.asarray(cv2.cvtColor(rows.reshape(height, width, channels), code), dtype=np.uint8)
 
 
-# --- messages -----------------------------------------------------------------------------------------------------
+# --- messages
+# -----------------------------------------------------------------------------------------------------
 
 
 def _bytes(data: Any) -> Image:
@@ -147,27 +173,42 @@ def _bytes(data: Any) -> Image:
 def _foxglove_raw(data: bytes) -> Picture:
     message = RawImage.FromString(data)
     stamp_ns = message.timestamp.seconds * 10**9 + message.timestamp.nanos
-    return RawPicture(stamp_ns, message.width, message.height, message.encoding, message.step, _bytes(message.data))
+    return RawPicture(
+        stamp_ns, message.width, message.height, message.encoding, message.step, _bytes(message.data)
+    )
 
 
 def _foxglove_coded(kind: type[CompressedImage] | type[CompressedVideo]) -> Callable[[bytes], Picture]:
     def parse(data: bytes) -> Picture:
         message = kind.FromString(data)
-        return CodedPicture(message.timestamp.seconds * 10**9 + message.timestamp.nanos, message.format, message.data)
+        return CodedPicture(
+            message.timestamp.seconds * 10**9 + message.timestamp.nanos, message.format, message.data
+        )
 
     return parse
 
 
 def _json(data: bytes) -> tuple[dict[str, Any], int, bytes]:
-    """Fields, stamp [ns] and content of one of Foxglove's messages as JSON."""
+    """Fields, stamp [ns] and content of a Foxglove message in JSON."""
     fields = json.loads(data)
     stamp = fields.get("timestamp") or {}
-    return fields, int(stamp.get("sec", 0)) * 10**9 + int(stamp.get("nsec", 0)), base64.b64decode(fields["data"], validate=True)
+    return (
+        fields,
+        int(stamp.get("sec", 0)) * 10**9 + int(stamp.get("nsec", 0)),
+        base64.b64decode(fields["data"], validate=True),
+    )
 
 
 def _json_raw(data: bytes) -> Picture:
     fields, stamp_ns, content = _json(data)
-    return RawPicture(stamp_ns, int(fields["width"]), int(fields["height"]), str(fields["encoding"]), int(fields["step"]), _bytes(content))
+    return RawPicture(
+        stamp_ns,
+        int(fields["width"]),
+        int(fields["height"]),
+        str(fields["encoding"]),
+        int(fields["step"]),
+        _bytes(content),
+    )
 
 
 def _json_coded(data: bytes) -> Picture:
@@ -177,7 +218,7 @@ def _json_coded(data: bytes) -> Picture:
 
 @cache
 def ros_types() -> Typestore:
-    """ROS 2's own message types; of those that are read here no distribution has others."""
+    """ROS 2's own message types; those read here are the same in all distributions."""
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
@@ -185,13 +226,19 @@ def ros_message(data: bytes, kind: str) -> Any:
     """A CDR message of one of ROS 2's own types.
 
     Raises:
-        SerdeError, ValueError: it is none.
+        SerdeError, ValueError: it is not one.
     """
     if len(data) < 4:
         raise ValueError("no CDR")
     try:
         return ros_types().deserialize_cdr(data, kind)
-    except (AssertionError, ArithmeticError, MemoryError, LookupError, UnicodeError):  # what its generated code makes of nonsense
+    except (
+        AssertionError,
+        ArithmeticError,
+        MemoryError,
+        LookupError,
+        UnicodeError,
+    ):  # errors of its generated code on malformed input
         raise ValueError("no CDR") from None
 
 
@@ -201,7 +248,15 @@ def _ros_stamp(message: Any) -> int:
 
 def _ros_raw(data: bytes) -> Picture:
     found = ros_message(data, _ROS_RAW)
-    return RawPicture(_ros_stamp(found), found.width, found.height, found.encoding, found.step, found.data, bool(found.is_bigendian))
+    return RawPicture(
+        _ros_stamp(found),
+        found.width,
+        found.height,
+        found.encoding,
+        found.step,
+        found.data,
+        bool(found.is_bigendian),
+    )
 
 
 def _ros_coded(data: bytes) -> Picture:
@@ -210,24 +265,34 @@ def _ros_coded(data: bytes) -> Picture:
 
 
 def camera_info(message_encoding: str, schema: str, data: bytes) -> dict[str, Any]:
-    """Entries of a camera's calibration message, as `calibration_of` takes them.
+    """Entries of a camera calibration message, as `calibration_of` takes them.
 
     Raises:
-        ContainerError: it is damaged.
+        ContainerError: the message is damaged.
     """
     try:
         if message_encoding == "json":
             return dict(json.loads(data))
-        found = CameraCalibration.FromString(data) if message_encoding == "protobuf" else ros_message(data, schema)
+        found = (
+            CameraCalibration.FromString(data)
+            if message_encoding == "protobuf"
+            else ros_message(data, schema)
+        )
     except (DecodeError, SerdeError, ValueError, TypeError, RecursionError):
         raise ContainerError(f"a message is no {schema}") from None
     names = ("K", "D") if message_encoding == "protobuf" else ("k", "d")
     K, D = ([float(each) for each in getattr(found, name)] for name in names)
-    return {"width": found.width, "height": found.height, "distortion_model": found.distortion_model, "K": K, "D": D}
+    return {
+        "width": found.width,
+        "height": found.height,
+        "distortion_model": found.distortion_model,
+        "K": K,
+        "D": D,
+    }
 
 
 def as_video(picture: CodedPicture) -> bytes:
-    """A foxglove.CompressedVideo message of a coded picture."""
+    """Coded picture as a foxglove.CompressedVideo message."""
     return CompressedVideo(format=picture.format, data=picture.data).SerializeToString()
 
 

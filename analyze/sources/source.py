@@ -1,4 +1,4 @@
-"""Where foreign images come from: a video, a folder of images, an MCAP file or ROS 2 bag of others. All give the same."""
+"""Interface of sources of images: a video, a folder of images, an MCAP file or a ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ class TimedImage(NamedTuple):
     """One image of a source."""
 
     time_ns: int
-    """since the source's start, of mid-exposure as well as the source knows it; on the source's clock, that of the capture"""
+    """time of mid-exposure since the source's start, as the source states it, on the capture's clock"""
     image: NDArray[np.uint8]
-    """(height, width) mono, as it is to be analysed; valid until the next is asked for, unless it is copied"""
+    """(height, width) mono, to be analysed; valid until the next image is read, unless copied"""
 
 
 class TimedFile(NamedTuple):
-    """One image of a source as it was coded."""
+    """One image of a source as a file."""
 
     time_ns: int
-    """as a TimedImage's"""
+    """as in TimedImage"""
     file: ImageFile
 
 
 class Frames(Protocol):
-    """Images in the order of their times, which rise. May be read several times."""
+    """Images in the order of their increasing times, which may be read several times."""
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
         """Images from `start_ns` to `end_ns` since the source's start, both included."""
@@ -39,79 +39,81 @@ class Frames(Protocol):
 
 
 class FrameSource(Frames, Protocol):
-    """Images of a file or folder. Use it in a `with` statement.
+    """Images of a file or folder, to be used in a `with` statement.
 
-    Raises (all of it):
+    Raises (all methods):
         ImportRefused: it cannot be read, or not as asked.
     """
 
     @property
     def name(self) -> str:
-        """The file or folder, for messages."""
+        """Name of the file or folder, for messages."""
         ...
 
     @property
     def width(self) -> int:
-        """Of the images, as they are given out [px]."""
+        """Width of the images [px]."""
         ...
 
     @property
     def height(self) -> int:
-        """Of the images, as they are given out [px]."""
+        """Height of the images [px]."""
         ...
 
     @property
     def time_source(self) -> TimeSource:
-        """Where the times come from."""
+        """Origin of the times."""
         ...
 
     @property
     def time_sd_ns(self) -> int:
-        """1 sigma of a frame's time against the others'."""
+        """Standard deviation of a frame's time relative to the others [ns]."""
         ...
 
     @property
     def wall_start_ns(self) -> int | None:
-        """Wall clock at the source's start [ns since 1970], where the source tells."""
+        """Wall clock at the source's start [ns since 1970]; None if unknown."""
         ...
 
     @property
     def rate_hz(self) -> float:
-        """Frames per second as they were captured, where none is missing."""
+        """Frame rate as captured, where no frame is missing [Hz]."""
         ...
 
     @property
     def frame_count(self) -> int | None:
-        """How many frames there are, for progress; None where only reading tells."""
+        """Number of frames, for progress; None if unknown before reading."""
         ...
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """One line each for what a reader must know: cut short, turned, times made up. Whole once all was read."""
+        """Lines that a user must know: cut short, rotated, times assumed. Complete after reading all."""
         ...
 
     @property
     def is_coded(self) -> bool:
-        """Whether images must be decoded, which takes longer than reading their pixels."""
+        """True if images must be decoded, which takes longer than reading pixels."""
         ...
 
     @property
     def holds_files(self) -> bool:
-        """Whether its images are PNG or JPEG files, which `files` gives."""
+        """True if the images are PNG or JPEG files, which `files` gives."""
         ...
 
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
-        """The same images as from `frames`, not decoded."""
+        """The same images as `frames` gives, not decoded."""
         ...
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Release the file."""
         ...
 
     def __enter__(self) -> Self:
         """The source itself."""
         ...
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         """Close it."""
         ...

@@ -28,12 +28,12 @@ from rich.progress import track
 
 from analyze.batch.archive import find_sources
 from analyze.batch.ledger import Entry, Ledger
-from analyze.batch.query import rows_of
-from analyze.batch.request import Request
+from analyze.batch.query import read_recording_rows
+from analyze.batch.worker_messages import Request
 from analyze.batch.settings import BatchSettings, analysis_version
 from analyze.batch.sparse_copy import fetched_without_images
-from analyze.batch.table import STAMPS
-from analyze.batch.worker_process import Lane, Limits
+from analyze.batch.result_rows import STAMPS
+from analyze.batch.worker_process import WorkerProcess, Limits
 from tests.broken_files import KINDS, break_file
 from tests.quick_archive import body_of, quick_session
 
@@ -51,7 +51,10 @@ def _make(told: tuple[Path, int, int]) -> None:
 
 def make_archive(folder: Path, sessions: int, broken: int) -> None:
     """Sessions of ten objects in folders of their own, and broken files of all kinds beside them."""
-    wanted = [(folder / f"object-{number % OBJECTS}" / f"session-{number:04d}.mcap", number, 3) for number in range(sessions)]
+    wanted = [
+        (folder / f"object-{number % OBJECTS}" / f"session-{number:04d}.mcap", number, 3)
+        for number in range(sessions)
+    ]
     for path, _, _ in wanted:
         path.parent.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
@@ -70,7 +73,10 @@ def batch(place: str, output: Path, *options: str) -> tuple[float, subprocess.Co
     """Run the command; its time [s] and what it printed."""
     start = time.monotonic()
     done = subprocess.run(
-        [sys.executable, "-m", "analyze", "batch", place, "--out", str(output), *options], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "analyze", "batch", place, "--out", str(output), *options],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if done.returncode not in {0, 3}:
         raise click.ClickException(done.stderr.strip() or done.stdout.strip())
@@ -79,7 +85,7 @@ def batch(place: str, output: Path, *options: str) -> tuple[float, subprocess.Co
 
 def numbers(output: Path, *without: str) -> list[dict[str, object]]:
     """Rows without what two runs need not share."""
-    rows = rows_of(output).drop_columns([*STAMPS, *without]).to_pylist()
+    rows = read_recording_rows(output).drop_columns([*STAMPS, *without]).to_pylist()
     return sorted(rows, key=lambda row: (str(row["key"]), str(row["files"])))
 
 
@@ -106,25 +112,33 @@ def spin_gain() -> float:
 
 def accounted(archive: Path, output: Path) -> None:
     """Every file has its row, and the right one."""
-    rows = {row["url"]: row for row in rows_of(output).to_pylist()}
+    rows = {row["url"]: row for row in read_recording_rows(output).to_pylist()}
     sources = find_sources([str(archive)])
     wrong = [
         url
         for url, row in rows.items()
-        if (row["failure"] or "") != (KINDS[Path(url).name.split("-")[1]] if Path(url).name.startswith("broken") else "")
+        if (row["failure"] or "")
+        != (KINDS[Path(url).name.split("-")[1]] if Path(url).name.startswith("broken") else "")
     ]
     told = Counter(row["failure"] or "ok" for row in rows.values())
     console.print(
-        f"accounted for: {len(rows)} of {len(sources)}, {len(wrong)} wrongly: " + ", ".join(f"{k} {n}" for k, n in told.most_common())
+        f"accounted for: {len(rows)} of {len(sources)}, {len(wrong)} wrongly: "
+        + ", ".join(f"{k} {n}" for k, n in told.most_common())
     )
     for url in wrong:
         console.print(f"  {url}: {rows[url]['failure']}: {rows[url]['reason']}", markup=False)
     errors = [
-        1e3 * np.linalg.norm([row[f"com_{axis}_m"] for axis in "xyz"] - body_of(int(Path(row["url"]).parent.name.split("-")[1])).com)
+        1e3
+        * np.linalg.norm(
+            [row[f"com_{axis}_m"] for axis in "xyz"]
+            - body_of(int(Path(row["url"]).parent.name.split("-")[1])).com
+        )
         for row in rows.values()
         if row["status"] == "ok"
     ]
-    console.print(f"centre of mass off by {np.median(errors):.3f} mm (median), {np.max(errors):.3f} mm (worst)")
+    console.print(
+        f"centre of mass off by {np.median(errors):.3f} mm (median), {np.max(errors):.3f} mm (worst)"
+    )
 
 
 def workers(archive: Path, folder: Path, sessions: int) -> None:
@@ -140,9 +154,13 @@ def workers(archive: Path, folder: Path, sessions: int) -> None:
         one, _ = batch(str(part), folder / f"one-{turn}", "--jobs", "1")
         two, _ = batch(str(part), folder / f"two-{turn}", "--jobs", "2")
         gains.append(one / two / ((before + spin_gain()) / 2))
-        console.print(f"{len(places)} recordings: 1 worker {one:.1f} s, 2 workers {two:.1f} s; over a spin loop's gain {gains[-1]:.2f}")
+        console.print(
+            f"{len(places)} recordings: 1 worker {one:.1f} s, 2 workers {two:.1f} s; over a spin loop's gain {gains[-1]:.2f}"
+        )
     same = numbers(folder / "one-0") == numbers(folder / "two-0")
-    console.print(f"1 -> 2 workers over a spin loop's gain: {max(gains):.2f} (must 0.9); results {'the same' if same else 'DIFFER'}")
+    console.print(
+        f"1 -> 2 workers over a spin loop's gain: {max(gains):.2f} (must 0.9); results {'the same' if same else 'DIFFER'}"
+    )
 
 
 def overhead(archive: Path, folder: Path) -> None:
@@ -168,10 +186,25 @@ def second_run(folder: Path, entries: int = 1000) -> None:
         for source in find_sources([str(there)]):
             name = Path(source.url).name
             (output / "recordings" / f"{source.id}.parquet").write_bytes(b"")
-            ledger.add([Entry(source.url, source.id, BatchSettings().digest, analysis_version(), source.id, "", "", [name])])
+            ledger.add(
+                [
+                    Entry(
+                        source.url,
+                        source.id,
+                        BatchSettings().digest,
+                        analysis_version(),
+                        source.id,
+                        "",
+                        "",
+                        [name],
+                    )
+                ]
+            )
     times = [batch(str(there), output)[0] for _ in range(3)]
     _, done = batch(str(there), output)
-    console.print(f"second run over {entries} entries: {min(times):.2f} s, worst of 3 {max(times):.2f} s (must 3): {done.stdout.strip()}")
+    console.print(
+        f"second run over {entries} entries: {min(times):.2f} s, worst of 3 {max(times):.2f} s (must 3): {done.stdout.strip()}"
+    )
 
 
 @contextlib.contextmanager
@@ -183,12 +216,23 @@ def dask(workers: int, folder: Path) -> Iterator[tuple[str, list[subprocess.Pope
     quiet = {"stdout": log, "stderr": log}
     port = address.rsplit(":", 1)[1]
     scheduler = subprocess.Popen(
-        [*python, "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"], **quiet
+        [*python, "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"],
+        **quiet,
     )
     time.sleep(2)
     started = [
         subprocess.Popen(
-            [*python, "distributed.cli.dask_worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard"],
+            [
+                *python,
+                "distributed.cli.dask_worker",
+                address,
+                "--host",
+                "127.0.0.1",
+                "--nthreads",
+                "1",
+                "--no-nanny",
+                "--no-dashboard",
+            ],
             **quiet,
         )
         for _ in range(workers)
@@ -208,7 +252,9 @@ def kills(archive: Path, folder: Path, sessions: int) -> None:
     part, whole = str(folder / "part"), folder / "one-0"
     output = folder / "killed"
     process = subprocess.Popen(
-        [sys.executable, "-m", "analyze", "batch", part, "--out", str(output)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "analyze", "batch", part, "--out", str(output)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     while len(list(output.glob("recordings/*.parquet"))) < sessions // 3:
         time.sleep(0.05)
@@ -216,7 +262,9 @@ def kills(archive: Path, folder: Path, sessions: int) -> None:
     process.wait()
     done = len(list(output.glob("recordings/*.parquet")))
     time.sleep(1)
-    stray = subprocess.run(["pgrep", "-f", f"analyze.batch.child {output}"], capture_output=True, check=False).stdout.split()
+    stray = subprocess.run(
+        ["pgrep", "-f", f"analyze.batch.worker_main {output}"], capture_output=True, check=False
+    ).stdout.split()
     batch(part, output)
     console.print(
         f"run killed with {done} of {sessions} done: {len(stray)} stray processes; finished by the next, results {_same(output, whole)}"
@@ -231,7 +279,9 @@ def kills(archive: Path, folder: Path, sessions: int) -> None:
             time.sleep(0.05)
         started[0].kill()
         printed, said = process.communicate()
-    console.print(f"Dask, one of two workers killed: {printed.strip() or said.strip()}; results {_same(output, whole)}")
+    console.print(
+        f"Dask, one of two workers killed: {printed.strip() or said.strip()}; results {_same(output, whole)}"
+    )
 
 
 def bucket(folder: Path) -> None:
@@ -276,7 +326,7 @@ def growth(folder: Path) -> None:
         output = folder / f"growth-{strikes}"
         (output / "recordings").mkdir(parents=True)
         (output / "failures").mkdir()
-        with Lane(output, Limits()) as lane:
+        with WorkerProcess(output, Limits()) as lane:
             lane.analyse(Request(find_sources([str(path)])[0], BatchSettings(), str(output)))
         with contextlib.suppress(IndexError):
             row = _rows(output)[0]
@@ -288,7 +338,7 @@ def growth(folder: Path) -> None:
 
 
 def _rows(output: Path) -> Sequence[dict[str, float]]:
-    from analyze.batch.table import read_rows
+    from analyze.batch.result_rows import read_rows
 
     return read_rows(sorted(output.glob("*/*.parquet"))).to_pylist()
 
@@ -324,7 +374,9 @@ def make(folder: Path, sessions: int, broken: int) -> None:
 @click.option("--broken", default=20, show_default=True)
 @click.option("--archive", "given", type=click.Path(path_type=Path), help="Made before by `make`.")
 @click.option(
-    "--recording", type=click.Path(exists=True, path_type=Path), help="A large one, of which the small topics are read by ranges."
+    "--recording",
+    type=click.Path(exists=True, path_type=Path),
+    help="A large one, of which the small topics are read by ranges.",
 )
 def measure(sessions: int, broken: int, given: Path | None, recording: Path | None) -> None:
     """Everything."""
@@ -333,7 +385,9 @@ def measure(sessions: int, broken: int, given: Path | None, recording: Path | No
         archive = given or folder / "archive"
         make_archive(archive, sessions, broken)
         taken, done = batch(str(archive), folder / "out")
-        console.print(f"{sessions} + {broken}: {taken:.0f} s: {done.stdout.strip().splitlines()[0].rsplit(':', 1)[0]}")
+        console.print(
+            f"{sessions} + {broken}: {taken:.0f} s: {done.stdout.strip().splitlines()[0].rsplit(':', 1)[0]}"
+        )
         accounted(archive, folder / "out")
         overhead(archive, folder)
         second_run(folder)

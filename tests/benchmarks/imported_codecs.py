@@ -24,8 +24,8 @@ import numpy as np
 from av.video.stream import VideoStream
 
 from analyze.errors import ImportRefused
-from analyze.importing.run import ImportOptions, prepare
-from analyze.importing.write_recording import write
+from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.write_recording import write_recording
 from analyze.pipeline.estimate import Estimate, estimate_recording
 from analyze.reading.recording import open_recording, read_truth
 from analyze.sources.open_source import SourceOptions
@@ -48,7 +48,9 @@ def film(
     slower: int = 1,
 ) -> None:
     """Encode images with their own times, or `slower` times as slow; `turned_deg` is how they are to be shown."""
-    with av.open(str(path), "w", options={"video_track_timescale": "1000000"} if path.suffix == ".mp4" else {}) as container:
+    with av.open(
+        str(path), "w", options={"video_track_timescale": "1000000"} if path.suffix == ".mp4" else {}
+    ) as container:
         stream: VideoStream | None = None
         start_ns = 0
         for frame in frames:
@@ -59,7 +61,9 @@ def film(
                 stream.codec_context.time_base = MICROSECONDS
                 stream.set_display_rotation(turned_deg)
                 start_ns = frame.time_ns
-            picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame.image), format="gray").reformat(format=pixels)
+            picture = av.VideoFrame.from_ndarray(np.ascontiguousarray(frame.image), format="gray").reformat(
+                format=pixels
+            )
             picture.pts, picture.time_base = slower * (frame.time_ns - start_ns) // 1000, MICROSECONDS
             container.mux(stream.encode(picture))
         if stream is not None:
@@ -102,7 +106,9 @@ class Way:
     source: SourceOptions = field(default_factory=SourceOptions)
 
 
-def _video(codec: str, pixels: str, rate: int, **options: str) -> Callable[[Path, Iterable[ImageFrame]], None]:
+def _video(
+    codec: str, pixels: str, rate: int, **options: str
+) -> Callable[[Path, Iterable[ImageFrame]], None]:
     return lambda path, frames: film(path, codec, pixels, options, frames, rate)
 
 
@@ -121,9 +127,22 @@ def _worldly(rate: int) -> list[Way]:
     slower = SourceOptions(capture_hz=float(rate))
     return [
         Way("variable frame rate", ".mp4", lambda path, frames: coded(path, thinned(frames))),
-        Way("stating an eighth of its rate, `--capture-fps`", ".mp4", lambda path, frames: coded(path, frames, slower=8), slower),
-        Way("saying that it is to be shown turned by 90 deg", ".mp4", lambda path, frames: coded(path, frames, turned_deg=-90)),
-        Way("a twelfth of a second missing in the tip", ".mp4", lambda path, frames: coded(path, interrupted(frames))),
+        Way(
+            "stating an eighth of its rate, `--capture-fps`",
+            ".mp4",
+            lambda path, frames: coded(path, frames, slower=8),
+            slower,
+        ),
+        Way(
+            "saying that it is to be shown turned by 90 deg",
+            ".mp4",
+            lambda path, frames: coded(path, frames, turned_deg=-90),
+        ),
+        Way(
+            "a twelfth of a second missing in the tip",
+            ".mp4",
+            lambda path, frames: coded(path, interrupted(frames)),
+        ),
         Way("cut short (MKV)", ".mkv", cut_short),
         Way("cut short (MP4)", ".mp4", cut_short),
     ]
@@ -171,7 +190,9 @@ def attached(recording_path: Path, folder: Path) -> tuple[Path, Path, Path]:
 
 def _row(name: str, live: Estimate, other: Estimate, truth: np.ndarray, ratio: str) -> str:
     def phis(estimate: Estimate) -> dict[str, float]:
-        return {motion.strike_id: motion.fit.phi for motion in estimate.evidence.motions if motion.fit is not None}
+        return {
+            motion.strike_id: motion.fit.phi for motion in estimate.evidence.motions if motion.fit is not None
+        }
 
     mine, theirs = phis(live), phis(other)
     off = np.degrees([theirs[key] - mine[key] for key in mine if key in theirs])
@@ -192,7 +213,9 @@ def main() -> None:
     live = estimate_recording(arguments.recording)
     truth = np.array(read_truth(arguments.recording).body.com_object)
     rate = round(live.evidence.manifest.cameras[0].frame_rate_hz)
-    click.echo("| | good strikes | phi off live, median, deg | worst | c off live, mm | c off truth, mm | recording / file |")
+    click.echo(
+        "| | good strikes | phi off live, median, deg | worst | c off live, mm | c off truth, mm | recording / file |"
+    )
     click.echo("|---|---|---|---|---|---|---|")
     click.echo(_row("live", live, live, truth, ""))
     for way in ways(rate):
@@ -203,14 +226,22 @@ def main() -> None:
             object_path, plan_path, rig_path = attached(arguments.recording, folder)
             files, planned = strikes_of(arguments.recording, way, folder)
             output = folder / "imported.mcap"
-            options = ImportOptions(tuple(files), object_path, plan_path, rig_path, tuple(planned), whole=True, source=way.source)
+            options = ImportOptions(
+                tuple(files), object_path, plan_path, rig_path, tuple(planned), whole=True, source=way.source
+            )
             try:
                 with prepare(options) as prepared:
-                    written = write(prepared, output)
+                    written = write_recording(prepared, output)
             except ImportRefused as error:
-                click.echo(f"| {way.name} | refused: {str(error).removeprefix(f'{folder}/')} |  |  |  |  |  |")
+                click.echo(
+                    f"| {way.name} | refused: {str(error).removeprefix(f'{folder}/')} |  |  |  |  |  |"
+                )
                 continue
-            size = sum(file.stat().st_size for path in files for file in (path.rglob("*") if path.is_dir() else [path]))
+            size = sum(
+                file.stat().st_size
+                for path in files
+                for file in (path.rglob("*") if path.is_dir() else [path])
+            )
             click.echo(_row(way.name, live, estimate_recording(output), truth, f"{written.size / size:.2f}"))
 
 

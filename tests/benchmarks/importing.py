@@ -33,11 +33,11 @@ from foxglove.messages import CompressedImage, Timestamp
 from rich.console import Console
 from rich.table import Table
 
-from analyze.importing.run import ImportOptions, prepare
-from analyze.importing.write_recording import write
-from analyze.reading.image_message import image_of_file
+from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.write_recording import write_recording
+from analyze.reading.image_message import decode_image_file
 from analyze.sources.message_files import open_message_file
-from analyze.sources.pictures import grey_of, picture_of
+from analyze.sources.pictures import grey_values, parse_picture
 from tests.analyze.importing.filmed import REST, angles, picture, setting
 
 WIDTH, HEIGHT, RATE = 1280, 960, 240
@@ -59,7 +59,9 @@ def images(noise: float) -> list[np.ndarray]:
     return found
 
 
-def packets(codec: str, pixels: str, pictures: list[np.ndarray], options: dict[str, str]) -> tuple[bytes, list[bytes]]:
+def packets(
+    codec: str, pixels: str, pictures: list[np.ndarray], options: dict[str, str]
+) -> tuple[bytes, list[bytes]]:
     """What a decoder must know first, and a coded picture each."""
     encoder = av.CodecContext.create(codec, "w")
     encoder.width, encoder.height, encoder.pix_fmt = WIDTH, HEIGHT, pixels
@@ -73,13 +75,17 @@ def packets(codec: str, pixels: str, pictures: list[np.ndarray], options: dict[s
     return bytes(encoder.extradata or b""), [bytes(packet) for packet in coded]
 
 
-def make(path: Path, codec: str, pixels: str, noise: float, size: int, strikes: int, /, **options: str) -> None:
+def make(
+    path: Path, codec: str, pixels: str, noise: float, size: int, strikes: int, /, **options: str
+) -> None:
     """A film of about `size` bytes with tips."""
     pictures = images(noise)
     _, rest = packets(codec, pixels, pictures[:REST], options)
     extra, tip = packets(codec, pixels, pictures, options)
     written = 0
-    with av.open(str(path), "w", options={"video_track_timescale": "240000"} if path.suffix in {".mp4", ".mov"} else {}) as container:
+    with av.open(
+        str(path), "w", options={"video_track_timescale": "240000"} if path.suffix in {".mp4", ".mov"} else {}
+    ) as container:
         stream = container.add_stream(codec, rate=RATE)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, pixels
         if extra:
@@ -114,7 +120,10 @@ def make_files(path: Path, suffix: str, noise: float, size: int, strikes: int) -
             channel = CompressedImageChannel("/camera/image", context=context)
             for time_ns, data in timed:
                 stamp = Timestamp(1_790_000_000 + time_ns // 10**9, time_ns % 10**9)
-                channel.log(CompressedImage(timestamp=stamp, format=suffix[1:], data=data), log_time=1_790_000_000 * 10**9 + time_ns)
+                channel.log(
+                    CompressedImage(timestamp=stamp, format=suffix[1:], data=data),
+                    log_time=1_790_000_000 * 10**9 + time_ns,
+                )
         return
     path.mkdir()
     with (path / "times.csv").open("w", encoding="ascii") as rows:
@@ -126,7 +135,11 @@ def make_files(path: Path, suffix: str, noise: float, size: int, strikes: int) -
 
 def most_memory_mb() -> float:
     """The most that this process held; `ru_maxrss` would be its parent's, where that held more."""
-    [line] = [line for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines() if line.startswith("VmHWM")]
+    [line] = [
+        line
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+        if line.startswith("VmHWM")
+    ]
     return int(line.split()[1]) / 1024
 
 
@@ -134,23 +147,39 @@ def measure(work: str, path: Path, folder: Path, strikes: int) -> Figures:
     """Seconds and the most memory [MB] of one piece of work, in this process; bytes of what it wrote."""
     output = folder / f"written{'.mcap' if work in {'whole', 'split'} else path.suffix}"
     start, started = time.perf_counter(), time.process_time()
-    count = _imported(work, path, folder, output, strikes) if work in {"whole", "split"} else _PEERS[work](path, output)
+    count = (
+        _imported(work, path, folder, output, strikes)
+        if work in {"whole", "split"}
+        else _PEERS[work](path, output)
+    )
     seconds = time.perf_counter() - start
     own = time.process_time() - started
     written = output.stat().st_size if output.exists() else 0
     output.unlink(missing_ok=True)
-    return {"seconds": seconds, "processor": own, "memory_mb": most_memory_mb(), "frames": count, "bytes": written}
+    return {
+        "seconds": seconds,
+        "processor": own,
+        "memory_mb": most_memory_mb(),
+        "frames": count,
+        "bytes": written,
+    }
 
 
 def _imported(work: str, path: Path, folder: Path, output: Path, strikes: int) -> int:
     names = [f"s{number + 1}" for number in range(strikes)]
     object_path, plan_path, camera_path = setting(folder, names)
-    text = camera_path.read_text(encoding="utf-8").replace("width = 320", f"width = {WIDTH}").replace("height = 240", f"height = {HEIGHT}")
+    text = (
+        camera_path.read_text(encoding="utf-8")
+        .replace("width = 320", f"width = {WIDTH}")
+        .replace("height = 240", f"height = {HEIGHT}")
+    )
     camera_path.write_text(text, encoding="utf-8")
     whole = work == "whole"
-    options = ImportOptions((path,), object_path, plan_path, camera_path, ("s1",) if whole else (), whole=whole, aside=folder)
+    options = ImportOptions(
+        (path,), object_path, plan_path, camera_path, ("s1",) if whole else (), whole=whole, aside=folder
+    )
     with prepare(options) as prepared:
-        return write(prepared, output).images
+        return write_recording(prepared, output).images
 
 
 def _size(path: Path) -> int:
@@ -167,12 +196,14 @@ def _demux(path: Path, output: Path) -> int:
 def _decode(path: Path, output: Path) -> int:
     del output
     if path.is_dir():
-        return sum(image_of_file(each.read_bytes()) is not None for each in sorted(path.glob("0*")))
+        return sum(decode_image_file(each.read_bytes()) is not None for each in sorted(path.glob("0*")))
     if path.suffix == ".mcap":
         file = open_message_file(path)
         [topic] = file.topics()
-        pictures = (picture_of(topic.encoding, topic.schema, message.data) for message in file.messages(topic))
-        return sum(1 for picture in pictures if grey_of(picture).size)
+        pictures = (
+            parse_picture(topic.encoding, topic.schema, message.data) for message in file.messages(topic)
+        )
+        return sum(1 for picture in pictures if grey_values(picture).size)
     with av.open(str(path)) as container:
         container.streams.video[0].thread_type = "AUTO"
         return sum(1 for _ in container.decode(container.streams.video[0]))
@@ -244,13 +275,29 @@ def _forget(path: Path) -> None:
 
 
 def _child(work: str, path: Path, folder: Path, strikes: int) -> Figures:
-    command = [sys.executable, "-m", "tests.benchmarks.importing", "--work", work, "--film", str(path), "--folder", str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "tests.benchmarks.importing",
+        "--work",
+        work,
+        "--film",
+        str(path),
+        "--folder",
+        str(folder),
+    ]
     command += ["--strikes", str(strikes)]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
 
 
 def turns(
-    path: Path, folder: Path, works: Sequence[str], count: int = TURNS, *, cold: bool = False, strikes: int = STRIKES
+    path: Path,
+    folder: Path,
+    works: Sequence[str],
+    count: int = TURNS,
+    *,
+    cold: bool = False,
+    strikes: int = STRIKES,
 ) -> dict[str, Figures]:
     """The fastest of `count` turns of each."""
     if not cold and path.suffix in {".mp4", ".mov"}:
@@ -269,10 +316,21 @@ def told(name: str, path: Path, found: dict[str, Figures], own: str) -> None:
     size = _size(path)
     title = f"{size / 1e9:.2f} GB of {name}, {found[own]['frames']:.0f} frames written, recording / film {found[own]['bytes'] / size:.3f}"
     table = Table(
-        "", "s", "over the import's", "processor, s", "over the import's", "most memory", title=title, box=None, title_justify="left"
+        "",
+        "s",
+        "over the import's",
+        "processor, s",
+        "over the import's",
+        "most memory",
+        title=title,
+        box=None,
+        title_justify="left",
     )
     for work, figures in found.items():
-        ratio, busy = figures["seconds"] / found[own]["seconds"], figures["processor"] / found[own]["processor"]
+        ratio, busy = (
+            figures["seconds"] / found[own]["seconds"],
+            figures["processor"] / found[own]["processor"],
+        )
         shown = ("", "") if work == own else (f"{ratio:.2f}", f"{busy:.2f}")
         word = f"import, {work}" if work == own else work
         seconds, processor = f"{figures['seconds']:.2f}", f"{figures['processor']:.2f}"
@@ -307,7 +365,11 @@ def _images(folder: Path, size: int) -> None:
     make(ffv1, "ffv1", "gray", 3.0, size, LARGE_STRIKES, level="3", slices="4")
     told("FFV1", ffv1, turns(ffv1, folder, works, 2, strikes=LARGE_STRIKES), "split")
     ffv1.unlink()
-    cases = (("a folder of PNG", ".png", LARGE_STRIKES), ("a folder of JPEG", ".jpeg", STRIKES), ("a topic of JPEG", ".jpeg", STRIKES))
+    cases = (
+        ("a folder of PNG", ".png", LARGE_STRIKES),
+        ("a folder of JPEG", ".jpeg", STRIKES),
+        ("a topic of JPEG", ".jpeg", STRIKES),
+    )
     for name, suffix, strikes in cases:
         path = folder / ("topic.mcap" if "topic" in name else "images")
         make_files(path, suffix, 3.0, size, strikes)
@@ -326,7 +388,9 @@ def main() -> None:
     parser.add_argument("--images", action="store_true", help="only what is not kept as a video")
     arguments = parser.parse_args()
     if arguments.work:
-        sys.stdout.write(json.dumps(measure(arguments.work, arguments.film, arguments.folder, arguments.strikes)))
+        sys.stdout.write(
+            json.dumps(measure(arguments.work, arguments.film, arguments.folder, arguments.strikes))
+        )
         return
     with tempfile.TemporaryDirectory(dir=Path.cwd() / "recordings") as name:
         folder = Path(name)

@@ -29,8 +29,14 @@ from scipy.spatial import ConvexHull
 from analyze.errors import ShapeError
 from analyze.geometry.object_model import ObjectModel, load_object_model
 from analyze.planning.hypothesis import Region
-from analyze.planning.stable_planes import COPLANAR, SMALLEST_AREA, RestingPlane, resting_planes, stable_planes
-from analyze.verbs.plan.files import PlanOptions, plan_object
+from analyze.planning.stable_planes import (
+    COPLANAR,
+    SMALLEST_AREA,
+    RestingPlane,
+    resting_planes,
+    stable_planes,
+)
+from analyze.verbs.plan.plan_object import PlanOptions, plan_object
 from tests.analyze.geometry.shapes import spec_of
 from tests.places import CARTON
 
@@ -68,7 +74,11 @@ def noisy_cloud(mesh: trimesh.Trimesh, noise_mm: float, seed: int, outward: bool
     points, face = trimesh.sample.sample_surface(mesh, POINTS, seed=seed)
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=points.shape)
-    direction = np.asarray(mesh.face_normals)[face] if outward else direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    direction = (
+        np.asarray(mesh.face_normals)[face]
+        if outward
+        else direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    )
     return np.asarray(points) + direction * rng.uniform(0, noise_mm, len(points))[:, None]
 
 
@@ -81,10 +91,14 @@ def model_of_cloud(points: np.ndarray, surface_sd_mm: float = 0.0) -> ObjectMode
 
 def model_of_mesh(mesh: trimesh.Trimesh, mass: float = 0.05) -> ObjectModel:
     """As a user's STL in mm would become."""
-    return load_object_model(spec_of({"file": "m.stl", "unit": "mm"}, mass), mesh.export(file_type="stl"), "m.stl")
+    return load_object_model(
+        spec_of({"file": "m.stl", "unit": "mm"}, mass), mesh.export(file_type="stl"), "m.stl"
+    )
 
 
-def edge_errors(mesh: trimesh.Trimesh, noise_mm: float, seed: int, outward: bool, surface_sd_mm: float = 0.0) -> EdgeErrors:
+def edge_errors(
+    mesh: trimesh.Trimesh, noise_mm: float, seed: int, outward: bool, surface_sd_mm: float = 0.0
+) -> EdgeErrors:
     """Edges of the fitted planes, and of the raw hull, beside the true ones."""
     truth = model_of_mesh(mesh)
     points = noisy_cloud(mesh, noise_mm, seed, outward)
@@ -141,7 +155,10 @@ def _nearest(plane: RestingPlane, out: np.ndarray, middle: np.ndarray) -> tuple[
 def noise_table(console: Console, seeds: int) -> None:
     """Fig. 10's sweep for the edge position."""
     for name, make in BODIES.items():
-        table = Table(title=f"{name} mm, {POINTS} points, {seeds} seeds: error of the edges' position [mm]", title_justify="left")
+        table = Table(
+            title=f"{name} mm, {POINTS} points, {seeds} seeds: error of the edges' position [mm]",
+            title_justify="left",
+        )
         for heading in (
             "noise up to",
             "direction",
@@ -156,7 +173,10 @@ def noise_table(console: Console, seeds: int) -> None:
             table.add_column(heading, justify="right")
         for outward in (False, True):
             for noise in NOISE_MM:
-                runs = [edge_errors(make(), noise, seed, outward, noise / 2 if outward else 0.0) for seed in range(1, seeds + 1)]
+                runs = [
+                    edge_errors(make(), noise, seed, outward, noise / 2 if outward else 0.0)
+                    for seed in range(1, seeds + 1)
+                ]
                 error = np.concatenate([run.fitted for run in runs])
                 sd = np.concatenate([run.sd for run in runs])
                 edges = sum(run.edges for run in runs)
@@ -172,7 +192,9 @@ def noise_table(console: Console, seeds: int) -> None:
                     f"{np.mean([run.raw_shift for run in runs]):.2f}",
                 )
         console.print(table)
-    console.print("outwards: all noise points out, half of it on the mean; no fit can see that; declared as surface_sd_m = half of it")
+    console.print(
+        "outwards: all noise points out, half of it on the mean; no fit can see that; declared as surface_sd_m = half of it"
+    )
 
 
 # --- stable planes ---------------------------------------------------------------------------------------------------
@@ -218,7 +240,9 @@ def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
         elif share < SMALLEST_AREA:
             explained.append("only trimesh: a facet below 0.1 % of the hull")
         elif any(np.abs(plane.polygon @ facet[:3] + facet[3]).max() < 2 * tolerance for plane in planes):
-            explained.append("only trimesh: part of a face that is flat within 0.02 %, whose own normal lets c fall outside")
+            explained.append(
+                "only trimesh: part of a face that is flat within 0.02 %, whose own normal lets c fall outside"
+            )
         else:
             unexplained.append(f"only trimesh: p = {probability:.4f}, {100 * share:.2f} % of the hull")
     for plane in ours:
@@ -253,14 +277,18 @@ def generated_bodies(many: int, seed: int) -> Iterator[tuple[str, trimesh.Trimes
             mesh = trimesh.convex.convex_hull(rng.normal(size=(14, 3)) * size / 3)
         else:
             block = trimesh.creation.box(size)
-            mesh = trimesh.boolean.difference([block, trimesh.creation.box(size).apply_translation(size * [0.4, 0.5, 0.0])])
+            mesh = trimesh.boolean.difference(
+                [block, trimesh.creation.box(size).apply_translation(size * [0.4, 0.5, 0.0])]
+            )
         mesh.apply_transform(trimesh.transformations.random_rotation_matrix(rng.uniform(size=3)))
         yield ("box", "prism", "frustum", "hull of points", "L")[kind], mesh
 
 
 def poses_table(console: Console, folder: Path) -> int:
     """All meshes of a folder, and 200 generated bodies."""
-    table = Table(title="stable planes beside trimesh.poses.compute_stable_poses, no noise", title_justify="left")
+    table = Table(
+        title="stable planes beside trimesh.poses.compute_stable_poses, no noise", title_justify="left"
+    )
     for heading in ("body", "agreed", "explained", "unexplained", "reasons, notes"):
         table.add_column(heading)
     wrong = 0
@@ -269,22 +297,40 @@ def poses_table(console: Console, folder: Path) -> int:
         mass = float(re.findall(r"MASS: ([\d.]+)", text)[0])
         com = np.array(re.findall(r"COM_WRT_MESH: \[(.*?)\]", text)[0].split(","), dtype=float)
         try:
-            model = load_object_model(spec_of({"file": "mesh.ply", "unit": "mm"}, mass), path.read_bytes(), "mesh.ply")
+            model = load_object_model(
+                spec_of({"file": "mesh.ply", "unit": "mm"}, mass), path.read_bytes(), "mesh.ply"
+            )
         except ShapeError as error:
             table.add_row(path.parent.name, "-", "-", "-", f"refused: {error}")
             continue
         result = compare_poses(model, com)
         wrong += len(result.unexplained)
-        reasons = [f"{many} x {text}" for text, many in Counter([*result.explained, *result.unexplained]).items()]
-        table.add_row(path.parent.name, str(result.agreed), str(len(result.explained)), str(len(result.unexplained)), "; ".join(reasons))
+        reasons = [
+            f"{many} x {text}" for text, many in Counter([*result.explained, *result.unexplained]).items()
+        ]
+        table.add_row(
+            path.parent.name,
+            str(result.agreed),
+            str(len(result.explained)),
+            str(len(result.unexplained)),
+            "; ".join(reasons),
+        )
     total = Counter()
     for kind, mesh in generated_bodies(200, 1):
         model = model_of_mesh(mesh, 0.2)
         result = compare_poses(model, model.centroid)
         wrong += len(result.unexplained)
-        total.update({(kind, "agreed"): result.agreed, (kind, "explained"): len(result.explained), (kind, "un"): len(result.unexplained)})
+        total.update(
+            {
+                (kind, "agreed"): result.agreed,
+                (kind, "explained"): len(result.explained),
+                (kind, "un"): len(result.unexplained),
+            }
+        )
     for kind in dict.fromkeys(kind for kind, _ in total):
-        table.add_row(f"40 x {kind}", *(str(total[kind, column]) for column in ("agreed", "explained", "un")), "")
+        table.add_row(
+            f"40 x {kind}", *(str(total[kind, column]) for column in ("agreed", "explained", "un")), ""
+        )
     console.print(table)
     return wrong
 
@@ -309,7 +355,12 @@ def speed_table(console: Console, mesh_file: Path | None) -> None:
     for heading in ("input", "load", "plan", "together", "least", "trimesh load + hull", "ratio"):
         table.add_column(heading, justify="right")
     jobs = [
-        (f"{name}, cloud of {POINTS} points, noise {noise:g} mm", "c.ply", _ply(noisy_cloud(make(), noise, 1, False)), 0.1)
+        (
+            f"{name}, cloud of {POINTS} points, noise {noise:g} mm",
+            "c.ply",
+            _ply(noisy_cloud(make(), noise, 1, False)),
+            0.1,
+        )
         for name, make in SPEED_BODIES.items()
         for noise in SPEED_NOISE_MM
     ]
@@ -332,7 +383,11 @@ def speed_table(console: Console, mesh_file: Path | None) -> None:
         other = trimesh.load(io.BytesIO(data), file_type=name[-3:])
         assert other.convex_hull.volume > 0
         theirs = time.process_time() - before
-        table.add_row(text, *(f"{each:.2f}" for each in (load, both - load, both, least, theirs)), f"{both / theirs:.1f}")
+        table.add_row(
+            text,
+            *(f"{each:.2f}" for each in (load, both - load, both, least, theirs)),
+            f"{both / theirs:.1f}",
+        )
     console.print(table)
 
 
@@ -340,13 +395,18 @@ def _planned(thing: Path) -> tuple[float, float]:
     """Processor time [s] to plan for an object file, and of that until its axes are tried."""
     marks: dict[str, float] = {}
     start = time.process_time()
-    plan_object(thing, PlanOptions(), lambda text, _done, _total: marks.setdefault(text, time.process_time()) and None)
+    plan_object(
+        thing, PlanOptions(), lambda text, _done, _total: marks.setdefault(text, time.process_time()) and None
+    )
     return time.process_time() - start, marks["trying the axes"] - start
 
 
 def flask() -> trimesh.Trimesh:
     """A square flask with a round neck, of 180 224 faces; mm."""
-    body, neck = trimesh.creation.box([80.0, 60.0, 150.0]), trimesh.creation.cylinder(15.0, 40.0, sections=128)
+    body, neck = (
+        trimesh.creation.box([80.0, 60.0, 150.0]),
+        trimesh.creation.cylinder(15.0, 40.0, sections=128),
+    )
     for _ in range(6):
         body = body.subdivide()
     for _ in range(4):
@@ -356,13 +416,18 @@ def flask() -> trimesh.Trimesh:
 
 def command_table(console: Console) -> None:
     """The whole command as a user types it, cards included, beside what the libraries alone take to load."""
-    table = Table(title="analyze plan OBJECT -o PLAN.json, with cards: processor and wall time [s], best of 3", title_justify="left")
+    table = Table(
+        title="analyze plan OBJECT -o PLAN.json, with cards: processor and wall time [s], best of 3",
+        title_justify="left",
+    )
     for heading in ("what", "processor", "wall"):
         table.add_column(heading, justify="right")
     box, fine = trimesh.creation.box([80.0, 60.0, 150.0]), flask()
     # Without where its tags are: that is the carton's own.
     text = re.sub(r"T_object_marker = \[(.|\n)*?\n\]\n", "", CARTON.read_text(encoding="utf-8"))
-    libraries = "import numpy, scipy.spatial, scipy.linalg, pydantic, click, rich.table, rich.progress, jinja2, cv2"
+    libraries = (
+        "import numpy, scipy.spatial, scipy.linalg, pydantic, click, rich.table, rich.progress, jinja2, cv2"
+    )
     jobs = {"libraries alone": (sys.executable, "-c", libraries)}
     with tempfile.TemporaryDirectory() as folder:
         for what, name, data in (
@@ -373,7 +438,15 @@ def command_table(console: Console) -> None:
             shape = f'file = "{name}"\nunit = "mm"'
             thing = Path(folder) / f"{name}.toml"
             thing.write_text(re.sub(r"box = .*", shape, text), encoding="utf-8")
-            jobs[what] = (sys.executable, "-m", "analyze", "plan", str(thing), "-o", str(Path(folder) / "plan.json"))
+            jobs[what] = (
+                sys.executable,
+                "-m",
+                "analyze",
+                "plan",
+                str(thing),
+                "-o",
+                str(Path(folder) / "plan.json"),
+            )
         for what, command in jobs.items():
             runs = []
             for _ in range(3):

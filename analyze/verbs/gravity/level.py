@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from analyze.calibration.plumb import (
-    MIN_SEPARATION_PX,
     MAX_SD_SHARE,
+    MIN_SEPARATION_PX,
     PlumbedTable,
     PlumbLine,
     find_plumb_lines,
-    plumbed_table,
     merged_line,
+    plumbed_table,
     upright,
 )
 from analyze.cameras.board_images import RECORDING, Image, read_images, resolve_inputs

@@ -67,7 +67,7 @@ def _state(found: dict[str, Any]) -> str:
     if not found["complete"]:
         return "[bold red]cut short[/]"
     plan = found.get("plan")
-    return "complete" if plan is None or not plan["missing"] else "file complete"
+    return "complete" if plan is None or not plan["missing"] else "intact file"
 
 
 def _write_session(found: dict[str, Any], write: Any) -> None:

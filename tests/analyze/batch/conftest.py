@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from analyze.batch.archive import find_sources
-from analyze.batch.run import BatchOptions, run_batch, work_of
+from analyze.batch.run import BatchOptions, plan_work, run_batch
 from analyze.batch.settings import BatchSettings
 from tests.broken_files import KINDS, break_file
 from tests.quick_archive import body_of, quick_session
@@ -32,5 +32,5 @@ def finished(archive, tmp_path_factory):
     output = tmp_path_factory.mktemp("results") / "out"
     output.mkdir()
     settings, options = BatchSettings(), BatchOptions(jobs=2)
-    work = work_of(find_sources([str(archive)]), output, settings, options)
+    work = plan_work(find_sources([str(archive)]), output, settings, options)
     return output, run_batch(work, output, settings, options)

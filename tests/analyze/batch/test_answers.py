@@ -9,12 +9,12 @@ import pyarrow as pa
 import pyarrow.csv as pc
 import pytest
 
-from analyze.batch.answer import print_answer, save_answer
 from analyze.batch.ledger import Entry, Ledger
-from analyze.batch.query import ask, rows_of
+from analyze.batch.query import read_recording_rows, run_query
+from analyze.batch.query_output import print_answer, save_answer
+from analyze.batch.result_rows import read_rows, write_row
 from analyze.batch.summary import summarise
-from analyze.batch.summary_files import render_summary, save_summary
-from analyze.batch.table import read_rows, write_row
+from analyze.batch.summary_output import render_summary, save_summary
 from analyze.errors import ArchiveError
 
 DAYS, SCATTER_M, DRIFT_M = 12, 2e-4, 1.5e-4
@@ -29,7 +29,9 @@ def results(tmp_path_factory):
         (output / name).mkdir()
     with Ledger(output, "all", 1) as ledger:
         for day in range(DAYS):
-            numbers = {f"com_{axis}_m": 0.01 + rng.normal(0, SCATTER_M) for axis in "xy"} | {"com_z_m": 0.02 + DRIFT_M * day}
+            numbers = {f"com_{axis}_m": 0.01 + rng.normal(0, SCATTER_M) for axis in "xy"} | {
+                "com_z_m": 0.02 + DRIFT_M * day
+            }
             row = numbers | {
                 "status": "ok", "key": f"k{day}", "url": f"/runs[a]/{day}.mcap", "object": "tea [box]", "object_sha256": "a" * 64,
                 "created": f"2026-01-{1 + day:02d}T08:00:00+00:00", "com_observed": True, "strikes_recorded": 4, "strikes_used": 3,
@@ -39,14 +41,19 @@ def results(tmp_path_factory):
             }  # fmt: skip
             write_row(row, output / "recordings" / f"k{day}.parquet")
             ledger.add([Entry(row["url"], f"s{day}", "", "", f"k{day}", "", "", [])])
-        failure = {"url": "/x.mcap", "status": "failed", "failure": "cut", "reason": "/runs[a]/x.mcap: ends early"}
+        failure = {
+            "url": "/x.mcap",
+            "status": "failed",
+            "failure": "cut",
+            "reason": "/runs[a]/x.mcap: ends early",
+        }
         write_row(failure, output / "failures" / "sx.parquet")
         ledger.add([Entry("/x.mcap", "sx", "", "", "", "cut", failure["reason"], [])])
     return output
 
 
 def test_a_summary_says_how_the_answers_repeat_and_drift(results):
-    found = summarise(rows_of(results))
+    found = summarise(read_recording_rows(results))
     assert found.recordings == DAYS
     assert found.objects == (("tea [box]", "a" * 64, DAYS, 4 * DAYS, 3 * DAYS, 0),)
     assert found.failures == (("cut", 1, "/runs[a]/x.mcap: ends early"),)
@@ -60,44 +67,55 @@ def test_a_summary_says_how_the_answers_repeat_and_drift(results):
     assert by_name["Ixx"].mean == pytest.approx(2000.0)
     assert by_name["Ixx"].stated == pytest.approx(10.0)
     (told,) = found.standing_out
-    assert (told.quantity, told.stands_out) == ("centre of mass z", "scatters 2.7 times as much as stated, drifts")
+    assert (told.quantity, told.stands_out) == (
+        "centre of mass z",
+        "scatters 2.7 times as much as stated, drifts",
+    )
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".html", ".parquet"])
 def test_a_summary_is_written(results, tmp_path, suffix):
-    for path in save_summary(summarise(rows_of(results)), tmp_path / f"s{suffix}"):
+    for path in save_summary(summarise(read_recording_rows(results)), tmp_path / f"s{suffix}"):
         assert path.stat().st_size
 
 
 def test_what_is_printed_is_what_is_there(results, capsys):
-    render_summary(summarise(rows_of(results)))
+    render_summary(summarise(read_recording_rows(results)))
     printed = capsys.readouterr().out
     assert "tea [box]" in printed
     assert "/runs[a]/x.mcap: ends early" in printed
     assert "centre of mass z" in printed
     assert "no clock of a rig" not in printed
-    rows, sources = rows_of(results), ["device_mapped"] * (DAYS - 1) + ["container_pts", None]
-    render_summary(summarise(rows.set_column(rows.schema.get_field_index("time_source"), "time_source", pa.array(sources))))
-    assert f"in 1 of {DAYS} sessions no clock of a rig gave the frame times" in " ".join(capsys.readouterr().out.split())
+    rows, sources = read_recording_rows(results), ["device_mapped"] * (DAYS - 1) + ["container_pts", None]
+    render_summary(
+        summarise(
+            rows.set_column(rows.schema.get_field_index("time_source"), "time_source", pa.array(sources))
+        )
+    )
+    assert f"in 1 of {DAYS} sessions the frame times come from no rig's clock" in " ".join(
+        capsys.readouterr().out.split()
+    )
     assert max(len(line) for line in printed.splitlines() if "centre of mass" in line) < 80
-    print_answer(ask(results, "select '[red]:smile:' as x"), "table")
+    print_answer(run_query(results, "select '[red]:smile:' as x"), "table")
     assert "[red]:smile:" in capsys.readouterr().out
 
 
 def test_a_question_that_fails_while_it_is_answered_is_one_line(results):
     with pytest.raises(ArchiveError, match="Conversion Error") as caught:
-        ask(results, "select cast(object as int) from recordings where status = 'ok'")
+        run_query(results, "select cast(object as int) from recordings where status = 'ok'")
     assert "\n" not in str(caught.value)
 
 
-def test_columns_of_one_name_are_told_apart(results):
-    answer = ask(results, "select a.key, b.key from recordings a join recordings b using (key) order by 1 limit 1")
+def test_columns_of_one_name_get_names_of_their_own(results):
+    answer = run_query(
+        results, "select a.key, b.key from recordings a join recordings b using (key) order by 1 limit 1"
+    )
     assert answer.to_pylist() == [{"key": "k0", "key_1": "k0"}]
 
 
 def test_an_answer_as_json_and_csv(results, tmp_path, capsys):
     sql = "select sum(strikes_used) as n, 'nan'::double as x, [1, 2] as l, interval 3 days as i, '\\xAA'::blob as b from recordings"
-    answer = ask(results, sql)
+    answer = run_query(results, sql)
     print_answer(answer, "json")
     told = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
     assert (told["n"], told["x"], told["l"]) == (3 * DAYS, None, [1, 2])

@@ -23,7 +23,9 @@ def folder(tmp_path) -> Path:
 
 
 def names(folder: Path, *exclude: str, place: str = "") -> list[str]:
-    return [str(Path(source.url).relative_to(folder)) for source in find_sources([f"{folder}{place}"], exclude)]
+    return [
+        str(Path(source.url).relative_to(folder)) for source in find_sources([f"{folder}{place}"], exclude)
+    ]
 
 
 ALL = ["2025/three.mcap", "2026/tests/fo ur ä.mcap", "one.mcap", "two-test.mcap"]
@@ -50,12 +52,17 @@ def test_what_is_left_out(folder, pattern, left):
 def test_globs(folder, monkeypatch):
     monkeypatch.chdir(folder)
     assert [Path(source.url).name for source in find_sources(["20*"])] == ["three.mcap", "fo ur ä.mcap"]
-    assert [Path(source.url).name for source in find_sources(["**/t*.mcap"])] == ["three.mcap", "two-test.mcap"]
-    with pytest.raises(ArchiveError, match="holds no recording"):
+    assert [Path(source.url).name for source in find_sources(["**/t*.mcap"])] == [
+        "three.mcap",
+        "two-test.mcap",
+    ]
+    with pytest.raises(ArchiveError, match="contains no recording"):
         find_sources(["nothing*"])
     with pytest.raises(ArchiveError, match="empty"):
         find_sources([""])
-    assert [Path(source.url).name for source in find_sources(["2026/notes.txt"])] == ["notes.txt"], "named itself"
+    assert [Path(source.url).name for source in find_sources(["2026/notes.txt"])] == ["notes.txt"], (
+        "named itself"
+    )
 
 
 def test_links_are_followed_and_none_in_a_circle(folder, tmp_path):
@@ -74,7 +81,9 @@ def test_links_are_followed_and_none_in_a_circle(folder, tmp_path):
     after = {source.url: source.id for source in find_sources([str(folder)])}
     changed = {Path(url).name for url in after if after[url] != before[url]}
     assert changed == {"far.mcap", "single.mcap"}, "what a link points to has changed"
-    assert find_sources([str(folder / "one.mcap")])[0].id == after[str(folder / "one.mcap")], "however it was found"
+    assert find_sources([str(folder / "one.mcap")])[0].id == after[str(folder / "one.mcap")], (
+        "however it was found"
+    )
 
 
 def test_a_folder_that_may_not_be_read_is_named(folder, monkeypatch):

@@ -11,12 +11,12 @@ import pytest
 from analyze.batch import cluster
 from analyze.batch.analysis import analyse
 from analyze.batch.archive import Source, SourceFile, find_sources
-from analyze.batch.query import rows_of
-from analyze.batch.request import Outcome, Request
-from analyze.batch.run import BatchOptions, run_batch, work_of
+from analyze.batch.query import read_recording_rows
+from analyze.batch.result_rows import STAMPS
+from analyze.batch.run import BatchOptions, plan_work, run_batch
 from analyze.batch.settings import BatchSettings, analysis_version
 from analyze.batch.sparse_copy import fetched_without_images, sparse_copies
-from analyze.batch.table import STAMPS
+from analyze.batch.worker_messages import Outcome, Request
 from analyze.errors import ArchiveError
 from analyze.reading.recording import open_recording
 from tests.broken_files import break_file
@@ -74,7 +74,8 @@ def bucket(archive):
 
 def numbers(output):
     return sorted(
-        rows_of(output).drop_columns([*STAMPS, *OF_PLACE, "reason"]).to_pylist(), key=lambda row: (row["key"] or "", row["files"] or [])
+        read_recording_rows(output).drop_columns([*STAMPS, *OF_PLACE, "reason"]).to_pylist(),
+        key=lambda row: (row["key"] or "", row["files"] or []),
     )
 
 
@@ -85,7 +86,7 @@ def failures(report):
 def run(place, output, **options):
     output.mkdir()
     chosen = BatchOptions(jobs=2, **options)
-    work = work_of(find_sources([place]), output, BatchSettings(), chosen)
+    work = plan_work(find_sources([place]), output, BatchSettings(), chosen)
     return run_batch(work, output, BatchSettings(), chosen)
 
 
@@ -99,8 +100,8 @@ def test_a_bucket_gives_the_same_results(bucket, finished, tmp_path):
 
 def test_small_topics_cost_few_bytes(bucket, archive, tmp_path, monkeypatch):
     # Of a file as small as this one, to skip an image costs more than to read it.
-    monkeypatch.setattr("analyze.batch.sparse_copy._TOGETHER", 0)
-    monkeypatch.setattr("analyze.batch.sparse_copy._TAIL", 4096)
+    monkeypatch.setattr("analyze.batch.sparse_copy.MAX_GAP_BYTES", 0)
+    monkeypatch.setattr("analyze.batch.sparse_copy.FIRST_REQUEST_BYTES", 4096)
     copy, fetched = fetched_without_images(f"{bucket}/a/session-0.mcap", tmp_path)
     whole = archive / "a" / "session-0.mcap"
     assert fetched < 0.05 * whole.stat().st_size
@@ -145,7 +146,10 @@ def test_a_network_that_is_down_is_no_defect(tmp_path, monkeypatch):
     request = Request(Source((SourceFile("s3://a/b.mcap", 100, "etag"),)), BatchSettings(), str(tmp_path))
     outcome = analyse(request, tmp_path)
     assert outcome.failure == "unreachable", outcome.reason
-    assert outcome.reason == "s3://a/b.mcap: cannot be fetched: could not connect to the endpoint: try again with --only-failed"
+    assert (
+        outcome.reason
+        == "s3://a/b.mcap: cannot be fetched: could not connect to the endpoint: try again with --only-failed"
+    )
 
 
 @pytest.mark.slow
@@ -153,7 +157,13 @@ def test_a_cluster_gives_the_same_results(archive, finished, tmp_path):
     from distributed import LocalCluster
 
     with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=False, host="127.0.0.1", dashboard_address=None, protocol="tcp://", silence_logs=50
+        n_workers=2,
+        threads_per_worker=1,
+        processes=False,
+        host="127.0.0.1",
+        dashboard_address=None,
+        protocol="tcp://",
+        silence_logs=50,
     ) as cluster:
         report = run(str(archive), tmp_path / "out", scheduler=cluster.scheduler_address)
     assert failures(report) == failures(finished[1])
@@ -161,15 +171,15 @@ def test_a_cluster_gives_the_same_results(archive, finished, tmp_path):
 
 
 def test_no_scheduler_is_one_line(archive, tmp_path, monkeypatch):
-    monkeypatch.setattr("analyze.batch.cluster._CONNECTS_S", 0.5)
+    monkeypatch.setattr("analyze.batch.cluster._CONNECT_TIMEOUT_S", 0.5)
     with pytest.raises(ArchiveError, match="no Dask scheduler"):
         run(str(archive), tmp_path / "out", scheduler="tcp://127.0.0.1:9")
 
 
-def test_a_workers_lane_is_of_the_run_that_asks(tmp_path, monkeypatch):
+def test_a_dask_worker_serves_the_run_that_asks(tmp_path, monkeypatch):
     closed = []
 
-    class FakeLane:
+    class FakeWorker:
         def __init__(self, output, limits):
             self.scratch, self.limits = output, limits
             output.mkdir(exist_ok=True)
@@ -180,15 +190,20 @@ def test_a_workers_lane_is_of_the_run_that_asks(tmp_path, monkeypatch):
         def close(self):
             closed.append(self.scratch)
 
-    monkeypatch.setattr(cluster, "Lane", FakeLane)
-    monkeypatch.setattr(cluster, "_mine", threading.local())
-    one, two = (Request(Source((SourceFile("/x.mcap", 1, ""),)), BatchSettings(), str(tmp_path / name)).json() for name in ("one", "two"))
+    monkeypatch.setattr(cluster, "WorkerProcess", FakeWorker)
+    monkeypatch.setattr(cluster, "_this_thread", threading.local())
+    one, two = (
+        Request(Source((SourceFile("/x.mcap", 1, ""),)), BatchSettings(), str(tmp_path / name)).json()
+        for name in ("one", "two")
+    )
     here = analysis_version()
-    assert cluster._in_lane(one, (1.0, 0), here)["reason"] == str(tmp_path / "one")
-    assert cluster._in_lane(two, (1.0, 0), here)["reason"] == str(tmp_path / "two"), "another folder"
-    assert cluster._in_lane(two, (2.0, 0), here)["seconds"] == 2.0, "other limits"
+    assert cluster._analyse_on_worker(one, (1.0, 0), here)["reason"] == str(tmp_path / "one")
+    assert cluster._analyse_on_worker(two, (1.0, 0), here)["reason"] == str(tmp_path / "two"), (
+        "another folder"
+    )
+    assert cluster._analyse_on_worker(two, (2.0, 0), here)["seconds"] == 2.0, "other limits"
     (tmp_path / "two").rmdir()
-    cluster._in_lane(two, (2.0, 0), here)
+    cluster._analyse_on_worker(two, (2.0, 0), here)
     assert closed == [tmp_path / "one", tmp_path / "two", tmp_path / "two"]
     with pytest.raises(ArchiveError, match="another version of Percuss"):
-        cluster._in_lane(one, (1.0, 0), "older")
+        cluster._analyse_on_worker(one, (1.0, 0), "older")

@@ -18,28 +18,33 @@ import pytest
 from analyze.batch.analysis import analyse
 from analyze.batch.archive import find_sources
 from analyze.batch.ledger import Ledger
-from analyze.batch.query import ask, rows_of
-from analyze.batch.request import Request
-from analyze.batch.run import BatchOptions, run_batch, work_of
+from analyze.batch.query import read_recording_rows, run_query
+from analyze.batch.result_rows import STAMPS
+from analyze.batch.run import BatchOptions, plan_work, run_batch
 from analyze.batch.settings import BatchSettings
-from analyze.batch.table import STAMPS
-from analyze.batch.worker_process import Lane, LaneStoppedError, Limits
+from analyze.batch.worker_messages import Request
+from analyze.batch.worker_process import Limits, WorkerProcess, WorkerStoppedError
 from analyze.errors import ArchiveError
 from tests.broken_files import KINDS
 from tests.quick_archive import body_of
 
 
 def todo(archive, output, **options):
-    return work_of(find_sources([str(archive)]), output, BatchSettings(), BatchOptions(jobs=1, **options))
+    return plan_work(find_sources([str(archive)]), output, BatchSettings(), BatchOptions(jobs=1, **options))
 
 
 def run_again(archive, output, **options):
-    return run_batch(todo(archive, output, **options), output, BatchSettings(), BatchOptions(jobs=1, **options))
+    return run_batch(
+        todo(archive, output, **options), output, BatchSettings(), BatchOptions(jobs=1, **options)
+    )
 
 
 def plain(output):
     """Rows without what two runs need not share."""
-    return sorted(rows_of(output).drop_columns([*STAMPS, "url"]).to_pylist(), key=lambda row: (row["key"] or "", row["source_id"]))
+    return sorted(
+        read_recording_rows(output).drop_columns([*STAMPS, "url"]).to_pylist(),
+        key=lambda row: (row["key"] or "", row["source_id"]),
+    )
 
 
 @pytest.fixture
@@ -48,8 +53,8 @@ def copied(finished, tmp_path):
     return Path(shutil.copytree(finished[0], tmp_path / "out"))
 
 
-class LaneHere:
-    """A lane without a process of its own, which takes longer to start than these runs have to do."""
+class LocalWorker:
+    """Worker without a process of its own, whose start would take longer than these runs."""
 
     def __init__(self, output, limits):
         self.scratch = output / "unfinished" / "here"
@@ -67,13 +72,13 @@ class LaneHere:
 
 @pytest.fixture
 def in_process(monkeypatch):
-    """For runs that are about what is accounted for, not about processes."""
-    monkeypatch.setattr("analyze.batch.run.Lane", LaneHere)
+    """Analyse in this process: for runs whose processes are not under test."""
+    monkeypatch.setattr("analyze.batch.run.WorkerProcess", LocalWorker)
 
 
 def test_every_file_is_accounted_for(archive, finished):
     output, report = finished
-    rows = {row["url"]: row for row in rows_of(output).to_pylist()}
+    rows = {row["url"]: row for row in read_recording_rows(output).to_pylist()}
     assert len(report.outcomes) == len(rows) == 2 + len(KINDS)
     for url, row in rows.items():
         name = Path(url).name
@@ -86,15 +91,22 @@ def test_every_file_is_accounted_for(archive, finished):
 
 
 def test_the_numbers_are_those_of_the_bodies(finished):
-    for row in rows_of(finished[0]).to_pylist():
+    for row in read_recording_rows(finished[0]).to_pylist():
         if row["status"] == "ok":
             centre = [row[f"com_{axis}_m"] for axis in "xyz"]
             assert np.linalg.norm(np.subtract(centre, body_of(0).com)) < 3e-4
             assert row["strikes_used"] == len(row["strikes"]) == 3
             for strike in row["strikes"]:
                 assert strike["verdict"] == "good"
-                assert None not in (strike["phi_rad"], strike["phi_sd_rad"], strike["k_per_s2"], strike["k_sd_per_s2"])
-            assert all(0 < row[f"{name}_sd_kg_m2"] < 1e-4 for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+                assert None not in (
+                    strike["phi_rad"],
+                    strike["phi_sd_rad"],
+                    strike["k_per_s2"],
+                    strike["k_sd_per_s2"],
+                )
+            assert all(
+                0 < row[f"{name}_sd_kg_m2"] < 1e-4 for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+            )
             assert row["peak_memory_bytes"] > 1e7
             assert json.loads(row["result_json"])["inputs"]["content_id"] == row["content_id"]
 
@@ -117,7 +129,9 @@ def test_a_file_that_is_touched_is_looked_into_and_its_row_stands(archive, copie
     report = run_again(moved, copied)
     assert [outcome.known for outcome in report.outcomes] == [True, True]
     assert {path.name: path.stat().st_mtime_ns for path in (copied / "recordings").iterdir()} == before
-    assert rows_of(copied).num_rows == 2 + len(KINDS), "one row for each content, wherever it lies"
+    assert read_recording_rows(copied).num_rows == 2 + len(KINDS), (
+        "one row for each content, wherever it lies"
+    )
 
 
 @pytest.mark.usefixtures("in_process")
@@ -131,42 +145,51 @@ def test_a_file_whose_content_changed_is_done_again_and_its_old_row_goes(archive
     assert [outcome.failure for outcome in report.outcomes] == ["empty"]
     shutil.copy(archive / "a" / "session-1.mcap", moved / "one.mcap")
     assert [outcome.failure for outcome in run_again(moved, copied).outcomes] == [""]
-    assert not any(row["url"].endswith("one.mcap") and row["failure"] for row in rows_of(copied).to_pylist())
+    assert not any(
+        row["url"].endswith("one.mcap") and row["failure"] for row in read_recording_rows(copied).to_pylist()
+    )
 
 
 @pytest.mark.usefixtures("in_process")
-def test_a_file_named_like_one_that_gave_nothing_is_done_too_and_what_is_gone_is_no_failure(archive, copied, tmp_path):
+def test_a_file_named_like_one_that_gave_nothing_is_done_too_and_what_is_gone_is_no_failure(
+    archive, copied, tmp_path
+):
     moved = tmp_path / "archive"
     moved.mkdir()
     (moved / "box.mcap").write_bytes(b"")
     shutil.copy(archive / "a" / "session-0.mcap", moved / "box-2026.mcap")
     report = run_again(moved, copied)
-    assert [(Path(each.url).name, each.failure) for each in report.outcomes] == [("box.mcap", "empty"), ("box-2026.mcap", "")]
+    assert [(Path(each.url).name, each.failure) for each in report.outcomes] == [
+        ("box.mcap", "empty"),
+        ("box-2026.mcap", ""),
+    ]
     assert not todo(moved, copied).todo
     (moved / "box.mcap").unlink()
     run_again(moved, copied)
-    assert not any(row["url"].endswith("box.mcap") for row in rows_of(copied).to_pylist())
+    assert not any(row["url"].endswith("box.mcap") for row in read_recording_rows(copied).to_pylist())
 
 
 def test_an_object_file_that_changes_under_way_is_refused(tmp_path):
     path = shutil.copy("docs/examples/teabox.toml", tmp_path)
-    settings = BatchSettings.of_object(Path(path))
+    settings = BatchSettings.with_object(Path(path))
     settings.refuse_changed_object()
     Path(path).write_text(Path(path).read_text() + "# changed")
-    with pytest.raises(ArchiveError, match="was changed while the run went on"):
+    with pytest.raises(ArchiveError, match="changed during the run"):
         settings.refuse_changed_object()
 
 
 def test_other_settings_are_another_result(archive, finished):
     settings = dataclasses.replace(BatchSettings(), seed=1)
-    assert len(work_of(find_sources([str(archive)]), finished[0], settings, BatchOptions()).todo) == 2 + len(KINDS)
+    assert len(
+        plan_work(find_sources([str(archive)]), finished[0], settings, BatchOptions()).todo
+    ) == 2 + len(KINDS)
 
 
 def test_a_failure_on_the_same_file_leaves_older_results(archive, copied, request):
     folder, other = str(archive / "a"), dataclasses.replace(BatchSettings(), seed=1)
     rows = sorted(path.name for path in (copied / "recordings").iterdir())
     hasty = BatchOptions(jobs=1, limits=Limits(0.01, 0))
-    report = run_batch(work_of(find_sources([folder]), copied, other, hasty), copied, other, hasty)
+    report = run_batch(plan_work(find_sources([folder]), copied, other, hasty), copied, other, hasty)
     assert {outcome.failure for outcome in report.outcomes} == {"time_limit"}
     assert sorted(path.name for path in (copied / "recordings").iterdir()) == rows
     request.getfixturevalue("in_process")
@@ -195,27 +218,32 @@ def test_two_runs_at_a_time_are_refused(copied):
 
 
 def test_too_long_and_too_large_are_rows_with_the_reason(archive, tmp_path):
-    for limits, failure in ((Limits(seconds=0.05), "time_limit"), (Limits(memory_bytes=200 << 20), "out_of_memory")):
+    for limits, failure in (
+        (Limits(seconds=0.05), "time_limit"),
+        (Limits(memory_bytes=200 << 20), "out_of_memory"),
+    ):
         output = tmp_path / failure
         output.mkdir()
         options = BatchOptions(jobs=1, limits=limits)
-        work = work_of(find_sources([str(archive / "a" / "session-0.mcap")]), output, BatchSettings(), options)
+        work = plan_work(
+            find_sources([str(archive / "a" / "session-0.mcap")]), output, BatchSettings(), options
+        )
         report = run_batch(work, output, BatchSettings(), options)
         assert [outcome.failure for outcome in report.outcomes] == [failure], report.outcomes[0].reason
-        assert "raise --" in rows_of(output).to_pylist()[0]["reason"]
+        assert "raise --" in read_recording_rows(output).to_pylist()[0]["reason"]
 
 
 def test_a_worker_that_dies_is_a_row_and_the_next_recording_is_done(archive, copied):
     source = find_sources([str(archive / "a" / "session-0.mcap")])[0]
     request = Request(source, dataclasses.replace(BatchSettings(), seed=9), str(copied))
-    with Lane(copied, Limits()) as lane:
-        lane._running().kill()
-        assert lane.analyse(request).failure in {"out_of_memory", "died"}
+    with WorkerProcess(copied, Limits()) as worker:
+        worker._running().kill()
+        assert worker.analyse(request).failure in {"out_of_memory", "died"}
         empty = find_sources([str(archive / "broken-empty-0.mcap")])[0]
-        assert lane.analyse(dataclasses.replace(request, source=empty)).failure == "empty"
-        lane.stop()
-        with pytest.raises(LaneStoppedError):
-            lane.analyse(request)
+        assert worker.analyse(dataclasses.replace(request, source=empty)).failure == "empty"
+        worker.stop()
+        with pytest.raises(WorkerStoppedError):
+            worker.analyse(request)
     assert not list((copied / "unfinished").iterdir())
 
 
@@ -223,14 +251,18 @@ def test_a_worker_that_dies_is_a_row_and_the_next_recording_is_done(archive, cop
 def test_killed_at_once_the_next_run_finishes_it(archive, finished, tmp_path):
     output = tmp_path / "out"
     command = [sys.executable, "-m", "analyze", "batch", str(archive), "--out", str(output), "--jobs", "1"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
     ends = time.monotonic() + 60
     while not list(output.glob("failures/*.parquet")) and time.monotonic() < ends:
         time.sleep(0.02)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     time.sleep(1.0)  # its worker notices within half a second
-    assert not subprocess.run(["pgrep", "-f", f"analyze.batch.child {output}"], capture_output=True, check=False).stdout
+    assert not subprocess.run(
+        ["pgrep", "-f", f"analyze.batch.worker_main {output}"], capture_output=True, check=False
+    ).stdout
     run_again(archive, output)
     assert plain(output) == plain(finished[0])
     assert not list((output / "unfinished").iterdir())
@@ -240,7 +272,9 @@ def test_killed_at_once_the_next_run_finishes_it(archive, finished, tmp_path):
 def test_ctrl_c_keeps_what_was_finished_and_leaves_no_process(archive, finished, tmp_path):
     output = tmp_path / "out"
     command = [sys.executable, "-m", "analyze", "batch", str(archive), "--out", str(output), "--jobs", "2"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
     ends = time.monotonic() + 60
     while not list(output.glob("failures/*.parquet")) and time.monotonic() < ends:
         time.sleep(0.02)
@@ -248,29 +282,38 @@ def test_ctrl_c_keeps_what_was_finished_and_leaves_no_process(archive, finished,
     printed, _ = process.communicate(timeout=20)
     assert process.returncode == 130
     assert "interrupted: what was finished stays" in printed
-    assert not subprocess.run(["pgrep", "-f", f"analyze.batch.child {output}"], capture_output=True, check=False).stdout
+    assert not subprocess.run(
+        ["pgrep", "-f", f"analyze.batch.worker_main {output}"], capture_output=True, check=False
+    ).stdout
     assert not list((output / "unfinished").iterdir())
     run_again(archive, output)
     assert plain(output) == plain(finished[0])
 
 
 def test_rows_that_were_gathered_are_those_that_lie_alone(copied, monkeypatch):
-    alone = rows_of(copied)
-    monkeypatch.setattr("analyze.batch.gathered._AGAIN", 1)
-    assert rows_of(copied).equals(alone)
+    alone = read_recording_rows(copied)
+    monkeypatch.setattr("analyze.batch.stored_results.GATHER_FROM_ROWS", 1)
+    assert read_recording_rows(copied).equals(alone)
     for path in (copied / "recordings").iterdir():
         path.write_bytes(b"gathered by now")
-    assert rows_of(copied).equals(alone)
+    assert read_recording_rows(copied).equals(alone)
     (copied / "gathered.parquet").write_bytes(b"damaged")
     for path in (copied / "recordings").iterdir():
         path.unlink()
-    assert rows_of(copied).num_rows == len(KINDS), "what is in neither place is not there"
+    assert read_recording_rows(copied).num_rows == len(KINDS), "what is in neither place is not there"
 
 
 def test_a_question_reaches_the_tables_and_nothing_else(finished):
-    answer = ask(finished[0], "select axis, count(*) as n from strikes group by axis order by axis").to_pylist()
+    answer = run_query(
+        finished[0], "select axis, count(*) as n from strikes group by axis order by axis"
+    ).to_pylist()
     assert [row["n"] for row in answer] == [2, 2, 2]
-    for sql in ("select * from read_csv('/etc/passwd')", "copy recordings to 'x.csv'", "install httpfs", "selec 1"):
+    for sql in (
+        "select * from read_csv('/etc/passwd')",
+        "copy recordings to 'x.csv'",
+        "install httpfs",
+        "selec 1",
+    ):
         with pytest.raises(ArchiveError) as caught:
-            ask(finished[0], sql)
+            run_query(finished[0], sql)
         assert "\n" not in str(caught.value)

@@ -14,22 +14,23 @@ import yourdfpy
 from hypothesis import given, settings
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics
 
-from analyze.errors import ExportError, OutputError
+from analyze.errors import ExportError
 from analyze.export import write
-from analyze.export.body import Body, Inertial, identifier
+from analyze.export.body import ExportBody, Inertial, identifier
 from analyze.export.formats import Format
 from analyze.export.mesh import mesh_file
 from analyze.export.provenance import parse_provenance, printable, provenance_text
 from analyze.export.read_back import read_back
 from analyze.export.usd import write_usd
 from analyze.export.write import refuse_other, write_body
+from schemas.output_file import OutputError
 from tests.analyze.export.bodies import HOSTILE, SHAPES, body_of, inertials
 
 FORMATS = pytest.mark.parametrize("wanted", list(Format), ids=lambda each: each.value)
 EXAMPLES = 20
 
 
-def written(body: Body, wanted: Format, folder: Path) -> Path:
+def written(body: ExportBody, wanted: Format, folder: Path) -> Path:
     path = folder / f"out{wanted.suffixes[0]}"
     write_body(body, wanted, path)
     return path
@@ -56,7 +57,9 @@ def test_every_shape_and_a_hostile_name(wanted, shape, tmp_path):
     path = written(body, wanted, tmp_path)
     refuse_other(body.inertial, read_back(path, wanted), wanted)
     mesh = None if wanted is Format.USD else mesh_file(body)
-    assert {each.name for each in tmp_path.iterdir()} == {path.name} | (set() if mesh is None else {mesh.name})
+    assert {each.name for each in tmp_path.iterdir()} == {path.name} | (
+        set() if mesh is None else {mesh.name}
+    )
     name = printable(HOSTILE) if wanted is Format.USD else HOSTILE
     assert said_in(path, wanted) == {**body.provenance, "object": name}
 
@@ -66,7 +69,9 @@ def said_in(path: Path, wanted: Format) -> dict[str, object]:
         stage = Usd.Stage.Open(str(path))  # held: its prims live no longer
         said = stage.GetDefaultPrim().GetCustomDataByKey("percuss")
         return {key: value if key == "object" else json.loads(value) for key, value in said.items()}
-    comments = ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot().iter(ET.Comment)
+    comments = (
+        ET.parse(path, ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))).getroot().iter(ET.Comment)
+    )
     return parse_provenance(next(comments).text)
 
 
@@ -100,7 +105,9 @@ def test_usd_turns_the_prim_axes_into_the_principal_ones(tmp_path):
     own = UsdPhysics.MassAPI(stage.GetDefaultPrim())
     for moment, axis in zip(own.GetDiagonalInertiaAttr().Get(), np.eye(3), strict=True):
         turned = np.array(own.GetPrincipalAxesAttr().Get().Transform(Gf.Vec3f(*axis)), dtype=np.float64)
-        np.testing.assert_allclose(inertial.inertia @ turned, moment * turned, atol=1e-6 * np.abs(inertial.inertia).max())
+        np.testing.assert_allclose(
+            inertial.inertia @ turned, moment * turned, atol=1e-6 * np.abs(inertial.inertia).max()
+        )
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -109,7 +116,11 @@ def test_usd_has_the_shape_in_metres_with_z_up(shape, tmp_path):
     stage = Usd.Stage.Open(str(written(body, Format.USD, tmp_path)))
     assert (UsdGeom.GetStageMetersPerUnit(stage), UsdGeom.GetStageUpAxis(stage)) == (1.0, "Z")
     prim = stage.GetDefaultPrim()
-    bounds = UsdGeom.Imageable(prim).ComputeWorldBound(Usd.TimeCode.Default(), UsdGeom.Tokens.default_).ComputeAlignedRange()
+    bounds = (
+        UsdGeom.Imageable(prim)
+        .ComputeWorldBound(Usd.TimeCode.Default(), UsdGeom.Tokens.default_)
+        .ComputeAlignedRange()
+    )
     half = {"box": [0.04, 0.03, 0.075], "cylinder": [0.03, 0.03, 0.1]}.get(shape)
     expected = body.model.bounds if half is None else [np.negative(half), half]
     np.testing.assert_allclose([bounds.GetMin(), bounds.GetMax()], expected, atol=1e-7)
@@ -133,16 +144,29 @@ def test_urdf_has_the_tensor_in_the_axes_of_the_link_and_the_shape_where_o_has_i
         f"i{'xyz'[i]}{'xyz'[j]}": body.inertial.inertia[i, j] for i in range(3) for j in range(i, 3)
     }
     bounds = yourdfpy.URDF.load(str(path)).scene.bounds
-    size = body.model.bounds if shape == "mesh" else np.outer([-1, 1], {"box": [0.04, 0.03, 0.075], "cylinder": [0.03, 0.03, 0.1]}[shape])
-    np.testing.assert_allclose(bounds, size, atol=1e-5 if shape == "cylinder" else 1e-12)  # a cylinder is drawn with 32 sides
+    size = (
+        body.model.bounds
+        if shape == "mesh"
+        else np.outer([-1, 1], {"box": [0.04, 0.03, 0.075], "cylinder": [0.03, 0.03, 0.1]}[shape])
+    )
+    np.testing.assert_allclose(
+        bounds, size, atol=1e-5 if shape == "cylinder" else 1e-12
+    )  # a cylinder is drawn with 32 sides
 
 
 def test_sdf_has_the_tensor_in_the_axes_of_the_link(tmp_path):
     body = body_of("mesh")
     link = ET.parse(written(body, Format.SDF, tmp_path)).getroot().find("model/link")
-    assert [float(number) for number in link.find("inertial/pose").text.split()] == [*body.inertial.com, 0, 0, 0]
+    assert [float(number) for number in link.find("inertial/pose").text.split()] == [
+        *body.inertial.com,
+        0,
+        0,
+        0,
+    ]
     for entry in link.find("inertial/inertia"):
-        assert float(entry.text) == body.inertial.inertia["xyz".index(entry.tag[1]), "xyz".index(entry.tag[2])]
+        assert (
+            float(entry.text) == body.inertial.inertia["xyz".index(entry.tag[1]), "xyz".index(entry.tag[2])]
+        )
     uris = {part.text for part in link.iter("uri")}
     assert uris == {mesh_file(body).name}
 
@@ -190,7 +214,9 @@ def test_what_is_read_otherwise_is_no_export(wanted, tmp_path, monkeypatch):
 
     def off(staged: Path, where: Format) -> Inertial:
         found = read_back(staged, where)
-        return replace(found, inertia=found.inertia + 3 * where.tolerance * np.diag([0, 0, np.abs(found.inertia).max()]))
+        return replace(
+            found, inertia=found.inertia + 3 * where.tolerance * np.diag([0, 0, np.abs(found.inertia).max()])
+        )
 
     monkeypatch.setattr(write, "read_back", off)
     with pytest.raises(ExportError, match="is read back with another inertia"):

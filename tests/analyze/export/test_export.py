@@ -18,7 +18,7 @@ from analyze.export.measured_only import refuse_prior
 from analyze.export.provenance import ENTRIES, prior_entries, provenance
 from analyze.export.read_back import read_back
 from analyze.export.write import refuse_other
-from analyze.reading.object_file import object_files
+from analyze.reading.object_file import read_object_files
 from analyze.reading.recording import open_recording
 from schemas.result import Result
 from tests.analyze.export.bodies import model_of, spec_of, wedge_obj
@@ -84,7 +84,9 @@ def test_measured_only_says_what_is_prior_and_what_would_measure_it(answered, tm
     path = tmp_path / "carton.urdf"
     files = answered / "result.json", "--object", answered / "object.toml"
     error = line_of("export", *files, "--format", "urdf", "-o", path, "--measured-only")
-    assert "Ixy, Ixz, Iyz of the inertia are from the shape: no edge of this object lies so that a tip over it would tell" in error
+    assert (
+        "Ixy, Ixz, Iyz of the inertia are from the shape: no edge of this object would measure them" in error
+    )
     assert not path.exists()
 
 
@@ -104,9 +106,17 @@ def test_what_is_measured_throughout_passes(result):
 @pytest.mark.parametrize(
     ("axes", "prior", "said"),
     [
-        ("xy", ["Izz"], r"Izz of the inertia is from the shape: tips over edge \w+ \(along z\) would measure it"),
-        ("x", ["Iyy", "Izz", "Ixy"], r"tips over edges \w+ \(along .\), \w+ \(along .\) would measure the rest, but no edge .* tells Ixy"),
-        ("xyz", ["Iyz"], r"Iyz of the inertia is from the shape: no edge of this object lies so"),
+        (
+            "xy",
+            ["Izz"],
+            r"Izz of the inertia is from the shape: tips over edge \w+ \(along z\) would measure it",
+        ),
+        (
+            "x",
+            ["Iyy", "Izz", "Ixy"],
+            r"tips over edges \w+ \(along .\), \w+ \(along .\) would measure the rest, but no edge .* determines Ixy",
+        ),
+        ("xyz", ["Iyz"], r"Iyz of the inertia is from the shape: no edge of this object would measure"),
     ],
 )
 def test_the_edges_of_a_box_that_would_measure(result, axes, prior, said):
@@ -120,7 +130,7 @@ def test_what_rolls_when_it_lies_never_tells_the_moment_about_its_axis(result):
     upright = [moment for moment in result.moments if abs(moment.direction[2]) < 0.1]
     lacking = with_inertia(result, ["Izz"]).model_copy(update={"moments": upright})
     with pytest.raises(
-        ExportError, match=r"Izz of the inertia is from the shape: no edge of this object lies so that a tip over it would tell"
+        ExportError, match=r"Izz of the inertia is from the shape: no edge of this object would measure them"
     ):
         refuse_prior(lacking, spec_of("cylinder"), model_of("cylinder"), "r.mcap")
 
@@ -129,17 +139,23 @@ def test_a_slanted_edge_measures_what_no_edge_of_a_box_does(result):
     """The wedge has edges across x and y: one tells Ixy once Ixx and Iyy are known."""
     spec, model = spec_of("mesh"), model_of("mesh")
     with pytest.raises(
-        ExportError, match=r"Ixy of the inertia is from the shape: tips over edge .*\(along \(.*\) would measure it: plan with"
+        ExportError,
+        match=r"Ixy of the inertia is from the shape: tips over edge .*\(along \(.*\) would measure it: plan with",
     ):
         refuse_prior(with_inertia(result, ["Ixy"]), spec, model, "r.mcap")
 
 
 def test_a_centre_of_mass_that_was_not_observed(result):
-    com = result.centre_of_mass.model_copy(update={"observed": False, "unobserved_direction": [0.0, 0.6, -0.8]})
+    com = result.centre_of_mass.model_copy(
+        update={"observed": False, "unobserved_direction": [0.0, 0.6, -0.8]}
+    )
     with pytest.raises(
-        ExportError, match=r"no strike tells where the centre of mass lies along \(0.00, -0.60, 0.80\): tip it over an edge across"
+        ExportError,
+        match=r"no strike determines the centre of mass along \(0.00, -0.60, 0.80\): tip it over an edge across",
     ):
-        refuse_prior(result.model_copy(update={"centre_of_mass": com}), spec_of("box"), model_of("box"), "r.mcap")
+        refuse_prior(
+            result.model_copy(update={"centre_of_mass": com}), spec_of("box"), model_of("box"), "r.mcap"
+        )
 
 
 def test_an_older_result_that_does_not_say_which_is_measured_counts_as_prior(result):
@@ -151,17 +167,35 @@ def test_the_file_says_which_numbers_are_measured(result):
     said = provenance(with_inertia(result, ["Ixy"]), "thing", "percuss 1")
     assert said["content_id"] == result.inputs.content_id
     sources = {name: entry["source"] for name, entry in said["inertia"].items()}
-    assert sources == {name: "prior" if name == "Ixy" else "measured" for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")}
+    assert sources == {
+        name: "prior" if name == "Ixy" else "measured" for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+    }
     assert all(entry["sd"] > 0 for entry in said["inertia"].values())
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda r: r.model_copy(update={"mass": r.mass.model_copy(update={"value": 0.0})}), "is no body"),
-        (lambda r: r.model_copy(update={"inertia": r.inertia.model_copy(update={"value": np.diag([1, 1, 3.0]).tolist()})}), "is no body"),
-        (lambda r: r.model_copy(update={"inertia": r.inertia.model_copy(update={"value": None})}), "states no inertia"),
-        (lambda r: r.model_copy(update={"centre_of_mass": r.centre_of_mass.model_copy(update={"value": [1.0]})}), "three numbers"),
+        (
+            lambda r: r.model_copy(update={"mass": r.mass.model_copy(update={"value": 0.0})}),
+            "not physically possible",
+        ),
+        (
+            lambda r: r.model_copy(
+                update={"inertia": r.inertia.model_copy(update={"value": np.diag([1, 1, 3.0]).tolist()})}
+            ),
+            "not physically possible",
+        ),
+        (
+            lambda r: r.model_copy(update={"inertia": r.inertia.model_copy(update={"value": None})}),
+            "contains no inertia",
+        ),
+        (
+            lambda r: r.model_copy(
+                update={"centre_of_mass": r.centre_of_mass.model_copy(update={"value": [1.0]})}
+            ),
+            "three numbers",
+        ),
     ],
 )
 def test_a_result_of_no_body(result, change, said):
@@ -173,18 +207,22 @@ def test_a_result_needs_its_own_object_file(answered, tmp_path):
     out = "--format", "urdf", "-o", tmp_path / "a.urdf"
     assert "add --object" in line_of("export", answered / "result.json", *out)
     other = tmp_path / "other.toml"
-    other.write_text((answered / "object.toml").read_text().replace('name = "carton"', 'name = "other"'), encoding="utf-8")
-    assert "is not the object that" in line_of("export", answered / "result.json", "--object", other, *out)
-    assert "is estimated already" in line_of("export", answered / "result.json", "--object", other, "--exclude", "s1.1", *out)
-    assert "stands alone" in line_of("export", answered / "result.json", SAMPLE, *out)
+    other.write_text(
+        (answered / "object.toml").read_text().replace('name = "carton"', 'name = "other"'), encoding="utf-8"
+    )
+    assert "is not the object of" in line_of("export", answered / "result.json", "--object", other, *out)
+    assert "--exclude does not apply to a result" in line_of(
+        "export", answered / "result.json", "--object", other, "--exclude", "s1.1", *out
+    )
+    assert "must be the only file" in line_of("export", answered / "result.json", SAMPLE, *out)
 
 
 @pytest.mark.parametrize(
     ("wanted", "name", "said"),
     [
-        ("urdf", "a.sdf", "would be read as SDF, and is to be URDF: name it a.urdf"),
-        ("usd", "a.out", "USD goes by the name's ending"),
-        ("mjcf", "a.usda", "would be read as USD, and is to be MJCF: name it a.xml"),
+        ("urdf", "a.sdf", "its suffix belongs to SDF, not to URDF: name it a.urdf"),
+        ("usd", "a.out", "USD is recognised by its suffix"),
+        ("mjcf", "a.usda", "its suffix belongs to USD, not to MJCF: name it a.xml"),
         ("urdf", "no/a.urdf", "there is no folder"),
     ],
 )
@@ -195,11 +233,11 @@ def test_a_name_that_would_mislead_is_refused_before_the_work(wanted, name, said
 def test_the_recording_is_not_replaced(tmp_path):
     recording = tmp_path / "r.urdf"
     recording.write_bytes(SAMPLE.read_bytes())
-    assert "is what is read" in line_of("export", recording, "--format", "urdf", "-o", recording)
+    assert "is also an input" in line_of("export", recording, "--format", "urdf", "-o", recording)
 
 
 def test_a_missing_reader_is_one_line_before_the_work(monkeypatch, tmp_path):
-    monkeypatch.setitem(readers.PACKAGES, Format.SDF, ("no_such_module", "rod"))
+    monkeypatch.setitem(readers.READERS, Format.SDF, ("no_such_module", "rod"))
     error = line_of("export", SAMPLE, "--format", "sdf", "-o", tmp_path / "a.sdf")
     assert "rod: install it with pip install 'percuss[export]'" in error
 
@@ -209,11 +247,22 @@ def test_a_scan_lies_beside_the_file_and_is_named(answered, tmp_path):
     stated = json.loads((answered / "result.json").read_text())
     (tmp_path / "wedge.obj").write_bytes(wedge_obj())
     shape = 'shape = {file = "wedge.obj", unit = "mm"}'
-    toml = f'name = "a/b & <c>"\nmass_kg = 0.3\nmass_sd_kg = 0.001\n{shape}\n[[marker]]\nid = 0\nsize_m = 0.03\n'
+    toml = (
+        f'name = "a/b & <c>"\nmass_kg = 0.3\nmass_sd_kg = 0.001\n{shape}\n[[marker]]\nid = 0\nsize_m = 0.03\n'
+    )
     (tmp_path / "o.toml").write_text(toml, encoding="utf-8")
-    stated["inputs"]["object_sha256"] = object_files(tmp_path / "o.toml").sha256
+    stated["inputs"]["object_sha256"] = read_object_files(tmp_path / "o.toml").sha256
     (tmp_path / "r.json").write_text(json.dumps(stated), encoding="utf-8")
-    code, out, error = run("export", tmp_path / "r.json", "--object", tmp_path / "o.toml", "--format", "sdf", "-o", tmp_path / "x.sdf")
+    code, out, error = run(
+        "export",
+        tmp_path / "r.json",
+        "--object",
+        tmp_path / "o.toml",
+        "--format",
+        "sdf",
+        "-o",
+        tmp_path / "x.sdf",
+    )
     assert code == 0, error
     beside = next(tmp_path.glob("a_b_c-*.obj"))
     assert f"with {beside.name} beside it" in out

@@ -67,7 +67,9 @@ def tip() -> tuple[Image, ...]:
 
 def picture(theta: float, shift: tuple[float, float] = (0.0, 0.0), fine: int = 4) -> Image:
     """(HEIGHT, WIDTH) image of the box turned by theta about its edge, drawn `fine` times as large."""
-    tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 3, 80)
+    tag = cv2.aruco.generateImageMarker(
+        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 3, 80
+    )
     card = np.full((120, 120), 225, np.uint8)
     card[20:100, 20:100] = np.where(tag > 127, 225, 25)
     # Corners of the tag's card about the pivot [m, x right, y down], and where they are drawn.
@@ -78,7 +80,9 @@ def picture(theta: float, shift: tuple[float, float] = (0.0, 0.0), fine: int = 4
     drawn = (corners @ turn.T * FOCAL / FAR_M + PIVOT_PX + shift + 0.5) * fine - 0.5
     source = np.array([[-0.5, -0.5], [119.5, -0.5], [119.5, 119.5], [-0.5, 119.5]], dtype=np.float32)
     H = cv2.getPerspectiveTransform(source, drawn.astype(np.float32))
-    large = cv2.warpPerspective(card, H, (WIDTH * fine, HEIGHT * fine), flags=cv2.INTER_LINEAR, borderValue=(120,))
+    large = cv2.warpPerspective(
+        card, H, (WIDTH * fine, HEIGHT * fine), flags=cv2.INTER_LINEAR, borderValue=(120,)
+    )
     return cv2.resize(large, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
 
 
@@ -94,7 +98,9 @@ def film(
 ) -> Path:
     """Encode images, with their times; `captured`: what an Android phone says of slow motion's rate."""
     times = range(0, len(images) * 10**6 // RATE + 1, 10**6 // RATE) if times_us is None else times_us
-    more = {"video_track_timescale": "1000000", "movflags": "use_metadata_tags"} if path.suffix == ".mp4" else {}
+    more = (
+        {"video_track_timescale": "1000000", "movflags": "use_metadata_tags"} if path.suffix == ".mp4" else {}
+    )
     with av.open(str(path), "w", options=more) as container:
         if captured is not None:
             container.metadata["com.android.capture.fps"] = captured
@@ -112,14 +118,26 @@ def film(
     return path
 
 
-def setting(folder: Path, strikes: Sequence[str] = ("s1",), *, placed: bool = True) -> tuple[Path, Path, Path]:
+def setting(
+    folder: Path, strikes: Sequence[str] = ("s1",), *, placed: bool = True
+) -> tuple[Path, Path, Path]:
     """Object, plan and camera file of that film."""
     spec = parse_object_spec(OBJECT, "object.toml")
-    plan = StrikePlan(object_name="box", object_sha256=object_sha256(spec, None), strikes=[_planned(name) for name in strikes])
-    camera = [f"width = {WIDTH}", f"height = {HEIGHT}", f"K = [[{FOCAL}, 0, 159.5], [0, {FOCAL}, 119.5], [0, 0, 1]]"]
+    plan = StrikePlan(
+        object_name="box",
+        object_sha256=object_sha256(spec, None),
+        strikes=[_planned(name) for name in strikes],
+    )
+    camera = [
+        f"width = {WIDTH}",
+        f"height = {HEIGHT}",
+        f"K = [[{FOCAL}, 0, 159.5], [0, {FOCAL}, 119.5], [0, 0, 1]]",
+    ]
     camera += [f"T_world_camera = {T_WORLD_CAMERA.tolist()}"] if placed else []
     paths = folder / "object.toml", folder / "plan.json", folder / "camera.toml"
-    for path, text in zip(paths, (OBJECT, canonical_json(plan), "\n".join(["[camera.calibration]", *camera])), strict=True):
+    for path, text in zip(
+        paths, (OBJECT, canonical_json(plan), "\n".join(["[camera.calibration]", *camera])), strict=True
+    ):
         path.write_text(text + "\n", encoding="utf-8")
     return paths
 

@@ -10,7 +10,12 @@ import av
 import cv2
 import foxglove
 import numpy as np
-from foxglove.channels import CameraCalibrationChannel, CompressedImageChannel, CompressedVideoChannel, RawImageChannel
+from foxglove.channels import (
+    CameraCalibrationChannel,
+    CompressedImageChannel,
+    CompressedVideoChannel,
+    RawImageChannel,
+)
 from foxglove.messages import CameraCalibration, CompressedImage, CompressedVideo, RawImage, Timestamp
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -63,31 +68,52 @@ def access_units(frames):
     encoder = av.CodecContext.create("libx264", "w")
     encoder.height, encoder.width = frames[0].shape
     encoder.pix_fmt, encoder.time_base = "yuv420p", Fraction(1, 120)
-    encoder.options = {"preset": "ultrafast", "crf": "4", "bf": "0", "g": "5", "x264-params": "repeat-headers=1:annexb=1"}
+    encoder.options = {
+        "preset": "ultrafast",
+        "crf": "4",
+        "bf": "0",
+        "g": "5",
+        "x264-params": "repeat-headers=1:annexb=1",
+    }
     found = []
     for i, image in enumerate(frames):
-        frame = av.VideoFrame.from_ndarray(image, format="gray").reformat(format="yuv420p", dst_color_range="JPEG")
+        frame = av.VideoFrame.from_ndarray(image, format="gray").reformat(
+            format="yuv420p", dst_color_range="JPEG"
+        )
         frame.pts = i
         found += encoder.encode(frame)
     return [bytes(packet) for packet in [*found, *encoder.encode(None)]]
 
 
-def write_foxglove(path, frames, kind="mono8", topic="/cam/image", stamps=None, calibrated=True, more=(), intrinsics=None):
+def write_foxglove(
+    path, frames, kind="mono8", topic="/cam/image", stamps=None, calibrated=True, more=(), intrinsics=None
+):
     """An MCAP file of Foxglove's messages; kind: an encoding of raw images, "jpeg", "png", "h264" or "json"."""
     context = foxglove.Context()
     logged = times(len(frames))
     with foxglove.open_mcap(path, context=context, allow_overwrite=True):
         if calibrated:
             CameraCalibrationChannel("/cam/calibration", context=context).log(
-                CameraCalibration(width=frames[0].shape[1], height=frames[0].shape[0], distortion_model="plumb_bob", **lens(intrinsics)),
+                CameraCalibration(
+                    width=frames[0].shape[1],
+                    height=frames[0].shape[0],
+                    distortion_model="plumb_bob",
+                    **lens(intrinsics),
+                ),
                 log_time=START_NS,
             )
         for other in more:
-            RawImageChannel(other, context=context).log(RawImage(width=1, height=1, encoding="mono8", step=1, data=b"0"), log_time=START_NS)
+            RawImageChannel(other, context=context).log(
+                RawImage(width=1, height=1, encoding="mono8", step=1, data=b"0"), log_time=START_NS
+            )
         if kind == "json":
             channel = foxglove.Channel(topic, schema=JSON_RAW, message_encoding="json", context=context)
         else:
-            kinds = {"jpeg": CompressedImageChannel, "png": CompressedImageChannel, "h264": CompressedVideoChannel}
+            kinds = {
+                "jpeg": CompressedImageChannel,
+                "png": CompressedImageChannel,
+                "h264": CompressedVideoChannel,
+            }
             channel = kinds.get(kind, RawImageChannel)(topic, context=context)
         units = access_units(frames) if kind == "h264" else []
         for i, image in enumerate(frames):
@@ -102,7 +128,12 @@ def write_foxglove(path, frames, kind="mono8", topic="/cam/image", stamps=None, 
                 fields = {"width": image.shape[1], "height": image.shape[0], "step": step}
                 if kind == "json":
                     when = {"sec": stamp_ns // 10**9, "nsec": stamp_ns % 10**9}
-                    said = {"timestamp": when, **fields, "encoding": "mono8", "data": base64.b64encode(data).decode()}
+                    said = {
+                        "timestamp": when,
+                        **fields,
+                        "encoding": "mono8",
+                        "data": base64.b64encode(data).decode(),
+                    }
                     message = json.dumps(said).encode()
                 else:
                     message = RawImage(timestamp=stamp, encoding=kind, data=data, **fields)
@@ -123,7 +154,9 @@ def lens(intrinsics):
 
 def camera_info(header, width, height, intrinsics=None):
     kinds = ROS.types
-    roi = kinds["sensor_msgs/msg/RegionOfInterest"](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+    roi = kinds["sensor_msgs/msg/RegionOfInterest"](
+        x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+    )
     return kinds["sensor_msgs/msg/CameraInfo"](
         header=header,
         height=height,
@@ -140,7 +173,14 @@ def camera_info(header, width, height, intrinsics=None):
 
 
 def write_bag(
-    path, frames, kind="mono8", storage=StoragePlugin.MCAP, topic="/cam/image_raw", stamps=None, compressed=False, intrinsics=None
+    path,
+    frames,
+    kind="mono8",
+    storage=StoragePlugin.MCAP,
+    topic="/cam/image_raw",
+    stamps=None,
+    compressed=False,
+    intrinsics=None,
 ):
     """A ROS 2 bag; kind: an encoding of sensor_msgs/Image, "jpeg" or "png"."""
     kinds, logged = ROS.types, times(len(frames))
@@ -150,14 +190,20 @@ def write_bag(
     if compressed:
         writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
     with writer:
-        info = writer.add_connection(f"{topic.rsplit('/', 1)[0]}/camera_info", "sensor_msgs/msg/CameraInfo", typestore=ROS)
+        info = writer.add_connection(
+            f"{topic.rsplit('/', 1)[0]}/camera_info", "sensor_msgs/msg/CameraInfo", typestore=ROS
+        )
         connection = writer.add_connection(topic, name, typestore=ROS)
         for i, image in enumerate(frames):
             header = ros_header(logged[i] if stamps is None else stamps[i])
             height, width = image.shape
             if i == 0:
                 writer.write(
-                    info, logged[0], ROS.serialize_cdr(camera_info(header, width, height, intrinsics), "sensor_msgs/msg/CameraInfo")
+                    info,
+                    logged[0],
+                    ROS.serialize_cdr(
+                        camera_info(header, width, height, intrinsics), "sensor_msgs/msg/CameraInfo"
+                    ),
                 )
             if of_file:
                 data = np.frombuffer(coded(image, f".{kind}"), np.uint8)
@@ -165,6 +211,14 @@ def write_bag(
             else:
                 data, step = encoded(image, kind)
                 pixels = np.frombuffer(data, np.uint8)
-                message = kinds[name](header=header, height=height, width=width, encoding=kind, is_bigendian=0, step=step, data=pixels)
+                message = kinds[name](
+                    header=header,
+                    height=height,
+                    width=width,
+                    encoding=kind,
+                    is_bigendian=0,
+                    step=step,
+                    data=pixels,
+                )
             writer.write(connection, logged[i] + LOGGED_LATER_NS, ROS.serialize_cdr(message, name))
     return path

@@ -1,4 +1,4 @@
-"""From films to a recording that is read as one of ours."""
+"""Import of videos as a recording that is read like any other."""
 
 from __future__ import annotations
 
@@ -13,27 +13,41 @@ from click.testing import CliRunner
 from analyze.batch.archive import find_sources
 from analyze.batch.sparse_copy import sparse_copies
 from analyze.cli import main
-from analyze.errors import ImportRefused, OutputError
+from analyze.errors import ImportRefused
 from analyze.importing.onsets import OnsetFinder
-from analyze.importing.run import ImportOptions, prepare
-from analyze.importing.write_recording import write
+from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.write_recording import write_recording
 from analyze.pipeline.evidence import read_evidence, read_head
 from analyze.reading.recording import Recording, open_recording
 from analyze.reading.verify import refuse_changed_content
 from analyze.sources.open_source import SourceOptions, open_source
 from analyze.sources.source import TimedImage
 from analyze.sources.video import VideoSource
+from schemas.output_file import OutputError
 from schemas.result import Verdict
 from schemas.session_manifest import TimeSource
-from tests.analyze.importing.filmed import PHI, RATE, REST, T_WORLD_CAMERA, K, angles, film, picture, setting, tip
+from tests.analyze.importing.filmed import (
+    PHI,
+    RATE,
+    REST,
+    T_WORLD_CAMERA,
+    K,
+    angles,
+    film,
+    picture,
+    setting,
+    tip,
+)
 
 STEP_US = 10**6 // RATE
 
 
 def imported(folder: Path, *sources: Path, strikes=(), placed=True, planned=("s1",), **options) -> Path:
     output = folder / "imported.mcap"
-    with prepare(ImportOptions(sources, *setting(folder, planned, placed=placed), strikes, **options)) as prepared:
-        write(prepared, output)
+    with prepare(
+        ImportOptions(sources, *setting(folder, planned, placed=placed), strikes, **options)
+    ) as prepared:
+        write_recording(prepared, output)
     return output
 
 
@@ -83,7 +97,9 @@ def test_a_film_is_analysed_like_a_recording_of_ours(tmp_path):
 
 def test_slow_motion_that_says_30(tmp_path):
     path = film(tmp_path / "a.mp4", tip(), range(0, 33_333 * len(tip()), 33_333), crf="10")
-    [motion] = read_evidence(read_head(imported(tmp_path, path, source=SourceOptions(capture_hz=RATE)))).motions
+    [motion] = read_evidence(
+        read_head(imported(tmp_path, path, source=SourceOptions(capture_hz=RATE)))
+    ).motions
     assert motion.fit is not None
     assert motion.fit.k == pytest.approx(K, rel=0.01)
 
@@ -91,11 +107,17 @@ def test_slow_motion_that_says_30(tmp_path):
 def test_a_dropped_stretch_is_said(tmp_path):
     times = [number * STEP_US for number in range(len(tip())) if not 40 <= number < 47]
     images = [image for number, image in enumerate(tip()) if not 40 <= number < 47]
-    with prepare(ImportOptions((film(tmp_path / "a.mp4", images, times),), *setting(tmp_path), whole=True)) as prepared:
-        written = write(prepared, tmp_path / "o.mcap")
+    with prepare(
+        ImportOptions((film(tmp_path / "a.mp4", images, times),), *setting(tmp_path), whole=True)
+    ) as prepared:
+        written = write_recording(prepared, tmp_path / "o.mcap")
     assert written.remarks == ("a.mp4: 7 frames are missing once: 0.067 s from 0.325 s on",)
     with open_recording(tmp_path / "o.mcap") as recording:
-        assert {meta.sequence: meta.frames_lost_before for meta in recording.frame_meta() if meta.frames_lost_before} == {40: 7}
+        assert {
+            meta.sequence: meta.frames_lost_before
+            for meta in recording.frame_meta()
+            if meta.frames_lost_before
+        } == {40: 7}
 
 
 def test_other_codecs_are_stored_without_loss_in_the_window_alone(tmp_path):
@@ -137,17 +159,23 @@ def test_one_film_of_the_session_is_split(tmp_path):
     with prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2")))) as prepared:
         assert prepared.was_split
         starts = [60 + REST, 60 + len(tip()) + 40 + 30 + 19 + 40 + REST]
-        moments = [window.onset.time_ns * 1e-9 * RATE for window in prepared.windows if window.onset is not None]
+        moments = [
+            window.onset.time_ns * 1e-9 * RATE for window in prepared.windows if window.onset is not None
+        ]
         assert moments == pytest.approx(starts, abs=3)
-        write(prepared, tmp_path / "o.mcap")
+        write_recording(prepared, tmp_path / "o.mcap")
     evidence = read_evidence(read_head(tmp_path / "o.mcap"))
     assert [motion.strike_id for motion in evidence.motions] == ["s1.1", "s2.1"]
-    assert all(motion.verdict is Verdict.GOOD for motion in evidence.motions), [motion.reason for motion in evidence.motions]
+    assert all(motion.verdict is Verdict.GOOD for motion in evidence.motions), [
+        motion.reason for motion in evidence.motions
+    ]
 
 
 def test_which_strike_is_which(tmp_path):
     path = film(tmp_path / "a.mp4", tip())
-    with prepare(ImportOptions((path, path), *setting(tmp_path, ("s1", "s2", "s3")), ("s3", "s3"), whole=True)) as prepared:
+    with prepare(
+        ImportOptions((path, path), *setting(tmp_path, ("s1", "s2", "s3")), ("s3", "s3"), whole=True)
+    ) as prepared:
         assert [window.strike_id for window in prepared.windows] == ["s3.1", "s3.2"]
     with pytest.raises(ImportRefused, match="the plan has s1"):
         prepare(ImportOptions((path,), *setting(tmp_path), ("s7",), whole=True))
@@ -180,17 +208,22 @@ def test_the_same_film_gives_the_same_content(tmp_path):
     ids = []
     for name in ("one.mcap", "two.mcap"):
         with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared:
-            ids.append(write(prepared, tmp_path / name).content_id)
+            ids.append(write_recording(prepared, tmp_path / name).content_id)
     assert ids[0] == ids[1]
-    with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared, pytest.raises(OutputError, match="exists already"):
-        write(prepared, tmp_path / "one.mcap")
+    with (
+        prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared,
+        pytest.raises(OutputError, match="exists already"),
+    ):
+        write_recording(prepared, tmp_path / "one.mcap")
 
 
 def test_a_rig_file_says_how_the_table_slopes(tmp_path):
     files = setting(tmp_path)
-    files[2].write_text("g_m_s2 = 9.79\n[level]\ntowards_x_rad = 0.001\ntowards_x_sd_rad = 0.0002\n" + files[2].read_text())
+    files[2].write_text(
+        "g_m_s2 = 9.79\n[level]\ntowards_x_rad = 0.001\ntowards_x_sd_rad = 0.0002\n" + files[2].read_text()
+    )
     with prepare(ImportOptions((film(tmp_path / "a.mp4", tip()[:5]),), *files, whole=True)) as prepared:
-        write(prepared, tmp_path / "o.mcap")
+        write_recording(prepared, tmp_path / "o.mcap")
     with open_recording(tmp_path / "o.mcap") as recording:
         assert recording.manifest.g_m_s2 == 9.79
         assert recording.manifest.level is not None
@@ -200,15 +233,21 @@ def test_a_rig_file_says_how_the_table_slopes(tmp_path):
 def test_what_somebody_else_is_writing_is_left_alone(tmp_path):
     path = film(tmp_path / "a.mp4", tip()[:5])
     (tmp_path / "o.mcap.part").write_bytes(b"theirs")
-    with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared, pytest.raises(OutputError, match="is being written"):
-        write(prepared, tmp_path / "o.mcap")
+    with (
+        prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared,
+        pytest.raises(OutputError, match="is being written"),
+    ):
+        write_recording(prepared, tmp_path / "o.mcap")
     assert (tmp_path / "o.mcap.part").read_bytes() == b"theirs"
 
 
 def test_a_recording_of_ours_is_not_imported_again(tmp_path):
-    """Its film stands in the order of decoding, which a reader by time does not give."""
+    """Its video is in decoding order, which a reader by time does not return."""
     file = imported(tmp_path, film(tmp_path / "a.mp4", tip()[:12], bf="3"), whole=True)
-    with pytest.raises(ImportRefused, match=r"is a recording of ours already: `analyze estimate imported.mcap`"):
+    with pytest.raises(
+        ImportRefused,
+        match=r"is already a recording: use it as it is, as in `analyze estimate imported.mcap`",
+    ):
         open_source(file, SourceOptions())
 
 
@@ -217,7 +256,7 @@ def test_a_film_is_not_watched_and_says_so_in_one_line(tmp_path):
     done = CliRunner().invoke(main, ["watch", str(file)], input="")
     assert done.exit_code == 1
     assert done.output.count("\n") == 1
-    assert "holds a film as it was coded" in done.output
+    assert "is an imported video" in done.output
     assert "analyze estimate" in done.output
 
 
@@ -226,8 +265,13 @@ def test_a_bucket_gives_what_a_decoder_needs_where_no_key_picture_comes_for_long
     monkeypatch.setattr("schemas.topics.VIDEO_CHUNK_BYTES", 20_000)
     monkeypatch.setattr("analyze.batch.sparse_copy.VIDEO_CHUNK_BYTES", 20_000)
     noise = np.random.default_rng(1)
-    busy = [np.clip(image + noise.normal(0, 6, image.shape), 0, 255).astype(np.uint8) for image in [tip()[0]] * 150]
-    path = film(tmp_path / "a.mp4", [*busy, *tip()], crf="20", bf="0", g="95", sc_threshold="0", preset="ultrafast")
+    busy = [
+        np.clip(image + noise.normal(0, 6, image.shape), 0, 255).astype(np.uint8)
+        for image in [tip()[0]] * 150
+    ]
+    path = film(
+        tmp_path / "a.mp4", [*busy, *tip()], crf="20", bf="0", g="95", sc_threshold="0", preset="ultrafast"
+    )
     file = imported(tmp_path, path)
     with open_recording(file) as recording:
         [strike] = recording.strikes
@@ -244,7 +288,13 @@ def test_nothing_is_written_unasked(tmp_path):
     gone = [np.full_like(tip()[0], 120)] * 30
     path = film(tmp_path / "a.mp4", [*tip(), *gone, *gone, *gone, *tip()])
     files = zip(("--object", "--plan", "--camera"), map(str, setting(tmp_path, ("s1", "s2"))), strict=True)
-    command = ["import", str(path), *(word for pair in files for word in pair), "-o", str(tmp_path / "o.mcap")]
+    command = [
+        "import",
+        str(path),
+        *(word for pair in files for word in pair),
+        "-o",
+        str(tmp_path / "o.mcap"),
+    ]
     asked = CliRunner().invoke(main, command)
     assert asked.exit_code == 2
     assert "--yes" in asked.output
@@ -258,7 +308,7 @@ def test_nothing_is_written_unasked(tmp_path):
     assert [path.name for path in tmp_path.glob("o.mcap*")] == ["o.mcap"]
     again = CliRunner().invoke(main, [*command, "--yes"])
     assert again.exit_code == 1
-    assert again.output.count("\n") == 1, "before the film is looked through"
+    assert again.output.count("\n") == 1, "before the video is searched"
     assert "exists already" in again.output
 
 

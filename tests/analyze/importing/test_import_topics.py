@@ -22,7 +22,18 @@ def run(folder, source, *more, lens=True):
     object_path, plan_path, camera_path = setting(folder)
     camera = ["--camera", str(camera_path)] if lens else []
     output = folder / "imported.mcap"
-    arguments = ["import", str(source), "--object", str(object_path), "--plan", str(plan_path), *camera, "-o", str(output), *more]
+    arguments = [
+        "import",
+        str(source),
+        "--object",
+        str(object_path),
+        "--plan",
+        str(plan_path),
+        *camera,
+        "-o",
+        str(output),
+        *more,
+    ]
     return CliRunner().invoke(main, arguments), output
 
 
@@ -31,7 +42,9 @@ def test_a_tip_is_analysed(tmp_path, kind):
     if kind == "foxglove":
         source = write_foxglove(tmp_path / "a.mcap", list(tip()), "bgr8", intrinsics=INTRINSICS)
     else:
-        source = write_bag(tmp_path / "bag", list(tip()), "png", StoragePlugin[kind.upper()], intrinsics=INTRINSICS)
+        source = write_bag(
+            tmp_path / "bag", list(tip()), "png", StoragePlugin[kind.upper()], intrinsics=INTRINSICS
+        )
     done, output = run(tmp_path, source)
     assert done.exit_code == 0, done.output
     [motion] = read_evidence(read_head(output)).motions
@@ -50,7 +63,7 @@ def test_the_lens_of_the_bag_and_the_camera_placed_by_the_object(tmp_path):
     source = write_bag(tmp_path / "bag", list(tip()), intrinsics=INTRINSICS)
     done, output = run(tmp_path, source, lens=False)
     assert done.exit_code == 0, done.output
-    assert f"the lens is as {source}:/cam/camera_info says it" in " ".join(done.output.split())
+    assert f"the lens is that of {source}:/cam/camera_info" in " ".join(done.output.split())
     with open_recording(output) as recording:
         spec = recording.manifest.cameras[0].calibration
         assert (spec.width, spec.height, np.ravel(spec.K).tolist()) == (WIDTH, HEIGHT, INTRINSICS)
@@ -62,9 +75,9 @@ def test_the_lens_of_the_bag_and_the_camera_placed_by_the_object(tmp_path):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (["--topic", "/other"], "holds no such topic: it has /cam/image"),
-        (["--capture-fps", "240"], "--capture-fps is not of files of messages"),
-        ([], "nothing says what lens took it: give --camera"),
+        (["--topic", "/other"], "no such topic: it has /cam/image"),
+        (["--capture-fps", "240"], "--capture-fps does not apply to message files"),
+        ([], "its lens is unknown: give --camera"),
     ],
 )
 def test_one_line_where_it_is_not_as_asked(tmp_path, more, said):
@@ -78,7 +91,7 @@ def test_one_line_where_it_is_not_as_asked(tmp_path, more, said):
 def test_what_is_of_messages_alone_is_refused_elsewhere(tmp_path):
     (tmp_path / "a.mp4").write_bytes(b"")
     done, _ = run(tmp_path, tmp_path / "a.mp4", "--topic", "/cam/image")
-    assert "--topic is of MCAP files and ROS 2 bags" in done.output
+    assert "--topic applies to MCAP files and ROS 2 bags" in done.output
     (tmp_path / "a.bag").write_bytes(b"")
     done, _ = run(tmp_path, tmp_path / "a.bag")
-    assert "is a ROS 1 bag: make a ROS 2 bag of it with `rosbags-convert" in done.output
+    assert "is a ROS 1 bag: convert it with `rosbags-convert" in done.output

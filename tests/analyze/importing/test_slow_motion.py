@@ -43,7 +43,9 @@ def test_8_times_is_found_and_the_remedy_is_right(tmp_path, drawn):
     wrong = imported(tmp_path / "wrong", drawn, STATED)
     found = answer(wrong)
     (said,) = [sentence for sentence in found["verdict"] if "frame rate" in sentence]
-    assert said.startswith("doubt the frame rate: nothing of this shape tips so at the 15 frames a second stated")
+    assert said.startswith(
+        "doubt the frame rate: no body of this shape tips so at the stated 15 frames a second"
+    )
     assert "probably 120 (8 times): import again with --capture-fps 120" in said
     (times,) = found["frame_times"]
     assert not times["possible"]
@@ -51,7 +53,9 @@ def test_8_times_is_found_and_the_remedy_is_right(tmp_path, drawn):
     assert times["rate_limits"][0] < 8 < times["rate_limits"][1]
 
     (tmp_path / "right").mkdir()
-    found = answer(imported(tmp_path / "right", drawn, STATED, "--capture-fps", str(RATE), "--capture-fps-sd", "0.3"))
+    found = answer(
+        imported(tmp_path / "right", drawn, STATED, "--capture-fps", str(RATE), "--capture-fps-sd", "0.3")
+    )
     (times,) = found["frame_times"]
     assert times["possible"]
     assert times["frame_rate_sd_hz"] == 0.3

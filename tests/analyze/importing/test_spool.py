@@ -8,14 +8,14 @@ from collections import Counter, namedtuple
 import numpy as np
 import pytest
 
-from analyze.errors import OutputError
 from analyze.importing import spool as module
-from analyze.importing.run import ImportOptions, prepare
+from analyze.importing.prepare import ImportOptions, prepare
 from analyze.importing.spool import Spool
-from analyze.importing.write_recording import write
+from analyze.importing.write_recording import write_recording
 from analyze.reading.recording import open_recording
 from analyze.sources.source import TimedImage
 from analyze.sources.video import VideoSource
+from schemas.output_file import OutputError
 from tests.analyze.importing.filmed import film, setting, tip
 
 WIDTH, HEIGHT, STEP_NS = 8, 6, 10_000_000
@@ -33,7 +33,9 @@ class Numbered:
     def frames(self, start_ns=None, end_ns=None):
         image = np.empty((HEIGHT, WIDTH + 2), np.uint8)[:, :WIDTH]
         for number in range(self.count):
-            if (start_ns is None or number * STEP_NS >= start_ns) and (end_ns is None or number * STEP_NS <= end_ns):
+            if (start_ns is None or number * STEP_NS >= start_ns) and (
+                end_ns is None or number * STEP_NS <= end_ns
+            ):
                 self.read[number] += 1
                 image[:] = number % 251
                 yield TimedImage(number * STEP_NS, image)
@@ -52,7 +54,10 @@ def passed(source, folder, windows):
 
 
 def numbers(spool, first, last):
-    found = [(frame.time_ns // STEP_NS, frame.image.copy()) for frame in spool.frames(first * STEP_NS, last * STEP_NS)]
+    found = [
+        (frame.time_ns // STEP_NS, frame.image.copy())
+        for frame in spool.frames(first * STEP_NS, last * STEP_NS)
+    ]
     assert all(np.all(image == number % 251) for number, image in found)
     return [number for number, _ in found]
 
@@ -71,7 +76,7 @@ def test_windows_are_not_decoded_again(tmp_path):
 
 
 def test_what_memory_could_not_hold_is_decoded_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_HELD_BYTES", 29 * WIDTH * HEIGHT)
+    monkeypatch.setattr(module, "MAX_HELD_BYTES", 29 * WIDTH * HEIGHT)
     source = Numbered()
     with passed(source, tmp_path, [(120, 60, 300)]) as spool:
         assert numbers(spool, 60, 300) == list(range(60, 301))
@@ -124,8 +129,10 @@ def test_a_film_that_is_split_is_decoded_once(tmp_path, monkeypatch):
 
     def images(aside):
         output = tmp_path / f"{aside is None}.mcap"
-        with prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2"), placed=False), aside=aside)) as prepared:
-            write(prepared, output)
+        with prepare(
+            ImportOptions((path,), *setting(tmp_path, ("s1", "s2"), placed=False), aside=aside)
+        ) as prepared:
+            write_recording(prepared, output)
         with open_recording(output) as recording:
             return [(frame.time_ns, frame.image.copy()) for frame in recording.images()]
 

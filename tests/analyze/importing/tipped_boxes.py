@@ -31,7 +31,9 @@ def strikes(count: int = 4) -> list[PlannedStrike]:
         phi, k = phi_and_k(BODY, strike)
         R = float(np.linalg.norm((BODY.com - np.array(strike.pivot.point)) * [1, 0, 1]))
         told = {"id": f"s{number + 1}", "visible_markers": [3], "phi_predicted_rad": phi + 0.03}
-        found.append(strike.model_copy(update={**told, "i_edge_predicted_kg_m2": 0.9 * BODY.mass * GRAVITY * R / k}))
+        found.append(
+            strike.model_copy(update={**told, "i_edge_predicted_kg_m2": 0.9 * BODY.mass * GRAVITY * R / k})
+        )
     return found
 
 
@@ -68,16 +70,26 @@ def images(planned: Sequence[PlannedStrike], rate: float) -> list[list[Image]]:
     return [[picture(strike, theta) for theta in angles(strike, rate)] for strike in planned]
 
 
-def films(folder: Path, planned: Sequence[PlannedStrike], drawn: Sequence[Sequence[Image]], stated: float) -> tuple[list[Path], list[str]]:
+def films(
+    folder: Path, planned: Sequence[PlannedStrike], drawn: Sequence[Sequence[Image]], stated: float
+) -> tuple[list[Path], list[str]]:
     """A film of each strike, and the command line's options of object, plan and camera."""
     _, plan_path, camera_path = setting(folder)
     object_path = folder / "box.toml"
     text = OBJECT.replace("mass_kg = 0.1\n", f"mass_kg = {BODY.mass:.6f}\n")
     object_path.write_text(text, encoding="utf-8")
     sha256 = object_sha256(parse_object_spec(text, "box.toml"), None)
-    plan_path.write_text(canonical_json(StrikePlan(object_name="box", object_sha256=sha256, strikes=list(planned))) + "\n")
+    plan_path.write_text(
+        canonical_json(StrikePlan(object_name="box", object_sha256=sha256, strikes=list(planned))) + "\n"
+    )
     paths = [
-        film(folder / f"{strike.id}.mp4", each, [round(i * 1e6 / stated) for i in range(len(each))], preset="veryfast", crf="14")
+        film(
+            folder / f"{strike.id}.mp4",
+            each,
+            [round(i * 1e6 / stated) for i in range(len(each))],
+            preset="veryfast",
+            crf="14",
+        )
         for strike, each in zip(planned, drawn, strict=True)
     ]
     return paths, ["--object", str(object_path), "--plan", str(plan_path), "--camera", str(camera_path)]

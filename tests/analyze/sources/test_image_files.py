@@ -11,9 +11,9 @@ import pytest
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 
 from analyze.errors import ImportRefused
-from analyze.importing.run import ImportOptions, prepare
-from analyze.importing.write_recording import write
-from analyze.reading.image_message import image_of_file
+from analyze.importing.prepare import ImportOptions, prepare
+from analyze.importing.write_recording import write_recording
+from analyze.reading.image_message import decode_image_file
 from analyze.reading.recording import open_recording
 from analyze.reading.verify import refuse_changed_content
 from analyze.sources.image_file import image_file
@@ -45,11 +45,17 @@ def stored(tmp_path: Path, source: Path) -> tuple[list[bytes], list[str], list[n
     """Bytes and format of each image of a recording of all of `source`, and what is read of it."""
     output = tmp_path / "o.mcap"
     with prepare(ImportOptions((source,), *setting(tmp_path), whole=True)) as prepared:
-        write(prepared, output)
+        write_recording(prepared, output)
     refuse_changed_content(output)
     with open_recording(output) as recording:
-        messages = [CompressedImage.FromString(bytes(each.data)) for each in recording.messages("/camera/main/image")]
-        return [each.data for each in messages], [each.format for each in messages], [frame.image for frame in recording.images()]
+        messages = [
+            CompressedImage.FromString(bytes(each.data)) for each in recording.messages("/camera/main/image")
+        ]
+        return (
+            [each.data for each in messages],
+            [each.format for each in messages],
+            [frame.image for frame in recording.images()],
+        )
 
 
 def test_files_of_any_kind_are_stored_byte_by_byte_and_read_as_they_were_seen(tmp_path):
@@ -78,7 +84,9 @@ def test_files_of_any_kind_are_stored_byte_by_byte_and_read_as_they_were_seen(tm
 
 
 def test_what_is_named_png_and_is_another_kind_becomes_png(tmp_path):
-    data, formats, read = stored(tmp_path, folder(tmp_path / "images", {"a.png": coded(tip()[0], ".bmp"), "b.png": coded(tip()[1])}))
+    data, formats, read = stored(
+        tmp_path, folder(tmp_path / "images", {"a.png": coded(tip()[0], ".bmp"), "b.png": coded(tip()[1])})
+    )
     assert formats == ["png", "png"]
     assert data[1] == coded(tip()[1])
     assert all(np.array_equal(one, other) for one, other in zip(read, tip(), strict=False))
@@ -92,7 +100,10 @@ def test_other_kinds_are_stored_as_they_are_decoded(tmp_path):
 
 @pytest.mark.parametrize(
     ("second", "said"),
-    [(b"", "b.png: is no image that can be read"), (coded(tip()[0][:200]), "b.png: has 320 x 200, the first 320 x 240")],
+    [
+        (b"", "b.png: not a readable image"),
+        (coded(tip()[0][:200]), "b.png: has 320 x 200, the first 320 x 240"),
+    ],
 )
 def test_a_file_that_does_not_belong_is_named(tmp_path, second, said):
     with pytest.raises(ImportRefused, match=said):
@@ -103,11 +114,19 @@ def test_a_file_that_does_not_belong_is_named(tmp_path, second, said):
 @pytest.mark.parametrize("of", ["foxglove", "ros"])
 def test_messages_with_image_files(tmp_path, of, kind):
     frames = list(tip()[30:40])
-    source = write_foxglove(tmp_path / "a.mcap", frames, kind) if of == "foxglove" else write_bag(tmp_path / "bag", frames, kind)
+    source = (
+        write_foxglove(tmp_path / "a.mcap", frames, kind)
+        if of == "foxglove"
+        else write_bag(tmp_path / "bag", frames, kind)
+    )
     data, formats, read = stored(tmp_path, source)
     assert data == [coded(frame, f".{kind}") for frame in frames]
     assert set(formats) == {kind}
-    assert all(np.array_equal(image, grey) for image, grey in zip(read, map(image_of_file, data), strict=True) if grey is not None)
+    assert all(
+        np.array_equal(image, grey)
+        for image, grey in zip(read, map(decode_image_file, data), strict=True)
+        if grey is not None
+    )
 
 
 def test_a_film_of_png_pictures(tmp_path):

@@ -13,7 +13,7 @@ from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
 
 from analyze.errors import ImportRefused
-from analyze.sources.pictures import grey_of, is_read, picture_of
+from analyze.sources.pictures import grey_values, is_readable, parse_picture
 from analyze.sources.topic_source import TopicSource
 from schemas.mcap.records import ContainerError
 from schemas.session_manifest import TimeSource
@@ -29,15 +29,39 @@ from tests.analyze.importing.foreign_files import (
     write_foxglove,
 )
 
-RAW = ["mono8", "8UC1", "mono16", "rgb8", "bgr8", "8UC3", "rgba8", "bgra8", "uyvy", "yuv422", "yuyv", "yuv422_yuy2", "nv12"]
+RAW = [
+    "mono8",
+    "8UC1",
+    "mono16",
+    "rgb8",
+    "bgr8",
+    "8UC3",
+    "rgba8",
+    "bgra8",
+    "uyvy",
+    "yuv422",
+    "yuyv",
+    "yuv422_yuy2",
+    "nv12",
+]
 MOSAICS = ["bayer_rggb8", "bayer_bggr8", "bayer_gbrg8", "bayer_grbg8"]
 
 
 def same(source, expected, most=0):
     found = list(source.frames())
     assert [frame.time_ns for frame in found] == [i * FRAME_NS for i in range(len(expected))]
-    assert max(int(np.abs(frame.image.astype(int) - image).max()) for frame, image in zip(found, expected, strict=True)) <= most
-    assert (source.width, source.height, source.frame_count) == (expected[0].shape[1], expected[0].shape[0], len(expected))
+    assert (
+        max(
+            int(np.abs(frame.image.astype(int) - image).max())
+            for frame, image in zip(found, expected, strict=True)
+        )
+        <= most
+    )
+    assert (source.width, source.height, source.frame_count) == (
+        expected[0].shape[1],
+        expected[0].shape[0],
+        len(expected),
+    )
     assert source.time_source is TimeSource.CONTAINER_PTS
     assert source.wall_start_ns == START_NS
     assert source.time_sd_ns == 1000
@@ -64,12 +88,17 @@ def test_ros_bags(tmp_path, storage, kind):
 
 
 def test_a_bag_with_compressed_messages(tmp_path):
-    same(TopicSource(write_bag(tmp_path / "bag", images(), storage=StoragePlugin.SQLITE3, compressed=True)), images())
+    same(
+        TopicSource(write_bag(tmp_path / "bag", images(), storage=StoragePlugin.SQLITE3, compressed=True)),
+        images(),
+    )
 
 
 @pytest.mark.parametrize("write", [write_foxglove, write_bag])
 def test_a_stretch_of_it(tmp_path, write):
-    source = TopicSource(write(tmp_path / "a.mcap" if write is write_foxglove else tmp_path / "bag", images()))
+    source = TopicSource(
+        write(tmp_path / "a.mcap" if write is write_foxglove else tmp_path / "bag", images())
+    )
     assert [frame.time_ns // FRAME_NS for frame in source.frames(3 * FRAME_NS, 5 * FRAME_NS)] == [3, 4, 5]
     assert [frame.time_ns // FRAME_NS for frame in source.frames(9 * FRAME_NS + 1)] == [10, 11]
 
@@ -81,13 +110,13 @@ def test_a_stretch_of_a_video(tmp_path):
     assert np.abs(found[0].image.astype(int) - images()[3]).max() < 4
 
 
-@pytest.mark.parametrize(("stamps", "why"), [([0] * 12, "are not set"), (times(12)[::-1], "do not rise")])
+@pytest.mark.parametrize(("stamps", "why"), [([0] * 12, "are not set"), (times(12)[::-1], "do not increase")])
 def test_log_times_where_headers_do_not_tell(tmp_path, stamps, why):
     source = TopicSource(write_foxglove(tmp_path / "a.mcap", images(), stamps=stamps))
     assert source.time_source is TimeSource.HOST_ARRIVAL
     assert source.wall_start_ns == START_NS + LOGGED_LATER_NS
     assert [frame.time_ns for frame in source.frames()] == [i * FRAME_NS for i in range(12)]
-    assert source.remarks == (f"a.mcap:/cam/image: its header stamps {why}: log times are taken, ± 0.001 ms",)
+    assert source.remarks == (f"a.mcap:/cam/image: its header stamps {why}: log times are used, ± 0.001 ms",)
 
 
 def test_stamps_that_jump_back_later_cost_their_images(tmp_path):
@@ -95,7 +124,9 @@ def test_stamps_that_jump_back_later_cost_their_images(tmp_path):
     stamps[220] = stamps[218]
     source = TopicSource(write_foxglove(tmp_path / "a.mcap", images(230, 16, 12), stamps=stamps))
     assert [frame.time_ns // FRAME_NS for frame in source.frames()] == [i for i in range(230) if i != 220]
-    assert source.remarks == ("a.mcap:/cam/image: 1 images that are stamped earlier than one before them are left out",)
+    assert source.remarks == (
+        "a.mcap:/cam/image: 1 images with a stamp earlier than a previous one are left out",
+    )
 
 
 def test_how_evenly_frames_come_is_how_well_their_times_are_known(tmp_path):
@@ -107,7 +138,9 @@ def test_how_evenly_frames_come_is_how_well_their_times_are_known(tmp_path):
 
 @pytest.mark.parametrize("write", [write_foxglove, write_bag])
 def test_the_files_own_calibration(tmp_path, write):
-    source = TopicSource(write(tmp_path / "a.mcap" if write is write_foxglove else tmp_path / "bag", images()))
+    source = TopicSource(
+        write(tmp_path / "a.mcap" if write is write_foxglove else tmp_path / "bag", images())
+    )
     spec, topic = source.calibration()
     assert (spec.width, spec.height, spec.K[0][0], spec.distortion[0]) == (64, 48, 300.0, -0.1)
     assert topic == ("/cam/calibration" if write is write_foxglove else "/cam/camera_info")
@@ -119,16 +152,22 @@ def test_a_file_that_says_nothing_of_its_camera(tmp_path):
 
 def test_one_of_several_topics_is_named(tmp_path):
     path = write_foxglove(tmp_path / "a.mcap", images(), more=("/left/image", "/right/image"))
-    with pytest.raises(ImportRefused, match=r"holds 3 topics of images: say which with --topic: /cam/image, /left/image, /right/image$"):
+    with pytest.raises(
+        ImportRefused,
+        match=r"contains 3 topics of images: choose one with --topic: /cam/image, /left/image, /right/image$",
+    ):
         TopicSource(path)
     same(TopicSource(path, "/cam/image"), images())
-    with pytest.raises(ImportRefused, match=r"--topic /up: holds no such topic: it has /cam/image, /left/image, /right/image$"):
+    with pytest.raises(
+        ImportRefused, match=r"--topic /up: no such topic: it has /cam/image, /left/image, /right/image$"
+    ):
         TopicSource(path, "/up")
     with pytest.raises(
-        ImportRefused, match=r"--topic /cam/calibration: its messages are foxglove.CameraCalibration, no images that are read"
+        ImportRefused,
+        match=r"--topic /cam/calibration: its messages are foxglove.CameraCalibration, not readable images",
     ):
         TopicSource(path, "/cam/calibration")
-    with pytest.raises(ImportRefused, match=r"a.mcap:/left/image: holds 1 images: a strike has more"):
+    with pytest.raises(ImportRefused, match=r"a.mcap:/left/image: contains 1 images: a strike needs more"):
         TopicSource(path, "/left/image")
 
 
@@ -142,25 +181,43 @@ def refused(path, said):
 def test_one_line_for_what_cannot_be_read(tmp_path):
     whole = write_foxglove(tmp_path / "whole.mcap", images()).read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
-    refused(tmp_path / "cut.mcap", "is no MCAP file, damaged or cut short: try `mcap recover cut.mcap -o NEW.mcap`")
+    refused(
+        tmp_path / "cut.mcap",
+        "not an MCAP file, damaged, or cut short: try `mcap recover cut.mcap -o NEW.mcap`",
+    )
     with (tmp_path / "bare.mcap").open("wb") as file:
-        writer = McapWriter(file, index_types=IndexType.NONE, repeat_channels=False, repeat_schemas=False, use_statistics=False)
+        writer = McapWriter(
+            file,
+            index_types=IndexType.NONE,
+            repeat_channels=False,
+            repeat_schemas=False,
+            use_statistics=False,
+        )
         writer.start()
         writer.add_message(writer.register_channel("/cam/image", "protobuf", 0), START_NS, b"", START_NS)
         writer.finish()
-    refused(tmp_path / "bare.mcap", "holds no index, or no messages: write it anew with `mcap recover bare.mcap -o NEW.mcap`")
+    refused(
+        tmp_path / "bare.mcap",
+        "contains no index, or no messages: rewrite it with `mcap recover bare.mcap -o NEW.mcap`",
+    )
     (tmp_path / "words.mcap").write_text("words")
-    refused(tmp_path / "words.mcap", "is no MCAP file")
+    refused(tmp_path / "words.mcap", "not an MCAP file")
     (tmp_path / "words.db3").write_text("words")
-    refused(tmp_path / "words.db3", "is no ROS 2 bag that can be read")
-    refused(write_foxglove(tmp_path / "depth.mcap", images(), "32FC1"), "encoding '32FC1' is not read: mono8, mono16")
+    refused(tmp_path / "words.db3", "not a readable ROS 2 bag")
+    refused(
+        write_foxglove(tmp_path / "depth.mcap", images(), "32FC1"),
+        "encoding '32FC1' is not supported: mono8, mono16",
+    )
     bag = write_bag(tmp_path / "bag", images())
     (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: 7")
-    refused(bag, "is no ROS 2 bag that can be read")
+    refused(bag, "not a readable ROS 2 bag")
 
 
 def test_an_image_of_another_size_is_named(tmp_path):
-    refused(write_foxglove(tmp_path / "a.mcap", [*images(5), *images(1, 32, 32)]), r"an image at 0.042 s has 32 x 32 px, the first 64 x 48")
+    refused(
+        write_foxglove(tmp_path / "a.mcap", [*images(5), *images(1, 32, 32)]),
+        r"an image at 0.042 s has 32 x 32 px, the first 64 x 48",
+    )
 
 
 KINDS = [
@@ -173,13 +230,19 @@ KINDS = [
         "sensor_msgs/msg/Image",
         "sensor_msgs/msg/CompressedImage",
     )
-    if is_read(encoding, schema)
+    if is_readable(encoding, schema)
 ]
 
 
 def ros_image():
     message = ROS.types["sensor_msgs/msg/Image"](
-        header=ros_header(START_NS), height=4, width=4, encoding="mono8", is_bigendian=0, step=4, data=np.zeros(16, np.uint8)
+        header=ros_header(START_NS),
+        height=4,
+        width=4,
+        encoding="mono8",
+        is_bigendian=0,
+        step=4,
+        data=np.zeros(16, np.uint8),
     )
     return bytes(ROS.serialize_cdr(message, "sensor_msgs/msg/Image"))
 
@@ -194,5 +257,5 @@ def ros_image():
 )
 def test_whatever_a_message_holds_it_is_an_image_or_named(kind, data):
     with contextlib.suppress(ContainerError):
-        picture = picture_of(*kind, data)
-        assert grey_of(picture).ndim == 2
+        picture = parse_picture(*kind, data)
+        assert grey_values(picture).ndim == 2

@@ -10,7 +10,8 @@ import pytest
 
 from analyze.errors import RecordingError
 from analyze.types import ImageFrame
-from analyze.verbs.watch import Observer, watch
+from analyze.verbs.watch.follow import watch_recording
+from analyze.verbs.watch.observer import Observer
 from schemas.result import Verdict
 from schemas.strike_plan import StrikePlan
 from schemas.watch_lines import JudgeRequest, WatchEvent
@@ -192,10 +193,17 @@ def test_the_loop_answers_before_there_is_a_file_and_ends_with_its_input(tmp_pat
     request = JudgeRequest(plan_strike_id="s1", strike_id="s1.1", window_end_ns=5)
     out = io.StringIO()
     with pytest.raises(RecordingError, match=r"none.mcap.part: no such recording: check the path"):
-        watch(tmp_path / "none.mcap.part", io.StringIO("no json\n" + request.model_dump_json() + "\n"), out, FastClock())
+        watch_recording(
+            tmp_path / "none.mcap.part",
+            io.StringIO("no json\n" + request.model_dump_json() + "\n"),
+            out,
+            FastClock(),
+        )
     (line,) = out.getvalue().splitlines()
     assert json.loads(line)["code"] == "unreadable"
-    assert not [thread for thread in threading.enumerate() if thread.name == "watch-stdin" and thread.is_alive()]
+    assert not [
+        thread for thread in threading.enumerate() if thread.name == "watch-stdin" and thread.is_alive()
+    ]
 
 
 def test_a_tag_of_another_family_is_watched_and_judged_by_its_name(tip):
@@ -203,7 +211,10 @@ def test_a_tag_of_another_family_is_watched_and_judged_by_its_name(tip):
     plan = PLAN.model_copy(update={"strikes": [planned().model_copy(update={"visible_markers": [name]})]})
     R, p = marker_poses(tip[0], TAG)
     rng = np.random.default_rng(3)
-    images = [Stored(old.log_time_ns, render(camera(), [(name, SIZE, R[i], p[i])], rng)) for i, old in enumerate(tip[1])]
+    images = [
+        Stored(old.log_time_ns, render(camera(), [(name, SIZE, R[i], p[i])], rng))
+        for i, old in enumerate(tip[1])
+    ]
     watcher, _ = observer(StrikePlan.model_validate_json(plan.model_dump_json()), [tag])
     watcher.expect("s1")
     events = [event for image in images if (event := watcher.add(image)) is not None]

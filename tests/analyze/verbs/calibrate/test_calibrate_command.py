@@ -67,7 +67,7 @@ def made_once():
         return call
 
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("look", "find_corners", "calibrate"):
+        for name in ("read_board", "find_corners", "calibrate"):
             patch.setattr(calibrate, name, remembered(getattr(calibrate, name)))
         yield
 
@@ -88,12 +88,18 @@ def folder(tmp_path_factory):
     for number in range(7):
         x, y = [(-0.5, -0.4), (0.5, -0.4), (-0.5, 0.4), (0.5, 0.4), (0, 0), (0.3, 0.0), (-0.3, 0.1)][number]
         middle = [0.16 * x * 0.4, 0.12 * y * 0.4, 0.4]
-        photo(images / f"{number}.png", facing(PRINTED, middle, rng.uniform(0.4, 0.7), 0.9 * number, 0.3 * number), number)
+        photo(
+            images / f"{number}.png",
+            facing(PRINTED, middle, rng.uniform(0.4, 0.7), 0.9 * number, 0.3 * number),
+            number,
+        )
     for extra in ("table", "blurred", "empty"):
         (images / extra).mkdir()
     R = WORLD_CAMERA[:3, :3].T
     photo(images / "table" / "lying.png", (R, R @ (np.array([0.0, 0.0, 0.003]) - WORLD_CAMERA[:3, 3])), 20)
-    photo(images / "blurred" / "b.png", facing(PRINTED, [0.01, 0.01, 0.33], 0.3, 2.0, 0.1), 21, Look(blur=1.8))
+    photo(
+        images / "blurred" / "b.png", facing(PRINTED, [0.01, 0.01, 0.33], 0.3, 2.0, 0.1), 21, Look(blur=1.8)
+    )
     cv2.imwrite(str(images / "empty" / "e.png"), np.full((246, 328), 120, np.uint8))
     return images
 
@@ -113,7 +119,11 @@ def test_the_whole_way_into_the_rig_file(folder, tmp_path):
     assert read.camera.calibration.K[0][0] == pytest.approx(found["numbers"]["fx"]["value"], abs=1e-3)
     assert read.camera.calibration.T_world_camera[0][3] == 0.03
     assert read.striker.kind == "manual"
-    kept = [line for line in RIG.splitlines() if line and not line.startswith(("K", "  [", "]", "T_", "width = 328", "height"))]
+    kept = [
+        line
+        for line in RIG.splitlines()
+        if line and not line.startswith(("K", "  [", "]", "T_", "width = 328", "height"))
+    ]
     assert [line for line in kept if line not in rig.read_text()] == []
     written = tomllib.loads((tmp_path / "camera.toml").read_text())["camera"]["calibration"]
     assert written == tomllib.loads(rig.read_text())["camera"]["calibration"]
@@ -135,15 +145,25 @@ def test_films_of_the_board_tell_what_its_images_tell(folder, tmp_path):
     """Each view is held for a while, as by hand; the table's film gives its first image."""
     views = [cv2.imread(str(folder / f"{number}.png"), cv2.IMREAD_GRAYSCALE) for number in range(7)]
     lying = cv2.imread(str(folder / "table" / "lying.png"), cv2.IMREAD_GRAYSCALE)
-    still = film(tmp_path / "board.mkv", [view for view in views for _ in range(30)], codec="ffv1", pixels="gray")
+    still = film(
+        tmp_path / "board.mkv", [view for view in views for _ in range(30)], codec="ffv1", pixels="gray"
+    )
     table = film(tmp_path / "table.MP4", [lying] * 3, qp="0", preset="ultrafast", pixels="gray")
-    filmed = run(still, *SQUARES, "--table", table, "--mark-mm", "0,0,3", "--json", "-o", tmp_path / "camera.toml")
+    filmed = run(
+        still, *SQUARES, "--table", table, "--mark-mm", "0,0,3", "--json", "-o", tmp_path / "camera.toml"
+    )
     assert filmed.exit_code == 0, filmed.output
     said = json.loads(next(line for line in filmed.stdout.splitlines() if line.startswith("{")))
     for name, true in (("fx", LENS.fx), ("fy", LENS.fy), ("cx", LENS.cx), ("cy", LENS.cy)):
         assert abs(said["numbers"][name]["value"] - true) < 4 * said["numbers"][name]["sd"]
-    assert np.all(np.abs(np.array(said["place"]["T_world_camera"]) - WORLD_CAMERA)[:3, 3] < 4 * np.array(said["place"]["position_sd_m"]))
-    bare = run(film(tmp_path / "bare.mkv", [np.full((246, 328), 120, np.uint8)] * 3, codec="ffv1", pixels="gray"), *SQUARES)
+    assert np.all(
+        np.abs(np.array(said["place"]["T_world_camera"]) - WORLD_CAMERA)[:3, 3]
+        < 4 * np.array(said["place"]["position_sd_m"])
+    )
+    bare = run(
+        film(tmp_path / "bare.mkv", [np.full((246, 328), 120, np.uint8)] * 3, codec="ffv1", pixels="gray"),
+        *SQUARES,
+    )
     assert bare.exit_code == 1
     assert bare.output.count("\n") <= 2
 
@@ -152,7 +172,15 @@ def test_the_table_of_what_was_found(folder):
     out = run(f"{folder}/?.png", folder / "0.png", folder / "blurred", folder / "empty", *SQUARES)
     assert out.exit_code == 0, out.output
     text = " ".join(out.stdout.split())
-    for said in ("pinhole, 328 x 246 px, 7 views", "fx 71", "at worst", "no board in", "e.png", "b.png: blurred, 1.", "T_world_camera"):
+    for said in (
+        "pinhole, 328 x 246 px, 7 views",
+        "fx 71",
+        "at worst",
+        "no board in",
+        "e.png",
+        "b.png: blurred, 1.",
+        "T_world_camera",
+    ):
         assert said in text
 
 
@@ -160,14 +188,29 @@ def test_the_table_of_what_was_found(folder):
     ("arguments", "said"),
     [
         (("nowhere",), "nowhere: no such file or folder: check the path"),
-        (("{images}/empty", *SQUARES), "the image shows no board with tags of 5x5_100: the board must be in focus"),
-        (("{images}/0.png", "--family", "4x4_100"), "tags of 5x5_100 are seen: is it --family 5x5_100?"),
-        (("{images}",), "another board: tags stand otherwise than on a board of 7x9 squares: is it --squares 5x7?"),
-        (("{images}", "--squares", "5x5"), "another board: a tag 16 is seen, a board of 5x5 squares ends with 11: is it --squares 5x7?"),
-        (("{images}/[012].png", *SQUARES), "3 views of the board from 3 images: at least 6 are needed, 15 are good"),
+        (
+            ("{images}/empty", *SQUARES),
+            "the image shows no board with tags of 5x5_100: the board must be in focus",
+        ),
+        (("{images}/0.png", "--family", "4x4_100"), "tags of 5x5_100: try --family 5x5_100"),
+        (
+            ("{images}",),
+            "another board: its tags are not arranged as on a board of 7x9 squares: try --squares 5x7",
+        ),
+        (
+            ("{images}", "--squares", "5x5"),
+            "another board: it shows tag 16, but the last tag of a board of 5x5 squares is 11: try --squares 5x7",
+        ),
+        (
+            ("{images}/[012].png", *SQUARES),
+            "3 views of the board from 3 images: at least 6 are needed, 15 are good",
+        ),
         (("{images}", *SQUARES, "--rig", "{rig}"), "0.png has 328 x 246 px, the rig's camera 656 x 492"),
-        (("{images}", *SQUARES, "--table", "{images}/empty/e.png"), "e.png: shows too little of the board (0 tags)"),
-        (("{rig}",), "rig.toml: is no image that can be read"),
+        (
+            ("{images}", *SQUARES, "--table", "{images}/empty/e.png"),
+            "e.png: shows too little of the board (0 tags)",
+        ),
+        (("{rig}",), "rig.toml: not a readable image"),
         (("{images}", "--squares", "seven"), "--squares seven: not understood"),
     ],
 )
@@ -215,7 +258,11 @@ def test_a_fisheye_from_its_images(tmp_path):
     found = json.loads(out.stdout)
     z = [
         (found["numbers"][name]["value"] - value) / found["numbers"][name]["sd"]
-        for name, value in zip(("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"), (200.0, 200.2, 166.0, 121.0, *lens.k), strict=True)
+        for name, value in zip(
+            ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
+            (200.0, 200.2, 166.0, 121.0, *lens.k),
+            strict=True,
+        )
     ]
     assert np.abs(z).max() < 4.5
     assert found["pixel_sd"]["median_px"] < 0.1
@@ -245,7 +292,7 @@ def test_a_rig_without_a_place_for_the_camera_is_refused_before_the_work(folder,
     rig.write_text('[camera]\naddress = "10.0.0.2"\nwidth = 328\nheight = 246\n')
     out = run("nowhere", *SQUARES, "--rig", rig, "--write")
     assert out.exit_code == 1
-    assert "says nothing of where the camera stands (T_world_camera), which is not measured here: add --table IMAGE" in out.stderr
+    assert "has no camera pose (T_world_camera), and none is measured here: add --table IMAGE" in out.stderr
 
 
 def test_images_of_different_sizes_are_refused(folder, tmp_path):
@@ -260,7 +307,9 @@ def test_what_the_views_do_not_determine_is_refused_and_shown(tmp_path):
     for number in range(6):
         photo(
             tmp_path / f"{number}.png",
-            facing(PRINTED, [0.012 * (number - 3), 0.005, 0.33 + 0.02 * number], 0.01, 0.9 * number, 0.5 * number),
+            facing(
+                PRINTED, [0.012 * (number - 3), 0.005, 0.33 + 0.02 * number], 0.01, 0.9 * number, 0.5 * number
+            ),
             number,
         )
     out = run(tmp_path, *SQUARES, "-o", tmp_path / "camera.toml")

@@ -14,8 +14,18 @@ from analyze.types import CameraModel
 from tests.analyze.motion.falling import Drop, pose
 from tests.analyze.tracking.rendering import render
 
-CAMERA = CameraModel(176, 384, np.array([[330.0, 0, 87.5], [0, 330.0, 191.5], [0, 0, 1]]), np.zeros(5), np.eye(4))
-DROP = Drop(fps=120.0, fall=0.35, size=0.05, distance=0.45, spin=(0.4, -0.5, 0.6), bounces=False, down=(0.02, 1.0, 0.03))
+CAMERA = CameraModel(
+    176, 384, np.array([[330.0, 0, 87.5], [0, 330.0, 191.5], [0, 0, 1]]), np.zeros(5), np.eye(4)
+)
+DROP = Drop(
+    fps=120.0,
+    fall=0.35,
+    size=0.05,
+    distance=0.45,
+    spin=(0.4, -0.5, 0.6),
+    bounces=False,
+    down=(0.02, 1.0, 0.03),
+)
 TAG = 7
 
 
@@ -37,7 +47,12 @@ def film(tmp_path_factory):
         rows.append(f"{number:03}.png,{number / 30:.6f}")
     (images / "times.csv").write_text("\n".join(rows) + "\n")
     camera = folder / "camera.json"
-    spec = {"image_width": CAMERA.width, "image_height": CAMERA.height, "camera_matrix": CAMERA.K.tolist(), "distortion": [0.0] * 5}
+    spec = {
+        "image_width": CAMERA.width,
+        "image_height": CAMERA.height,
+        "camera_matrix": CAMERA.K.tolist(),
+        "distortion": [0.0] * 5,
+    }
     camera.write_text(json.dumps(spec))
     return images, camera
 
@@ -48,7 +63,9 @@ def run(*words):
 
 def test_a_rendered_fall_tells_120_for_30(film):
     images, camera = film
-    done = run(images, "--camera", camera, "--marker-size-mm", "50", "--g", "9.81", "--global-shutter", "--json")
+    done = run(
+        images, "--camera", camera, "--marker-size-mm", "50", "--g", "9.81", "--global-shutter", "--json"
+    )
     assert done.exit_code == 0, done.output
     found = json.loads(done.output)
     assert found["marker"] == TAG
@@ -59,18 +76,23 @@ def test_a_rendered_fall_tells_120_for_30(film):
     assert found["capture_fps_sd"] < min(found["frame_rate_sd_hz"], 0.24)
     said = run(images, "--camera", camera, "--marker-size-mm", "50").output
     assert "with --capture-fps 120 --capture-fps-sd 0." in said
-    assert "note: how long the shutter takes is not known" in said
+    assert "note: the shutter's line time is unknown" in said
 
 
 def test_one_line_where_nothing_falls_or_nothing_is_seen(film, tmp_path):
     _, camera = film
     rng = np.random.default_rng(1)
-    for name, picture in (("still", frame(-1.0, rng)), ("blank", np.full((CAMERA.height, CAMERA.width), 120, np.uint8))):
+    for name, picture in (
+        ("still", frame(-1.0, rng)),
+        ("blank", np.full((CAMERA.height, CAMERA.width), 120, np.uint8)),
+    ):
         folder = tmp_path / name
         folder.mkdir()
         for number in range(12):
             cv2.imwrite(str(folder / f"{number:03}.png"), picture)
-        (folder / "times.csv").write_text("name,time_s\n" + "".join(f"{n:03}.png,{n / 30:.6f}\n" for n in range(12)))
+        (folder / "times.csv").write_text(
+            "name,time_s\n" + "".join(f"{n:03}.png,{n / 30:.6f}\n" for n in range(12))
+        )
     still = run(tmp_path / "still", "--camera", camera, "--marker-size-mm", "50")
     assert still.exit_code == 1
     assert "marker 7 is seen in 12 of 12 frames, but no free fall" in still.output
@@ -83,9 +105,9 @@ def test_one_line_where_nothing_falls_or_nothing_is_seen(film, tmp_path):
     ("words", "said"),
     [
         (["--drop", "x.mp4"], "--drop needs --marker-size-mm"),
-        (["--drop", "x.mp4", "--marker-size-mm", "40", "--table", "t.png"], "--table: of the lens"),
-        (["--drop", "x.mp4", "y.mp4", "--marker-size-mm", "40"], "name one video"),
-        (["x.png", "--mass-g", "40", "--g", "9.8"], "--mass-g, --g: of a filmed fall: add --drop"),
+        (["--drop", "x.mp4", "--marker-size-mm", "40", "--table", "t.png"], "--table: for the lens"),
+        (["--drop", "x.mp4", "y.mp4", "--marker-size-mm", "40"], "name one"),
+        (["x.png", "--mass-g", "40", "--g", "9.8"], "--mass-g, --g: only for a recorded fall: add --drop"),
         (["--drop", ".", "--marker-size-mm", "40"], "CSV"),
     ],
 )

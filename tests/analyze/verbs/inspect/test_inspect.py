@@ -29,7 +29,12 @@ def test_counts_rates_and_gaps(tmp_path: Path) -> None:
     assert by_name["/striker/sample"]["rate_hz"] == pytest.approx(1000.0)
     assert by_name["/session/strike"]["rate_hz"] is None
     camera = found["cameras"][0]
-    assert (camera["frames"], camera["lost"], camera["images"], camera["meta_missing"]) == (small.FRAMES, 0, small.FRAMES - 2, 0)
+    assert (camera["frames"], camera["lost"], camera["images"], camera["meta_missing"]) == (
+        small.FRAMES,
+        0,
+        small.FRAMES - 2,
+        0,
+    )
     assert camera["rate_hz"] == pytest.approx(120.0, abs=0.01)
     assert camera["arrival_delay_s"] == pytest.approx(0.002)
     assert found["strikes"][0]["images_missing"] == 2
@@ -95,9 +100,12 @@ def test_an_interrupted_session_is_not_called_complete(tmp_path: Path) -> None:
     assert found["complete"] is True  # the file
     assert found["plan"] == {"planned": ["s1", "s2", "s3"], "missing": ["s2", "s3"]}
     text = _rendered(tmp_path / "a.mcap")
-    assert "the file is whole" in text
+    assert "intact file" in text
     assert " complete" not in text
-    assert "1 of 3 planned strikes were struck; missing: s2, s3: `analyze plan OBJECT.toml --given a.mcap`" in text
+    assert (
+        "1 of 3 planned strikes were struck; missing: s2, s3: `analyze plan OBJECT.toml --given a.mcap`"
+        in text
+    )
 
 
 def test_a_session_to_its_end_is_complete(tmp_path: Path) -> None:
@@ -115,4 +123,6 @@ def test_a_recording_without_a_readable_plan_is_inspected_all_the_same(tmp_path:
 
 def test_many_missing_strikes_are_counted(tmp_path: Path) -> None:
     small.write_recording(tmp_path / "a.mcap", plan=_planned(*(f"s{number}" for number in range(1, 31))))
-    assert "missing: s2, s3, s4, s5, s6, s7, s8, s9, s10, s11, s12, s13 and 17 more" in _rendered(tmp_path / "a.mcap")
+    assert "missing: s2, s3, s4, s5, s6, s7, s8, s9, s10, s11, s12, s13 and 17 more" in _rendered(
+        tmp_path / "a.mcap"
+    )

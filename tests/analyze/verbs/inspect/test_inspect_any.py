@@ -18,6 +18,7 @@ from analyze.reading.mcap_contents import read_contents
 from analyze.verbs.inspect.recording import inspect_recording
 from analyze.verbs.inspect.table import render_inspection
 from schemas.mcap import records as container
+from schemas.mcap.walk import walk
 from tests.places import FIRST_SAMPLE
 
 T0 = 1_700_000_000_000_000_000
@@ -36,7 +37,9 @@ def bag(path: Path, profile: str = "ros2", gap_ms: int = 0, late_ms: int = 0, **
         writer.start(profile=profile, library="libmcap 1.3.0")
         channels = {}
         for topic, schema in (("/imu/data", "sensor_msgs/msg/Imu"), ("/tf", "tf2_msgs/msg/TFMessage")):
-            channels[topic] = writer.register_channel(topic, "cdr", writer.register_schema(schema, "ros2msg", b"float64 x"))
+            channels[topic] = writer.register_channel(
+                topic, "cdr", writer.register_schema(schema, "ros2msg", b"float64 x")
+            )
         for number in range(200):
             if 1000 <= 10 * number < 1000 + gap_ms:
                 continue
@@ -64,19 +67,39 @@ def shown(path: Path, width: int = 100) -> str:
         {"compression": CompressionType.ZSTD},
         {"use_chunking": False},
         {"index_types": IndexType.CHUNK},
-        {"index_types": IndexType.MESSAGE, "use_statistics": False, "repeat_channels": False, "repeat_schemas": False},
-        {"index_types": IndexType.NONE, "repeat_channels": False, "repeat_schemas": False, "compression": CompressionType.ZSTD},
+        {
+            "index_types": IndexType.MESSAGE,
+            "use_statistics": False,
+            "repeat_channels": False,
+            "repeat_schemas": False,
+        },
+        {
+            "index_types": IndexType.NONE,
+            "repeat_channels": False,
+            "repeat_schemas": False,
+            "compression": CompressionType.ZSTD,
+        },
     ],
 )
 def test_a_bag_holds_what_was_written_however_it_is_packed(tmp_path, how):
     found = inspect_recording(bag(tmp_path / "a.mcap", **how))
     json.dumps(found, allow_nan=False)
     assert set(found) == EVERY_FILE
-    assert (found["kind"], found["profile"], found["library"], found["messages"]) == ("mcap", "ros2", "libmcap 1.3.0", 220)
+    assert (found["kind"], found["profile"], found["library"], found["messages"]) == (
+        "mcap",
+        "ros2",
+        "libmcap 1.3.0",
+        220,
+    )
     assert found["duration_s"] == pytest.approx(1.99)
     assert (found["start_ns"], found["end_ns"]) == (T0, T0 + 1990 * MS)
     imu, tf = found["topics"]
-    assert (imu["name"], imu["schema"], imu["schema_encoding"], imu["encoding"]) == ("/imu/data", "sensor_msgs/msg/Imu", "ros2msg", "cdr")
+    assert (imu["name"], imu["schema"], imu["schema_encoding"], imu["encoding"]) == (
+        "/imu/data",
+        "sensor_msgs/msg/Imu",
+        "ros2msg",
+        "cdr",
+    )
     assert (imu["count"], tf["count"], imu["channels"], imu["out_of_order"]) == (200, 20, 1, 0)
     assert (imu["rate_hz"], tf["rate_hz"]) == (pytest.approx(100), pytest.approx(10))
     assert found["attachments"] == {"map.pgm": 12}
@@ -122,8 +145,16 @@ def test_our_recording_tells_what_any_file_does_and_more():
     assert set(found) > EVERY_FILE
     assert found["kind"] == "percuss"
     image = found["topics"][0]
-    assert (image["encoding"], image["schema_encoding"], image["schema"]) == ("protobuf", "protobuf", "foxglove.CompressedImage")
-    assert found["messages"] == sum(topic["count"] for topic in found["topics"]) == read_contents(FIRST_SAMPLE).messages
+    assert (image["encoding"], image["schema_encoding"], image["schema"]) == (
+        "protobuf",
+        "protobuf",
+        "foxglove.CompressedImage",
+    )
+    assert (
+        found["messages"]
+        == sum(topic["count"] for topic in found["topics"])
+        == read_contents(FIRST_SAMPLE).messages
+    )
 
 
 def test_topics_of_several_publishers_without_a_schema_and_out_of_order(tmp_path):
@@ -138,7 +169,12 @@ def test_topics_of_several_publishers_without_a_schema_and_out_of_order(tmp_path
             writer.add_message(bare, T0 + (3 - number) * MS, b"{}", T0 + number * MS)
         writer.finish()
     pose, other = inspect_recording(tmp_path / "a.mcap")["topics"]
-    assert (pose["channels"], pose["count"], pose["encoding"], pose["out_of_order"]) == (2, 4, "json, cbor", None)
+    assert (pose["channels"], pose["count"], pose["encoding"], pose["out_of_order"]) == (
+        2,
+        4,
+        "json, cbor",
+        None,
+    )
     assert pose["rate_hz"] == pytest.approx(1000)
     assert (other["schema"], other["out_of_order"]) == ("", 3)
     text = shown(tmp_path / "a.mcap")
@@ -165,7 +201,12 @@ def test_a_file_of_nothing_and_one_that_is_none(tmp_path):
     assert "no topics" in shown(tmp_path / "a.mcap")
     (tmp_path / "b.mcap").write_bytes(b"")
     (tmp_path / "c.mcap").write_bytes(b"SQLite format 3")
-    for name, said in (("b.mcap", "is empty"), ("c.mcap", "is not a recording"), (".", "name a file in it, as a.mcap"), ("d", "no such")):
+    for name, said in (
+        ("b.mcap", "is empty"),
+        ("c.mcap", "is not a recording"),
+        (".", "name a file in it, as a.mcap"),
+        ("d", "no such"),
+    ):
         done = CliRunner().invoke(analyze, ["inspect", str(tmp_path / name)])
         assert done.exit_code == 1
         assert len(done.stderr.splitlines()) == 1
@@ -187,18 +228,23 @@ def test_a_cut_bag_is_told_as_far_as_it_goes(tmp_path, share, how):
 
 def test_a_damaged_middle_and_wrong_statistics_are_told(tmp_path):
     data = bytearray(bag(tmp_path / "whole.mcap", index_types=IndexType.CHUNK).read_bytes())
-    chunk = next(at for opcode, at, _ in container.walk(memoryview(data), len(container.MAGIC)) if opcode == container.CHUNK)
+    chunk = next(
+        at for opcode, at, _ in walk(memoryview(data), len(container.MAGIC)) if opcode == container.CHUNK
+    )
     data[chunk + 200] ^= 0xFF
     (tmp_path / "a.mcap").write_bytes(data)
     found = inspect_recording(tmp_path / "a.mcap")
     assert found["complete"]
     assert any("damaged: chunk is damaged (CRC)" in text for text in found["health"])
-    assert any("its statistics count 220" in text for text in found["health"])
+    assert any("its statistics state 220" in text for text in found["health"])
 
 
 def test_whatever_the_bytes_are_the_only_error_is_a_recording_error(tmp_path):
     rng = np.random.default_rng(4)
-    whole = [bag(tmp_path / "a.mcap", **how).read_bytes() for how in ({"compression": CompressionType.ZSTD}, {"use_chunking": False})]
+    whole = [
+        bag(tmp_path / "a.mcap", **how).read_bytes()
+        for how in ({"compression": CompressionType.ZSTD}, {"use_chunking": False})
+    ]
     for number in range(60):
         data = np.frombuffer(whole[number % 2], np.uint8).copy()
         data[rng.integers(8, len(data), 8)] = rng.integers(0, 256, 8)
@@ -212,8 +258,14 @@ def test_whatever_the_bytes_are_the_only_error_is_a_recording_error(tmp_path):
 
 
 def test_every_key_of_the_json_is_in_the_guide():
-    guide = (FIRST_SAMPLE.parents[1] / "docs" / "guide.md").read_text(encoding="utf-8")
+    guide = (FIRST_SAMPLE.parents[1] / "docs" / "how-to" / "inspect.md").read_text(encoding="utf-8")
     found = inspect_recording(FIRST_SAMPLE)
     rows = [row for key in ("topics", "cameras", "clocks", "strikes") for row in found[key][:1]]
-    for keys in (found, found["time_source"], found["plan"], next(iter(found["compression"].values())), *rows):
+    for keys in (
+        found,
+        found["time_source"],
+        found["plan"],
+        next(iter(found["compression"].values())),
+        *rows,
+    ):
         assert [key for key in keys if f"`{key}`" not in guide] == []

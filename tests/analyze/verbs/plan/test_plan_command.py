@@ -19,9 +19,9 @@ def run(*arguments: str):
 def test_help_says_what_every_option_does():
     text = " ".join(run("--help").output.split())
     for said in (
-        "how many more",
+        "of additional strikes",
         "root mean square distance",
-        "Says if more strikes pay",
+        "whether more strikes help",
         "the paper's own steps",
         "--rig",
     ):
@@ -36,7 +36,7 @@ def test_plan_prints_what_will_be_known_and_what_will_not(tmp_path: Path):
         "centre of mass, x × y × z",
         "moment about",
         "not determined",
-        "mass, surface",
+        "mass, shell",
         "number of strikes",
         "advice:",
     ):
@@ -50,7 +50,7 @@ def test_plan_prints_what_will_be_known_and_what_will_not(tmp_path: Path):
 def test_the_papers_plan():
     done = run(str(CARTON), "--method", "paper")
     assert done.exit_code == 0, done.output
-    assert "the paper's way" in done.output
+    assert "by the paper's method" in done.output
     assert "singular" in done.output
     assert json.loads(run(str(CARTON), "--method", "paper", "--json").output)["method"] == "paper"
 

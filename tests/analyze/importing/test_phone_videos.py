@@ -1,4 +1,4 @@
-"""What phones and their users do to films: slow motion that says its rate, edited speed, hands that hold the camera, cuts."""
+"""Phone videos: slow motion that states its rate, edited speed, cameras held by hand, cuts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 
 from analyze.cameras.camera_file import read_camera
 from analyze.errors import CalibrationError, ImportRefused
-from analyze.importing.run import ImportOptions, prepare
+from analyze.importing.prepare import ImportOptions, prepare
 from analyze.sources.open_source import SourceOptions
 from analyze.sources.video import VideoSource
 from tests.analyze.importing.filmed import RATE, REST, angles, film, picture, setting, tip
@@ -33,14 +33,14 @@ def test_slow_motion_that_says_its_rate_is_undone(tmp_path):
         assert source.rate_hz == pytest.approx(240, rel=1e-4)
         assert np.diff([frame.time_ns for frame in source.frames()]) == pytest.approx(1e9 / 240, rel=1e-4)
         [remark] = source.remarks
-    assert remark.startswith("a.mp4: plays at 30 frames a second and says that 240 were captured")
+    assert remark.startswith("a.mp4: plays at 30 frames a second and states that 240 were captured")
 
 
 def test_who_says_another_rate_is_believed_and_told(tmp_path):
     path = film(tmp_path / "a.mp4", tip()[:20], played(tip()[:20]), captured="240.000000")
     with VideoSource(path, capture_hz=120) as source:
         assert source.rate_hz == pytest.approx(120, rel=1e-4)
-        assert source.remarks == ("a.mp4: says that 240 frames a second were captured, not 120",)
+        assert source.remarks == ("a.mp4: states that 240 frames a second were captured, not 120",)
 
 
 @pytest.mark.parametrize("said", ["120.000000", "30.0", "nan", "-3", "fast", ""])
@@ -52,7 +52,7 @@ def test_a_rate_that_is_the_films_own_or_none_changes_nothing(tmp_path, said):
 
 
 def ramp(folder):
-    """A film whose middle was slowed down, as phones export it."""
+    """A video whose middle was slowed down, as phones export it."""
     images = [*[tip()[0]] * 60, *tip()]
     steps = [PLAYED_US if 40 <= number < 120 else STEP_US // 2 for number in range(len(images) - 1)]
     return film(folder / "ramp.mp4", images, [0, *np.cumsum(steps).tolist()])
@@ -60,29 +60,38 @@ def ramp(folder):
 
 def test_a_slow_part_is_refused_where_one_rate_is_said(tmp_path):
     said = refused(tmp_path, ramp(tmp_path), source=SourceOptions(capture_hz=240))
-    assert "its frames come at 240 a second in one part and at 30 in another" in said
-    assert "import the film as the camera took it" in said
+    assert "its frame rate is 240 a second in one part and 30 in another" in said
+    assert "import the video as the camera recorded it" in said
 
 
 def test_a_slow_part_is_told_where_none_is(tmp_path):
     with prepare(ImportOptions((ramp(tmp_path),), *setting(tmp_path))) as prepared:
-        assert any("240 a second in one part and at 30 in another: if a slow-motion effect" in remark for remark in prepared.remarks())
+        assert any(
+            "240 a second in one part and 30 in another: if a slow-motion effect" in remark
+            for remark in prepared.remarks()
+        )
 
 
 def test_few_frames_a_second_ask_for_the_rate_and_alike_is_said_once(tmp_path):
     paths = [film(tmp_path / f"s{number}.mp4", tip(), played(tip()), turned=180) for number in (1, 2, 3)]
     with prepare(ImportOptions(tuple(paths), *setting(tmp_path, ("s1", "s2", "s3")))) as prepared:
         few, turned = prepared.remarks()
-    assert few.startswith("30 frames per second are few for a strike: if this is slow motion, say with --capture-fps")
-    assert turned.startswith("s1.mp4 and 2 more: is shown turned by 180 deg")
+    assert few.startswith(
+        "30 frames per second are few for a strike: if this is slow motion, give the capture rate with --capture-fps"
+    )
+    assert turned.startswith("s1.mp4 and 2 more: is displayed rotated by 180 deg")
 
 
 def test_one_capture_rate_for_films_that_play_differently_is_told(tmp_path):
-    paths = film(tmp_path / "s1.mp4", tip(), played(tip())), film(tmp_path / "s2.mp4", tip(), played(tip(), 2 * PLAYED_US))
+    paths = (
+        film(tmp_path / "s1.mp4", tip(), played(tip())),
+        film(tmp_path / "s2.mp4", tip(), played(tip(), 2 * PLAYED_US)),
+    )
     options = ImportOptions(paths, *setting(tmp_path, ("s1", "s2")), source=SourceOptions(capture_hz=RATE))
     with prepare(options) as prepared:
-        assert "s2.mp4: plays 15 frames per second, s1.mp4 30, and --capture-fps 120 is of both: import by itself" in " ".join(
-            prepared.remarks()
+        assert (
+            "s2.mp4: plays 15 frames per second, s1.mp4 30, but --capture-fps 120 applies to both: import videos"
+            in " ".join(prepared.remarks())
         )
 
 
@@ -93,7 +102,10 @@ def test_a_camera_held_by_hand_is_told(tmp_path):
 
 def test_a_film_that_begins_with_the_strike_is_told(tmp_path):
     said = refused(tmp_path, film(tmp_path / "a.mp4", [*tip()[REST:], *[tip()[-1]] * 40]))
-    assert "no tag lies still in view and then tips: film all of the tag, sharp, from a second before the strike" in said
+    assert (
+        "no tag lies still in view and then tips: record the whole tag, sharp, from a second before the strike"
+        in said
+    )
 
 
 def test_films_that_are_put_together_and_objects_set_up_again_are_no_strikes(tmp_path):
@@ -101,20 +113,25 @@ def test_films_that_are_put_together_and_objects_set_up_again_are_no_strikes(tmp
     up = [picture(theta) for theta in np.linspace(np.pi / 2, 0, 50)]
     path = film(tmp_path / "a.mp4", [*tip(), *lying, *tip(), *lying, *up, *tip()], crf="10")
     with prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2", "s3")))) as prepared:
-        found = [window.onset.time_ns * 1e-9 * RATE for window in prepared.windows if window.onset is not None]
+        found = [
+            window.onset.time_ns * 1e-9 * RATE for window in prepared.windows if window.onset is not None
+        ]
     first, second = REST, len(tip()) + RATE + REST
     assert found == pytest.approx([first, second, second + len(tip()) + RATE + len(up)], abs=4)
 
 
 def test_a_calibration_of_a_turned_copy_or_a_photo_is_told(tmp_path):
     turned = film(tmp_path / "a.mp4", [np.rot90(image) for image in tip()[:5]])
-    assert "one of them was turned when it was edited or shared" in refused(tmp_path, turned, placed=True)
+    assert "one of them was rotated when it was edited or shared" in refused(tmp_path, turned, placed=True)
     smaller = film(tmp_path / "b.mp4", [image[:120, :160] for image in tip()[:5]])
-    assert "calibrate with a film of the mode that the strikes were filmed in, not with photos" in refused(tmp_path, smaller, placed=True)
+    assert "calibrate with a video of the strikes' camera mode, not with photos" in refused(
+        tmp_path, smaller, placed=True
+    )
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("gone.toml", "no such camera file: check the path"), ("board.JPG", "is a view, no camera file")]
+    ("name", "said"),
+    [("gone.toml", "no such camera file: check the path"), ("board.JPG", "is an image, not a camera file")],
 )
 def test_what_is_no_camera_file_leads_to_one(tmp_path, name, said):
     if name != "gone.toml":

@@ -1,4 +1,7 @@
-"""Coded pictures in the order in which they are decoded, numbered in the order of their times; by groups, because there are 100 000."""
+"""Coded pictures in decoding order, numbered in the order of their times.
+
+They are handled in groups, since a video may have 100 000.
+"""
 
 from __future__ import annotations
 
@@ -10,38 +13,41 @@ from numpy.typing import NDArray
 
 from analyze.errors import ImportRefused
 
-_REORDERED = 32
-"""pictures by which one may be coded ahead of its time; H.264 and H.265 allow 16"""
+MAX_REORDERED = 32
+"""largest number of pictures that precede an earlier one in decoding order; H.264 and H.265 allow 16"""
 
-Integers = NDArray[np.int64]
+IntArray = NDArray[np.int64]
 
 
 class CodedPictures(NamedTuple):
-    """Some coded pictures as they stand in the file, one after the other."""
+    """Consecutive coded pictures of a file."""
 
-    times_ns: Integers
-    """(n,) since the source's start; in the order of decoding these need not rise"""
+    times_ns: IntArray
+    """(n,) times since the source's start, in decoding order, which may differ from time order"""
     keys: NDArray[np.bool_]
-    """(n,) whether a decoder may begin with it"""
+    """(n,) True where a decoder may begin"""
     data: list[memoryview]
-    """n access units with start codes, each after the room that was asked for; a key one brings its parameter sets"""
+    """n access units with start codes, each after the room asked for.
+
+    Key pictures contain their parameter sets
+    """
 
 
 class NumberedPictures(NamedTuple):
-    """Some coded pictures with their places among all."""
+    """Coded pictures with their numbers in the stream."""
 
     pictures: CodedPictures
-    numbers: Integers
-    """(n,) in the order of times"""
-    in_order_ns: Integers
-    """(m,) times of the pictures that follow those given out so before, in order"""
+    numbers: IntArray
+    """(n,) number of each picture in the order of times"""
+    in_order_ns: IntArray
+    """(m,) times of the next m pictures of the stream, in order"""
 
 
-def numbered(groups: Iterable[CodedPictures], name: str) -> Iterator[NumberedPictures]:
-    """Number a stream's pictures; as many as may be reordered are held back.
+def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[NumberedPictures]:
+    """Number a stream's pictures, holding back as many as may be reordered.
 
     Raises:
-        ImportRefused: two have one time.
+        ImportRefused: two pictures have the same time.
     """
     none = np.empty(0, np.int64)
     waiting = CodedPictures(none, np.empty(0, np.bool_), [])
@@ -49,14 +55,20 @@ def numbered(groups: Iterable[CodedPictures], name: str) -> Iterator[NumberedPic
     first, last_ns = 0, -1  # number of the first in `placed`; time of the last that was placed
 
     def place(count: int) -> tuple[CodedPictures, NumberedPictures]:
-        """Place the earliest of those that have no place yet; what waits now, and what need not wait any more."""
+        """Place the earliest of those that have no place yet.
+
+        What waits now, and what need not wait any more.
+        """
         nonlocal unplaced, placed, first, last_ns
         ordered = np.sort(unplaced)
         newly, unplaced = ordered[:count], ordered[count:]
         behind = np.flatnonzero(np.diff(newly, prepend=last_ns) <= 0)
         if len(behind):
             at_s = newly[behind[0]] * 1e-9
-            raise ImportRefused(f"{name}: its time stamps do not rise at {at_s:.3f} s: film again, or repair them")
+            raise ImportRefused(
+                f"{name}: its time stamps do not increase at {at_s:.3f} s: record the video again, or repair "
+                "them"
+            )
         last_ns = int(newly[-1]) if count else last_ns
         placed = np.concatenate((placed, newly))
         late = np.flatnonzero(waiting.times_ns > last_ns)
@@ -69,10 +81,12 @@ def numbered(groups: Iterable[CodedPictures], name: str) -> Iterator[NumberedPic
 
     for group in groups:
         waiting = CodedPictures(
-            np.concatenate((waiting.times_ns, group.times_ns)), np.concatenate((waiting.keys, group.keys)), waiting.data + group.data
+            np.concatenate((waiting.times_ns, group.times_ns)),
+            np.concatenate((waiting.keys, group.keys)),
+            waiting.data + group.data,
         )
         unplaced = np.concatenate((unplaced, group.times_ns))
-        waiting, ready = place(max(0, len(unplaced) - _REORDERED))
+        waiting, ready = place(max(0, len(unplaced) - MAX_REORDERED))
         yield ready
     waiting, ready = place(len(unplaced))
     yield ready

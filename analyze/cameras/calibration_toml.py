@@ -1,0 +1,108 @@
+"""A calibration as TOML: as a file of its own, or written into a rig file."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from analyze.cameras.calibrate import CalibrationAnswer
+from analyze.cameras.rig_file import read_rig
+from analyze.errors import CalibrationError
+from schemas.document import validate
+from schemas.output_file import write_text
+from schemas.session_manifest import CameraCalibrationSpec
+from schemas.toml_table import with_table
+
+TABLE = "camera.calibration"
+
+
+def calibration_spec(answer: CalibrationAnswer) -> CameraCalibrationSpec | None:
+    """The calibration as the rig file's table; None if the camera's pose is unknown."""
+    if answer.world_camera is None:
+        return None
+    table = "\n".join(f"{key} = {value}" for key, value in toml_entries(answer).items())
+    return validate(CameraCalibrationSpec, tomllib.loads(table), "calibration")
+
+
+def toml_entries(answer: CalibrationAnswer) -> Mapping[str, str]:
+    """Entries of the table [camera.calibration]: TOML values by key."""
+    lens = answer.calibration.lens
+    entries = {
+        "model": f'"{lens.model.value}"',
+        "width": str(lens.width),
+        "height": str(lens.height),
+        "K": _matrix_toml(lens.camera_matrix, 4),
+        "distortion": _row_toml(lens.distortion, 8),
+    }
+    T = answer.world_camera
+    if T is not None:
+        entries["T_world_camera"] = _matrix_toml(T, 8)
+    if (
+        answer.rig is not None and answer.rig.camera.calibration.line_time_s
+    ):  # a property of the sensor, not of the lens
+        entries["line_time_s"] = repr(answer.rig.camera.calibration.line_time_s)
+    return entries | {"rms_px": f"{answer.calibration.rms_px:.4f}"}
+
+
+def _matrix_toml(rows: Any, digits: int) -> str:
+    return f"[{', '.join(_row_toml(row, digits) for row in rows)}]"
+
+
+def _row_toml(values: Any, digits: int) -> str:
+    return f"[{', '.join(repr(round(float(value), digits) + 0.0) for value in values)}]"
+
+
+def write_calibration(answer: CalibrationAnswer, output: Path) -> None:
+    """Write the calibration as a file of its own, to be copied into a rig file.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    found, board = answer.calibration, answer.options.board
+    what = f"{len(found.shots)} views of ChArUco {board.columns}x{board.rows}, squares {board.square_mm:g} mm"
+    lines = [
+        f"# analyze calibrate: {what}; pixels known to {found.pixels.worst:.2g} px at worst",
+        "# Replace the rig file's [camera.calibration] with this table.",
+        f"[{TABLE}]",
+        *(f"{key} = {value}" for key, value in toml_entries(answer).items()),
+    ]
+    if answer.world_camera is None:
+        lines.append(
+            "# T_world_camera was not measured: keep the rig file's, or calibrate with --table IMAGE"
+        )
+    write_text(output, "\n".join(lines) + "\n")
+
+
+def refuse_unplaced(rig: Path) -> None:
+    """Refuse, before any work, a rig file without a camera pose when none will be measured.
+
+    Raises:
+        CalibrationError: the file has no T_world_camera, or does not exist.
+    """
+    if read_rig(rig)[1] is None:
+        raise _unplaced(rig)
+
+
+def _unplaced(rig: Path) -> CalibrationError:
+    return CalibrationError(
+        f"{rig}: has no camera pose (T_world_camera), and none is measured here: add --table IMAGE"
+    )
+
+
+def write_into_rig(answer: CalibrationAnswer, rig: Path) -> None:
+    """Write the calibration into the rig file; every other line stays as it is.
+
+    Raises:
+        CalibrationError: the file has no plain table [camera.calibration], or the camera's pose is unknown.
+        OutputError: the file cannot be written.
+    """
+    if calibration_spec(answer) is None:
+        raise _unplaced(rig)
+    text = with_table(rig.read_text(encoding="utf-8"), TABLE, toml_entries(answer))
+    if text is None:
+        raise CalibrationError(
+            f"{rig}: has no plain table [{TABLE}] to write into: copy what -o writes by hand"
+        )
+    write_text(rig, text)

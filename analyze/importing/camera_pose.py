@@ -1,0 +1,121 @@
+"""The camera's pose from the object itself, which rests before each strike where the plan puts it.
+
+    T_world_camera = T_world_object T_object_marker T_camera_marker^-1
+
+A hand places an object to a degree and a few millimetres; the mean over the strikes is better, and their
+scatter measures its accuracy.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analyze.errors import ImportRefused
+from analyze.geometry.rotations import angle_between, inverse_transform, nearest_rotation, transform
+from analyze.geometry.station import turned_camera
+from analyze.tracking.track import track_markers
+from analyze.types import Array, CameraModel, ImageFrame, Marker
+from schemas.strike_plan import PlannedStrike
+
+MAX_DEVIATION_RAD, MAX_DEVIATION_M = math.radians(6.0), 0.04
+"""largest deviation of a strike from the others; above it the object or the camera was moved"""
+
+
+@dataclass(frozen=True)
+class StrikeCameraPose:
+    """The camera's pose from one strike."""
+
+    strike_id: str
+    T_world_camera: Array
+    """(4, 4)"""
+
+
+@dataclass(frozen=True)
+class EstimatedCameraPose:
+    """The camera's mean pose over all strikes."""
+
+    T_world_camera: Array
+    """(4, 4)"""
+    deviation_rad: float
+    """root mean square deviation of the strikes from the mean"""
+    deviation_m: float
+    views: int
+
+
+def camera_pose_from_strike(
+    frames: Iterable[ImageFrame],
+    rest_until_ns: int,
+    camera: CameraModel,
+    markers: Sequence[Marker],
+    planned: PlannedStrike,
+    strike_id: str,
+) -> StrikeCameraPose | None:
+    """The camera's pose from one strike; None if no marker of known pose on the object is at rest in view.
+
+    Args:
+        frames: from rest into the motion, which resolves a tag's pose ambiguity.
+        rest_until_ns: time of the last frame at rest.
+        camera: its lens; its pose is not used.
+        markers: of the object.
+        planned: the object's planned resting pose.
+        strike_id: for messages.
+
+    Raises:
+        TrackingError: the images are of another camera or another object.
+    """
+    tracks = track_markers(frames, camera, markers, planned.visible_markers).tracks
+    placed = {marker.id: marker.T_object_marker for marker in markers if marker.T_object_marker is not None}
+    best = max(
+        (track for track in tracks if track.marker_id in placed),
+        key=lambda track: len(track.time_ns),
+        default=None,
+    )
+    if best is None or not np.any(resting := best.time_ns <= rest_until_ns):
+        return None
+    T_camera_marker = transform(
+        nearest_rotation(best.R_camera_marker[resting].mean(axis=0)),
+        best.p_camera_marker[resting].mean(axis=0),
+    )
+    T_world_object = transform(np.array(planned.R_world_object), np.array(planned.p_world_object))
+    turned = T_world_object @ placed[best.marker_id] @ inverse_transform(T_camera_marker)
+    # The plan describes a strike with a heading in W rotated by that heading.
+    standing = turned_camera(replace(camera, T_world_camera=turned), -planned.heading_rad)
+    return StrikeCameraPose(strike_id, standing.T_world_camera)
+
+
+def mean_camera_pose(views: Sequence[StrikeCameraPose]) -> EstimatedCameraPose:
+    """Mean of the poses from the strikes.
+
+    Raises:
+        ImportRefused: there is none, or one is far from the others.
+    """
+    if not views:
+        raise ImportRefused(
+            "the camera's pose is unknown: the camera file has no T_world_camera, and no tag with "
+            "T_object_marker in the object file is at rest in view: take an image of the board on the table "
+            "(`analyze calibrate --table`), or measure T_object_marker"
+        )
+    R, p = (
+        np.array([view.T_world_camera[:3, :3] for view in views]),
+        np.array([view.T_world_camera[:3, 3] for view in views]),
+    )
+    # The median pose, which an outlier does not move.
+    middle = int(np.argmin([np.median(angle_between(R, one)) for one in R]))
+    turned, shifted = angle_between(R, R[middle]), np.linalg.norm(p - np.median(p, axis=0), axis=1)
+    worst = int(np.argmax(np.maximum(turned / MAX_DEVIATION_RAD, shifted / MAX_DEVIATION_M)))
+    if turned[worst] > MAX_DEVIATION_RAD or shifted[worst] > MAX_DEVIATION_M:
+        raise ImportRefused(
+            f"strike {views[worst].strike_id}: its camera pose differs by {math.degrees(turned[worst]):.0f} "
+            f"deg and {1000 * shifted[worst]:.0f} mm from the other strikes': the object was not placed as "
+            "planned, or the camera was moved: leave that strike out (--strike -), or measure the pose with "
+            "the board (`analyze calibrate --table`)"
+        )
+    mean = transform(nearest_rotation(R.mean(axis=0)), p.mean(axis=0))
+    deviation_rad = float(np.sqrt(np.mean(angle_between(R, mean[:3, :3]) ** 2)))
+    return EstimatedCameraPose(
+        mean, deviation_rad, float(np.sqrt(np.mean(np.sum((p - mean[:3, 3]) ** 2, axis=1)))), len(views)
+    )

@@ -1,0 +1,352 @@
+"""Preparation of an import: sources are searched for strikes, and strikes assigned to the plan."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from analyze.cameras.camera_file import CameraFile, camera_of, read_camera
+from analyze.errors import ImportRefused
+from analyze.importing.camera_pose import (
+    EstimatedCameraPose,
+    StrikeCameraPose,
+    camera_pose_from_strike,
+    mean_camera_pose,
+)
+from analyze.importing.onsets import Onset, OnsetFinder
+from analyze.importing.spool import Spool
+from analyze.importing.windows import Clip, StrikeWindow, one_window_per_clip, split_clip, window_around
+from analyze.pipeline.evidence import placed_markers
+from analyze.progress import Progress, no_progress
+from analyze.reading.annex_b import VideoFormat
+from analyze.reading.object_file import ObjectFiles, read_object_files
+from analyze.sources.open_source import SourceOptions, open_source
+from analyze.sources.source import Frames, FrameSource
+from analyze.sources.video import VideoSource
+from analyze.tracking.camera_model import camera_from_spec
+from analyze.types import ImageFrame
+from schemas.document import read_text
+from schemas.output_file import OutputError
+from schemas.session_manifest import CameraCalibrationSpec
+from schemas.strike_plan import StrikePlan, parse_strike_plan
+
+MAX_RATE_RATIO = 1.2
+"""ratio of two frame rates above which they differ: a phone's rate changes with the light by less"""
+MAX_SLOW_MOTION_HZ = 61.0
+"""frame rate below which a video may be slow motion"""
+PROGRESS_EVERY_FRAMES = 50
+"""frames between two updates of the progress bar"""
+MOTION_AFTER_ONSET_NS = 600_000_000
+"""part of a strike used for the camera's pose: the motion resolves a tag's pose ambiguity"""
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """The user's choices."""
+
+    sources: tuple[Path, ...]
+    object_path: Path
+    plan_path: Path
+    camera_path: Path | None
+    """camera file; None for the calibration in the sources' own files"""
+    strikes: tuple[str, ...] = ()
+    """ids of planned strikes, in the order of the sources, or of the strikes in a single source"""
+    whole: bool = False
+    """True if each source is one strike's window, and no onset is searched for"""
+    source: SourceOptions = field(default_factory=SourceOptions)
+    rate_sd_hz: float | None = None
+    """standard deviation of the frame rate [Hz]; None if it was not measured"""
+    aside: Path | None = None
+    """folder in which the strikes' images are stored until they are written; None to decode them again"""
+
+
+@dataclass(frozen=True)
+class PreparedImport:
+    """An import before anything is written, to be used in a `with` statement."""
+
+    options: ImportOptions
+    object: ObjectFiles
+    object_text: str
+    plan: StrikePlan
+    plan_text: str
+    camera: CameraFile
+    sources: tuple[FrameSource, ...]
+    images: tuple[Frames, ...]
+    """images of each source, stored ones without decoding again"""
+    clips: tuple[Clip, ...]
+    windows: tuple[StrikeWindow, ...]
+    was_split: bool
+    """True if one source was split into several strikes"""
+    rate_hz: float
+    calibration: CameraCalibrationSpec
+    place: EstimatedCameraPose | None
+    """the camera's pose from the resting object; None if the camera file has one"""
+    _open: ExitStack
+
+    @property
+    def kept(self) -> tuple[VideoSource, ...] | None:
+        """The sources if all are videos that are stored as coded; None otherwise."""
+        return _storable_videos(self.sources)
+
+    @property
+    def are_files(self) -> bool:
+        """True if all sources contain PNG or JPEG files, which are stored unchanged."""
+        return _are_files(self.sources)
+
+    @property
+    def formats(self) -> str:
+        """Text on how the images will be stored."""
+        if self.are_files:
+            return "PNG or JPEG files unchanged, of the strikes' windows"
+        if self.kept is None:
+            return "decoded images, of the strikes' windows"
+        names = {VideoFormat.H264: "H.264", VideoFormat.H265: "H.265"}
+        return (
+            " and ".join(sorted({names[video.keeps] for video in self.kept if video.keeps is not None}))
+            + ", stored unchanged"
+        )
+
+    def remarks(self) -> list[str]:
+        """Lines about the sources, as far as they were read."""
+        lens = [f"the lens is that of {self.camera.path}"] if self.camera.of_topic else []
+        return [*lens, *self._other_rates(), *self._slow_motion(), *_merged_remarks(self.sources)]
+
+    def _slow_motion(self) -> Iterator[str]:
+        """Remark if the videos may be undeclared slow motion."""
+        if (
+            all(isinstance(source, VideoSource) and source.timing.slowed == 1 for source in self.sources)
+            and self.rate_hz < MAX_SLOW_MOTION_HZ
+        ):
+            yield (
+                f"{self.rate_hz:.4g} frames per second are few for a strike: if this is slow motion, give "
+                "the capture rate with --capture-fps"
+            )
+
+    def _other_rates(self) -> Iterator[str]:
+        """Remarks on videos whose rate of frames, or of playing, differs from the first one's."""
+        capture_hz = self.options.source.capture_hz
+        videos = [
+            source for source in self.sources if isinstance(source, VideoSource) and capture_hz is not None
+        ]
+        for video in videos[1:]:
+            mine, others = video.timing.played_hz, videos[0].timing.played_hz
+            if not 1 / MAX_RATE_RATIO < mine / others < MAX_RATE_RATIO:
+                yield (
+                    f"{video.name}: plays {mine:.4g} frames per second, {videos[0].name} {others:.4g}, but "
+                    f"--capture-fps {capture_hz:g} applies to both: import videos of another capture rate by "
+                    "themselves"
+                )
+        first = self.clips[0]
+        for clip in self.clips[1:]:
+            if (
+                clip.frame_ns
+                and first.frame_ns
+                and not 1 / MAX_RATE_RATIO < clip.frame_ns / first.frame_ns < MAX_RATE_RATIO
+            ):
+                yield (
+                    f"{clip.path.name}: states {1e9 / clip.frame_ns:.4g} frames per second, "
+                    f"{first.path.name} {1e9 / first.frame_ns:.4g}: if one of them is slow motion, import it "
+                    "by itself with --capture-fps, and estimate both recordings together"
+                )
+
+    def __enter__(self) -> PreparedImport:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+
+def prepare(options: ImportOptions, progress: Progress = no_progress) -> PreparedImport:
+    """Search the sources for strikes, and assign their images to the planned strikes.
+
+    Raises:
+        ImportRefused: a source cannot be read or is of another camera, or the strikes cannot be assigned.
+        OutputError: the disk has no room for what will certainly be written.
+        ShapeError, DocumentError, CalibrationError: the object's, the plan's or the camera's file cannot be
+            used.
+        TrackingError: the images show another object.
+    """
+    files, object_text = read_object_files(options.object_path), read_text(options.object_path)
+    plan_text = read_text(options.plan_path)
+    plan = parse_strike_plan(plan_text, str(options.plan_path))
+    if plan.object_sha256 != files.sha256:
+        raise ImportRefused(
+            f"{options.plan_path}: made for another object than {files.spec.name!r}: repeat `analyze plan` "
+            "for this one"
+        )
+    given = None if options.camera_path is None else read_camera(options.camera_path)
+    planned = [strike.id for strike in plan.strikes]
+    with ExitStack() as stack:
+        sources = tuple(stack.enter_context(open_source(path, options.source)) for path in options.sources)
+        camera = given or camera_of(sources)
+        for source in sources:
+            _refuse_other_camera(source, camera)
+        _refuse_full(options.aside, _storable_videos(sources) or ())
+        splits = len(sources) == 1 and not options.whole and len(options.strikes) != 1 and len(planned) > 1
+        spools = _spools(options, sources, stack)
+        images: tuple[Frames, ...] = tuple(
+            spool or source for spool, source in zip(spools, sources, strict=True)
+        )
+        if options.whole:
+            clips = tuple(Clip(path) for path in options.sources)
+        else:
+            directions = frozenset(math.cos(strike.heading_rad) > 0 for strike in plan.strikes)
+            search = _Search([marker.name for marker in files.spec.marker], splits, directions, progress)
+            clips = tuple(search.run(*each) for each in zip(options.sources, sources, spools, strict=True))
+        windows = (
+            split_clip(clips[0], planned, options.strikes)
+            if splits
+            else one_window_per_clip(clips, planned, options.strikes)
+        )
+        if not windows:
+            raise ImportRefused("every source is left out: nothing remains to import")
+        if not camera.placed and not options.whole and all(window.onset is None for window in windows):
+            clip = clips[windows[0].clip]
+            raise ImportRefused(f"{clip.path}: no strike is found in it: {clip.why_no_strike}")
+        place = (
+            None if camera.placed else _estimate_camera_pose(files, plan, camera, images, windows, progress)
+        )
+        calibration = camera.calibration
+        if place is not None:
+            calibration = calibration.model_copy(update={"T_world_camera": place.T_world_camera.tolist()})
+        return PreparedImport(
+            options,
+            files,
+            object_text,
+            plan,
+            plan_text,
+            camera,
+            sources,
+            images,
+            clips,
+            windows,
+            splits,
+            sources[0].rate_hz,
+            calibration,
+            place,
+            stack.pop_all(),
+        )
+
+
+def _merged_remarks(sources: Sequence[FrameSource]) -> Iterator[str]:
+    """Remarks of the sources; a remark that several share is given once."""
+    sources_of: dict[str, list[str]] = {}
+    for source in sources:
+        for remark in source.remarks:
+            sources_of.setdefault(remark.removeprefix(f"{source.name}: "), []).append(source.name)
+    for remark, names in sources_of.items():
+        yield f"{names[0] if len(names) == 1 else f'{names[0]} and {len(names) - 1} more'}: {remark}"
+
+
+def _refuse_full(folder: Path | None, kept: Sequence[VideoSource]) -> None:
+    """Refuse a full disk before the search: videos stored as coded need as much room as their files."""
+    needed = sum(video.path.stat().st_size for video in kept)
+    if folder is not None and (free := shutil.disk_usage(folder).free) < needed:
+        raise OutputError(
+            f"{folder}: has {free / 1e6:.0f} MB free, the recording needs {needed / 1e6:.0f} MB: choose "
+            "another place"
+        )
+
+
+def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
+    spec = camera.calibration
+    if (source.width, source.height) == (spec.width, spec.height):
+        return
+    sizes = f"{source.width} x {source.height} px, {camera.path} is of {spec.width} x {spec.height}"
+    remedy = "calibrate with a video of the strikes' camera mode, not with photos"
+    if (source.width, source.height) == (spec.height, spec.width):
+        remedy = (
+            "one of them was rotated when it was edited or shared: import and calibrate with the videos as "
+            "the camera recorded them, in the sensor's orientation"
+        )
+    raise ImportRefused(f"{source.name}: has {sizes}: {remedy}")
+
+
+def _storable_videos(sources: Sequence[FrameSource]) -> tuple[VideoSource, ...] | None:
+    videos = tuple(
+        source for source in sources if isinstance(source, VideoSource) and source.keeps is not None
+    )
+    return videos if len(videos) == len(sources) else None
+
+
+def _are_files(sources: Sequence[FrameSource]) -> bool:
+    return all(source.holds_files for source in sources)
+
+
+def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitStack) -> list[Spool | None]:
+    """An image store for each source that would otherwise be decoded twice, to search and to write."""
+    if options.aside is None or options.whole or _storable_videos(sources) is not None or _are_files(sources):
+        return [None for _ in sources]
+    return [
+        stack.enter_context(Spool(source, options.aside)) if source.is_coded else None for source in sources
+    ]
+
+
+class _Search(NamedTuple):
+    """Search of sources for strikes."""
+
+    markers: Sequence[int | str]
+    every_strike: bool
+    """True to store the images of every strike of a source, False for its first alone"""
+    directions: frozenset[bool]
+    """directions in which the plan's strikes turn in the image, True for clockwise"""
+    progress: Progress
+
+    def run(self, path: Path, source: FrameSource, spool: Spool | None) -> Clip:
+        """Find the onsets in a source, and store the images of its strikes."""
+        frame_ns = 1e9 / source.rate_hz
+        finder = OnsetFinder(self.markers, frame_ns, self.directions)
+        onsets, times = list[Onset](), list[int]()
+        for number, frame in enumerate(source.frames()):
+            if number % PROGRESS_EVERY_FRAMES == 0:
+                self.progress(f"searching {source.name}", number, source.frame_count or number)
+            times.append(frame.time_ns)
+            if spool is not None:
+                spool.add(frame)
+            if (onset := finder.add(frame)) is not None:
+                if spool is not None and (self.every_strike or not onsets):
+                    spool.keep(*window_around(onset, frame_ns))
+                onsets.append(onset)
+        if not finder.ever_seen:
+            names = ", ".join(str(name) for name in self.markers) or "none"
+            raise ImportRefused(
+                f"{path}: no tag of the object ({names}) is seen in it: record from nearer, sharper or with "
+                "more light"
+            )
+        if isinstance(source, VideoSource):
+            source.check_constant_rate(np.array(times, np.int64))
+        return Clip(path, tuple(onsets), times[-1] if times else None, frame_ns, finder.ever_rested)
+
+
+def _estimate_camera_pose(
+    files: ObjectFiles,
+    plan: StrikePlan,
+    camera: CameraFile,
+    images: Sequence[Frames],
+    windows: Sequence[StrikeWindow],
+    progress: Progress,
+) -> EstimatedCameraPose:
+    lens, markers = camera_from_spec(camera.calibration), placed_markers(files.spec)
+    views: list[StrikeCameraPose] = []
+    for number, window in enumerate(windows):
+        progress("estimating the camera pose", number, len(windows))
+        if window.onset is None:
+            continue
+        planned = next(strike for strike in plan.strikes if strike.id == window.plan_strike_id)
+        frames = _numbered(images[window.clip], window.start_ns, window.onset.time_ns + MOTION_AFTER_ONSET_NS)
+        view = camera_pose_from_strike(frames, window.onset.time_ns, lens, markers, planned, window.strike_id)
+        if view is not None:
+            views.append(view)
+    return mean_camera_pose(views)
+
+
+def _numbered(images: Frames, start_ns: int | None, end_ns: int) -> Iterator[ImageFrame]:
+    for number, frame in enumerate(images.frames(start_ns, end_ns)):
+        yield ImageFrame(frame.time_ns, number, frame.image)

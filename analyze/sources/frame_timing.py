@@ -1,0 +1,215 @@
+"""Frame times from a container's time stamps: clock, slow motion, and missing frames."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+SAME_INTERVAL_FRACTION = 0.5
+"""largest deviation from the median interval, relative to it, of an interval of one frame"""
+GAP_INTERVALS = 1.6
+"""gap between two frames, in intervals, above which a frame is missing"""
+COARSE_STEP_FRACTION = 0.01
+"""step of the stamps, relative to the interval, above which it is coarse: Matroska counts milliseconds"""
+RECENT_INTERVALS = 15
+"""number of intervals that determine the current rate: a phone's changes with the light"""
+
+
+@dataclass(frozen=True)
+class FrameTiming:
+    """Clock of a stream: time stamps to capture times.
+
+    A slow-motion file plays, say, at 30 frames a second what was captured at 240: then `slowed` is 8, and its
+    times are divided by it.
+    """
+
+    first: int
+    """smallest stamp"""
+    unit: Fraction
+    """step of the stamps as the file plays [s]"""
+    interval_s: float
+    """interval between two frames as captured"""
+    slowed: Fraction = Fraction(1)
+    steady_s: Fraction | None = None
+    """playing interval of a constant rate whose stamps are rounded to coarse steps.
+
+    None if the stamps are times
+    """
+
+    @property
+    def played_hz(self) -> float:
+        """Frame rate at which the file plays [Hz]."""
+        return 1.0 / (self.interval_s * float(self.slowed))
+
+    def time_ns(self, stamp: int) -> int:
+        """Capture time since the first frame [ns]."""
+        steps = stamp - self.first
+        if self.steady_s is not None:
+            number = round(steps / self._steady_steps)
+            # Only as long as it agrees: a stated rate that is slightly wrong drifts away from the stamps.
+            if abs(number * self._steady_steps - steps) <= 1:
+                return round(number * self.steady_s / self.slowed * 10**9)
+        over, under = self._step_ns
+        return (2 * steps * over + under) // (2 * under)
+
+    def times_ns(self, stamps: Sequence[int]) -> NDArray[np.int64]:
+        """Capture times (n,) since the first frame [ns]."""
+        over, under = self._step_ns
+        steps = np.asarray(stamps, dtype=np.int64) - self.first
+        if self.steady_s is not None or 2 * over * (int(np.abs(steps).max(initial=0)) + 1) + under >= 1 << 62:
+            return np.array([self.time_ns(stamp) for stamp in stamps], dtype=np.int64)
+        return (2 * steps * over + under) // (2 * under)
+
+    @cached_property
+    def _step_ns(self) -> tuple[int, int]:
+        """Duration of a step [ns] as a fraction: whole numbers are fast, and it is used for every frame."""
+        return (self.unit / self.slowed * 10**9).as_integer_ratio()
+
+    @cached_property
+    def _steady_steps(self) -> float:
+        return float((self.steady_s or 1) / self.unit)
+
+    def stamp(self, time_ns: int) -> int:
+        """Last stamp that is not after `time_ns`."""
+        return self.first + int(Fraction(time_ns, 10**9) * self.slowed / self.unit)
+
+    @property
+    def sd_ns(self) -> int:
+        """Standard deviation of a time [ns], from rounding stamps to whole steps."""
+        if self.steady_s is not None:
+            return 1
+        return max(1, round(float(self.unit / self.slowed) * 1e9 / 12**0.5))
+
+
+def frame_timing(
+    stamps: Sequence[int], unit: Fraction, stated_hz: Fraction | None, capture_hz: float | None
+) -> FrameTiming | None:
+    """Timing from the stamps of a stream's first frames; None for fewer than two.
+
+    Args:
+        stamps: in any order.
+        unit: duration of one step [s].
+        stated_hz: frame rate that the container states.
+        capture_hz: true frame rate if the container plays slower than was captured; None if the stamps are
+            true.
+    """
+    rising = np.unique(np.asarray(stamps, dtype=np.int64))
+    if len(rising) < 2:
+        return None
+    interval_s = usual_interval(stamps) * float(unit)
+    if stated_hz and abs(interval_s * float(stated_hz) - 1) < 2e-3:
+        interval_s = float(1 / stated_hz)
+    slowed = (
+        Fraction(1) if capture_hz is None else Fraction(interval_s * capture_hz).limit_denominator(100_000)
+    )
+    stated_s = 1 / stated_hz if stated_hz else None
+    steady_s = (
+        stated_s
+        if stated_s is not None
+        and unit > COARSE_STEP_FRACTION * stated_s
+        and _is_steady(rising - rising[0], stated_s / unit)
+        else None
+    )
+    return FrameTiming(int(rising[0]), unit, interval_s / float(slowed), slowed, steady_s)
+
+
+def usual_interval(times: Sequence[int]) -> float:
+    """Interval between consecutive frames, from two or more times in any order.
+
+    Gaps of missing frames are ignored.
+    """
+    gaps = np.diff(np.unique(np.asarray(times, dtype=np.int64)))
+    middle = np.sort(gaps)[len(gaps) // 2]  # an interval that occurs, so that at least one is near it
+    return float(np.mean(gaps[np.abs(gaps - middle) <= SAME_INTERVAL_FRACTION * middle]))
+
+
+def _is_steady(steps: NDArray[np.int64], interval: Fraction) -> bool:
+    """True if the steps are rounded multiples of an interval, mostly consecutive ones."""
+    places = steps / float(interval)
+    off = np.abs(steps - np.rint(places) * float(interval))
+    return bool(off.max() <= 1.0 and np.median(np.diff(places)) < 1 + SAME_INTERVAL_FRACTION)
+
+
+def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
+    """Shortest and longest running median of the intervals between frames [ns].
+
+    Both are similar if the frame rate is constant.
+
+    Args:
+        times_ns: (n,) times of all frames, increasing.
+    """
+    gaps = np.diff(times_ns)
+    if not len(gaps):
+        return 0.0, 0.0
+    windows = np.lib.stride_tricks.sliding_window_view(gaps, min(RECENT_INTERVALS, len(gaps)))
+    usual = np.median(windows, axis=1)
+    return float(usual.min()), float(usual.max())
+
+
+@dataclass
+class MissingFrames:
+    """Counter of missing frames; feed it increasing times."""
+
+    interval_ns: float
+    """initial interval between two frames"""
+    frames: int = 0
+    places: int = 0
+    longest_ns: int = 0
+    longest_at_ns: int = 0
+    _last_ns: int | None = None
+    _recent: deque[int] = field(default_factory=lambda: deque(maxlen=RECENT_INTERVALS))
+
+    def before(self, time_ns: int) -> int:
+        """Number of frames missing between the previous frame and this one."""
+        last, self._last_ns = self._last_ns, time_ns
+        if last is None:
+            return 0
+        gap = time_ns - last
+        usual = (
+            sorted(self._recent)[RECENT_INTERVALS // 2]
+            if len(self._recent) == RECENT_INTERVALS
+            else self.interval_ns
+        )
+        self._recent.append(gap)
+        if gap < GAP_INTERVALS * usual:
+            return 0
+        missing = round(gap / usual) - 1
+        self.frames, self.places = self.frames + missing, self.places + 1
+        if gap > self.longest_ns:
+            self.longest_ns, self.longest_at_ns = gap, last
+        return missing
+
+    def before_each(self, times_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Number (n,) of frames missing before each of these frames."""
+        if not len(times_ns):
+            return np.zeros(0, np.int64)
+        gaps = np.diff(times_ns, prepend=times_ns[0] if self._last_ns is None else self._last_ns)
+        known = gaps if self._last_ns is not None else gaps[1:]
+        usual = (
+            [*self._recent, *known.tolist()]
+            if len(self._recent) == RECENT_INTERVALS
+            else [self.interval_ns, *self._recent, *known.tolist()]
+        )
+        if max(usual) < GAP_INTERVALS * min(usual):  # then none is missing, whatever the median is
+            self._last_ns = int(times_ns[-1])
+            self._recent.extend(known[-RECENT_INTERVALS:].tolist())
+            return np.zeros(len(times_ns), np.int64)
+        return np.array([self.before(time_ns) for time_ns in times_ns.tolist()], dtype=np.int64)
+
+    def restart(self) -> None:
+        """Begin a new sequence, which does not follow the previous one."""
+        self._last_ns = None
+
+    def remark(self, name: str) -> str | None:
+        """Line about the missing frames; None if there are none."""
+        if not self.frames:
+            return None
+        where = f"in {self.places} places, the longest" if self.places > 1 else "once:"
+        longest = f"{self.longest_ns * 1e-9:.3f} s from {self.longest_at_ns * 1e-9:.3f} s on"
+        return f"{name}: {self.frames} frames are missing {where} {longest}"
