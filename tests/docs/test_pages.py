@@ -15,6 +15,7 @@ import click
 import pytest
 
 from schemas.object_spec import ObjectSpec
+from schemas.result import RENAMED_CODES, RenamedDocument
 from schemas.rig import RigConfig
 from tests.places import ROOT
 
@@ -157,3 +158,15 @@ def test_pages_are_wrapped():
         if len(line) > 110 and not unbreakable.match(line)
     ]
     assert not long
+
+
+def renamed_documents(base: type[RenamedDocument] = RenamedDocument) -> list[type[RenamedDocument]]:
+    return [base, *(one for direct in base.__subclasses__() for one in renamed_documents(direct))]
+
+
+def test_every_renamed_key_is_in_the_table_of_renamed_keys():
+    page = text_of(DOCS / "reference" / "renamed-keys.md")
+    renamed = [pair for document in renamed_documents() for pair in document.renamed.items()]
+    rows = [f"| `{old}` | `{new}` |" for old, new in [*renamed, *RENAMED_CODES.items()]]
+    assert rows
+    assert not [row for row in rows if row not in page]
