@@ -120,8 +120,8 @@ def unit_covariance(minimum: Minimum, sd: Array, scale: Array) -> Array:
         sd: (n,) standard deviations of the observations.
         scale: (p,) as in `minimise`.
     """
-    J = minimum.jacobian * (np.sqrt(minimum.weight) / sd)[:, None] * scale
-    inverse = np.linalg.pinv(J.T @ J, rcond=1e-14, hermitian=True)
+    J = minimum.jacobian * (np.sqrt(minimum.weight) / sd)[:, None]
+    inverse = np.linalg.pinv((J * scale).T @ (J * scale), rcond=1e-14, hermitian=True)
     return np.asarray(inverse * np.outer(scale, scale), dtype=np.float64)
 
 
