@@ -1,8 +1,9 @@
-"""What a run over an archive costs and survives: `make bench-batch` (SESSIONS=200, twenty minutes); `archive make FOLDER` only makes one.
+"""Cost and robustness of a run over an archive: `make bench-batch` (SESSIONS=200, twenty minutes).
 
-Makes the archive (quick sessions and broken files of all kinds), then measures in one go: all accounted for; one worker beside two, and a
-spin loop likewise; the harness's own time per file; a second run over an archive of 1000 entries; kill -9 of the run and of a Dask worker;
-bytes read from a bucket; seconds and memory from 1 to 100 strikes.
+Makes the archive (quick sessions and broken files of all kinds), then measures: whether every file has its
+row; one worker compared with two, and a spin loop likewise; the harness's own time per file; a second run
+over an archive of 1000 entries; kill -9 of the run and of a Dask worker; bytes read from a bucket; seconds
+and memory from 1 to 100 strikes. `archive make FOLDER` only makes the archive.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ from rich.progress import track
 from analyze.batch.archive import find_sources
 from analyze.batch.ledger import Entry, Ledger
 from analyze.batch.query import read_recording_rows
-from analyze.batch.worker_messages import Request
+from analyze.batch.result_rows import STAMPS
 from analyze.batch.settings import BatchSettings, analysis_version
 from analyze.batch.sparse_copy import fetched_without_images
-from analyze.batch.result_rows import STAMPS
-from analyze.batch.worker_process import WorkerProcess, Limits
+from analyze.batch.worker_messages import Request
+from analyze.batch.worker_process import Limits, WorkerProcess
 from tests.broken_files import KINDS, break_file
 from tests.quick_archive import body_of, quick_session
 
@@ -43,14 +44,14 @@ SPIN = 20_000_000
 console = Console(highlight=False)
 
 
-def _make(told: tuple[Path, int, int]) -> None:
-    path, number, strikes = told
+def _make(wanted: tuple[Path, int, int]) -> None:
+    path, number, strikes = wanted
     if not path.exists():
         quick_session(path, body_of(number % OBJECTS), number, strikes)
 
 
 def make_archive(folder: Path, sessions: int, broken: int) -> None:
-    """Sessions of ten objects in folders of their own, and broken files of all kinds beside them."""
+    """Make sessions of ten objects in a folder each, and broken files of all kinds in another folder."""
     wanted = [
         (folder / f"object-{number % OBJECTS}" / f"session-{number:04d}.mcap", number, 3)
         for number in range(sessions)
@@ -70,7 +71,7 @@ def make_archive(folder: Path, sessions: int, broken: int) -> None:
 
 
 def batch(place: str, output: Path, *options: str) -> tuple[float, subprocess.CompletedProcess[str]]:
-    """Run the command; its time [s] and what it printed."""
+    """Run the command; its time [s] and the finished process with its output."""
     start = time.monotonic()
     done = subprocess.run(
         [sys.executable, "-m", "analyze", "batch", place, "--out", str(output), *options],
@@ -84,13 +85,13 @@ def batch(place: str, output: Path, *options: str) -> tuple[float, subprocess.Co
 
 
 def numbers(output: Path, *without: str) -> list[dict[str, object]]:
-    """Rows without what two runs need not share."""
+    """Rows without the columns that may differ between two runs."""
     rows = read_recording_rows(output).drop_columns([*STAMPS, *without]).to_pylist()
     return sorted(rows, key=lambda row: (str(row["key"]), str(row["files"])))
 
 
 def spin(_: int) -> float:
-    """A loop that needs nothing but a core."""
+    """Time [s] of a loop that needs only a core."""
     start = time.monotonic()
     for _ in range(SPIN):
         pass
@@ -98,7 +99,7 @@ def spin(_: int) -> float:
 
 
 def spin_gain() -> float:
-    """What two processes do of a spin loop, over what one does."""
+    """Throughput of a spin loop in two processes, over that in one."""
     with ProcessPoolExecutor(2) as pool:
         list(pool.map(spin, range(2)))
         start = time.monotonic()
@@ -111,7 +112,7 @@ def spin_gain() -> float:
 
 
 def accounted(archive: Path, output: Path) -> None:
-    """Every file has its row, and the right one."""
+    """Check that every file has its row with the expected outcome, and print the errors of c."""
     rows = {row["url"]: row for row in read_recording_rows(output).to_pylist()}
     sources = find_sources([str(archive)])
     wrong = [
@@ -120,10 +121,10 @@ def accounted(archive: Path, output: Path) -> None:
         if (row["failure"] or "")
         != (KINDS[Path(url).name.split("-")[1]] if Path(url).name.startswith("broken") else "")
     ]
-    told = Counter(row["failure"] or "ok" for row in rows.values())
+    outcomes = Counter(row["failure"] or "ok" for row in rows.values())
     console.print(
         f"accounted for: {len(rows)} of {len(sources)}, {len(wrong)} wrongly: "
-        + ", ".join(f"{k} {n}" for k, n in told.most_common())
+        + ", ".join(f"{k} {n}" for k, n in outcomes.most_common())
     )
     for url in wrong:
         console.print(f"  {url}: {rows[url]['failure']}: {rows[url]['reason']}", markup=False)
@@ -142,7 +143,7 @@ def accounted(archive: Path, output: Path) -> None:
 
 
 def workers(archive: Path, folder: Path, sessions: int) -> None:
-    """One worker beside two over the same part of the archive, a spin loop likewise, results the same."""
+    """Compare one worker with two on the same part of the archive, and with the gain of a spin loop."""
     places = [str(path) for path in sorted(archive.glob("object-*/*.mcap"))[:sessions]]
     part = folder / "part"
     part.mkdir()
@@ -155,16 +156,18 @@ def workers(archive: Path, folder: Path, sessions: int) -> None:
         two, _ = batch(str(part), folder / f"two-{turn}", "--jobs", "2")
         gains.append(one / two / ((before + spin_gain()) / 2))
         console.print(
-            f"{len(places)} recordings: 1 worker {one:.1f} s, 2 workers {two:.1f} s; over a spin loop's gain {gains[-1]:.2f}"
+            f"{len(places)} recordings: 1 worker {one:.1f} s, 2 workers {two:.1f} s; over a spin loop's gain "
+            f"{gains[-1]:.2f}"
         )
     same = numbers(folder / "one-0") == numbers(folder / "two-0")
     console.print(
-        f"1 -> 2 workers over a spin loop's gain: {max(gains):.2f} (must 0.9); results {'the same' if same else 'DIFFER'}"
+        f"1 -> 2 workers over a spin loop's gain: {max(gains):.2f} (must 0.9); results "
+        f"{'the same' if same else 'DIFFER'}"
     )
 
 
 def overhead(archive: Path, folder: Path) -> None:
-    """Time per file that is not the analysis: a file that is refused at once, through the worker and its ledger."""
+    """Measure the time per file besides the analysis, with files that the worker refuses at once."""
     small = folder / "small"
     small.mkdir()
     for number in range(200):
@@ -175,7 +178,7 @@ def overhead(archive: Path, folder: Path) -> None:
 
 
 def second_run(folder: Path, entries: int = 1000) -> None:
-    """A run over so many unchanged recordings."""
+    """Measure a run over `entries` unchanged recordings."""
     there, output = folder / "many", folder / "many-out"
     there.mkdir()
     for number in range(entries):
@@ -203,13 +206,14 @@ def second_run(folder: Path, entries: int = 1000) -> None:
     times = [batch(str(there), output)[0] for _ in range(3)]
     _, done = batch(str(there), output)
     console.print(
-        f"second run over {entries} entries: {min(times):.2f} s, worst of 3 {max(times):.2f} s (must 3): {done.stdout.strip()}"
+        f"second run over {entries} entries: {min(times):.2f} s, worst of 3 {max(times):.2f} s (must 3): "
+        f"{done.stdout.strip()}"
     )
 
 
 @contextlib.contextmanager
 def dask(workers: int, folder: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A scheduler and workers as processes on loopback: its address, and they."""
+    """Run a scheduler and workers on loopback; yields the scheduler's address and the worker processes."""
     log = (folder / "dask.log").open("wb")
     python = [sys.executable, "-m"]
     address = f"tcp://127.0.0.1:{_free_port()}"
@@ -248,7 +252,7 @@ def dask(workers: int, folder: Path) -> Iterator[tuple[str, list[subprocess.Pope
 
 
 def kills(archive: Path, folder: Path, sessions: int) -> None:
-    """kill -9 of the run, and of a Dask worker in mid-file: the next run, or another worker, finishes."""
+    """Kill (-9) the run, and a Dask worker in mid-file; the next run, or another worker, must finish."""
     part, whole = str(folder / "part"), folder / "one-0"
     output = folder / "killed"
     process = subprocess.Popen(
@@ -267,7 +271,8 @@ def kills(archive: Path, folder: Path, sessions: int) -> None:
     ).stdout.split()
     batch(part, output)
     console.print(
-        f"run killed with {done} of {sessions} done: {len(stray)} stray processes; finished by the next, results {_same(output, whole)}"
+        f"run killed with {done} of {sessions} done: {len(stray)} stray processes; finished by the next, "
+        f"results {_same(output, whole)}"
     )
     output = folder / "cluster"
     with dask(2, folder) as (address, started):
@@ -278,14 +283,15 @@ def kills(archive: Path, folder: Path, sessions: int) -> None:
         while len(list(output.glob("recordings/*.parquet"))) < sessions // 3 and process.poll() is None:
             time.sleep(0.05)
         started[0].kill()
-        printed, said = process.communicate()
+        printed, errors = process.communicate()
     console.print(
-        f"Dask, one of two workers killed: {printed.strip() or said.strip()}; results {_same(output, whole)}"
+        f"Dask, one of two workers killed: {printed.strip() or errors.strip()}; results "
+        f"{_same(output, whole)}"
     )
 
 
 def bucket(folder: Path) -> None:
-    """The part through an S3 server on loopback, and what small topics cost."""
+    """Run the part through an S3 server on loopback, and measure the bytes read for the small topics."""
     from moto.server import ThreadedMotoServer
 
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
@@ -293,7 +299,9 @@ def bucket(folder: Path) -> None:
     server.start()
     host, port = server.get_host_and_port()
     os.environ |= {
-        "AWS_ACCESS_KEY_ID": "loopback", "AWS_SECRET_ACCESS_KEY": "loopback", "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ACCESS_KEY_ID": "loopback",
+        "AWS_SECRET_ACCESS_KEY": "loopback",
+        "AWS_DEFAULT_REGION": "us-east-1",
         "AWS_ENDPOINT_URL": f"http://{host}:{port}",
     }  # fmt: skip
     import s3fs
@@ -310,29 +318,31 @@ def bucket(folder: Path) -> None:
 
 
 def small_topics(url: str, size: int, folder: Path) -> None:
-    """Bytes read where only small topics are needed."""
+    """Print the bytes read where only the small topics are needed."""
     began = time.monotonic()
     copy, fetched = fetched_without_images(url, folder)
     copy.unlink()
-    share = f"{fetched / 1e6:.2f} of {size / 1e6:.1f} MB read ({100 * fetched / size:.2g} %), {time.monotonic() - began:.2f} s"
-    console.print(f"{url.split(':', 1)[0]}: small topics of one recording: {share}")
+    part = f"{fetched / 1e6:.2f} of {size / 1e6:.1f} MB read ({100 * fetched / size:.2g} %)"
+    cost = f"{part}, {time.monotonic() - began:.2f} s"
+    console.print(f"{url.split(':', 1)[0]}: small topics of one recording: {cost}")
 
 
 def growth(folder: Path) -> None:
-    """Seconds and memory of one recording from 1 to 100 strikes."""
+    """Measure seconds and memory of one recording with 1 to 100 strikes."""
     for strikes in STRIKES:
         path = folder / f"strikes-{strikes}.mcap"
         _make((path, 5000 + strikes, strikes))
         output = folder / f"growth-{strikes}"
         (output / "recordings").mkdir(parents=True)
         (output / "failures").mkdir()
-        with WorkerProcess(output, Limits()) as lane:
-            lane.analyse(Request(find_sources([str(path)])[0], BatchSettings(), str(output)))
+        with WorkerProcess(output, Limits()) as worker:
+            worker.analyse(Request(find_sources([str(path)])[0], BatchSettings(), str(output)))
         with contextlib.suppress(IndexError):
             row = _rows(output)[0]
             size, peak = path.stat().st_size / 1e6, row["peak_memory_bytes"] / 1e6
             console.print(
-                f"{strikes} strikes, {size:.0f} MB: {row['seconds']:.2f} s, {peak:.0f} MB of its own at most ({row['failure'] or 'ok'})"
+                f"{strikes} strikes, {size:.0f} MB: {row['seconds']:.2f} s, {peak:.0f} MB of its own at most "
+                f"({row['failure'] or 'ok'})"
             )
         path.unlink()
 
@@ -357,7 +367,7 @@ def _free_port() -> int:
 
 @click.group()
 def main() -> None:
-    """An archive made, and a run over it measured."""
+    """Make an archive, or measure a run over one."""
 
 
 @main.command()
@@ -365,21 +375,21 @@ def main() -> None:
 @click.option("--sessions", default=200, show_default=True)
 @click.option("--broken", default=20, show_default=True)
 def make(folder: Path, sessions: int, broken: int) -> None:
-    """Make an archive; what is there already stays."""
+    """Make an archive; existing files are kept."""
     make_archive(folder, sessions, broken)
 
 
 @main.command()
 @click.option("--sessions", default=200, show_default=True)
 @click.option("--broken", default=20, show_default=True)
-@click.option("--archive", "given", type=click.Path(path_type=Path), help="Made before by `make`.")
+@click.option("--archive", "given", type=click.Path(path_type=Path), help="Archive made before by `make`.")
 @click.option(
     "--recording",
     type=click.Path(exists=True, path_type=Path),
-    help="A large one, of which the small topics are read by ranges.",
+    help="Large recording whose small topics are read by byte ranges.",
 )
 def measure(sessions: int, broken: int, given: Path | None, recording: Path | None) -> None:
-    """Everything."""
+    """Run all measurements."""
     with tempfile.TemporaryDirectory(prefix="percuss-archive-") as name:
         folder = Path(name)
         archive = given or folder / "archive"
@@ -395,7 +405,7 @@ def measure(sessions: int, broken: int, given: Path | None, recording: Path | No
         kills(archive, folder, 24)
         bucket(folder)
         if recording is not None:
-            # A gigabyte is too much for the S3 server, which reads all of it for every range.
+            # A gigabyte is too much for the S3 server, which reads the whole file for every range.
             small_topics(f"file://{recording.resolve()}", recording.stat().st_size, folder)
         growth(folder)
         shutil.rmtree(folder / "part", ignore_errors=True)

@@ -1,7 +1,8 @@
-"""`make bench-calibrate`: lenses found from rendered boards beside the truth and beside plain OpenCV, on the same images.
+"""Lenses from rendered boards against ground truth and plain OpenCV: `make bench-calibrate`.
 
-20 virtual cameras, 15 views each: 656 x 492 px, focal length about 1430 px, distorted; noise of 4 grey levels, blur 0.7 px; the print of
-`analyze print-tags --board charuco`. OpenCV: CharucoDetector and calibrateCamera as they come. Then the refusals.
+20 virtual cameras, 15 views each: 656 x 492 px, focal length about 1430 px, distorted; noise of 4 grey
+levels, blur 0.7 px; the print of `analyze print-tags --board charuco`. OpenCV: CharucoDetector and
+calibrateCamera with default settings. Then the refusals.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from analyze.calibration.calibrate import Shot, calibrate
 from analyze.calibration.detect import find_corners, read_board
 from analyze.calibration.lens import Lens
+from analyze.estimation.intervals import SIGMAS_95
 from analyze.tags.printing import BoardOptions, parse_board
 from schemas.session_manifest import LensModel
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph
@@ -27,7 +29,7 @@ BOARD, PRINTED = parse_board(BoardOptions()), TrueBoard()
 
 
 def camera(rng):
-    """A lens as a rig's may be."""
+    """Random lens, similar to a rig's."""
     f = 1430 * rng.uniform(0.95, 1.05)
     k = (-0.12 + rng.uniform(-0.03, 0.03), 0.1 + rng.uniform(-0.05, 0.05), *rng.uniform(-3e-4, 3e-4, 2), 0.0)
     return TrueLens(
@@ -42,7 +44,7 @@ def camera(rng):
 
 
 def session(rng, many=VIEWS, tilts=(0.2, 0.75), reach=(0.13, 0.1), depth=0.6):
-    """Poses of a board as a hand holds it: all over the image, tilted to all sides."""
+    """Poses of a hand-held board, all over the image and tilted to all sides."""
     return [
         facing(
             PRINTED,
@@ -125,8 +127,8 @@ def main() -> None:
         their_z.append(their_errors[-1] / sd)
         their_worst.append(pixel_errors(other, lens).max())
         say(
-            f"seed {seed}: {len(found.shots)} views, {100 * found.covered.share:.0f} % covered, worst pixel {worst[-1]:.3f}"
-            f" (stated ± {stated[-1]:.3f}), OpenCV {their_worst[-1]:.3f} px"
+            f"seed {seed}: {len(found.shots)} views, {100 * found.covered.share:.0f} % covered, worst pixel "
+            f"{worst[-1]:.3f} (stated ± {stated[-1]:.3f}), OpenCV {their_worst[-1]:.3f} px"
         )
     errors, z, their_errors, their_z = map(np.array, (errors, z, their_errors, their_z))
     say(f"\n{seeds} cameras, {VIEWS} views each; median (worst) of the errors' sizes\n")
@@ -137,15 +139,16 @@ def main() -> None:
         say(row(name, unit, (errors[:, i], z[:, i]), (their_errors[:, i], their_z[:, i]), digits))
     ratio = np.array(worst) / np.array(stated)
     say(row("worst pixel over the image", "px", (np.array(worst), ratio), (np.array(their_worst), None), 3))
-    inside = np.mean(np.abs(z[:, : len(NAMES)]) < 1.96)
+    inside = np.mean(np.abs(z[:, : len(NAMES)]) < SIGMAS_95)
     say(
-        f"\nwithin 1.96 stated sd: {100 * inside:.0f} %; {np.median(seconds):.1f} s of CPU per camera, detection included\n"
+        f"\nwithin 1.96 stated sd: {100 * inside:.0f} %; {np.median(seconds):.1f} s of CPU per camera, "
+        "detection included\n"
     )
     refusals()
 
 
 def refusals() -> None:
-    """What the views do not determine."""
+    """Print the parameters that unsuitable views do not determine."""
     rng = np.random.default_rng(0xCA1)
     lens = camera(rng)
     for name, poses in (

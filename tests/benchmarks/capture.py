@@ -1,14 +1,15 @@
-"""What writing a recording costs: `make bench-capture` (two minutes).
+"""Cost of writing a recording: `make bench-capture` (two minutes).
 
-The same noisy mono8 frames go through this recorder, two other MCAP writers, and plain write(), in rounds in which every writer has
-its turn; the table shows medians over the rounds. Every writer is fed as fast as it takes frames; this recorder and write() once more
-at line rate, where the processor sleeps between frames and its caches go cold. CPU is that of all threads of this process, kernel
-included; "kernel threads" is what the kernel's own did meanwhile and until everything was on the disk (on an idle machine: for this).
-"Same durability" is fdatasync every 32 MB and fsync at the end, as the recorder does.
+The same noisy mono8 frames go through this recorder, two other MCAP writers, and plain write(), in rounds in
+which every writer has its turn; the table shows medians over the rounds. Every writer is fed as fast as it
+takes frames; this recorder and write() also at line rate, where the processor sleeps between frames and its
+caches go cold. CPU is that of all threads of this process, kernel included; "kernel threads" is that of the
+kernel's own threads until everything is on the disk (on an idle machine: for this work). "Same durability" is
+fdatasync every 32 MB and fsync at the end, as the recorder does.
 
-This recorder keeps a frame's buffer until the disk has it, as it does with the camera's: its frames come from a pool of page-aligned
-buffers, which are used again when they are released. Plain write() gets the same buffers in the same order. The other writers get the
-same pixels, which they copy.
+This recorder keeps a frame's buffer until it is on the disk, as it does with the camera's buffers: its frames
+come from a pool of page-aligned buffers, which are reused when they are released. Plain write() gets the same
+buffers in the same order. The other writers get the same pixels, which they copy.
 """
 
 from __future__ import annotations
@@ -57,15 +58,15 @@ FORMAT = FrameFormat("main", WIDTH, HEIGHT, RATE_HZ)
 PERIOD_NS = 10**9 // RATE_HZ
 T0_NS = 1_700_000_000_000_000_000
 BUFFERS = 128
-"""the 64 that a rig file asks for, and some of those that may be borrowed besides"""
+"""the 64 of a rig file's default, and some of the further buffers that may be borrowed"""
 BATCH = BATCH_BYTES // (WIDTH * HEIGHT)
 Frames = list[NDArray[np.uint8]]
 Calls = Iterator[float]
-"""0 once it is ready, then the seconds that each call took"""
+"""0 when the writer is ready, then the duration [s] of each call"""
 
 
 def raw_write(path: Path, frames: Frames, sync_bytes: int) -> Calls:
-    """write(), a frame at a time; `sync_bytes` 0: the kernel decides when it goes to the disk."""
+    """Call write() for each frame; with `sync_bytes` 0 the kernel decides when data goes to the disk."""
     fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
     waiting = 0
     yield 0.0
@@ -82,7 +83,7 @@ def raw_write(path: Path, frames: Frames, sync_bytes: int) -> Calls:
 
 
 def windows_writer(path: Path, frames: Frames) -> Calls:
-    """The writer of this recorder as it writes strike windows: through the page cache, in chunks of several frames."""
+    """Write as this recorder writes strike windows: through the page cache, in chunks of several frames."""
     writer = McapWriter(path)
     channel, encoder = writer.add_topic(topics.raw_image("main")), RawImageEncoder("camera", WIDTH, HEIGHT)
     yield 0.0
@@ -100,19 +101,19 @@ def windows_writer(path: Path, frames: Frames) -> Calls:
 
 @cache
 def _memory() -> BlockMemory:
-    """As it is when a recording has begun: it is not part of writing a frame that this is made, or given back."""
+    """Backlog memory, allocated once: its allocation is not part of writing a frame."""
     return backlog_memory(FORMAT, backlog_frames(FORMAT))
 
 
 class Pool:
-    """Buffers as a camera has them; the one that was released first comes next."""
+    """Pool of frame buffers, as a camera's; the buffer released first is used next."""
 
     def __init__(self, images: Frames) -> None:
         self.free = deque(PoolBuffer(self, image) for image in images)
 
 
 class PoolBuffer:
-    """FrameBuffer of one frame."""
+    """Buffer of one frame (see FrameBuffer)."""
 
     def __init__(self, pool: Pool, image: NDArray[np.uint8]) -> None:
         self.image = image
@@ -120,16 +121,16 @@ class PoolBuffer:
         self._pool = pool
 
     def borrow(self) -> bool:
-        """See FrameBuffer: it is not filled again before it is released."""
+        """Borrow the buffer: it is not filled again before its release."""
         return True
 
     def release(self) -> None:
-        """See FrameBuffer."""
+        """Return the buffer to the pool."""
         self._pool.free.append(self)
 
 
 def page_aligned_images(count: int) -> NDArray[np.uint8]:
-    """Views (count, HEIGHT, WIDTH), each at the beginning of a page, of noise."""
+    """Images of noise (count, HEIGHT, WIDTH), each at the beginning of a memory page."""
     stride = whole_pages(WIDTH * HEIGHT)
     memory = np.frombuffer(page_memory(count * stride), np.uint8)[: count * stride].reshape(count, stride)
     memory[:] = np.random.default_rng(1).integers(0, 256, memory.shape, dtype=np.uint8)
@@ -137,7 +138,7 @@ def page_aligned_images(count: int) -> NDArray[np.uint8]:
 
 
 def whole_recorder(path: Path, frames: Frames) -> Calls:
-    """All of this recorder, continuous: what the capture process does with a frame, from the camera's buffer to file, meta and index."""
+    """Run the whole recorder in continuous mode, from the camera's buffer to file, metadata and index."""
     memory = _memory()
     writer = McapWriter(path, memory)
     recorder = choose_recorder(writer, FORMAT, RecorderConfig(mode="continuous"), T0_NS)
@@ -145,7 +146,7 @@ def whole_recorder(path: Path, frames: Frames) -> Calls:
     yield 0.0
     for number in range(1, len(frames) + 1):
         mid = number * PERIOD_NS
-        # It never waits for the disk; whoever feeds it faster than the disk writes must.
+        # The recorder never waits for the disk; a feeder that is faster than the disk must wait.
         while not pool.free:
             time.sleep(5e-3)
         buffer = pool.free.popleft()
@@ -159,7 +160,7 @@ def whole_recorder(path: Path, frames: Frames) -> Calls:
 
 
 def at_line_rate(writer: Callable[[Path, Frames], Calls]) -> Callable[[Path, Frames], Calls]:
-    """The same, fed as a camera does."""
+    """The same writer, fed at the camera's rate."""
 
     def calls(path: Path, frames: Frames) -> Calls:
         begun = 0.0
@@ -172,7 +173,7 @@ def at_line_rate(writer: Callable[[Path, Frames], Calls]) -> Callable[[Path, Fra
 
 
 def mcap_writer(path: Path, frames: Frames) -> Calls:
-    """mcap.Writer, no compression, chunks of 4 MB, CRC on; the message is put together as cheaply as ours."""
+    """Use mcap.Writer, no compression, chunks of 4 MB, CRC; messages are built as cheaply as ours."""
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=4 << 20, compression=CompressionType.NONE)
         writer.start()
@@ -190,7 +191,7 @@ def mcap_writer(path: Path, frames: Frames) -> Calls:
 
 
 def foxglove_writer(path: Path, frames: Frames) -> Calls:
-    """foxglove-sdk, no compression, chunks of 4 MB."""
+    """Use foxglove-sdk without compression, with chunks of 4 MB."""
     context = foxglove.Context()
     options = MCAPWriteOptions(compression=None, chunk_size=4 << 20)
     with foxglove.open_mcap(path, context=context, writer_options=options):
@@ -231,23 +232,23 @@ WRITERS: dict[str, Callable[[Path, Frames], Calls]] = {
 
 @dataclass(frozen=True)
 class Turn:
-    """One writer, all frames, once."""
+    """Cost of one writer for all frames."""
 
     wall_s: float
     user_s: float
     system_s: float
     worst_s: float
     kernel_s: float
-    """CPU of the kernel's threads until all is on the disk"""
+    """CPU time of the kernel's threads until everything is on the disk"""
 
     @property
     def cpu_s(self) -> float:
-        """User and system."""
+        """User and system CPU time."""
         return self.user_s + self.system_s
 
 
 def turn(writer: Callable[[Path, Frames], Calls], path: Path, frames: Frames) -> Turn:
-    """Let a writer write all frames."""
+    """Run a writer on all frames."""
     calls = writer(path, frames)
     next(calls)
     kernel = kernel_threads_s()
@@ -262,7 +263,7 @@ def turn(writer: Callable[[Path, Frames], Calls], path: Path, frames: Frames) ->
 
 
 def kernel_threads_s() -> float:
-    """CPU that the kernel's own threads have used: they are the children of thread 2."""
+    """CPU time [s] of the kernel's own threads, which are the children of thread 2."""
     total = 0
     for status in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
@@ -272,7 +273,7 @@ def kernel_threads_s() -> float:
 
 
 def machine(folder: Path) -> str:
-    """Processor, kernel and file system."""
+    """Description of processor, kernel and file system."""
     model = next(
         line.partition(":")[2].strip()
         for line in Path("/proc/cpuinfo").read_text(encoding="ascii").splitlines()
@@ -284,19 +285,20 @@ def machine(folder: Path) -> str:
         key=lambda mount: len(mount[0]),
     )[1]
     way = "O_DIRECT" if can_write_directly(folder) else "no O_DIRECT"
-    return f"{os.cpu_count()} x {model}, Linux {os.uname().release}, {kind} ({way}), load {os.getloadavg()[0]:.1f}"
+    load = os.getloadavg()[0]
+    return f"{os.cpu_count()} x {model}, Linux {os.uname().release}, {kind} ({way}), load {load:.1f}"
 
 
 @click.command()
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, exists=True),
-    help="On the disk to be measured; a temporary one by default.",
+    help="Folder on the disk to be measured; a temporary one by default.",
 )
-@click.option("--frames", "count", default=1095, help="Per turn; 1095 are three seconds at line rate.")
+@click.option("--frames", "count", default=1095, help="Frames per turn; 1095 are three seconds at line rate.")
 @click.option("--rounds", default=5)
 def main(folder: Path | None, count: int, rounds: int) -> None:
-    """Measure and tabulate."""
+    """Measure all writers and print the table."""
     pool = page_aligned_images(BUFFERS)
     frames: Frames = [pool[number % len(pool)] for number in range(count)]
     megabytes = count * pool[0].nbytes / 1e6
@@ -310,7 +312,8 @@ def main(folder: Path | None, count: int, rounds: int) -> None:
                 if round_number:  # the first round only touches the memory of the page cache
                     turns[name].append(done)
     table = Table(
-        title=f"{count} frames of {WIDTH} x {HEIGHT} ({megabytes:.0f} MB), medians of {rounds} rounds; {title}"
+        title=f"{count} frames of {WIDTH} x {HEIGHT} ({megabytes:.0f} MB), medians of {rounds} rounds; "
+        + title
     )
     for heading in (
         "writer",

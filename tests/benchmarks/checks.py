@@ -1,7 +1,8 @@
-"""How often the checks of the answer cry wolf, and whether they name a strike that is bad: `python -m tests.benchmarks.checks` (minutes).
+"""False alarms and detected bad strikes of the answer's checks: `make bench-checks` (ten minutes).
 
-Sessions as in simulated_tips.py. Good ones are judged as they are; then one strike of each is spoilt: a crumb under the object, which
-begins to tip from a place `--crumb` degrees off its face, so that it balances that much earlier.
+Sessions are those of simulated_tips.py. Each good session is judged; then one of its strikes is spoilt by a
+crumb under the object: the tip starts from a pose `--crumb` degrees off its face, so that the object balances
+that much earlier.
 """
 
 from __future__ import annotations
@@ -18,45 +19,59 @@ from rich.progress import track
 from analyze.errors import EstimationError
 from analyze.pipeline.estimate import estimate_evidence
 from analyze.pipeline.evidence import Evidence
+from analyze.result.document import build
 from schemas.result import Verdict, WarningCode
 from tests.benchmarks.simulated_tips import session
 
 SEEDS = (11, 12, 13)
-"""of each shape"""
-LOOKED_AT = (WarningCode.STRIKE_NOT_FORETOLD, WarningCode.ESTIMATORS_DISAGREE, WarningCode.GRAVITY_DISAGREES, WarningCode.MOMENT_IMPOSSIBLE)
+"""Seeds for each shape."""
+COUNTED_WARNINGS = (
+    WarningCode.STRIKE_NOT_PREDICTED,
+    WarningCode.ESTIMATORS_DISAGREE,
+    WarningCode.GRAVITY_DISAGREES,
+    WarningCode.MOMENT_IMPOSSIBLE,
+)
 
 
 def judge(evidence: Evidence, crumb: float, found: Counter[str]) -> None:
-    """Adds what the checks say of a good session, and of the same with one strike spoilt by `crumb` [rad]."""
-    result = estimate_evidence(evidence).result
+    """Count the checks' results for a good session, without and with a strike spoilt by `crumb` [rad]."""
+    result = build(estimate_evidence(evidence))
     used = [strike for strike in result.strikes if strike.used]
     found["good sessions"] += 1
     found["good strikes"] += len(used)
-    for code in LOOKED_AT:
+    for code in COUNTED_WARNINGS:
         named = [warning for warning in result.warnings if warning.code is code]
         found[f"{code.value}: sessions"] += bool(named)
         found[f"{code.value}: times"] += len(named)
-    found["not foretold by phi and k: strikes"] += sum(strike.foretold is not None and strike.foretold.sigmas > 3 for strike in used)
-    found["not foretold by theta(t): strikes"] += sum(strike.foretold is not None and strike.foretold.motion_sigmas > 3 for strike in used)
+    predictions = [strike.prediction for strike in used if strike.prediction is not None]
+    found["not predicted by phi and k: strikes"] += sum(each.sigmas > 3 for each in predictions)
+    found["not predicted by theta(t): strikes"] += sum(each.motion_sigmas > 3 for each in predictions)
     good = [strike.id for strike in used if strike.verdict is Verdict.GOOD]
     if len(good) < len(used) // 2 or not good:
         return
     bad = good[len(good) // 2]
-    spoilt = estimate_evidence(with_crumb(evidence, bad, crumb)).result
-    missed = [strike for strike in spoilt.strikes if strike.foretold is not None and not strike.foretold.foretold]
+    spoilt = build(estimate_evidence(with_crumb(evidence, bad, crumb)))
+    missed = [
+        strike
+        for strike in spoilt.strikes
+        if strike.prediction is not None and not strike.prediction.consistent
+    ]
     found["spoilt sessions"] += 1
     found["the spoilt strike is named"] += any(strike.id == bad for strike in missed)
     found["another one is named too"] += any(strike.id != bad for strike in missed)
 
 
 def with_crumb(evidence: Evidence, strike_id: str, crumb: float) -> Evidence:
-    """The same, but that strike began from a place `crumb` [rad] towards its tip."""
+    """The evidence with one strike that started `crumb` [rad] towards its tip."""
     motions = list(evidence.motions)
     at = next(i for i, motion in enumerate(motions) if motion.strike_id == strike_id)
     motion = motions[at]
     assert motion.angle is not None
     assert motion.fit is not None
-    angle = replace(motion.angle, theta=motion.angle.theta - crumb * (np.arange(len(motion.angle.theta)) >= motion.fit.window[0]))
+    angle = replace(
+        motion.angle,
+        theta=motion.angle.theta - crumb * (np.arange(len(motion.angle.theta)) >= motion.fit.window[0]),
+    )
     fit = replace(motion.fit, phi=motion.fit.phi - crumb, theta0=motion.fit.theta0 - crumb)
     others = tuple(replace(other, phi=other.phi - crumb) for other in motion.alternatives)
     motions[at] = replace(motion, angle=angle, fit=fit, alternatives=others)
@@ -64,7 +79,7 @@ def with_crumb(evidence: Evidence, strike_id: str, crumb: float) -> Evidence:
 
 
 def drawn(count: int) -> Iterator[Evidence]:
-    """So many sessions."""
+    """Iterate over `count` simulated sessions."""
     shape = made = 0
     while made < count:
         for seed in SEEDS:
@@ -77,9 +92,9 @@ def drawn(count: int) -> Iterator[Evidence]:
 
 @click.command()
 @click.option("--sessions", default=100, show_default=True)
-@click.option("--crumb", default=1.5, show_default=True, help="In degrees.")
+@click.option("--crumb", default=1.5, show_default=True, help="Angle of the crumb [deg].")
 def main(sessions: int, crumb: float) -> None:
-    """Draw, judge, count."""
+    """Draw sessions, judge them, and print the counts."""
     console, found = Console(width=100, highlight=False), Counter[str]()
     for evidence in track(drawn(sessions), total=sessions, console=console):
         try:

@@ -1,9 +1,10 @@
-"""Recorded frame times against the truth: `make bench-clock` (about a minute).
+"""Recorded frame times compared with ground truth: `make bench-clock` (about a minute).
 
-A virtual camera whose clock drifts stamps into each image when its exposure truly began, on the host's clock. The real client and the
-real capture process record it, from the camera's first frame on. Read back, each frame's recorded time is compared with its stamp, and
-the error with the 1 sigma that was recorded beside it. The last row has two busy programs beside the camera for each core.
-Exit code 1 where a frame of an undisturbed row is off by more than 30 us, or the stated uncertainty does not cover.
+A virtual camera with a drifting clock stamps the true start of each exposure, on the host's clock, into the
+image. The real client and the real capture process record it, from the camera's first frame on. Each frame's
+recorded time is then compared with its stamp, and the error with the recorded 1 sigma. For the last row two
+busy programs per core run at the same time. Exit code 1 if a frame of an undisturbed row is off by more than
+30 us, or the stated uncertainty does not cover the errors.
 """
 
 from __future__ import annotations
@@ -48,26 +49,31 @@ class FrameTimes:
     error_us: NDArray[np.float64]
     """recorded start of exposure minus the true one"""
     sd_us: NDArray[np.float64]
-    """as recorded beside it"""
+    """recorded 1 sigma of that time"""
     since_start_s: NDArray[np.float64]
     round_trip_us: NDArray[np.float64]
     drift: float
-    """of the camera's clock as the readings show it"""
+    """drift of the camera's clock, from the readings"""
     lost: int
 
 
 def rig(address: str) -> RigConfig:
-    """A small image, so that the wire and not the disk is measured."""
+    """Rig with small images, so that the link and not the disk is measured."""
     calibration = CameraCalibrationSpec(
-        width=WIDTH, height=HEIGHT, K=[[1430, 0, 80], [0, 1430, 60], [0, 0, 1]], T_world_camera=np.eye(4).tolist()
+        width=WIDTH,
+        height=HEIGHT,
+        K=[[1430, 0, 80], [0, 1430, 60], [0, 0, 1]],
+        T_world_camera=np.eye(4).tolist(),
     )
-    camera = CameraConfig(address=address, width=WIDTH, height=HEIGHT, receive_buffer_bytes=8 << 20, calibration=calibration)
+    camera = CameraConfig(
+        address=address, width=WIDTH, height=HEIGHT, receive_buffer_bytes=8 << 20, calibration=calibration
+    )
     return RigConfig(camera=camera, recorder=RecorderConfig(mode="continuous", disk_reserve_bytes=0))
 
 
 @contextlib.contextmanager
 def busy(programs: int) -> Iterator[None]:
-    """So many programs that want a whole core each."""
+    """Run `programs` programs that use a whole core each."""
     with contextlib.ExitStack() as cleanup:
         for _ in range(programs):
             loop = cleanup.enter_context(subprocess.Popen([sys.executable, "-c", "while True: pass"]))
@@ -76,17 +82,21 @@ def busy(programs: int) -> Iterator[None]:
 
 
 def record(path: Path, address: str, drift: float, seconds: float) -> None:
-    """A recording of `seconds` that begins as soon as the camera does."""
+    """Record for `seconds` from the camera's first frame on."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, str(CAMERA), address, "0", str(drift)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as camera:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+    ) as camera:
         capture = CaptureProcess(rig(address))
         try:
             assert camera.stdout is not None
             camera.stdout.readline()  # "ready"
             capture.start()
             clock = SystemClock()
-            capture.open_recording(path, small_recording.manifest(wall_anchor_ns=clock.wall_ns() - clock.monotonic_ns()), [])
+            capture.open_recording(
+                path, small_recording.manifest(wall_anchor_ns=clock.wall_ns() - clock.monotonic_ns()), []
+            )
             clock.sleep(seconds)
             capture.close_recording()
         finally:
@@ -95,7 +105,7 @@ def record(path: Path, address: str, drift: float, seconds: float) -> None:
 
 
 def read(path: Path) -> FrameTimes:
-    """Everything from the finished file: nothing is taken from the processes that made it."""
+    """Frame times from the finished file alone, without the processes that made it."""
     stamps: dict[int, int] = {}
     metas: dict[int, pb.FrameMeta] = {}
     readings: list[pb.ClockSample] = []
@@ -103,7 +113,9 @@ def read(path: Path) -> FrameTimes:
     with path.open("rb") as file:
         for _, channel, message in make_reader(file, validate_crcs=True).iter_messages():
             if channel.topic == image_topic:
-                stamps[message.sequence] = read_stamp(np.frombuffer(RawImage.FromString(message.data).data, np.uint8))[0]
+                stamps[message.sequence] = read_stamp(
+                    np.frombuffer(RawImage.FromString(message.data).data, np.uint8)
+                )[0]
             elif channel.topic == meta_topic:
                 metas[message.sequence] = pb.FrameMeta.FromString(message.data)
             elif channel.topic == topics.CLOCK_SAMPLE.name:
@@ -113,7 +125,10 @@ def read(path: Path) -> FrameTimes:
     for sample in readings:
         mapper.add(ClockReading(sample.device_time_ns, sample.host_before_ns, sample.host_after_ns))
     return FrameTimes(
-        error_us=np.array([meta.mid_exposure_host_ns - round(meta.exposure_us * 500.0) - stamp for meta, stamp in frames]) * 1e-3,
+        error_us=np.array(
+            [meta.mid_exposure_host_ns - round(meta.exposure_us * 500.0) - stamp for meta, stamp in frames]
+        )
+        * 1e-3,
         sd_us=np.array([meta.mapping_sd_ns for meta, _ in frames]) * 1e-3,
         since_start_s=np.array([stamp - frames[0][1] for _, stamp in frames]) * 1e-9,
         round_trip_us=np.array([sample.host_after_ns - sample.host_before_ns for sample in readings]) * 1e-3,
@@ -123,14 +138,14 @@ def read(path: Path) -> FrameTimes:
 
 
 @click.command()
-@click.option("--seconds", default=12.0, help="Of each row.")
-@click.option("--address", default="127.0.0.68", help="The virtual camera's, on loopback.")
+@click.option("--seconds", default=12.0, help="Duration of each row [s].")
+@click.option("--address", default="127.0.0.68", help="Address of the virtual camera, on loopback.")
 def main(seconds: float, address: str) -> None:
-    """Record at three drifts, and once beside busy programs."""
+    """Record at three drifts, and once with busy programs."""
     cores = os.cpu_count() or 1
     columns = (
         "drift",
-        "drift read",
+        "measured drift",
         "frames",
         "lost",
         "round trip",
@@ -141,7 +156,10 @@ def main(seconds: float, address: str) -> None:
         "1 sigma stated",
         "error < 1, 2, 3 sigma",
     )
-    table = Table(*columns, title="Recorded frame times against the truth, us; round trip: least, median, greatest")
+    table = Table(
+        *columns,
+        title="Recorded frame times compared with ground truth, us; round trip: least, median, greatest",
+    )
     good = True
     with tempfile.TemporaryDirectory(prefix="percuss-clock-") as scratch:
         for drift, programs in ((-50e-6, 0), (0.0, 0), (50e-6, 0), (50e-6, 2 * cores)):
@@ -166,7 +184,7 @@ def main(seconds: float, address: str) -> None:
                 f"{worst:.1f}",
                 f"{np.abs(error[times.since_start_s < 1.0]).max():.1f}",
                 f"{np.median(times.sd_us):.1f} (most {times.sd_us.max():.1f})",
-                ", ".join(f"{100 * share:.0f} %" for share in covered),
+                ", ".join(f"{100 * fraction:.0f} %" for fraction in covered),
             )
     Console(width=170).print(table)
     if not good:

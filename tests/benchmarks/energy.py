@@ -1,9 +1,10 @@
-"""The energy loop in the virtual rig's physics: `make bench-energy` (four objects, 20 seeds; about ten minutes).
+"""The energy loop in the virtual rig's physics: `make bench-energy` (ten minutes).
 
-Sessions of nine planned strikes, from the hypothesis only, without images or wires (see tests/acquire/simulated_rig.py); the striker's mass
-and restitution are told wrongly, by as much as the rig file says they may be. E is the truth: what
-the object had on its way up over what it needed. Prints per object how many strikes an axis takes to its first tip, and where E lies
-from then on; says what the sessions learned of the striker, and why any strike stands outside.
+Sessions of nine planned strikes, from the hypothesis only, without images or hardware (see
+tests/acquire/simulated_rig.py). The striker's stated mass and restitution are wrong by as much as the rig
+file allows. The energy ratio E is the true energy of the object on its way up, over the energy needed to tip.
+Prints for each object the number of strikes that an axis takes to its first tip, the range of E after that,
+and every strike with a too large E.
 """
 
 from __future__ import annotations
@@ -24,32 +25,32 @@ from tests.acquire.simulated_rig import SimulatedRig, mistaken, plan_for
 
 OBJECTS = ("carton", "spray", "juice", "salt")
 LOW, HIGH, NEVER = 1.02, 1.4, 3.0
-MOST_STRIKES = 3
+MAX_STRIKES = 3
 
 
 @dataclass(frozen=True)
 class Struck:
-    """One strike, for the table."""
+    """Figures of one strike."""
 
     axis_id: str
     command_m_s: float
     energy: float
-    heard: float | None
+    measured_energy: float | None
     verdict: str
 
 
 @dataclass(frozen=True)
 class Session:
-    """One session."""
+    """Figures of one session."""
 
     object: str
     seed: int
     strikes: tuple[Struck, ...]
-    restitution_told: float
+    restitution_stated: float
     restitution_learned: float
 
     def first_tips(self) -> list[int]:
-        """For each axis the number of the strike that tips it first; one more than were made where none does."""
+        """Number of the first strike that tips, for each axis; one more than were made if none does."""
         found: list[int] = []
         for axis in dict.fromkeys(each.axis_id for each in self.strikes):
             over = [each.energy > 1 for each in self.strikes if each.axis_id == axis]
@@ -57,7 +58,7 @@ class Session:
         return found
 
     def afterwards(self) -> list[float]:
-        """E of every strike on an axis that has tipped before."""
+        """Energy ratio E of every strike on an axis that has tipped before."""
         tipped: set[str] = set()
         found: list[float] = []
         for each in self.strikes:
@@ -69,23 +70,28 @@ class Session:
 
 
 def session(name: str, seed: int, strikes: int) -> Session:
-    """One whole session."""
+    """Run one whole session."""
     rng = np.random.default_rng((seed, 0xE4E))
     striker = mistaken(rng)
     rig = SimulatedRig(load_object(name, seed), rng)
     machine = s.SessionMachine(plan_for(name, strikes, striker))
     attempts = rig.run(machine)
-    rows = (Struck(a.axis_id, a.command_m_s, a.energy, a.verdict.energy_ratio, a.verdict.code.value) for a in attempts)
+    rows = (
+        Struck(a.axis_id, a.command_m_s, a.energy, a.verdict.energy_ratio, a.verdict.code.value)
+        for a in attempts
+    )
     return Session(name, seed, tuple(rows), striker.restitution, machine.learner.striker.restitution)
 
 
 @click.command()
 @click.option("--objects", default=",".join(OBJECTS), show_default=True)
-@click.option("--seeds", default=20, show_default=True, help="Seeds 1 to this.")
-@click.option("--strikes", default=9, show_default=True, help="Planned strikes.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write every session as a JSON line.")
+@click.option("--seeds", default=20, show_default=True, help="Number of seeds, from 1.")
+@click.option("--strikes", default=9, show_default=True, help="Number of planned strikes.")
+@click.option(
+    "--json", "json_path", type=click.Path(path_type=Path), help="Also write every session as a JSON line."
+)
 def main(objects: str, seeds: int, strikes: int, json_path: Path | None) -> None:
-    """Run, tabulate."""
+    """Run the sessions and print the table."""
     console = Console(width=150)
     wanted = [(name, seed) for name in objects.split(",") for seed in range(1, seeds + 1)]
     sessions: list[Session] = []
@@ -102,11 +108,12 @@ def main(objects: str, seeds: int, strikes: int, json_path: Path | None) -> None
 
 
 def table(sessions: list[Session]) -> Table:
-    """One row per object, and all."""
+    """Table with one row per object, and one for all."""
     result = Table(title=f"the energy loop: {len(sessions)} sessions", title_justify="left")
     for heading in (
-        "object", "axes", f"first tip within {MOST_STRIKES}", "mean", "most",
-        "strikes after it", f"E in {LOW}-{HIGH}", "median E", "E of all tips: 5-95 %", "greatest E", "strikes per session",
+        "object", "axes", f"first tip within {MAX_STRIKES}", "mean", "largest",
+        "strikes after it", f"E in {LOW}-{HIGH}", "median E", "E of all tips: 5-95 %", "largest E",
+        "strikes per session",
     ):  # fmt: skip
         result.add_column(heading, justify="left" if heading == "object" else "right")
     for name in dict.fromkeys(each.object for each in sessions):
@@ -124,7 +131,7 @@ def _cells(sessions: list[Session]) -> list[str]:
     low, high = np.quantile(energies[energies > 1], [0.05, 0.95])
     return [
         str(len(first)),
-        f"{np.count_nonzero(first <= MOST_STRIKES)}/{len(first)}",
+        f"{np.count_nonzero(first <= MAX_STRIKES)}/{len(first)}",
         f"{first.mean():.2f}",
         str(first.max()),
         str(len(after)),

@@ -1,4 +1,4 @@
-"""Run every fault test, slow ones too, and write their measurements to docs/reference/faults.md."""
+"""Run every fault test, including slow ones, and write their measurements to docs/reference/faults.md."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TABLE_ROWS = re.compile(r"(?<=\|---\|---\|---\|\n)(\|.*\n)+")
 
 
 def main() -> int:
-    """Exit code of the tests; the table of the page is replaced only when all pass."""
+    """Run the tests and return their exit code; the page's table is replaced only if all pass."""
     with tempfile.TemporaryDirectory() as folder:
         rows = Path(folder) / "rows"
         command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-m", "slow or not slow", *TESTS]

@@ -1,4 +1,4 @@
-"""What the benchmarks of phi and k compare: one fit's error, what it says of it, and the bound."""
+"""Error of one fit of phi and k, its stated sd and the Cramer-Rao bound, for the benchmarks."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass
 
 NOISES = ((0.05, 0.1), (0.1, 0.2), (0.2, 0.5))
-"""degrees"""
-VAGUE = math.radians(1.0)
-"""a bound above it is no measurement; such strikes are left out, and counted"""
+"""ranges of noise [deg]"""
+MAX_BOUND = math.radians(1.0)
+"""Cramer-Rao bound of phi [rad] above which a strike is left out, and counted"""
 
 
 @dataclass(frozen=True)
 class Error:
-    """Of phi [rad] and k [relative]: off by, its stated 1 sigma, Cramer and Rao's."""
+    """Errors of phi [rad] and k [relative], with the stated sd and the Cramer-Rao bounds."""
 
     phi: float
     k: float

@@ -1,8 +1,9 @@
-"""The table's tilt and the centre of mass with and without a second heading of one edge: `make bench-gravity` (two minutes).
+"""Table tilt and c with and without a second heading of one edge: `make bench-gravity` (two minutes).
 
-Tips in space on a table that slopes (tests/analyze/estimation/tilted_table.py), which share nothing with the estimators; theta(t) at
-120 fps with 0.05 deg a frame, edges off by 0.2 mm, edge radius by 0.1 mm, angles by 0.03 deg from strike to strike. "c told" is what the
-estimate says of itself. Plumb lines are drawn into images of the rig's camera, with its turn against the table drawn too.
+Tips in space on a sloping table (tests/analyze/estimation/tilted_table.py), which shares no code with the
+estimators. theta(t) at 120 fps with 0.05 deg noise a frame, edges off by 0.2 mm, edge radius by 0.1 mm,
+angles by 0.03 deg from strike to strike. Plumb lines are rendered into images of the rig's camera, whose
+rotation against the table is drawn as well.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from rich.table import Table
 from analyze.calibration.plumb import find_plumb_lines, plumbed_table, upright
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.estimation.stated import ComPrior, SystematicErrors
+from analyze.estimation.intervals import SIGMAS_95
+from analyze.estimation.priors import ComPrior, SystematicErrors
 from analyze.motion.pivot_fit import pivot_fit
 from analyze.types import CameraModel, EquiPlane
 from tests.analyze.calibration.plumb_scenes import LENS, WORLD_CAMERA, Scene, photograph, turned
@@ -31,28 +33,39 @@ NOISE = math.radians(0.05)
 DESIGNS = {
     "3 of one face": ((2, -1, 1, 1), (2, -1, 1, -1), (2, -1, 0, 1)),
     "3, upside down too": ((2, -1, 1, 1), (2, 1, 1, 1), (0, -1, 2, 1)),
-    "6 of 4 faces": ((2, -1, 1, 1), (2, -1, 0, 1), (2, -1, 1, -1), (0, -1, 1, 1), (1, -1, 2, 1), (1, 1, 0, 1)),
+    "6 of 4 faces": (
+        (2, -1, 1, 1),
+        (2, -1, 0, 1),
+        (2, -1, 1, -1),
+        (0, -1, 1, 1),
+        (1, -1, 2, 1),
+        (1, 1, 0, 1),
+    ),
 }
 PRIOR_SD = math.radians(0.2)
 CAMERA = CameraModel(
-    LENS.width, LENS.height, np.array([[LENS.fx, 0, LENS.cx], [0, LENS.fy, LENS.cy], [0, 0, 1]]), np.array(LENS.k), WORLD_CAMERA
+    LENS.width,
+    LENS.height,
+    np.array([[LENS.fx, 0, LENS.cx], [0, LENS.fy, LENS.cy], [0, 0, 1]]),
+    np.array(LENS.k),
+    WORLD_CAMERA,
 )
 TURNED = 2
-"""most strikes with the object turned by 180 degrees"""
+"""largest number of strikes with the object turned by 180 degrees"""
 
 
 @dataclass(frozen=True)
 class Sessions:
-    """What many sessions showed: per session the object and its equi-planes: as planned, one more as before, then the turned ones."""
+    """Objects and equi-planes of many sessions: planned strikes, one more of them, turned strikes."""
 
     bodies: list[Body]
     planes: list[list[EquiPlane]]
     rise: list[float]
-    """rad, of the table towards +x"""
+    """slope of the table towards +x [rad]"""
     many: int
 
     def parts(self) -> dict[str, Callable[[list[EquiPlane]], list[EquiPlane]]]:
-        """Ways to end a session."""
+        """Selections of a session's equi-planes, by name."""
         many = self.many
         return {
             f"{many}": lambda planes: planes[:many],
@@ -63,20 +76,23 @@ class Sessions:
 
 
 def simulated(axes: Sequence[tuple[int, int, int, int]], drawn: float, count: int, seed: int) -> Sessions:
-    """Sessions on tables whose slopes are drawn with 1 sigma of `drawn` [rad]."""
+    """Simulate sessions on tables whose slopes are drawn with 1 sigma of `drawn` [rad]."""
     many = 9 if len(axes) == 3 else 12
     laid: list[list[Laid]] = []
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         regions = (0.026, *(rng.dirichlet([2.0, 2.0]) * 0.018).tolist())
-        body = box_body(SIZE, regions, rng.uniform(-0.01, 0.01), tuple(rng.normal(0, 1, 3).tolist()), pitch=0.01)
+        body = box_body(
+            SIZE, regions, rng.uniform(-0.01, 0.01), tuple(rng.normal(0, 1, 3).tolist()), pitch=0.01
+        )
         planned = [planned_strike(body, *axes[i % len(axes)], i // len(axes)) for i in range(many + 1)]
         planned += [reversed_strike(planned[0], i) for i in range(TURNED)]
         laid.append(laid_session(body, planned, Drawn(drawn), rng))
     flat = [each for session in laid for each in session]
     seen = seen_tips(flat, NOISE, np.random.default_rng([seed, count]))
     planes = [
-        equiplane_from_fit(each.strike.id, each.strike, pivot_fit(angle, window)) for each, (angle, window) in zip(flat, seen, strict=True)
+        equiplane_from_fit(each.strike.id, each.strike, pivot_fit(angle, window))
+        for each, (angle, window) in zip(flat, seen, strict=True)
     ]
     size = len(laid[0])
     return Sessions(
@@ -89,7 +105,17 @@ def simulated(axes: Sequence[tuple[int, int, int, int]], drawn: float, count: in
 
 def heading_table(count: int, seed: int) -> Table:
     table = Table(title=f"{count} sessions each; errors are rms", title_justify="left")
-    headings = ("edges", "strikes", "tilt drawn, stated", "tilt off", "told", "held", "c off (mm)", "told", "held")
+    headings = (
+        "edges",
+        "strikes",
+        "tilt drawn, stated",
+        "tilt error",
+        "stated sd",
+        "in 95 %",
+        "c error (mm)",
+        "stated sd",
+        "in 95 %",
+    )
     for heading in headings:
         table.add_column(heading, justify="left" if heading in ("edges", "strikes") else "right")
     half = np.array(SIZE) / 2
@@ -99,22 +125,24 @@ def heading_table(count: int, seed: int) -> Table:
             sessions = simulated(axes, math.radians(drawn), count, seed)
             for stated in stateds:
                 systematic = SystematicErrors(math.radians(stated), edge_radius_sd=1e-4)
-                for what, chosen in sessions.parts().items():
+                for label, chosen in sessions.parts().items():
                     found = [centre_of_mass(chosen(planes), systematic, prior) for planes in sessions.planes]
-                    c = np.array([each.position - body.com for each, body in zip(found, sessions.bodies, strict=True)])
+                    c = np.array(
+                        [each.position - body.com for each, body in zip(found, sessions.bodies, strict=True)]
+                    )
                     c_sd = np.array([np.sqrt(np.diag(each.covariance)) for each in found])
                     tilt = np.array([each.tilts[0].lean[0] for each in found]) - sessions.rise
                     tilt_sd = np.array([each.tilts[0].sd[0] for each in found])
                     table.add_row(
                         name,
-                        what,
+                        label,
                         f"{drawn}°, {stated}°",
                         f"{np.degrees(np.sqrt(np.mean(tilt**2))):.3f}°",
                         f"{np.degrees(np.sqrt(np.mean(tilt_sd**2))):.3f}°",
-                        f"{100 * np.mean(np.abs(tilt) < 1.96 * tilt_sd):.0f} %",
+                        f"{100 * np.mean(np.abs(tilt) < SIGMAS_95 * tilt_sd):.0f} %",
                         f"{1e3 * np.sqrt(np.mean(np.sum(c**2, axis=1))):.2f}",
                         f"{1e3 * np.sqrt(np.mean(np.sum(c_sd**2, axis=1))):.2f}",
-                        f"{100 * np.mean(np.abs(c) < 1.96 * c_sd):.0f} %",
+                        f"{100 * np.mean(np.abs(c) < SIGMAS_95 * c_sd):.0f} %",
                     )
             table.add_section()
     return table
@@ -122,9 +150,19 @@ def heading_table(count: int, seed: int) -> Table:
 
 def plumb_table(count: int, seed: int) -> Table:
     table = Table(
-        title=f"plumb lines: {count} rendered images each; rise towards x, y; rms, told (1 sigma), held by 95 %", title_justify="left"
+        title=f"plumb lines: {count} rendered images each; slope towards x, y: rms error, sd, coverage",
+        title_justify="left",
     )
-    for heading in ("strings", "camera's turn (°)", "x off (°)", "x told", "x held", "y off (°)", "y told", "y held"):
+    for heading in (
+        "strings",
+        "camera's rotation (°)",
+        "x error (°)",
+        "x sd",
+        "x in 95 %",
+        "y error (°)",
+        "y sd",
+        "y in 95 %",
+    ):
         table.add_column(heading, justify="left" if heading == "strings" else "right")
     cases = (
         ("1, in the middle", ((0.03, 0.0),), Scene()),
@@ -134,24 +172,26 @@ def plumb_table(count: int, seed: int) -> Table:
     )
     for camera_sd in (0.0, 0.05):
         for name, strings, scene in cases:
-            off, told = [], []
+            off, stated = [], []
             for number in range(count):
                 rng = np.random.default_rng([seed, number])
                 slope = rng.normal(0, PRIOR_SD, 2)
                 real = turned(WORLD_CAMERA, rng.normal(0, math.radians(camera_sd), 3))
                 hung = [(x + rng.normal(0, 0.004), y) for x, y in strings]
                 lines = find_plumb_lines(photograph(hung, slope, rng, scene, real), CAMERA)
-                found = plumbed_table(upright(lines, CAMERA), CAMERA, PRIOR_SD, max(math.radians(camera_sd), 1e-7))
+                found = plumbed_table(
+                    upright(lines, CAMERA), CAMERA, PRIOR_SD, max(math.radians(camera_sd), 1e-7)
+                )
                 off.append(found.lean - slope)
-                told.append(found.sd)
-            errors, sds = np.array(off), np.array(told)
+                stated.append(found.sd)
+            errors, sds = np.array(off), np.array(stated)
             cells = [
                 text
                 for i in range(2)
                 for text in (
                     f"{np.degrees(np.sqrt(np.mean(errors[:, i] ** 2))):.4f}",
                     f"{np.degrees(np.sqrt(np.mean(sds[:, i] ** 2))):.4f}",
-                    f"{100 * np.mean(np.abs(errors[:, i]) < 1.96 * sds[:, i]):.0f} %",
+                    f"{100 * np.mean(np.abs(errors[:, i]) < SIGMAS_95 * sds[:, i]):.0f} %",
                 )
             ]
             table.add_row(name, f"{camera_sd}", *cells)
@@ -162,7 +202,7 @@ def plumb_table(count: int, seed: int) -> Table:
 @click.option("--sessions", "count", default=100, show_default=True)
 @click.option("--seed", default=20, show_default=True)
 def main(count: int, seed: int) -> None:
-    """Print the tables."""
+    """Simulate the sessions and print the tables."""
     console = Console(width=160)
     console.print(heading_table(count, seed))
     console.print(plumb_table(count // 2, seed))

@@ -1,9 +1,9 @@
-"""The same virtual strikes recorded live, and imported from what other cameras write: phi and the centre of mass beside each other.
+"""phi and c from the same virtual strikes, recorded live and imported from other cameras' formats.
 
-Each strike window of a virtual rig's recording becomes a file, with the images' own times: H.264 visually lossless and as a phone writes
-it (with B-frames and without), FFV1, MJPEG, a folder of PNG; a Foxglove MCAP file, ROS 2 bags. And as files come from the world: at a
-variable frame rate, in slow motion, turned, with a dropped stretch, cut short.
-`python -m tests.benchmarks.imported_codecs FILE.mcap` prints the table.
+Each strike window of a virtual rig's recording becomes a file, with the images' own times: H.264 visually
+lossless and as a phone writes it (with B-frames and without), FFV1, MJPEG, a folder of PNG; a Foxglove MCAP
+file, ROS 2 bags. Then with the defects of real files: a variable frame rate, slow motion, rotation, a dropped
+stretch, cut short. `python -m tests.benchmarks.imported_codecs FILE.mcap` prints the table.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from tests.benchmarks.imported_topics import foxglove_file, ros_colour_bag, ros_
 MICROSECONDS = Fraction(1, 1_000_000)
 
 
-def film(
+def encode_video(
     path: Path,
     codec: str,
     pixels: str,
@@ -47,7 +47,7 @@ def film(
     turned_deg: int = 0,
     slower: int = 1,
 ) -> None:
-    """Encode images with their own times, or `slower` times as slow; `turned_deg` is how they are to be shown."""
+    """Encode images with their own times, or `slower` times as slow; `turned_deg` is the display rotation."""
     with av.open(
         str(path), "w", options={"video_track_timescale": "1000000"} if path.suffix == ".mp4" else {}
     ) as container:
@@ -71,7 +71,7 @@ def film(
 
 
 def png_folder(path: Path, frames: Iterable[ImageFrame]) -> None:
-    """PNG images with a CSV of their times."""
+    """Write PNG images with a CSV file of their times."""
     path.mkdir()
     with (path / "times.csv").open("w", newline="") as file:
         rows = csv.writer(file)
@@ -82,13 +82,16 @@ def png_folder(path: Path, frames: Iterable[ImageFrame]) -> None:
 
 
 def thinned(frames: Iterable[ImageFrame]) -> Iterator[ImageFrame]:
-    """Without every fifth image, at random: a variable frame rate."""
+    """Images without a random fifth of them: a variable frame rate."""
     rng = np.random.default_rng(1)
     return (frame for frame in frames if rng.random() > 0.2)
 
 
 def interrupted(frames: Iterable[ImageFrame]) -> Iterator[ImageFrame]:
-    """Without a twelfth of a second, in the tip of most strikes: a window begins some 0.3 s before the blow."""
+    """Images without a twelfth of a second, in the tip of most strikes.
+
+    A window begins some 0.3 s before the impact.
+    """
     start_ns = None
     for frame in frames:
         start_ns = frame.time_ns if start_ns is None else start_ns
@@ -97,8 +100,8 @@ def interrupted(frames: Iterable[ImageFrame]) -> Iterator[ImageFrame]:
 
 
 @dataclass(frozen=True)
-class Way:
-    """One way of filming."""
+class Format:
+    """File format, with its encoder."""
 
     name: str
     suffix: str
@@ -109,15 +112,15 @@ class Way:
 def _video(
     codec: str, pixels: str, rate: int, **options: str
 ) -> Callable[[Path, Iterable[ImageFrame]], None]:
-    return lambda path, frames: film(path, codec, pixels, options, frames, rate)
+    return lambda path, frames: encode_video(path, codec, pixels, options, frames, rate)
 
 
-def _worldly(rate: int) -> list[Way]:
-    """As files come from the world, H.264 at crf 12."""
+def _defective(rate: int) -> list[Format]:
+    """H.264 at crf 12, with the defects of real files."""
     options = {"preset": "veryfast", "g": str(rate), "crf": "12", "bf": "0"}
 
     def coded(path: Path, frames: Iterable[ImageFrame], turned_deg: int = 0, slower: int = 1) -> None:
-        film(path, "libx264", "yuv420p", options, frames, rate, turned_deg, slower)
+        encode_video(path, "libx264", "yuv420p", options, frames, rate, turned_deg, slower)
 
     def cut_short(path: Path, frames: Iterable[ImageFrame]) -> None:
         coded(path, frames)
@@ -126,52 +129,56 @@ def _worldly(rate: int) -> list[Way]:
 
     slower = SourceOptions(capture_hz=float(rate))
     return [
-        Way("variable frame rate", ".mp4", lambda path, frames: coded(path, thinned(frames))),
-        Way(
-            "stating an eighth of its rate, `--capture-fps`",
+        Format("variable frame rate", ".mp4", lambda path, frames: coded(path, thinned(frames))),
+        Format(
+            "stated rate an eighth of the true one, `--capture-fps`",
             ".mp4",
             lambda path, frames: coded(path, frames, slower=8),
             slower,
         ),
-        Way(
-            "saying that it is to be shown turned by 90 deg",
+        Format(
+            "display rotation of 90 deg",
             ".mp4",
             lambda path, frames: coded(path, frames, turned_deg=-90),
         ),
-        Way(
+        Format(
             "a twelfth of a second missing in the tip",
             ".mp4",
             lambda path, frames: coded(path, interrupted(frames)),
         ),
-        Way("cut short (MKV)", ".mkv", cut_short),
-        Way("cut short (MP4)", ".mp4", cut_short),
+        Format("cut short (MKV)", ".mkv", cut_short),
+        Format("cut short (MP4)", ".mp4", cut_short),
     ]
 
 
-def ways(rate: int) -> list[Way]:
-    """H.264 as good as lossless and as phones write it, what measuring cameras write, images."""
+def formats(rate: int) -> list[Format]:
+    """All formats: H.264 nearly lossless and as phones write it, formats of measuring cameras, images."""
     fast = {"preset": "veryfast", "g": str(rate)}
     return [
-        Way("H.264 crf 12", ".mp4", _video("libx264", "yuv420p", rate, crf="12", bf="0", **fast)),
-        Way("H.264 crf 28", ".mp4", _video("libx264", "yuv420p", rate, crf="28", bf="0", **fast)),
-        Way("H.264 crf 28, B-frames", ".mp4", _video("libx264", "yuv420p", rate, crf="28", bf="3", **fast)),
-        Way("FFV1", ".mkv", _video("ffv1", "gray", rate)),
-        Way("MJPEG q 3", ".mkv", _video("mjpeg", "yuvj420p", rate, qmin="3", qmax="3")),
-        Way("PNG folder", "", png_folder),
-        Way("Foxglove MCAP, mono8", ".mcap", foxglove_file),
-        Way("ROS 2 bag (sqlite3), bgr8", "", ros_colour_bag),
-        Way("ROS 2 bag (mcap), JPEG", "", ros_jpeg_bag),
-        *_worldly(rate),
+        Format("H.264 crf 12", ".mp4", _video("libx264", "yuv420p", rate, crf="12", bf="0", **fast)),
+        Format("H.264 crf 28", ".mp4", _video("libx264", "yuv420p", rate, crf="28", bf="0", **fast)),
+        Format(
+            "H.264 crf 28, B-frames", ".mp4", _video("libx264", "yuv420p", rate, crf="28", bf="3", **fast)
+        ),
+        Format("FFV1", ".mkv", _video("ffv1", "gray", rate)),
+        Format("MJPEG q 3", ".mkv", _video("mjpeg", "yuvj420p", rate, qmin="3", qmax="3")),
+        Format("PNG folder", "", png_folder),
+        Format("Foxglove MCAP, mono8", ".mcap", foxglove_file),
+        Format("ROS 2 bag (sqlite3), bgr8", "", ros_colour_bag),
+        Format("ROS 2 bag (mcap), JPEG", "", ros_jpeg_bag),
+        *_defective(rate),
     ]
 
 
-def strikes_of(recording_path: Path, way: Way, folder: Path) -> tuple[list[Path], list[str]]:
-    """A file per strike, and which planned strike each is."""
+def strikes_of(recording_path: Path, file_format: Format, folder: Path) -> tuple[list[Path], list[str]]:
+    """Write a file per strike; the files, and the planned strike of each."""
     files, planned = [], []
     with open_recording(recording_path) as recording:
         for record in recording.strikes:
-            path = folder / f"{record.strike_id}{way.suffix}"
-            way.make(path, recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns))
+            path = folder / f"{record.strike_id}{file_format.suffix}"
+            file_format.make(
+                path, recording.images(start_ns=record.window_start_ns, end_ns=record.window_end_ns)
+            )
             recording.release_memory()
             files.append(path)
             planned.append(record.plan_strike_id)
@@ -196,8 +203,8 @@ def _row(name: str, live: Estimate, other: Estimate, truth: np.ndarray, ratio: s
 
     mine, theirs = phis(live), phis(other)
     off = np.degrees([theirs[key] - mine[key] for key in mine if key in theirs])
-    com = np.array(other.result.centre_of_mass.value)
-    moved = 1000 * np.linalg.norm(com - np.array(live.result.centre_of_mass.value))
+    com = other.com.position
+    moved = 1000 * np.linalg.norm(com - live.com.position)
     verdicts = sum(motion.verdict is Verdict.GOOD for motion in other.evidence.motions)
     median, worst = (np.median(np.abs(off)), np.max(np.abs(off))) if len(off) else (np.nan, np.nan)
     error = 1000 * np.linalg.norm(com - truth)
@@ -205,36 +212,44 @@ def _row(name: str, live: Estimate, other: Estimate, truth: np.ndarray, ratio: s
 
 
 def main() -> None:
-    """Print the table."""
+    """Estimate from every format and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recording", type=Path)
-    parser.add_argument("--only", help="a part of the names of the ways to be tried")
+    parser.add_argument("--only", help="part of the names of the formats to be tried")
     arguments = parser.parse_args()
     live = estimate_recording(arguments.recording)
     truth = np.array(read_truth(arguments.recording).body.com_object)
     rate = round(live.evidence.manifest.cameras[0].frame_rate_hz)
     click.echo(
-        "| | good strikes | phi off live, median, deg | worst | c off live, mm | c off truth, mm | recording / file |"
+        "| | good strikes | phi minus live, median, deg | worst | c from live, mm | c from ground truth, mm "
+        "| recording / file |"
     )
     click.echo("|---|---|---|---|---|---|---|")
     click.echo(_row("live", live, live, truth, ""))
-    for way in ways(rate):
-        if arguments.only and arguments.only not in way.name:
+    for file_format in formats(rate):
+        if arguments.only and arguments.only not in file_format.name:
             continue
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             object_path, plan_path, rig_path = attached(arguments.recording, folder)
-            files, planned = strikes_of(arguments.recording, way, folder)
+            files, planned = strikes_of(arguments.recording, file_format, folder)
             output = folder / "imported.mcap"
             options = ImportOptions(
-                tuple(files), object_path, plan_path, rig_path, tuple(planned), whole=True, source=way.source
+                tuple(files),
+                object_path,
+                plan_path,
+                rig_path,
+                tuple(planned),
+                whole=True,
+                source=file_format.source,
             )
             try:
                 with prepare(options) as prepared:
                     written = write_recording(prepared, output)
             except ImportRefused as error:
                 click.echo(
-                    f"| {way.name} | refused: {str(error).removeprefix(f'{folder}/')} |  |  |  |  |  |"
+                    f"| {file_format.name} | refused: {str(error).removeprefix(f'{folder}/')} |  |  |  |  |  "
+                    "|"
                 )
                 continue
             size = sum(
@@ -242,7 +257,9 @@ def main() -> None:
                 for path in files
                 for file in (path.rglob("*") if path.is_dir() else [path])
             )
-            click.echo(_row(way.name, live, estimate_recording(output), truth, f"{written.size / size:.2f}"))
+            click.echo(
+                _row(file_format.name, live, estimate_recording(output), truth, f"{written.size / size:.2f}")
+            )
 
 
 if __name__ == "__main__":

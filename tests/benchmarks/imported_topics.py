@@ -1,4 +1,4 @@
-"""Strikes as topics of images, for `imported_codecs`: Foxglove MCAP files, and ROS 2 bags in both storages."""
+"""Strikes as topics of images for `imported_codecs`: Foxglove MCAP files and ROS 2 bags."""
 
 from __future__ import annotations
 
@@ -17,23 +17,30 @@ from analyze.types import ImageFrame
 
 ROS = get_typestore(Stores.ROS2_HUMBLE)
 LATER_NS = 3_000_000
-"""by which messages are logged later than their images were taken"""
+"""delay of a message's log time after the time of its image [ns]"""
 
 
 def foxglove_file(path: Path, frames: Iterable[ImageFrame]) -> None:
-    """One foxglove.RawImage (mono8) per image."""
+    """Write one foxglove.RawImage (mono8) per image."""
     context = foxglove.Context()
     with foxglove.open_mcap(path, context=context):
         channel = RawImageChannel("/camera/image", context=context)
         for frame in frames:
             height, width = frame.image.shape
             stamp = Timestamp(frame.time_ns // 10**9, frame.time_ns % 10**9)
-            image = RawImage(timestamp=stamp, width=width, height=height, encoding="mono8", step=width, data=frame.image.tobytes())
+            image = RawImage(
+                timestamp=stamp,
+                width=width,
+                height=height,
+                encoding="mono8",
+                step=width,
+                data=frame.image.tobytes(),
+            )
             channel.log(image, log_time=frame.time_ns + LATER_NS)
 
 
 def ros_colour_bag(path: Path, frames: Iterable[ImageFrame]) -> None:
-    """One sensor_msgs/Image (bgr8) per image, in SQLite."""
+    """Write one sensor_msgs/Image (bgr8) per image, in SQLite."""
     _bag(path, frames, StoragePlugin.SQLITE3, "sensor_msgs/msg/Image")
 
 
@@ -47,15 +54,25 @@ def _bag(path: Path, frames: Iterable[ImageFrame], storage: StoragePlugin, name:
     with Writer(path, version=9, storage_plugin=storage) as writer:
         connection = writer.add_connection("/camera/image_raw", name, typestore=ROS)
         for frame in frames:
-            stamp = kinds["builtin_interfaces/msg/Time"](sec=frame.time_ns // 10**9, nanosec=frame.time_ns % 10**9)
+            stamp = kinds["builtin_interfaces/msg/Time"](
+                sec=frame.time_ns // 10**9, nanosec=frame.time_ns % 10**9
+            )
             header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="camera")
             height, width = frame.image.shape
             if name.endswith("CompressedImage"):
                 coded = cv2.imencode(".jpg", frame.image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
-                message = kinds[name](header=header, format="mono8; jpeg compressed mono8", data=coded.ravel())
+                message = kinds[name](
+                    header=header, format="mono8; jpeg compressed mono8", data=coded.ravel()
+                )
             else:
                 pixels = np.repeat(frame.image[..., None], 3, axis=-1).ravel()
                 message = kinds[name](
-                    header=header, height=height, width=width, encoding="bgr8", is_bigendian=0, step=3 * width, data=pixels
+                    header=header,
+                    height=height,
+                    width=width,
+                    encoding="bgr8",
+                    is_bigendian=0,
+                    step=3 * width,
+                    data=pixels,
                 )
             writer.write(connection, frame.time_ns + LATER_NS, ROS.serialize_cdr(message, name))

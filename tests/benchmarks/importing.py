@@ -1,10 +1,11 @@
-"""What `analyze import` costs on a gigabyte: time and processor time beside those of its peers, memory, and how large what it writes is.
+"""Cost of `analyze import` on a gigabyte compared with its peers: time, CPU time, memory, output size.
 
-A film of a resting tag with a tip now and then is coded once, and its packets are repeated until the file is large. Every measurement is a
-process of its own, they take turns, and the fastest turn of each counts. Peers are demuxing or decoding alone, which write nothing; writing
-as many bytes alone; demuxing with plain `write()` of every packet; the same with another thread that writes; remuxing by FFmpeg. The
-faster of those two that demux and write is the floor: no import that leaves as many bytes is expected to take less. "From disk": the film
-is thrown out of the system's memory before each turn, of all alike.
+A video of a resting tag with a tip now and then is encoded once, and its packets are repeated until the file
+is large. Every measurement is a process of its own; they take turns, and the fastest turn of each counts.
+Peers are demuxing or decoding alone, which write nothing; writing as many bytes alone; demuxing with plain
+`write()` of every packet; the same with another thread that writes; remuxing by FFmpeg. The faster of the two
+that demux and write is the lower limit for an import that writes as many bytes. "From disk": the file is
+evicted from the page cache before each turn, for all alike.
 """
 
 from __future__ import annotations
@@ -38,11 +39,11 @@ from analyze.importing.write_recording import write_recording
 from analyze.reading.image_message import decode_image_file
 from analyze.sources.message_files import open_message_file
 from analyze.sources.pictures import grey_values, parse_picture
-from tests.analyze.importing.filmed import REST, angles, picture, setting
+from tests.analyze.importing.tip_videos import REST, angles, picture, setting
 
 WIDTH, HEIGHT, RATE = 1280, 960, 240
 STRIKES, LARGE_STRIKES = 9, 4
-"""in a gigabyte; of pictures of half a megabyte, so that an object is seen to rest before each"""
+"""strikes in a gigabyte, and in one of half-megabyte pictures, so that the object rests before each strike"""
 GIGABYTE = 10**9
 TURNS = 3
 BLOCK = 1 << 20
@@ -50,7 +51,10 @@ Figures = dict[str, float]
 
 
 def images(noise: float) -> list[np.ndarray]:
-    """A resting box, and after REST frames its tip, four times as large as filmed.py draws it, with sensor noise."""
+    """Images of a resting box and, after REST frames, of its tip, with sensor noise.
+
+    They are four times as large as those of filmed.py.
+    """
     random = np.random.default_rng(1)
     found = []
     for theta in angles():
@@ -62,7 +66,7 @@ def images(noise: float) -> list[np.ndarray]:
 def packets(
     codec: str, pixels: str, pictures: list[np.ndarray], options: dict[str, str]
 ) -> tuple[bytes, list[bytes]]:
-    """What a decoder must know first, and a coded picture each."""
+    """Decoder configuration, and one encoded packet per picture."""
     encoder = av.CodecContext.create(codec, "w")
     encoder.width, encoder.height, encoder.pix_fmt = WIDTH, HEIGHT, pixels
     encoder.time_base, encoder.framerate, encoder.options = Fraction(1, RATE), Fraction(RATE), options
@@ -78,7 +82,7 @@ def packets(
 def make(
     path: Path, codec: str, pixels: str, noise: float, size: int, strikes: int, /, **options: str
 ) -> None:
-    """A film of about `size` bytes with tips."""
+    """Write a video of about `size` bytes with tips."""
     pictures = images(noise)
     _, rest = packets(codec, pixels, pictures[:REST], options)
     extra, tip = packets(codec, pixels, pictures, options)
@@ -91,7 +95,7 @@ def make(
         if extra:
             stream.codec_context.extradata = extra
         stream.codec_context.options = options
-        for group in _film(rest, tip, size, strikes):
+        for group in _stretches(rest, tip, size, strikes):
             for number, data in enumerate(group):
                 packet = av.Packet(data)
                 packet.stream, packet.time_base = stream, Fraction(1, RATE)
@@ -101,8 +105,8 @@ def make(
                 written += 1
 
 
-def _film(rest: list[bytes], tip: list[bytes], size: int, strikes: int) -> Iterator[list[bytes]]:
-    """Stretches at rest and tips, of `size` bytes together."""
+def _stretches(rest: list[bytes], tip: list[bytes], size: int, strikes: int) -> Iterator[list[bytes]]:
+    """Encoded stretches at rest and tips, of about `size` bytes together."""
     between = max(1, (size // strikes - sum(map(len, tip))) // sum(map(len, rest)))
     for _ in range(strikes):
         yield from [rest] * between
@@ -110,10 +114,10 @@ def _film(rest: list[bytes], tip: list[bytes], size: int, strikes: int) -> Itera
 
 
 def make_files(path: Path, suffix: str, noise: float, size: int, strikes: int) -> None:
-    """A folder of image files with a CSV of their times; or where `path` is an MCAP file, a topic of them."""
+    """Write a folder of image files with a CSV of times, or a topic of images if `path` is an MCAP file."""
     coded = [cv2.imencode(suffix, each)[1].tobytes() for each in images(noise)]
     times_ns = (round(number * 1e9 / RATE) for number in range(10**9))
-    timed = zip(times_ns, chain.from_iterable(_film(coded[:REST], coded, size, strikes)), strict=False)
+    timed = zip(times_ns, chain.from_iterable(_stretches(coded[:REST], coded, size, strikes)), strict=False)
     if path.suffix == ".mcap":
         context = foxglove.Context()
         with foxglove.open_mcap(path, context=context, allow_overwrite=True):
@@ -134,7 +138,7 @@ def make_files(path: Path, suffix: str, noise: float, size: int, strikes: int) -
 
 
 def most_memory_mb() -> float:
-    """The most that this process held; `ru_maxrss` would be its parent's, where that held more."""
+    """Peak memory [MB] of this process; `ru_maxrss` would be its parent's if that is larger."""
     [line] = [
         line
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines()
@@ -144,7 +148,7 @@ def most_memory_mb() -> float:
 
 
 def measure(work: str, path: Path, folder: Path, strikes: int) -> Figures:
-    """Seconds and the most memory [MB] of one piece of work, in this process; bytes of what it wrote."""
+    """Run one measurement in this process: seconds, CPU time, peak memory [MB], frames and bytes written."""
     output = folder / f"written{'.mcap' if work in {'whole', 'split'} else path.suffix}"
     start, started = time.perf_counter(), time.process_time()
     count = (
@@ -268,7 +272,7 @@ _PEERS = {
 
 
 def _forget(path: Path) -> None:
-    """Let the system throw the file out of its memory."""
+    """Evict the file from the page cache."""
     with path.open("rb") as file:
         os.fsync(file.fileno())
         os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
@@ -299,7 +303,7 @@ def turns(
     cold: bool = False,
     strikes: int = STRIKES,
 ) -> dict[str, Figures]:
-    """The fastest of `count` turns of each."""
+    """Fastest of `count` turns of each measurement."""
     if not cold and path.suffix in {".mp4", ".mov"}:
         _child("demux", path, folder, strikes)  # into memory
     found: dict[str, list[Figures]] = {work: [] for work in works}
@@ -311,10 +315,11 @@ def turns(
     return {work: min(each, key=lambda figures: figures["seconds"]) for work, each in found.items()}
 
 
-def told(name: str, path: Path, found: dict[str, Figures], own: str) -> None:
-    """Print one film's table: what each took, and how it stands to the import."""
+def print_figures(name: str, path: Path, found: dict[str, Figures], own: str) -> None:
+    """Print the table of one file: time of each measurement, and its ratio to the import's."""
     size = _size(path)
-    title = f"{size / 1e9:.2f} GB of {name}, {found[own]['frames']:.0f} frames written, recording / film {found[own]['bytes'] / size:.3f}"
+    written = f"{found[own]['frames']:.0f} frames written, recording / file {found[own]['bytes'] / size:.3f}"
+    title = f"{size / 1e9:.2f} GB of {name}, {written}"
     table = Table(
         "",
         "s",
@@ -339,31 +344,37 @@ def told(name: str, path: Path, found: dict[str, Figures], own: str) -> None:
 
 
 def _kept_videos(folder: Path, size: int) -> None:
-    """Tables of H.264."""
+    """Print the tables of H.264."""
     h264, phone = folder / "h264.mp4", folder / "phone.mp4"
     usual = {"bf": "0", "preset": "veryfast", "g": "1000"}
     kept = ("write", "demux", "demux and write", "demux, write beside", "remux", "whole")
     make(h264, "libx264", "yuv420p", 8.0, size, STRIKES, crf="22", **usual)
-    told("H.264 of 9 kB a picture, from memory", h264, turns(h264, folder, kept), "whole")
-    told("H.264 of 9 kB a picture, from disk", h264, turns(h264, folder, kept[1:], cold=True), "whole")
+    print_figures("H.264 of 9 kB a picture, from memory", h264, turns(h264, folder, kept), "whole")
+    print_figures(
+        "H.264 of 9 kB a picture, from disk", h264, turns(h264, folder, kept[1:], cold=True), "whole"
+    )
     make(h264, "libx264", "yuv420p", 8.0, size // 4, STRIKES, crf="22", **usual)
-    told("H.264 of 9 kB a picture, split", h264, turns(h264, folder, ("decode", "split"), 2), "split")
+    print_figures(
+        "H.264 of 9 kB a picture, split", h264, turns(h264, folder, ("decode", "split"), 2), "split"
+    )
     h264.unlink()
     make(phone, "libx264", "yuv420p", 8.0, size, STRIKES, crf="20", **usual)
-    told("H.264 of 77 kB a picture, from memory", phone, turns(phone, folder, kept), "whole")
-    told("H.264 of 77 kB a picture, from disk", phone, turns(phone, folder, kept[1:], cold=True), "whole")
+    print_figures("H.264 of 77 kB a picture, from memory", phone, turns(phone, folder, kept), "whole")
+    print_figures(
+        "H.264 of 77 kB a picture, from disk", phone, turns(phone, folder, kept[1:], cold=True), "whole"
+    )
     phone.unlink()
 
 
 def _images(folder: Path, size: int) -> None:
-    """Tables of what is decoded for its strikes, and of which only their windows are stored."""
+    """Print the tables of formats that are decoded, with only the strikes' windows stored."""
     mjpeg, ffv1 = folder / "mjpeg.mov", folder / "ffv1.mkv"
     works = ("decode", "split")
     make(mjpeg, "mjpeg", "yuvj420p", 3.0, size, STRIKES, qmin="2", qmax="2")
-    told("Motion JPEG", mjpeg, turns(mjpeg, folder, works, 2), "split")
+    print_figures("Motion JPEG", mjpeg, turns(mjpeg, folder, works, 2), "split")
     mjpeg.unlink()
     make(ffv1, "ffv1", "gray", 3.0, size, LARGE_STRIKES, level="3", slices="4")
-    told("FFV1", ffv1, turns(ffv1, folder, works, 2, strikes=LARGE_STRIKES), "split")
+    print_figures("FFV1", ffv1, turns(ffv1, folder, works, 2, strikes=LARGE_STRIKES), "split")
     ffv1.unlink()
     cases = (
         ("a folder of PNG", ".png", LARGE_STRIKES),
@@ -373,19 +384,19 @@ def _images(folder: Path, size: int) -> None:
     for name, suffix, strikes in cases:
         path = folder / ("topic.mcap" if "topic" in name else "images")
         make_files(path, suffix, 3.0, size, strikes)
-        told(name, path, turns(path, folder, works, 2, strikes=strikes), "split")
+        print_figures(name, path, turns(path, folder, works, 2, strikes=strikes), "split")
         shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def main() -> None:
-    """Make the films, measure, print the tables."""
+    """Make the files, measure, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--bytes", type=int, default=GIGABYTE)
-    parser.add_argument("--work", help="one measurement, in this process")
+    parser.add_argument("--work", help="run one measurement in this process")
     parser.add_argument("--film", type=Path)
     parser.add_argument("--folder", type=Path)
     parser.add_argument("--strikes", type=int, default=STRIKES)
-    parser.add_argument("--images", action="store_true", help="only what is not kept as a video")
+    parser.add_argument("--images", action="store_true", help="only formats that are not kept as a video")
     arguments = parser.parse_args()
     if arguments.work:
         sys.stdout.write(

@@ -1,4 +1,4 @@
-"""A ten-minute session of a gigabyte, made of the sample's four strikes: struck again and again, with idle frames between."""
+"""A ten-minute session of a gigabyte, made of the sample's four strikes and idle frames between them."""
 
 from __future__ import annotations
 
@@ -19,20 +19,26 @@ STRIKES, SECONDS = 10, 600
 LAST_STRIKE = "s2.3"
 _PERIOD_NS = 8_333_333
 _BEFORE, _AFTER = 110, 64
-"""frames at rest that are added to the sample's"""
+"""frames at rest that are added before and after the sample's"""
 _NOISE = 1.5
-"""grey levels, 1 sigma, of what tells repeated frames apart"""
+"""noise [grey levels, 1 sigma] that distinguishes repeated frames"""
 
 
 def make_long_session(path: Path) -> None:
-    """Write it; every strike takes its minute."""
+    """Write the session, with one strike a minute."""
     rng = np.random.default_rng(1)
     noise = np.rint(rng.normal(0.0, _NOISE, (16, 492, 656))).astype(np.int16)
     with open_recording(FIRST_SAMPLE) as sample, McapWriter(path) as writer:
         writer.metadata(MANIFEST_NAME, {"json": canonical_json(sample.manifest)})
         for name, data in sample.attachments.items():
             writer.attachment(name, "application/octet-stream", data)
-        names = (topics.raw_image("main"), topics.frame_meta("main"), topics.STRIKER_EVENT, topics.CLOCK_SAMPLE, topics.SESSION_STRIKE)
+        names = (
+            topics.raw_image("main"),
+            topics.frame_meta("main"),
+            topics.STRIKER_EVENT,
+            topics.CLOCK_SAMPLE,
+            topics.SESSION_STRIKE,
+        )
         images, metas, events, clocks, strikes = (writer.add_topic(topic) for topic in names)
         start = sample.strikes[0].window_start_ns
         encoder = RawImageEncoder("camera", 656, 492)
@@ -41,7 +47,12 @@ def make_long_session(path: Path) -> None:
         def frame(time_ns: int, image: np.ndarray) -> None:
             nonlocal written
             noisy = np.clip(image.astype(np.int16) + noise[written % len(noise)], 0, 255).astype(np.uint8)
-            meta = pb.FrameMeta(sequence=written, mid_exposure_host_ns=time_ns - start + 1, image_recorded=True, mapping_sd_ns=20_000)
+            meta = pb.FrameMeta(
+                sequence=written,
+                mid_exposure_host_ns=time_ns - start + 1,
+                image_recorded=True,
+                mapping_sd_ns=20_000,
+            )
             writer.write(images, time_ns, encoder.encode(time_ns, noisy), sequence=written)
             writer.write(metas, time_ns, meta.SerializeToString(), sequence=written)
             written += 1
@@ -62,7 +73,7 @@ def make_long_session(path: Path) -> None:
                 frame(each.time_ns + shift, each.image)
             for after in range(1, _AFTER):
                 frame(found[-1].time_ns + shift + after * _PERIOD_NS, found[-1].image)
-            _tell(sample, record, writer, events, shift)
+            _copy_events(sample, record, writer, events, shift)
             record.strike_id = f"{record.plan_strike_id}.{1 + number // len(sample.strikes)}"
             record.window_start_ns += shift - _BEFORE * _PERIOD_NS
             record.window_end_ns += shift + (_AFTER - 1) * _PERIOD_NS
@@ -73,11 +84,19 @@ def make_long_session(path: Path) -> None:
             record.contact_time_ns -= shift
 
 
-def _tell(sample: Recording, record: pb.StrikeRecord, writer: McapWriter, channel: object, shift: int) -> None:
+def _copy_events(
+    sample: Recording, record: pb.StrikeRecord, writer: McapWriter, channel: object, shift: int
+) -> None:
     for message in sample.messages(topics.STRIKER_EVENT.name, record.window_start_ns, record.window_end_ns):
-        writer.write(channel, message.log_time_ns + shift, bytes(message.data))  # pyright: ignore[reportArgumentType]
+        data = bytes(message.data)
+        writer.write(channel, message.log_time_ns + shift, data)  # pyright: ignore[reportArgumentType]
 
 
 def _clock(host_ns: int) -> bytes:
-    sample = pb.ClockSample(clock="camera/main", device_time_ns=host_ns, host_before_ns=host_ns - 50_000, host_after_ns=host_ns + 50_000)
+    sample = pb.ClockSample(
+        clock="camera/main",
+        device_time_ns=host_ns,
+        host_before_ns=host_ns - 50_000,
+        host_after_ns=host_ns + 50_000,
+    )
     return sample.SerializeToString()

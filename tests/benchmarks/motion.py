@@ -1,8 +1,9 @@
-"""phi and k by every estimator beside the Cramer-Rao bound, and the verdicts on strikes of all kinds: `make bench-motion` (five minutes).
+"""phi and k of every estimator against the Cramer-Rao bound, and verdicts: `make bench-motion`.
 
-All strikes are simulated in the plane with dry friction, rounded edges and a striker's push (tests/analyze/motion/sliding.py), which shares
-nothing with the estimators. The bound is that of the pendulum with white noise on theta, over the same frames. Interval columns are of the
-95 % intervals; "width" is their median half over twice the rms error (1 is ideal, more is wider than need be).
+It takes five minutes. All strikes are simulated in the plane with dry friction, rounded edges and a striker's
+push (tests/analyze/motion/sliding.py), which shares no code with the estimators. The bound is that of the
+pendulum with white noise on theta, over the same frames. Interval columns are for 95 % intervals; "width" is
+their median half width over twice the rms error (ideally 1).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from rich.progress import track
 from rich.table import Table
 
 from analyze.errors import EstimationError
+from analyze.estimation.intervals import SIGMAS_95
 from analyze.motion.balance_fit import moment_balance
 from analyze.motion.edge_motion import edge_motion
 from analyze.motion.pendulum import trajectory
@@ -25,13 +27,13 @@ from analyze.motion.sign_change import sign_change
 from analyze.types import MotionFit
 from schemas.result import Verdict
 from tests.analyze.motion.drawn_strikes import EXPECTED, KINDS, Strike, draw, draw_free
-from tests.benchmarks.fit_error import NOISES, VAGUE, Error
+from tests.benchmarks.fit_error import MAX_BOUND, NOISES, Error
 
 USED = (Verdict.GOOD, Verdict.ROCKED_BACK)
 
 
 def bound(strike: Strike, fit: MotionFit) -> tuple[float, float]:
-    """1 sigma of phi [rad] and of k [relative], of the pendulum over the fit's frames."""
+    """Cramer-Rao bound (1 sigma) of phi [rad] and k [relative] of the pendulum, over the fit's frames."""
     body, angle = strike.body, strike.motion.angle
     start, stop = fit.window
     time = (angle.time_ns[start:stop] - angle.time_ns[start]) * 1e-9
@@ -46,7 +48,7 @@ def bound(strike: Strike, fit: MotionFit) -> tuple[float, float]:
 def error(strike: Strike, fit: MotionFit) -> Error:
     limits = bound(strike, fit)
     k = fit.k or math.nan
-    # The zero of theta is the mean of the resting frames; its share is in the stated sd and in the error alike.
+    # The zero of theta is the mean of the resting frames; it adds to the stated sd and to the error alike.
     rest = strike.motion.angle.zero_sd
     return Error(
         fit.phi - strike.body.phi,
@@ -59,7 +61,7 @@ def error(strike: Strike, fit: MotionFit) -> Error:
 
 
 def estimators(strike: Strike, chosen: MotionFit) -> dict[str, MotionFit]:
-    """Every estimator over the frames of the one that was chosen."""
+    """Fits of every estimator over the frames of the chosen one."""
     motion, window = strike.motion, chosen.window
     found = {"as chosen": chosen}
     for name, fit in (
@@ -82,20 +84,26 @@ def _balance(strike: Strike, window: tuple[int, int]) -> MotionFit:
 def accuracy(count: int, seed: int, slides: bool, console: Console) -> None:
     errors: dict[tuple[str, tuple[float, float]], list[Error]] = defaultdict(list)
     unused, vague, rng = Counter[str](), 0, np.random.default_rng([seed, int(slides)])
-    for _ in track(range(count), console=Console(stderr=True), transient=True, description="edge slides" if slides else "edge holds"):
+    for _ in track(
+        range(count),
+        console=Console(stderr=True),
+        transient=True,
+        description="edge slides" if slides else "edge holds",
+    ):
         strike = draw_free(rng, slides)
         found = strike.analysed()
         if found.fit is None or found.verdict not in USED:
             unused[found.verdict.value] += 1
             continue
-        if bound(strike, found.fit)[0] > VAGUE:
+        if bound(strike, found.fit)[0] > MAX_BOUND:
             vague += 1
             continue
         noise = next(pair for pair in NOISES if math.degrees(strike.noise) <= pair[1] + 1e-9)
         for name, fit in estimators(strike, found.fit).items():
             errors[name, noise].append(error(strike, fit))
     table = Table(
-        title=f"{count} strikes whose edge {'slides by 0.2 to 6 mm' if slides else 'holds'} (unused {dict(unused)}, vague {vague})"
+        title=f"{count} strikes whose edge {'slides by 0.2 to 6 mm' if slides else 'holds'} "
+        f"(unused {dict(unused)}, bound too large {vague})"
     )
     for heading in (
         "noise",
@@ -114,7 +122,12 @@ def accuracy(count: int, seed: int, slides: bool, console: Console) -> None:
         for name in ("as chosen", "pivot_fit", "moment_balance", "sign_change (paper)"):
             some = errors.get((name, noise), [])
             if some:
-                table.add_row(f"{noise[0]:g}-{noise[1]:g}°" if name == "as chosen" else "", name, str(len(some)), *_cells(some))
+                table.add_row(
+                    f"{noise[0]:g}-{noise[1]:g}°" if name == "as chosen" else "",
+                    name,
+                    str(len(some)),
+                    *_cells(some),
+                )
     console.print(table)
 
 
@@ -125,12 +138,12 @@ def _cells(some: list[Error]) -> list[str]:
     cells = [
         f"{math.degrees(float(np.median(np.abs(phi)))):.3f}°",
         f"{_rms(ratio):.2f}",
-        f"{100 * np.mean(np.abs(phi) < 1.96 * sd):.0f} %",
-        f"{float(np.median(1.96 * sd / np.array([e.bound_phi for e in some]))) / (2 * _rms(ratio)):.2f}",
+        f"{100 * np.mean(np.abs(phi) < SIGMAS_95 * sd):.0f} %",
+        f"{float(np.median(SIGMAS_95 * sd / np.array([e.bound_phi for e in some]))) / (2 * _rms(ratio)):.2f}",
     ]
     if np.any(np.isnan(k)):
         return [*cells, "", "", ""]
-    inside = np.abs(k) < 1.96 * np.array([e.sd_k for e in some])
+    inside = np.abs(k) < SIGMAS_95 * np.array([e.sd_k for e in some])
     return [
         *cells,
         f"{100 * np.median(np.abs(k)):.2f} %",
@@ -144,9 +157,11 @@ def _rms(values: np.ndarray) -> float:
 
 
 def verdicts(count: int, seed: int, console: Console) -> None:
-    """The confusion table."""
-    words = list(dict.fromkeys(verdict for kind in KINDS for verdict in sorted(EXPECTED[kind], key=lambda v: v.value)))
-    table = Table(title=f"{count * len(KINDS)} strikes: what they were (rows), what they are called")
+    """Print the confusion table of the verdicts."""
+    words = list(
+        dict.fromkeys(verdict for kind in KINDS for verdict in sorted(EXPECTED[kind], key=lambda v: v.value))
+    )
+    table = Table(title=f"{count * len(KINDS)} strikes: true kind (rows), verdict (columns)")
     for heading in ("", *(word.value for word in words)):
         table.add_column(heading, justify="right")
     wrong_good, accepted = 0, 0
@@ -159,15 +174,17 @@ def verdicts(count: int, seed: int, console: Console) -> None:
         wrong_good += called[Verdict.GOOD] if kind != "good" else 0
         table.add_row(kind, *(str(called[word]) if called[word] else "" for word in words))
     console.print(table)
-    console.print(f"failed strikes called good: {wrong_good}; good ones accepted: {100 * accepted / count:.0f} %")
+    console.print(
+        f"failed strikes judged good: {wrong_good}; good strikes accepted: {100 * accepted / count:.0f} %"
+    )
 
 
 @click.command()
-@click.option("--strikes", default=300, show_default=True, help="Of each sort for the accuracy.")
-@click.option("--each", default=40, show_default=True, help="Of each kind for the verdicts.")
+@click.option("--strikes", default=300, show_default=True, help="Strikes of each sort for the accuracy.")
+@click.option("--each", default=40, show_default=True, help="Strikes of each kind for the verdicts.")
 @click.option("--seed", default=1, show_default=True)
 def main(strikes: int, each: int, seed: int) -> None:
-    """Run it."""
+    """Run the benchmark."""
     console = Console(width=170)
     for slides in (False, True):
         accuracy(strikes, seed, slides, console)

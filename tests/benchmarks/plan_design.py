@@ -1,7 +1,8 @@
-"""Our strikes beside the paper's on random bodies: `make bench-plan` (200 bodies; about five minutes).
+"""Our planned strikes compared with the paper's on random bodies: `make bench-plan` (five minutes).
 
-Convex and not, random masses inside, angles at 0.3 degrees, edges at 0.3 mm, nine strikes each. Prints how many of the paper's sets are
-singular, how many of ours, and the medians of the distance of c from the truth where both have an answer.
+Convex and other bodies, random masses inside, angle noise 0.3 degrees, edge noise 0.3 mm, nine strikes each.
+Prints how many of the paper's sets are singular, how many of ours, and the median errors of c for bodies on
+which both have an answer.
 """
 
 from __future__ import annotations
@@ -24,8 +25,11 @@ from tests.analyze.planning.random_bodies import KINDS, random_body
 def main(bodies: int, draws: int) -> None:
     """Run the comparison."""
     console = Console(width=200)
-    results = [compare(random_body(seed), draws, seed) for seed in track(range(bodies), console=Console(stderr=True), transient=True)]
-    table = Table(title=f"{bodies} random bodies, {draws} draws each; medians of the distance of c from the truth [mm]")
+    results = [
+        compare(random_body(seed), draws, seed)
+        for seed in track(range(bodies), console=Console(stderr=True), transient=True)
+    ]
+    table = Table(title=f"{bodies} random bodies, {draws} draws each; median errors of c [mm]")
     headings = (
         "bodies",
         "paper: none",
@@ -46,37 +50,58 @@ def main(bodies: int, draws: int) -> None:
     console.print(table)
     printed = sum(result.paper_as_printed for result in results)
     console.print(
-        f"eq. (1) as printed leaves two stable planes for {printed} of {bodies} bodies; for the others means stand in place of its sums"
+        f"eq. (1) as published leaves two stable planes for {printed} of {bodies} bodies; for the others its "
+        "sums are replaced by means"
     )
     console.print(
-        "none: refused with the reason; falls over: c, hidden, lies beyond the support of a plane that was thought stable; checked: ours"
+        "none: refused with a reason; falls over: the true c lies outside the support of a plane that was "
+        "assumed stable; checked: ours"
     )
-    console.print("with friction, lift, reach and speed of the striker looked at, which the paper does not")
-    for reason, many in Counter(_reason(result.checked.refusal) for result in results if result.checked.refusal).most_common():
+    console.print(
+        "with friction, lift, and reach and speed of the striker checked, which the paper does not do"
+    )
+    for reason, many in Counter(
+        _reason(result.checked.refusal) for result in results if result.checked.refusal
+    ).most_common():
         console.print(f"checked, none, {many}: {reason}", highlight=False)
 
 
 def _row(results: list[Compared]) -> list[str]:
     paper = [result.paper for result in results]
-    goes_on = sum(not outcome.refusal for outcome in paper)
+    planned = sum(not outcome.refusal for outcome in paper)
     singular = sum(outcome.singular for outcome in paper)
-    cells = [str(len(results)), str(len(results) - goes_on), str(sum(outcome.falls_over for outcome in paper))]
-    cells += [f"{singular}/{goes_on} = {100 * singular / max(goes_on, 1):.0f} %"]
+    cells = [
+        str(len(results)),
+        str(len(results) - planned),
+        str(sum(outcome.falls_over for outcome in paper)),
+    ]
+    cells += [f"{singular}/{planned} = {100 * singular / max(planned, 1):.0f} %"]
     ours = [result.ours for result in results]
     cells += [
-        str(sum(test(outcome) for outcome in ours)) for test in (lambda o: bool(o.refusal), lambda o: o.falls_over, lambda o: o.singular)
+        str(sum(test(outcome) for outcome in ours))
+        for test in (lambda o: bool(o.refusal), lambda o: o.falls_over, lambda o: o.singular)
     ]
     both, medians = _medians([(result.paper, result.ours) for result in results])
-    cells += [str(both), f"{1000 * medians[0]:.2f}", f"{1000 * medians[1]:.2f}", f"{medians[1] / medians[0]:.2f}"]
+    cells += [
+        str(both),
+        f"{1000 * medians[0]:.2f}",
+        f"{1000 * medians[1]:.2f}",
+        f"{medians[1] / medians[0]:.2f}",
+    ]
     checked = [result.checked for result in results]
-    cells += [str(sum(bool(outcome.refusal) for outcome in checked)), str(sum(outcome.falls_over for outcome in checked))]
+    cells += [
+        str(sum(bool(outcome.refusal) for outcome in checked)),
+        str(sum(outcome.falls_over for outcome in checked)),
+    ]
     both, medians = _medians([(result.paper, result.checked) for result in results])
     return [*cells, str(both), f"{medians[1] / medians[0]:.2f}"]
 
 
 def _medians(pairs: list[tuple[Outcome, Outcome]]) -> tuple[int, tuple[float, float]]:
-    """How many have both answers, and the medians over those."""
-    both = [(a.distances, b.distances) for a, b in pairs if a.distances is not None and b.distances is not None]
+    """Number of bodies with both answers, and the median errors over them."""
+    both = [
+        (a.distances, b.distances) for a, b in pairs if a.distances is not None and b.distances is not None
+    ]
     if not both:
         return 0, (np.nan, np.nan)
     first, second = (float(np.median(np.concatenate([pair[i] for pair in both]))) for i in (0, 1))
@@ -84,11 +109,13 @@ def _medians(pairs: list[tuple[Outcome, Outcome]]) -> tuple[int, tuple[float, fl
 
 
 def _reason(text: str) -> str:
-    """Without the body's own numbers: what stood in the way, and what would help."""
+    """Reason of a refusal and its remedy, without the numbers of the body."""
     if "flat faces" in text:
         return "no flat face it is sure to stay on"
     remedy = text.rsplit(": ", 1)[-1]
-    state = "some axes, but a direction of c stays unknown" if "usable axes leave" in text else "no axis passes"
+    state = (
+        "some axes, but a direction of c stays unknown" if "usable axes leave" in text else "no axis passes"
+    )
     return f"{state}; {remedy}"
 
 

@@ -1,7 +1,7 @@
-"""What planning makes of its input: edges of noisy clouds beside the raw hull's (paper, Fig. 10), stable planes beside trimesh's, times.
+"""Input of planning: edges of noisy clouds against the raw hull's (paper, Fig. 10), planes, times.
 
 python -m tests.benchmarks.plan_input noise [--seeds 5]
-python -m tests.benchmarks.plan_input poses FOLDER     (FOLDER/*/mesh.ply in mm, inertia.yaml beside)
+python -m tests.benchmarks.plan_input poses FOLDER     (FOLDER/*/mesh.ply in mm, with inertia.yaml)
 python -m tests.benchmarks.plan_input speed [MESH.ply]
 """
 
@@ -50,27 +50,28 @@ POINTS = 20_000
 SAME_POSE = np.radians(1.0)
 
 
-# --- noise ---------------------------------------------------------------------------------------------------------
+# --- noise
+# ---------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class EdgeErrors:
-    """Of one cloud. Lengths in mm."""
+    """Errors of the edges from one cloud, in mm."""
 
     fitted: np.ndarray
-    """distance across, of each true edge that was found"""
+    """distance of each true edge from the edge found for it"""
     sd: np.ndarray
-    """as the plan would carry it"""
+    """sd that the plan would state"""
     edges: int
-    """that there are"""
+    """number of true edges"""
     raw_found: int
-    """edges that the raw hull's planes have at all"""
+    """true edges that the raw hull's planes have"""
     raw_shift: float
-    """mean distance by which the raw hull sticks out over the true faces, times the square root of two: the edge of two such faces"""
+    """mean distance of the raw hull outside the true faces, times root 2 for an edge of two such faces"""
 
 
 def noisy_cloud(mesh: trimesh.Trimesh, noise_mm: float, seed: int, outward: bool) -> np.ndarray:
-    """Points (n, 3) mm; as in the paper each moved by up to `noise_mm`, in any direction or all outwards."""
+    """Points (n, 3) [mm], each moved by up to `noise_mm` in a random direction, or outwards."""
     points, face = trimesh.sample.sample_surface(mesh, POINTS, seed=seed)
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=points.shape)
@@ -83,14 +84,14 @@ def noisy_cloud(mesh: trimesh.Trimesh, noise_mm: float, seed: int, outward: bool
 
 
 def model_of_cloud(points: np.ndarray, surface_sd_mm: float = 0.0) -> ObjectModel:
-    """As a user's PLY would become."""
+    """Model from a cloud, as from a user's PLY file."""
     data = trimesh.PointCloud(points).export(file_type="ply")
     spec = spec_of({"file": "cloud.ply", "unit": "mm", "surface_sd_m": surface_sd_mm / 1000}, 0.05)
     return load_object_model(spec, data, "cloud.ply")
 
 
 def model_of_mesh(mesh: trimesh.Trimesh, mass: float = 0.05) -> ObjectModel:
-    """As a user's STL in mm would become."""
+    """Model from a mesh, as from a user's STL file in mm."""
     return load_object_model(
         spec_of({"file": "m.stl", "unit": "mm"}, mass), mesh.export(file_type="stl"), "m.stl"
     )
@@ -99,7 +100,7 @@ def model_of_mesh(mesh: trimesh.Trimesh, mass: float = 0.05) -> ObjectModel:
 def edge_errors(
     mesh: trimesh.Trimesh, noise_mm: float, seed: int, outward: bool, surface_sd_mm: float = 0.0
 ) -> EdgeErrors:
-    """Edges of the fitted planes, and of the raw hull, beside the true ones."""
+    """Errors of the edges of the fitted planes, and of the raw hull."""
     truth = model_of_mesh(mesh)
     points = noisy_cloud(mesh, noise_mm, seed, outward)
     model = model_of_cloud(points, surface_sd_mm)
@@ -109,7 +110,7 @@ def edge_errors(
     raw.fix_normals()
     found, edges = _across(truth, model)
     raw_found, _ = _across(truth, model_of_mesh(raw))
-    # Faces of a tessellated flank are no faces; the ends of a cylinder are.
+    # Facets of a tessellated flank do not count as faces; the ends of a cylinder do.
     large = [plane for plane in resting_planes(truth) if plane.area > 0.02 * mesh.area * 1e-6]
     shift = [float((points @ -plane.up).max() + 1000 * plane.level) for plane in large]
     return EdgeErrors(
@@ -122,7 +123,7 @@ def edge_errors(
 
 
 def _across(truth: ObjectModel, model: ObjectModel) -> tuple[list[tuple[float, float]], int]:
-    """Distance and sd [mm] of every true edge of a large face that the model has too, and how many true ones there are."""
+    """Distance and sd [mm] of the true edges that the model has, and the number of true edges."""
     planes = resting_planes(model)
     found: list[tuple[float, float]] = []
     edges = 0
@@ -130,7 +131,7 @@ def _across(truth: ObjectModel, model: ObjectModel) -> tuple[list[tuple[float, f
     for plane in (plane for plane in resting_planes(truth) if plane.area > 0.02 * area):
         mine = [each for each in planes if each.up @ plane.up > np.cos(np.radians(5))]
         start, end = plane.edges
-        # Of a finely tessellated rim every eighth tangent is enough.
+        # For a finely tessellated rim every eighth tangent is enough.
         for i in range(0, len(start), 8 if len(start) > 32 else 1):
             edges += 1
             best = _nearest(mine[0], plane.outward()[i], (start[i] + end[i]) / 2) if mine else None
@@ -153,7 +154,7 @@ def _nearest(plane: RestingPlane, out: np.ndarray, middle: np.ndarray) -> tuple[
 
 
 def noise_table(console: Console, seeds: int) -> None:
-    """Fig. 10's sweep for the edge position."""
+    """Print the errors of the edges' position over the noise (paper, Fig. 10)."""
     for name, make in BODIES.items():
         table = Table(
             title=f"{name} mm, {POINTS} points, {seeds} seeds: error of the edges' position [mm]",
@@ -168,7 +169,7 @@ def noise_table(console: Console, seeds: int) -> None:
             "largest",
             "sd carried",
             "raw hull: found",
-            "sticks out",
+            "raw hull: outside by",
         ):
             table.add_column(heading, justify="right")
         for outward in (False, True):
@@ -193,30 +194,33 @@ def noise_table(console: Console, seeds: int) -> None:
                 )
         console.print(table)
     console.print(
-        "outwards: all noise points out, half of it on the mean; no fit can see that; declared as surface_sd_m = half of it"
+        "outwards: all shifts point outwards, by half the noise on average, which no fit detects; "
+        "surface_sd_m states half of it"
     )
 
 
-# --- stable planes ---------------------------------------------------------------------------------------------------
+# --- stable planes
+# ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class PoseComparison:
-    """Our stable planes for one point c beside `trimesh.poses.compute_stable_poses`."""
+    """Our stable planes for one point c, compared with `trimesh.poses.compute_stable_poses`."""
 
     agreed: int
     explained: tuple[str, ...]
-    """one reason per pose that only one of the two has"""
+    """a reason for each pose that only one of the two has"""
     unexplained: tuple[str, ...]
 
 
 def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
-    """Every disagreement with its reason.
+    """Disagreements between trimesh and our stable planes, each with its reason.
 
-    trimesh looks at single facets, we at faces: facets of one plane merged, those below `SMALLEST_AREA` of the hull left out. So only it
-    has poses on facets too small to stand on, and two poses for one face that is flat within `COPLANAR`; only we have one where c's
-    projection lies on the border of two facets of a face, which trimesh then lets topple for ever, or where it merges normals equal to
-    three decimals.
+    trimesh considers single facets; our faces are merged from the facets of one plane, without those below
+    `SMALLEST_AREA` of the hull. Therefore only trimesh has poses on facets too small to stand on, and two
+    poses for one face that is flat within `COPLANAR`. Only we have a pose where the projection of c lies on
+    the boundary of two facets of a face, which trimesh lets topple for ever, or where it merges normals equal
+    to three decimals.
     """
     mesh = trimesh.Trimesh(model.vertices, model.faces, process=False)
     transforms, probabilities = trimesh.poses.compute_stable_poses(mesh, center_mass=com, threshold=0.0)
@@ -234,17 +238,18 @@ def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
             continue
         same = -hull.equations[:, :3] @ up > 1 - 1e-6
         facet = hull.equations[same][0] if same.any() else None
-        share = float(areas[same].sum()) / float(hull.area)
+        fraction = float(areas[same].sum()) / float(hull.area)
         if facet is None:
             unexplained.append(f"only trimesh: p = {probability:.4f}, no such facet")
-        elif share < SMALLEST_AREA:
+        elif fraction < SMALLEST_AREA:
             explained.append("only trimesh: a facet below 0.1 % of the hull")
         elif any(np.abs(plane.polygon @ facet[:3] + facet[3]).max() < 2 * tolerance for plane in planes):
             explained.append(
-                "only trimesh: part of a face that is flat within 0.02 %, whose own normal lets c fall outside"
+                "only trimesh: part of a face that is flat within 0.02 %, whose own normal lets c fall "
+                "outside"
             )
         else:
-            unexplained.append(f"only trimesh: p = {probability:.4f}, {100 * share:.2f} % of the hull")
+            unexplained.append(f"only trimesh: p = {probability:.4f}, {100 * fraction:.2f} % of the hull")
     for plane in ours:
         if any(up @ plane.up > np.cos(SAME_POSE) for up in theirs):
             continue
@@ -252,16 +257,16 @@ def compare_poses(model: ObjectModel, com: np.ndarray) -> PoseComparison:
         heights = np.abs(hull.points @ plane.up - plane.level)
         facets = int(np.sum((heights < tolerance)[hull.simplices].all(axis=1)))
         if margin < 5 * tolerance:
-            explained.append("only ours: c stands within 0.1 % over the face's border")
+            explained.append("only ours: c is within 0.1 % of the face's boundary")
         elif facets != 1:
-            explained.append("only ours: a face of facets that are not quite in one plane")
+            explained.append("only ours: a face of facets that are not exactly in one plane")
         else:
             unexplained.append(f"only ours: {plane.id}, margin {1000 * margin:.3f} mm")
     return PoseComparison(agreed, tuple(explained), tuple(unexplained))
 
 
 def generated_bodies(many: int, seed: int) -> Iterator[tuple[str, trimesh.Trimesh]]:
-    """Boxes, prisms, frustums, random hulls and L-shapes, turned at random; mm."""
+    """Boxes, prisms, frustums, random hulls and L-shapes [mm] in random orientations."""
     rng = np.random.default_rng(seed)
     for index in range(many):
         size = rng.uniform(30, 150, 3)
@@ -285,9 +290,9 @@ def generated_bodies(many: int, seed: int) -> Iterator[tuple[str, trimesh.Trimes
 
 
 def poses_table(console: Console, folder: Path) -> int:
-    """All meshes of a folder, and 200 generated bodies."""
+    """Print the comparison for a folder's meshes and 200 generated bodies; number of unexplained ones."""
     table = Table(
-        title="stable planes beside trimesh.poses.compute_stable_poses, no noise", title_justify="left"
+        title="stable planes compared with trimesh.poses.compute_stable_poses, no noise", title_justify="left"
     )
     for heading in ("body", "agreed", "explained", "unexplained", "reasons, notes"):
         table.add_column(heading)
@@ -335,7 +340,8 @@ def poses_table(console: Console, folder: Path) -> int:
     return wrong
 
 
-# --- speed -----------------------------------------------------------------------------------------------------------
+# --- speed
+# -----------------------------------------------------------------------------------------------------------
 
 
 ROUND = np.array([[0, 0], [30, 0], [34, 4], [34, 90], [14, 120], [14, 150], [0, 150]])
@@ -350,8 +356,8 @@ SPEED_RUNS = 5
 
 
 def speed_table(console: Console, mesh_file: Path | None) -> None:
-    """Processor time of all that `analyze plan` does from the files to the plan, beside trimesh's own load and convex hull of the shape."""
-    table = Table(title=f"processor time [s], median and least of {SPEED_RUNS}", title_justify="left")
+    """Print the CPU time of `analyze plan` without cards, and of trimesh's load and convex hull."""
+    table = Table(title=f"CPU time [s], median and least of {SPEED_RUNS}", title_justify="left")
     for heading in ("input", "load", "plan", "together", "least", "trimesh load + hull", "ratio"):
         table.add_column(heading, justify="right")
     jobs = [
@@ -373,7 +379,8 @@ def speed_table(console: Console, mesh_file: Path | None) -> None:
             Path(folder, name).write_bytes(data)
             thing = Path(folder, "thing.toml")
             thing.write_text(
-                f'name = "thing"\nmass_kg = {mass}\nmass_sd_kg = {mass / 1000}\n[shape]\nfile = "{name}"\nunit = "mm"\n'
+                f'name = "thing"\nmass_kg = {mass}\nmass_sd_kg = {mass / 1000}\n'
+                f'[shape]\nfile = "{name}"\nunit = "mm"\n'
                 "[[marker]]\nid = 0\nsize_m = 0.03\n",
                 encoding="utf-8",
             )
@@ -392,7 +399,7 @@ def speed_table(console: Console, mesh_file: Path | None) -> None:
 
 
 def _planned(thing: Path) -> tuple[float, float]:
-    """Processor time [s] to plan for an object file, and of that until its axes are tried."""
+    """CPU time [s] to plan for an object file, and the part of it until the axes are tried."""
     marks: dict[str, float] = {}
     start = time.process_time()
     plan_object(
@@ -402,7 +409,7 @@ def _planned(thing: Path) -> tuple[float, float]:
 
 
 def flask() -> trimesh.Trimesh:
-    """A square flask with a round neck, of 180 224 faces; mm."""
+    """Square flask [mm] with a round neck, of 180 224 faces."""
     body, neck = (
         trimesh.creation.box([80.0, 60.0, 150.0]),
         trimesh.creation.cylinder(15.0, 40.0, sections=128),
@@ -415,15 +422,15 @@ def flask() -> trimesh.Trimesh:
 
 
 def command_table(console: Console) -> None:
-    """The whole command as a user types it, cards included, beside what the libraries alone take to load."""
+    """Print the time of the whole command with cards, and the time to load its libraries."""
     table = Table(
-        title="analyze plan OBJECT -o PLAN.json, with cards: processor and wall time [s], best of 3",
+        title="analyze plan OBJECT -o PLAN.json, with cards: CPU and wall time [s], best of 3",
         title_justify="left",
     )
-    for heading in ("what", "processor", "wall"):
+    for heading in ("input", "CPU", "wall"):
         table.add_column(heading, justify="right")
     box, fine = trimesh.creation.box([80.0, 60.0, 150.0]), flask()
-    # Without where its tags are: that is the carton's own.
+    # The tags' places are removed, because they belong to the carton.
     text = re.sub(r"T_object_marker = \[(.|\n)*?\n\]\n", "", CARTON.read_text(encoding="utf-8"))
     libraries = (
         "import numpy, scipy.spatial, scipy.linalg, pydantic, click, rich.table, rich.progress, jinja2, cv2"
@@ -463,7 +470,7 @@ def _ply(points: np.ndarray) -> bytes:
 
 
 def main() -> int:
-    """Print the table asked for; 1 if a disagreement is unexplained."""
+    """Print the chosen tables; returns 1 if a disagreement is unexplained."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("part", choices=("noise", "poses", "speed"))
     parser.add_argument("path", nargs="?", type=Path)

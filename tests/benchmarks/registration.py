@@ -1,9 +1,10 @@
-"""`make bench-registration`: where tags are found beside where they are.
+"""Estimated tag places compared with ground truth: `make bench-registration` (ten minutes).
 
-Boxes of 60 to 190 mm with a tag somewhere on each side, eight strikes over up to five edges, placed by hand: (1) corners drawn with
-noise and a bias that follows the pixels, and once with all that the solver allows for; (2) corners from rendered images, through the
-tracker; (3) recordings of the virtual rig, if any are named, against the places that their object file gives. Nothing of the solver makes
-(1) and (2): tagged_boxes.py in tests/analyze.
+Boxes of 60 to 190 mm with a tag on each side, eight strikes over up to five edges, placed by hand: (1)
+corners drawn with noise and a bias that depends on the pixel position, and once with all errors that the
+solver allows for; (2) corners from rendered images, through the tracker; (3) recordings of the virtual rig,
+if any are named, compared with the places in their object files. (1) and (2) are made by
+tests/analyze/registration/tagged_boxes.py, which shares no code with the solver.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from analyze.estimation.intervals import SIGMAS_95
 from analyze.registration.register import register
 from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from tests.analyze.registration.tagged_boxes import ALLOWED, Draw, about, draw_box, errors, seen_strikes
@@ -30,12 +32,12 @@ TARGET_TURN, TARGET_PLACE = math.radians(0.2), 3e-4
 
 @dataclass
 class Found:
-    """Of one row of the table."""
+    """Errors of one row of the table."""
 
     turn: list[float] = field(default_factory=list)
     place: list[float] = field(default_factory=list)
     by_sd: list[float] = field(default_factory=list)
-    """each of the six errors of each tag over its sd"""
+    """each of the six errors of each tag, over its sd"""
     undetermined: int = 0
     cases: int = 0
 
@@ -54,7 +56,7 @@ class Found:
             f"{np.median(place):.3f}, {np.percentile(place, 95):.3f}, {place.max():.3f}",
             f"{100 * within:.0f} %",
             f"{math.sqrt(float(np.mean(by_sd**2))):.2f}",
-            f"{100 * np.mean(np.abs(by_sd) < 1.96):.0f} %",
+            f"{100 * np.mean(np.abs(by_sd) < SIGMAS_95):.0f} %",
             f"{self.undetermined}",
         ]
 
@@ -62,10 +64,10 @@ class Found:
 def simulated(
     console: Console, cases: int, seed: int, rendered: bool, table: bool = False, draw: Draw | None = None
 ) -> tuple[Found, list[np.ndarray]]:
-    """Tags, and how far off the table is found: [rad, rad, m] and that over its sd."""
+    """Errors of the tags, and for each case the table's error [rad, rad, m] and its sd."""
     found, tables = Found(cases=cases), []
-    what = "rendered" if rendered else "table" if table else "drawn"
-    for number in track(range(cases), console=Console(stderr=True), transient=True, description=what):
+    label = "rendered" if rendered else "table" if table else "drawn"
+    for number in track(range(cases), console=Console(stderr=True), transient=True, description=label):
         rng = np.random.default_rng([seed, int(rendered), int(table), number])
         box = draw_box(rng)
         if table:
@@ -73,7 +75,7 @@ def simulated(
         views = seen_strikes(box, rng, draw=draw, rendered=rendered)
         answer = register(views, box.sizes, box.thickness, box.model, UNKNOWN_TABLE if table else LAID_BOARD)
         for left in answer.left_out:
-            console.print(f"{what} {number}: left out: {left.strike_id}: {left.reason}")
+            console.print(f"{label} {number}: left out: {left.strike_id}: {left.reason}")
         for place in answer.markers:
             if place.undetermined:
                 found.undetermined += 1
@@ -85,11 +87,14 @@ def simulated(
 
 
 def recorded(paths: tuple[Path, ...]) -> Found:
-    """Recordings of the virtual rig, whose object files tell where the world has its tags."""
+    """Errors on recordings of the virtual rig, whose object files contain the true places of the tags."""
     found = Found(cases=len(paths))
     for path in paths:
         done = subprocess.run(
-            [sys.executable, "-m", "analyze", "register", str(path), "--json"], capture_output=True, text=True, check=True
+            [sys.executable, "-m", "analyze", "register", str(path), "--json"],
+            capture_output=True,
+            text=True,
+            check=True,
         )
         from analyze.pipeline.evidence import read_head
 
@@ -106,14 +111,18 @@ def recorded(paths: tuple[Path, ...]) -> Found:
 
 
 def wrong_placements(cases: int, seed: int) -> tuple[int, int]:
-    """One of eight strikes made with the object turned by 180 degrees: (named and left out, others left out)."""
+    """Sessions in which a strike placed turned by 180 degrees is left out, and other strikes left out."""
     named = others = 0
-    for number in track(range(cases), console=Console(stderr=True), transient=True, description="wrong placements"):
+    for number in track(
+        range(cases), console=Console(stderr=True), transient=True, description="wrong placements"
+    ):
         rng = np.random.default_rng([seed, 77, number])
         box = draw_box(rng, edges=2)
         views = seen_strikes(box, rng)
         wrong = int(rng.integers(len(views)))
-        views[wrong] = replace(views[wrong], R_world_object=about([0, 0, 1], math.pi) @ views[wrong].R_world_object)
+        views[wrong] = replace(
+            views[wrong], R_world_object=about([0, 0, 1], math.pi) @ views[wrong].R_world_object
+        )
         left = {each.strike_id for each in register(views, box.sizes, box.thickness, box.model).left_out}
         named += views[wrong].strike_id in left
         others += len(left - {views[wrong].strike_id})
@@ -122,21 +131,31 @@ def wrong_placements(cases: int, seed: int) -> tuple[int, int]:
 
 @click.command()
 @click.argument("recordings", nargs=-1, type=click.Path(path_type=Path))
-@click.option("--cases", default=40, show_default=True, help="Boxes with drawn corners.")
-@click.option("--rendered", default=4, show_default=True, help="Boxes with rendered images.")
+@click.option("--cases", default=40, show_default=True, help="Number of boxes with drawn corners.")
+@click.option("--rendered", default=4, show_default=True, help="Number of boxes with rendered images.")
 @click.option("--seed", default=1, show_default=True)
 def main(recordings: tuple[Path, ...], cases: int, rendered: int, seed: int) -> None:
-    """Run it."""
+    """Run the benchmark."""
     console = Console(width=170)
-    table = Table(title="places of tags: median, 95 %, worst")
-    for heading in ("", "cases", "tags", "turn (deg)", "place (mm)", "within 0.2°, 0.3 mm", "rms of error / sd", "in 95 %", "undetermined"):
+    table = Table(title="errors of the tags' places: median, 95 %, worst")
+    for heading in (
+        "",
+        "cases",
+        "tags",
+        "rotation (deg)",
+        "position (mm)",
+        "within 0.2°, 0.3 mm",
+        "rms of error / sd",
+        "in 95 %",
+        "undetermined",
+    ):
         table.add_column(heading, justify="left" if not heading else "right")
     drawn, _ = simulated(console, cases, seed, rendered=False)
     table.add_row("drawn corners", *drawn.cells())
     free, tables = simulated(console, cases, seed, rendered=False, table=True)
-    table.add_row("drawn corners, table not known", *free.cells())
+    table.add_row("drawn corners, table unknown", *free.cells())
     worst, worst_tables = simulated(console, cases, seed, rendered=False, draw=ALLOWED)
-    table.add_row("drawn corners, all that is allowed for", *worst.cells())
+    table.add_row("drawn corners, all errors allowed for", *worst.cells())
     if rendered:
         table.add_row("rendered images", *simulated(console, rendered, seed, rendered=True)[0].cells())
     if recordings:
@@ -145,15 +164,21 @@ def main(recordings: tuple[Path, ...], cases: int, rendered: int, seed: int) -> 
     off, sd = np.array(tables).transpose(1, 0, 2)
     tilt, height = np.degrees(np.abs(off[:, :2])), 1000 * np.abs(off[:, 2])
     console.print(
-        f"the table where no board was seen (drawn: 2 deg, 5 mm off): tilt off by {np.median(tilt):.3f} deg (worst {tilt.max():.3f}), "
-        f"height by {np.median(height):.3f} mm (worst {height.max():.3f}); "
-        f"rms of error / sd {math.sqrt(float(np.mean((off / sd) ** 2))):.2f}, "
-        f"in 95 % intervals {100 * np.mean(np.abs(off / sd) < 1.96):.0f} %"
+        f"table without a board in view (drawn: 2 deg, 5 mm): tilt error {np.median(tilt):.3f} deg (worst "
+        f"{tilt.max():.3f}), height error {np.median(height):.3f} mm (worst {height.max():.3f}); rms of "
+        f"error / sd {math.sqrt(float(np.mean((off / sd) ** 2))):.2f}, in 95 % intervals "
+        f"{100 * np.mean(np.abs(off / sd) < SIGMAS_95):.0f} %"
     )
     off, sd = np.array(worst_tables).transpose(1, 0, 2)
-    console.print(f"all that is allowed for: the table's rms of error / sd {math.sqrt(float(np.mean((off / sd) ** 2))):.2f}")
+    console.print(
+        "all errors allowed for: the table's rms of error / sd "
+        f"{math.sqrt(float(np.mean((off / sd) ** 2))):.2f}"
+    )
     named, others = wrong_placements(20, seed)
-    console.print(f"one of eight strikes placed turned by 180 deg: found and named {named} of 20, others left out {others}")
+    console.print(
+        f"one of eight strikes placed turned by 180 deg: detected in {named} of 20 sessions; {others} other "
+        "strikes left out"
+    )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""What a replay costs: until the first strike is seen, memory, and a .rrd beside rerun's own MCAP loader.
+"""Cost of a replay: time to the first strike, memory, and comparison with rerun's MCAP loader.
 
-`make bench-replay`. The recording is made here: ten minutes, 1 GB, ten strikes, with idle frames between. The viewer draws to nowhere.
-Seconds depend on what else the computer does; CPU seconds hardly do.
+`make bench-replay`. The recording is made here: ten minutes, 1 GB, ten strikes, with idle frames between. The
+viewer has no screen. Wall time depends on the computer's load; CPU time hardly does.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ with to_file(Path(sys.argv[2])) as target:
 
 @dataclass(frozen=True)
 class Spent:
-    """Of a command."""
+    """Wall and CPU time of a command."""
 
     seconds: float
     cpu_s: float
 
 
 def main() -> None:
-    """Print the figures."""
+    """Make the recording and print the figures."""
     with tempfile.TemporaryDirectory(
         prefix="percuss-bench-", dir=sys.argv[1] if len(sys.argv) > 1 else None
     ) as folder:
@@ -87,7 +87,8 @@ def _first_strike(recording: Path) -> None:
         process.send_signal(signal.SIGINT)
         process.wait(20.0)
         _say(
-            f"Ctrl-C: exit code {process.returncode}, viewer left behind: {'yes' if Path(f'/proc/{viewer}').exists() else 'no'}"
+            f"Ctrl-C: exit code {process.returncode}, viewer left behind: "
+            f"{'yes' if Path(f'/proc/{viewer}').exists() else 'no'}"
         )
     finally:
         if process.poll() is None:
@@ -109,12 +110,13 @@ def _conversion(recording: Path, size: int) -> None:
         speed, written = size / 1e6 / spent.seconds, path.stat().st_size / 1e6
         _say(f"{name}: {spent.seconds:.1f} s, {spent.cpu_s:.1f} CPU s, {speed:.0f} MB/s -> {written:.0f} MB")
     _say(
-        f"without tracking over rerun's loader: {loaded.seconds / sent.seconds:.2f} in time, {loaded.cpu_s / sent.cpu_s:.2f} in CPU time"
+        f"without tracking over rerun's loader: {loaded.seconds / sent.seconds:.2f} in time, "
+        f"{loaded.cpu_s / sent.cpu_s:.2f} in CPU time"
     )
 
 
 def _run(command: Sequence[str]) -> Spent:
-    """The faster of two turns: the first may wait for the disk."""
+    """Times of the faster of two runs, because the first may wait for the disk."""
     turns: list[Spent] = []
     for _ in range(2):
         before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
@@ -147,7 +149,7 @@ def _wait_for(client: ViewerClient, entity: str, process: subprocess.Popen[bytes
         if schema is not None and any(found.entity_path == entity for found in schema.entities):
             return
         time.sleep(_POLL_S)
-    raise RuntimeError(f"{entity} did not come")
+    raise RuntimeError(f"{entity} did not appear")
 
 
 def _child(pid: int) -> int:
@@ -156,13 +158,13 @@ def _child(pid: int) -> int:
 
 
 def _cpu(pid: int) -> float:
-    """Seconds."""
+    """CPU time [s] of a process."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _peak(pid: int) -> float:
-    """MB."""
+    """Peak memory [MB] of a process."""
     lines = Path(f"/proc/{pid}/status").read_text(encoding="ascii").splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1e3
 

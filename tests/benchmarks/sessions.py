@@ -1,7 +1,8 @@
-"""Whole sessions on the virtual rig, scored: `make bench-sessions` (about a minute and a half per session).
+"""Whole sessions on the virtual rig, scored: `make bench-sessions` (90 seconds per session).
 
-A session is scored while the next one runs, at low priority. Prints, for each object, median and worst over the seeds of what
-`analyze score` says, and what the sessions lost. Recordings are deleted once they are scored, unless --keep names a folder.
+A session is scored while the next one runs, at low priority. Prints, for each object, median and worst over
+the seeds of the errors that `analyze score` reports, and the frames lost. Recordings are deleted once they
+are scored, unless --keep names a folder.
 """
 
 from __future__ import annotations
@@ -27,9 +28,14 @@ OBJECTS = ("carton", "spray", "juice", "salt")
 @click.option("--objects", default=",".join(OBJECTS), help="Comma-separated.")
 @click.option("--seeds", default="1,2,3,4,5", help="Comma-separated.")
 @click.option("--keep", type=click.Path(path_type=Path), help="Keep the recordings in this folder.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write every session's figures as JSON lines.")
+@click.option(
+    "--json",
+    "json_path",
+    type=click.Path(path_type=Path),
+    help="Also write every session's figures as JSON lines.",
+)
 def main(objects: str, seeds: str, keep: Path | None, json_path: Path | None) -> None:
-    """Run, score, tabulate."""
+    """Run the sessions, score them and print the table."""
     console = Console(width=150)
     rows = []
     with tempfile.TemporaryDirectory(prefix="percuss-bench-") as folder, ThreadPoolExecutor(1) as scorer:
@@ -53,9 +59,11 @@ def main(objects: str, seeds: str, keep: Path | None, json_path: Path | None) ->
 
 
 def session(name: str, seed: int, path: Path) -> dict:
-    """One demo session; its report, or the error, JSON-ready."""
+    """Run one demo session; its report or error, ready for JSON."""
     start = time.monotonic()
-    demo = _run("acquire", "demo", "--object", name, "--seed", str(seed), "-o", str(path), "--force", "--json")
+    demo = _run(
+        "acquire", "demo", "--object", name, "--seed", str(seed), "-o", str(path), "--force", "--json"
+    )
     row = {"object": name, "seed": seed, "seconds": time.monotonic() - start}
     if not demo.stdout.strip():
         return {**row, "error": demo.stderr.strip().splitlines()[-1]}
@@ -63,13 +71,13 @@ def session(name: str, seed: int, path: Path) -> dict:
 
 
 def score(path: Path) -> dict:
-    """Its score, or the error, JSON-ready."""
+    """Score of a recording or the error, ready for JSON."""
     found = _run("analyze", "score", str(path), "--json", nice=10)
     return {"error": found.stderr.strip().splitlines()[-1]} if found.returncode else json.loads(found.stdout)
 
 
 def table(rows: list[dict]) -> Table:
-    """Median and worst over the seeds, per object."""
+    """Table of median and worst errors over the seeds, by object."""
     result = Table(title="median (worst) over seeds", title_justify="left")
     for heading in (
         "object",
@@ -118,13 +126,16 @@ def _line(row: dict) -> str:
     if "error" in row:
         return f"{head}  {row['error']}"
     return (
-        f"{head}  {len(row['strike_ids'])}/{row['strikes']} strikes, {row['frames']} frames, {row['lost']} lost, "
-        f"centre of mass {1e3 * row['centre_of_mass_error_m']:.2f} mm, regions {100 * row['region_mass_error_relative']:.1f} %"
+        f"{head}  {len(row['strike_ids'])}/{row['strikes']} strikes, {row['frames']} frames, {row['lost']} "
+        f"lost, centre of mass {1e3 * row['centre_of_mass_error_m']:.2f} mm, regions "
+        f"{100 * row['region_mass_error_relative']:.1f} %"
     )
 
 
 def _run(*command: str, nice: int = 0) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(["nice", "-n", str(nice), sys.executable, "-m", *command], capture_output=True, text=True, check=False)
+    return subprocess.run(
+        ["nice", "-n", str(nice), sys.executable, "-m", *command], capture_output=True, text=True, check=False
+    )
 
 
 if __name__ == "__main__":

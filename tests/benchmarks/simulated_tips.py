@@ -1,9 +1,10 @@
-"""Whole sessions of sliding, rounded, misplaced tips of random bodies, as cameras see them: what `make coverage` is run on.
+"""Simulated sessions for `make coverage`: tips of random bodies on sliding, rounded, misplaced edges.
 
-Shapes are planned by the planner; what happens is simulated strike by strike in the plane with dry friction (motion/sliding.py of the
-tests), which shares nothing with the estimators; masses are random points, not the estimator's cells. What calibration gets wrong is drawn
-once per session: tilt, scale, mass, radius of the edges; scanned faces are off by face, edges by edge.
-Does not model: a table's slope beyond its effect on the vertical, air, a third dimension of the tip, images.
+The planner plans the strikes; each is simulated in the plane with dry friction
+(tests/analyze/motion/sliding.py), which shares no code with the estimators. Masses are random points, not the
+estimator's cells. Calibration errors are drawn once per session (tilt, scale, mass, radius of the edges),
+scan errors for every face and edge. Does not model: a table's slope beyond its effect on the vertical, air, a
+third dimension of the tip, images.
 """
 
 from __future__ import annotations
@@ -18,12 +19,13 @@ import numpy as np
 
 from analyze.errors import PlanError
 from analyze.geometry.object_model import ObjectModel, load_object_model
-from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion
+from analyze.motion.settings import MotionSettings
+from analyze.motion.strike import analyse_motion
+from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import PlanarMotion
 from analyze.pipeline.evidence import Evidence, RecordingHead
-from analyze.pipeline.sections import landing_of, section_of
+from analyze.pipeline.sections import next_face_angle, rolling_outline
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import make_plan
 from analyze.types import TipMotion
 from schemas.object_spec import MarkerSpec, ObjectSpec, Shape, object_sha256
 from schemas.result import Verdict
@@ -31,6 +33,7 @@ from schemas.strike_plan import PlannedStrike, StrikePlan
 from tests.analyze.geometry.shapes import stl
 from tests.analyze.motion.drawn_strikes import T0, seen
 from tests.analyze.motion.sliding import Body, push_for, simulate
+from tests.analyze.planning.planned import make_plan
 from tests.analyze.planning.random_bodies import KINDS, shape_of
 from tests.analyze.simulated_session import manifest
 
@@ -39,69 +42,73 @@ POINTS = 12_000
 WALL = 0.003
 RADIUS, RADIUS_SD = 1e-3, 3e-4
 OWN_RADIUS = 0.3
-"""of RADIUS_SD: one edge against the others"""
+"""sd of one edge's radius against the others, as a fraction of RADIUS_SD"""
 TILT_SD = math.radians(0.2)
 SCAN_SD = 3e-4
 SCALE_SD = 2e-3
 MASS_SD = 1e-4
 ANGLE_SD = 2e-4
-"""rad, of each axis: lens, resting face"""
+"""error of each axis's angle [rad]: lens, resting face"""
 NOISE = (0.02, 0.1)
-"""degrees per frame"""
-SUREST = math.radians(4)
-"""least phi of a body that is put down: others fall over"""
+"""range of noise [deg per frame]"""
+MIN_PHI = math.radians(4)
+"""least phi [rad] of a body that is put down; others fall over"""
 TRIES = 3
-"""strikes of one kind, until one can be used"""
+"""attempts at each planned strike until one is usable"""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What is to be found."""
+    """Ground truth of one session."""
 
     mass: float
     com: np.ndarray
     inertia: np.ndarray
     regions: np.ndarray | None
-    """(3,) kg: wall, above, below; None outside the class of a wall and two even parts"""
-    border: np.ndarray
+    """(3,) [kg] shell, above, below; None for a body that is not a shell and two uniform parts"""
+    dividing_plane_normal: np.ndarray
     """(3,) normal"""
     points: np.ndarray
     masses: np.ndarray
-    in_wall: np.ndarray
+    in_shell: np.ndarray
 
 
 @dataclass(frozen=True)
 class Filled:
-    """Points of a body with their masses."""
+    """Masses of a body's points."""
 
     masses: np.ndarray
     regions: np.ndarray | None
-    border: np.ndarray
+    dividing_plane_normal: np.ndarray
 
 
 @dataclass(frozen=True)
 class PlannedBody:
-    """A shape with its plan, and points spread evenly in it."""
+    """Shape with its plan, and points uniform in its volume."""
 
     spec: ObjectSpec
     model: ObjectModel
     plan: StrikePlan
     points: np.ndarray
-    in_wall: np.ndarray
+    in_shell: np.ndarray
 
 
 @lru_cache(maxsize=4)
 def planned_body(seed: int) -> PlannedBody | None:
-    """A random shape; None: it cannot be planned."""
+    """Random shape with its plan; None if it cannot be planned."""
     rng = np.random.default_rng((seed, 0xB0D1))
     triangles = shape_of(KINDS[seed % len(KINDS)], rng)
-    volume = float(np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum()) / 6e9
+    volume = (
+        float(np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum()) / 6e9
+    )
     shape = stl(triangles)
     spec = ObjectSpec(
         name=f"body {seed}",
         mass_kg=min(300 * abs(volume), 0.2),
         mass_sd_kg=MASS_SD,
-        shape=Shape.model_validate({"file": "b.stl", "unit": "mm", "scale_sd": SCALE_SD, "surface_sd_m": SCAN_SD}),
+        shape=Shape.model_validate(
+            {"file": "b.stl", "unit": "mm", "scale_sd": SCALE_SD, "surface_sd_m": SCAN_SD}
+        ),
         edge_radius_m=RADIUS,
         edge_radius_sd_m=RADIUS_SD,
         shell_thickness_m=WALL,
@@ -109,7 +116,9 @@ def planned_body(seed: int) -> PlannedBody | None:
     )
     model = load_object_model(spec, shape, "b.stl")
     try:
-        plan = make_plan(model, spec, object_sha256(spec, shape), StrikerModel(fastest_m_s=5.0), strikes=STRIKES)
+        plan = make_plan(
+            model, spec, object_sha256(spec, shape), StrikerModel(fastest_m_s=5.0), strikes=STRIKES
+        )
     except PlanError:
         return None
     low, high = model.bounds
@@ -122,7 +131,7 @@ Analyse = Callable[[PlanarMotion, StrikeTask, MotionSettings], TipMotion]
 
 
 def session(shape: int, seed: int, analyse: Analyse = analyse_motion) -> tuple[Evidence, Truth] | None:
-    """One session on the shape of that number, its strikes given to `analyse`; None where it has no plan or none of its bodies stands."""
+    """Session on a shape, its strikes given to `analyse`; None without a plan, or if no body stands."""
     body = planned_body(shape)
     if body is None:
         return None
@@ -134,12 +143,14 @@ def session(shape: int, seed: int, analyse: Analyse = analyse_motion) -> tuple[E
     spec = body.spec.model_copy(update={"mass_kg": truth.mass + rng.normal(0, MASS_SD)})
     plan = body.plan
     stated = manifest(spec).model_copy(update={"gravity_tilt_sd_rad": TILT_SD})
-    head = RecordingHead(Path("r.mcap"), stated, "c" * 64, tuple(motion.strike_id for motion in motions), files=("r.mcap",))
+    head = RecordingHead(
+        Path("r.mcap"), stated, "c" * 64, tuple(motion.strike_id for motion in motions), files=("r.mcap",)
+    )
     return Evidence((head,), spec, body.model, plan, plan.object_sha256, tuple(motions)), truth
 
 
 def _drawn_truth(body: PlannedBody, rng: np.random.Generator) -> Truth | None:
-    """A filling with which it stands on every face of the plan."""
+    """Ground truth with a filling that lets the body stand on every face of the plan; None without one."""
     scale = 1 + rng.normal(0, SCALE_SD)
     for _ in range(40):
         filled = _in_class(body, rng) if rng.random() < 0.6 else _outside(body, rng)
@@ -148,9 +159,18 @@ def _drawn_truth(body: PlannedBody, rng: np.random.Generator) -> Truth | None:
         com = masses @ points / masses.sum()
         arm = points - com
         second = (arm * masses[:, None]).T @ arm
-        if all(SUREST < _balance(com, strike) < math.radians(65) for strike in body.plan.strikes):
+        if all(MIN_PHI < _balance(com, strike) < math.radians(65) for strike in body.plan.strikes):
             inertia = np.trace(second) * np.eye(3) - second
-            return Truth(float(masses.sum()), com, inertia, filled.regions, filled.border, points, masses, body.in_wall)
+            return Truth(
+                float(masses.sum()),
+                com,
+                inertia,
+                filled.regions,
+                filled.dividing_plane_normal,
+                points,
+                masses,
+                body.in_shell,
+            )
     return None
 
 
@@ -162,20 +182,20 @@ def _in_class(body: PlannedBody, rng: np.random.Generator) -> Filled:
     normal = rng.standard_normal(3)
     normal /= np.linalg.norm(normal)
     heights = body.points @ normal
-    above = ~body.in_wall & (heights > np.quantile(heights[~body.in_wall], rng.uniform(0.3, 0.7)))
-    parts = (body.in_wall, above, ~body.in_wall & ~above)
+    above = ~body.in_shell & (heights > np.quantile(heights[~body.in_shell], rng.uniform(0.3, 0.7)))
+    parts = (body.in_shell, above, ~body.in_shell & ~above)
     shares = np.array([surface, (1 - surface) * upper, (1 - surface) * (1 - upper)])
     masses = sum(share * part / part.sum() for share, part in zip(shares, parts, strict=True))
     return Filled(np.asarray(masses), body.spec.mass_kg * shares, normal)
 
 
 def _outside(body: PlannedBody, rng: np.random.Generator) -> Filled:
-    """A wall and two to four lumps inside."""
-    inside = np.flatnonzero(~body.in_wall)
-    masses = rng.uniform(0.2, 0.6) * body.in_wall / body.in_wall.sum()
+    """Filling with a shell and two to four lumps inside."""
+    inside = np.flatnonzero(~body.in_shell)
+    masses = rng.uniform(0.2, 0.6) * body.in_shell / body.in_shell.sum()
     for share in (1 - masses.sum()) * rng.dirichlet(np.ones(int(rng.integers(2, 5)))):
         off = body.points - body.points[rng.choice(inside)]
-        lump = np.exp(-np.sum(off**2, axis=1) / (2 * rng.uniform(0.006, 0.02) ** 2)) * ~body.in_wall
+        lump = np.exp(-np.sum(off**2, axis=1) / (2 * rng.uniform(0.006, 0.02) ** 2)) * ~body.in_shell
         masses = masses + share * lump / lump.sum()
     return Filled(masses, None, np.zeros(3))
 
@@ -198,7 +218,8 @@ def _motions(body: PlannedBody, truth: Truth, rng: np.random.Generator, analyse:
         drawn = (rng.normal(0, SCAN_SD), rng.normal(0, OWN_RADIUS * RADIUS_SD), rng.normal(0, ANGLE_SD))
         ahead, rounder, turned = edges.setdefault(strike.axis_id, drawn)
         rho = max(radius + rounder, 1e-4)
-        # In the rest pose, along and off the table: where the rounding's centre line is, less where the plan has it.
+        # In the rest pose, along and off the table: true minus planned position of the rounding's centre
+        # line.
         at = np.array(strike.R_world_object) @ (scale * np.array(strike.pivot.point))
         off = np.array([at[0] + ahead - (rho - RADIUS), at[2] + risen + (rho - RADIUS)])
         arm = np.array(strike.R_world_object) @ (truth.com - np.array(strike.pivot.point))
@@ -218,21 +239,36 @@ def _motions(body: PlannedBody, truth: Truth, rng: np.random.Generator, analyse:
 
 
 def _strike(
-    body: PlannedBody, planned: PlannedStrike, planar: Body, off: np.ndarray, noise: float, rng: np.random.Generator, analyse: Analyse
+    body: PlannedBody,
+    planned: PlannedStrike,
+    planar: Body,
+    off: np.ndarray,
+    noise: float,
+    rng: np.random.Generator,
+    analyse: Analyse,
 ) -> TipMotion:
-    """Struck until it can be used, three times at most; most a little over the top, one in ten not over it."""
+    """Simulate a strike until it is usable, at most three times; one in ten does not tip over."""
     motion = None
     for _ in range(TRIES):
         energy = rng.uniform(0.85, 0.97) if rng.random() < 0.1 else rng.uniform(1.03, 1.3)
         height = min(planned.impact_height_m, 0.98 * planar.height)
         course = simulate(planar, [push_for(planar, energy, height)], phase=rng.uniform(0, 1), seconds=1.0)
         tracked, _ = seen(course, planar, rng, noise)
-        # The camera follows the plan's point, which turns about the true one, and takes the plan's rounding.
+        # Tracking follows the plan's point, which turns about the true one, with the plan's rounding.
         cos, sin = np.cos(course.theta), np.sin(course.theta)
         along = -off[0] * (cos - 1) - off[1] * sin + (planar.rho - planned.pivot.radius_m) * course.theta
         over = off[0] * sin - off[1] * (cos - 1)
-        tracked = replace(tracked, angle=replace(tracked.angle, slip=tracked.angle.slip + along), lift=tracked.lift + over)
-        task = StrikeTask(f"{planned.id}.1", planned, T0, None, section_of(body.model, planned), landing_of(body.model, planned))
+        tracked = replace(
+            tracked, angle=replace(tracked.angle, slip=tracked.angle.slip + along), lift=tracked.lift + over
+        )
+        task = StrikeTask(
+            f"{planned.id}.1",
+            planned,
+            T0,
+            None,
+            rolling_outline(body.model, planned),
+            next_face_angle(body.model, planned),
+        )
         motion = analyse(tracked, task, MotionSettings())
         if motion.verdict in (Verdict.GOOD, Verdict.ROCKED_BACK) and motion.fit is not None:
             break

@@ -1,9 +1,10 @@
-"""Line rate for minutes: `make soak-capture` (ten minutes; SOAK_SECONDS=60 for one).
+"""Recording at line rate for minutes: `make soak-capture` (ten minutes; SOAK_SECONDS=60 for one).
 
-A virtual GigE camera on loopback sends 365 frames of 656 x 492 per second, which is what a gigabit cable carries. The real client
-and the real capture process write them, continuously, into files of 2 GB. A separate reader takes each finished file: every checksum,
-every frame's number as the camera stamped it into the pixels, every frame id, every hundredth image pixel by pixel; then deletes it.
-Exit code 1 where a frame is missing or a byte is wrong.
+A virtual GigE camera on loopback sends 365 frames of 656 x 492 per second, the capacity of a gigabit cable.
+The real client and the real capture process write them continuously into files of 2 GB. A separate reader
+checks each finished file and deletes it: every checksum, every frame number that the camera stamped into the
+pixels, every frame id, every hundredth image pixel by pixel. Exit code 1 if a frame is missing or a byte is
+wrong.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from acquire.errors import RecorderError
 from acquire.recorder.recover.rewrite import mapped, read_layout
 from acquire.virtual.pattern_source import noise, read_stamp, stamped
 from schemas.mcap import records as container
+from schemas.mcap.chunks import chunk_messages
+from schemas.mcap.walk import walk
 from schemas.proto import percuss_pb2 as pb
 from schemas.session_manifest import CameraCalibrationSpec
 from tests import small_recording
@@ -40,21 +43,22 @@ CAMERA = ROOT / "tests" / "acquire" / "camera" / "pattern_camera.py"
 CHECK_EVERY = 100
 
 
-# --- the reader's process -----------------------------------------------------------------------------------------
+# --- the reader's process
+# -----------------------------------------------------------------------------------------
 
 
 @dataclass
 class Reader:
-    """Verifies a row of files."""
+    """Verifier of a sequence of files."""
 
     rate_hz: float
     files: int = 0
     frames: int = 0
     size: int = 0
     missing: int = 0
-    """by the number in the pixels"""
+    """frames missing by the number in the pixels"""
     missing_ids: int = 0
-    """by frame id and device time"""
+    """frames missing by frame id and device time"""
     wrong: list[str] = field(default_factory=list)
     _number: int | None = None
 
@@ -63,14 +67,14 @@ class Reader:
         self._loss = FrameLoss(self.rate_hz)
 
     def verify(self, path: Path) -> None:
-        """Read one file from its first byte to its last."""
+        """Verify one file from its first byte to its last."""
         images: dict[int, int] = {}
         metas: dict[int, pb.FrameMeta] = {}
         with mapped(path) as data:
             layout = read_layout(path, data)
-            for opcode, _, body in container.walk(data[: layout.data_end], len(container.MAGIC)):
+            for opcode, _, body in walk(data[: layout.data_end], len(container.MAGIC)):
                 if opcode == container.CHUNK:
-                    self._chunk(container.chunk_messages(container.parse_chunk(body)), layout.channels, images, metas)
+                    self._chunk(chunk_messages(container.parse_chunk(body)), layout.channels, images, metas)
         if list(images) != list(metas):
             self.wrong.append(f"{path.name}: images and meta are not of the same frames")
         for meta in metas.values():
@@ -79,9 +83,13 @@ class Reader:
         self.size += path.stat().st_size
 
     def _chunk(
-        self, messages: memoryview, channels: dict[int, container.ChannelRecord], images: dict[int, int], metas: dict[int, pb.FrameMeta]
+        self,
+        messages: memoryview,
+        channels: dict[int, container.ChannelRecord],
+        images: dict[int, int],
+        metas: dict[int, pb.FrameMeta],
     ) -> None:
-        for opcode, _, record in container.walk(messages):
+        for opcode, _, record in walk(messages):
             if opcode != container.MESSAGE:
                 continue
             message = container.parse_message(record)
@@ -105,7 +113,7 @@ class Reader:
 
 
 def read_all(first: Path, rate_hz: float) -> None:
-    """Verify and delete `first` and the files after it as they are finished, until standard input closes and the last is done."""
+    """Verify and delete `first` and the following files as they are finished, until standard input closes."""
     reader = Reader(rate_hz)
     path, part = first, 1
     ended = False
@@ -115,29 +123,34 @@ def read_all(first: Path, rate_hz: float) -> None:
                 reader.verify(path)
                 path.unlink()
             except (FileNotFoundError, RecorderError):  # eight files later the ring takes it
-                reader.wrong.append(f"{path.name}: gone before it was read: this machine is too busy for the reader")
+                reader.wrong.append(
+                    f"{path.name}: gone before it was read: this machine is too busy for the reader"
+                )
             part += 1
             path = first.with_name(f"{first.stem}-{part:04d}{first.suffix}")
         elif ended:
             break
         else:
             ended = bool(select.select([sys.stdin], [], [], 0.2)[0])
-    sys.stdout.write(json.dumps({key: value for key, value in vars(reader).items() if not key.startswith("_")}))
+    sys.stdout.write(
+        json.dumps({key: value for key, value in vars(reader).items() if not key.startswith("_")})
+    )
 
 
-# --- the capture process, seen from outside -----------------------------------------------------------------------
+# --- the capture process, seen from outside
+# -----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Usage:
-    """What a process has used."""
+    """CPU time and memory of a process."""
 
     cpu_s: float
     memory_mb: float
 
     @classmethod
     def of(cls, pid: int) -> Usage:
-        """From /proc."""
+        """Read the usage of a process from /proc."""
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
         cpu_s = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
         return cls(cpu_s, int(fields[21]) * os.sysconf("SC_PAGE_SIZE") / 1e6)
@@ -145,21 +158,32 @@ class Usage:
 
 def _rig(address: str, rate_hz: float, rotate_bytes: int) -> RigConfig:
     calibration = CameraCalibrationSpec(
-        width=WIDTH, height=HEIGHT, K=[[1430, 0, 328], [0, 1430, 246], [0, 0, 1]], T_world_camera=np.eye(4).tolist()
+        width=WIDTH,
+        height=HEIGHT,
+        K=[[1430, 0, 328], [0, 1430, 246], [0, 0, 1]],
+        T_world_camera=np.eye(4).tolist(),
     )
     camera = CameraConfig(address=address, frame_rate_hz=rate_hz, exposure_us=1000.0, calibration=calibration)
-    return RigConfig(camera=camera, recorder=RecorderConfig(mode="continuous", rotate_bytes=rotate_bytes, keep_files=8))
+    return RigConfig(
+        camera=camera, recorder=RecorderConfig(mode="continuous", rotate_bytes=rotate_bytes, keep_files=8)
+    )
 
 
 @click.command()
 @click.option("--seconds", default=600.0)
 @click.option("--rate", "rate_hz", default=365.0, help="Frames per second.")
 @click.option("--file-bytes", default=2 << 30)
-@click.option("--address", default="127.0.0.61", help="The virtual camera's, on loopback.")
-@click.option("--folder", type=click.Path(path_type=Path, exists=True), help="On the disk to be used; a temporary one by default.")
+@click.option("--address", default="127.0.0.61", help="Address of the virtual camera, on loopback.")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, exists=True),
+    help="Folder on the disk to be used; a temporary one by default.",
+)
 @click.option("--verify", type=click.Path(path_type=Path), hidden=True)
-def main(seconds: float, rate_hz: float, file_bytes: int, address: str, folder: Path | None, verify: Path | None) -> None:
-    """Run camera, capture and reader; say what was lost."""
+def main(
+    seconds: float, rate_hz: float, file_bytes: int, address: str, folder: Path | None, verify: Path | None
+) -> None:
+    """Run camera, capture and reader, and report losses."""
     if verify is not None:
         read_all(verify, rate_hz)
         return
@@ -173,7 +197,7 @@ def main(seconds: float, rate_hz: float, file_bytes: int, address: str, folder: 
 
 
 def soak(path: Path, seconds: float, rig: RigConfig) -> dict:
-    """Record for `seconds`; every figure JSON-ready."""
+    """Record for `seconds`; all figures, ready for JSON."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": environment}
     reading = [sys.executable, __file__, "--verify", str(path), "--rate", str(rig.camera.frame_rate_hz)]
@@ -199,7 +223,10 @@ def soak(path: Path, seconds: float, rig: RigConfig) -> dict:
                 time.sleep(min(1.0, seconds - elapsed))
                 memory.append(Usage.of(process.pid).memory_mb)
                 status = capture.status()
-                sys.stderr.write(f"\r{elapsed:5.0f} s  {status.fps:6.1f} fps  {status.lost} lost  {status.dropped} dropped  {status.error}")
+                sys.stderr.write(
+                    f"\r{elapsed:5.0f} s  {status.fps:6.1f} fps  {status.lost} lost  {status.dropped} "
+                    f"dropped  {status.error}"
+                )
             after, elapsed = Usage.of(process.pid), time.monotonic() - begun
             written = capture.status().bytes_written - written
             sender = Usage.of(camera.pid)
@@ -217,7 +244,11 @@ def soak(path: Path, seconds: float, rig: RigConfig) -> dict:
         "dropped": status.dropped,
         "MB_per_s": round(written / elapsed / 1e6, 1),
         "frames_per_s": round(status.fps, 1),
-        "memory_MB": {"start": round(memory[0], 1), "end": round(memory[-1], 1), "most": round(max(memory), 1)},
+        "memory_MB": {
+            "start": round(memory[0], 1),
+            "end": round(memory[-1], 1),
+            "most": round(max(memory), 1),
+        },
         "capture_cpu_percent": round(100 * (after.cpu_s - before.cpu_s) / elapsed, 1),
         "camera_cpu_percent": round(100 * sender.cpu_s / (elapsed + 2), 1),
         "receive_buffer_bytes": status.receive_buffer_bytes,

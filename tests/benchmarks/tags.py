@@ -1,12 +1,14 @@
-"""Tag angles against the truth, and what they cost, beside plain OpenCV: `make bench-tags` (four minutes).
+"""Errors and CPU time of tag angles, compared with plain OpenCV: `make bench-tags` (four minutes).
 
-Images: exact area coverage on a grid of 4 x 4 to a pixel, blurred there by 0.7 px, averaged over each pixel, noise of 4 grey levels; grey
-levels of 30 and 205 (contrast 175) on 120; 656 x 492 px. Nothing of the renderer is the estimator's. A tag tips by 0.02 rad per frame after
-eight frames at rest. Angle: turn since rest about the pivot axis, of every single frame.
+Images: exact area coverage on a grid of 4 x 4 to a pixel, blurred there by 0.7 px, averaged over each pixel,
+noise of 4 grey levels; grey levels of 30 and 205 (contrast 175) on 120; 656 x 492 px. The renderer shares no
+code with the estimator. A tag tips by 0.02 rad per frame after eight frames at rest. Angle: rotation since
+rest about the pivot axis, for every single frame.
 
-Ours: `track_markers` and `tip_angle`, as a session's strikes are read (the tag's place on the object known). OpenCV: ArucoDetector over the
-full frame, its default parameters but for the corners, solvePnP (IPPE_SQUARE), turn against the mean of the rest. Flips: more than 5 deg
-off; they are left out of the other figures. Times are processor time, one thread, all in one run.
+Ours: `track_markers` and `tip_angle`, as for a session's strikes (the tag's place on the object is known).
+OpenCV: ArucoDetector on the full frame with default parameters except for corner refinement, solvePnP
+(IPPE_SQUARE), rotation against the mean of the rest. Flips: errors of more than 5 deg, which are left out of
+the other figures. Times are CPU time of one thread, all in one run.
 """
 
 from __future__ import annotations
@@ -49,7 +51,7 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Errors:
-    """Of one way to measure, at one size and view."""
+    """Errors of one method at one size and view."""
 
     degrees: list[float] = field(default_factory=list)
     missed: int = 0
@@ -57,40 +59,50 @@ class Errors:
     cpu_s: float = 0.0
 
     def add(self, degrees: Array, frames: int, cpu_s: float) -> None:
-        """Take one film in."""
+        """Add the errors of one clip."""
         self.degrees += degrees.tolist()
         self.missed += frames - len(degrees)
         self.frames += frames
         self.cpu_s += cpu_s
 
     def row(self) -> list[str]:
-        """rms, bias, worst, flips and misses, time."""
+        """Cells of the table: rms, bias, worst, flips and misses, time."""
         off = np.array(self.degrees)
         good = off[np.abs(off) < FLIP_DEG]
         time_ms = f"{1000 * self.cpu_s / self.frames:.2f}"
         lost = f"{100 * (len(off) - len(good)) / self.frames:.0f} %, {100 * self.missed / self.frames:.0f} %"
         if not len(good):
             return ["-", "-", "-", lost, time_ms]
-        return [f"{np.sqrt(np.mean(good**2)):.4f}", f"{good.mean():+.4f}", f"{np.abs(good).max():.3f}", lost, time_ms]
+        return [
+            f"{np.sqrt(np.mean(good**2)):.4f}",
+            f"{good.mean():+.4f}",
+            f"{np.abs(good).max():.3f}",
+            lost,
+            time_ms,
+        ]
 
 
 @dataclass(frozen=True)
-class Film:
-    """A tip as a camera saw it."""
+class Clip:
+    """Rendered frames of a tip, with the true angle."""
 
     camera: CameraModel
     marker: Marker
     frames: list[ImageFrame]
     theta: Array
-    """(n,) rad"""
+    """(n,) true angle [rad]"""
 
 
-def film(px: float, view: str, seed: int, rest: int = REST, after: int = 0) -> Film:
-    """Frames of rest, then a tip about W's y and rest again; its start, place and the camera's aim are drawn."""
+def render_clip(px: float, view: str, seed: int, rest: int = REST, after: int = 0) -> Clip:
+    """Clip of rest, a tip about W's y and rest again, with random start, place and camera direction."""
     rng = np.random.default_rng(seed)
     distance = K[0, 0] * SIZE / px
     # Columns: the camera's x, y, z in W. Along the axis it looks towards +y, across it towards +x.
-    R_world_camera = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]) if view == ALONG else np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    R_world_camera = (
+        np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+        if view == ALONG
+        else np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    )
     R_world_camera = Rotation.from_rotvec(rng.uniform(-0.05, 0.05, 3)).as_matrix() @ R_world_camera
     T = np.eye(4)
     T[:3, :3] = R_world_camera
@@ -98,7 +110,11 @@ def film(px: float, view: str, seed: int, rest: int = REST, after: int = 0) -> F
     T[:3, 3] = aim - distance * R_world_camera[:, 2]
     camera = CameraModel(656, 492, K, np.array([-0.12, 0.05, 3e-4, -2e-4, 0.0]), T)
     T_object_marker = np.eye(4)
-    faces = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if view == ALONG else np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
+    faces = (
+        np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+        if view == ALONG
+        else np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
+    )
     turned = rng.uniform(-0.3, 0.3) if view == ALONG else rng.uniform(-0.05, 0.05)
     T_object_marker[:3, :3] = Rotation.from_rotvec([0, turned, 0]).as_matrix() @ faces
     T_object_marker[:3, 3] = np.array([0.0, 0.0, 0.8]) * SIZE
@@ -110,11 +126,11 @@ def film(px: float, view: str, seed: int, rest: int = REST, after: int = 0) -> F
         R = R_world_camera.T @ turn @ T_object_marker[:3, :3]
         p = R_world_camera.T @ (turn @ T_object_marker[:3, 3] - T[:3, 3])
         frames.append(ImageFrame(i * FRAME_NS, i, render(camera, [(7, SIZE, R, p)], rng)))
-    return Film(camera, Marker(7, SIZE, T_object_marker), frames, theta)
+    return Clip(camera, Marker(7, SIZE, T_object_marker), frames, theta)
 
 
-def ours(seen: Film) -> Array:
-    """Errors [deg] of the frames after the rest."""
+def ours(seen: Clip) -> Array:
+    """Errors [deg] of our angles in the frames after the rest."""
     report = track_markers(seen.frames, seen.camera, [seen.marker], [7])
     placement = Placement(np.eye(3), np.zeros(3), np.zeros(3), 0.0)
     angle = tip_angle(report.tracks, [seen.marker], seen.camera, placement, REST * FRAME_NS).angle
@@ -122,11 +138,13 @@ def ours(seen: Film) -> Array:
     return np.degrees(angle.theta - true)[angle.time_ns >= REST * FRAME_NS]
 
 
-def opencvs(seen: Film, refinement: int) -> Array:
-    """The same, of a plain script with OpenCV."""
+def opencvs(seen: Clip, refinement: int) -> Array:
+    """Errors [deg] of a plain OpenCV script in the frames after the rest."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = refinement
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), parameters)
+    detector = cv2.aruco.ArucoDetector(
+        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), parameters
+    )
     points = marker_corners(SIZE)
     rest: list[Array] = []
     tips: list[tuple[int, Array]] = []
@@ -135,7 +153,9 @@ def opencvs(seen: Film, refinement: int) -> Array:
         if ids is None or 7 not in ids:
             continue
         quad = corners[np.ravel(ids).tolist().index(7)][0].astype(float)
-        _, rotation, _ = cv2.solvePnP(points, quad, seen.camera.K, seen.camera.distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+        _, rotation, _ = cv2.solvePnP(
+            points, quad, seen.camera.K, seen.camera.distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE
+        )
         R = seen.camera.T_world_camera[:3, :3] @ cv2.Rodrigues(rotation)[0]
         if i < REST:
             rest.append(R)
@@ -149,19 +169,23 @@ def opencvs(seen: Film, refinement: int) -> Array:
 
 
 def timed(measure: Callable[[], Array]) -> tuple[Array, float]:
-    """What it says, and the processor time it took [s]."""
+    """Result of a function, and its CPU time [s]."""
     start = time.process_time()
-    said = measure()
-    return said, time.process_time() - start
+    result = measure()
+    return result, time.process_time() - start
 
 
 def session(path: Path) -> str:
-    """How fast a recording's strikes are read, from the file to phi and k."""
+    """Text on the speed of reading a recording's strikes, from the file to phi and k."""
     with open_recording(path) as recording:
         strikes = recording.strikes
         windows = 1e-9 * sum(strike.window_end_ns - strike.window_start_ns for strike in strikes)
         whole = 1e-9 * (strikes[-1].window_end_ns - strikes[0].window_start_ns)
-        frames = sum(1 for strike in strikes for _ in recording.frame_meta(start_ns=strike.window_start_ns, end_ns=strike.window_end_ns))
+        frames = sum(
+            1
+            for strike in strikes
+            for _ in recording.frame_meta(start_ns=strike.window_start_ns, end_ns=strike.window_end_ns)
+        )
     cost, fits = np.inf, 0
     for _ in range(2):
         start = time.process_time()
@@ -170,26 +194,36 @@ def session(path: Path) -> str:
         fits = sum(motion.fit is not None for motion in evidence.motions)
     times = f"{windows / cost:.1f} times faster than the {windows:.1f} s of its windows"
     if whole > windows * 1.01:
-        times = f"{whole / cost:.1f} times faster than the {whole:.1f} s from its first strike to its last, {times}"
-    return f"{path.name}: {len(strikes)} strikes, {fits} with phi and k, {frames} frames: {cost:.2f} s of processor time, {times}"
+        span = f"{whole:.1f} s from its first strike to its last"
+        times = f"{whole / cost:.1f} times faster than the {span}, {times}"
+    contents = f"{len(strikes)} strikes, {fits} with phi and k, {frames} frames"
+    return f"{path.name}: {contents}: {cost:.2f} s of CPU time, {times}"
 
 
 def speeds(console: Console) -> None:
-    """Frames per second, as many at rest before and after a tip as a session's windows have; the better of two runs of each."""
-    seen = film(80, ALONG, 1, rest=60, after=160)
-    few = Film(seen.camera, seen.marker, seen.frames[::12], seen.theta[::12])
+    """Print frames per second, with as many frames at rest as in a session; the better of two runs."""
+    seen = render_clip(80, ALONG, 1, rest=60, after=160)
+    few = Clip(seen.camera, seen.marker, seen.frames[::12], seen.theta[::12])
     own = min(timed(lambda: ours(seen))[1] for _ in range(2)) / len(seen.frames)
     for name, refinement in REFINE.items():
-        # A sixth of a second per frame: of a part of them.
+        # APRILTAG takes a sixth of a second per frame: it gets a twelfth of the frames.
         its = few if name == "APRILTAG" else seen
-        cost = min(timed(lambda its=its, refinement=refinement: opencvs(its, refinement))[1] for _ in range(2)) / len(its.frames)
-        console.print(f"80 px, on the axis, {len(seen.frames)} frames, {TIP} of a tip: ours {1 / own:.0f} frames per second and core; "
-                      f"{name}, full frame, {1 / cost:.0f}: {cost / own:.1f} times as many", highlight=False)  # fmt: skip
+        cost = min(
+            timed(lambda its=its, refinement=refinement: opencvs(its, refinement))[1] for _ in range(2)
+        ) / len(its.frames)
+        setting = f"80 px, on the axis, {len(seen.frames)} frames, {TIP} of a tip"
+        speed = f"ours {1 / own:.0f} frames per second and core; {name}, full frame, {1 / cost:.0f}"
+        console.print(f"{setting}: {speed}; ratio {cost / own:.1f}", highlight=False)
 
 
 @click.command()
-@click.option("--films", default=3, show_default=True, help="For each size and view.")
-@click.option("--session", "path", type=click.Path(path_type=Path), help="A session to read too, as `make demo` leaves one.")
+@click.option("--films", default=3, show_default=True, help="Clips for each size and view.")
+@click.option(
+    "--session",
+    "path",
+    type=click.Path(path_type=Path),
+    help="Another session to be read, such as the one from `make demo`.",
+)
 def main(films: int, path: Path | None) -> None:
     """Run the comparison."""
     cv2.setNumThreads(1)
@@ -198,31 +232,37 @@ def main(films: int, path: Path | None) -> None:
     errors = {cell: {name: Errors() for name in ("ours", *REFINE)} for cell in cells}
     for view, px in track(cells, console=Console(stderr=True), transient=True):
         for number in range(films):
-            seen = film(px, view, 100 * px + number)
+            seen = render_clip(px, view, 100 * px + number)
             pixel_map(seen.camera)
             errors[view, px]["ours"].add(*_with_count(timed(lambda seen=seen: ours(seen))))
             for name, refinement in REFINE.items():
                 if name == "APRILTAG" and number > 0:
                     continue  # a sixth of a second per frame
-                said = timed(lambda seen=seen, refinement=refinement: opencvs(seen, refinement))
-                errors[view, px][name].add(*_with_count(said))
+                result = timed(lambda seen=seen, refinement=refinement: opencvs(seen, refinement))
+                errors[view, px][name].add(*_with_count(result))
     for view in (ALONG, ACROSS):
-        table = Table(title=f"Camera {view}: error of the tip angle per frame, degrees; flips, misses; processor time per frame, ms")
+        table = Table(
+            title=f"Camera {view}: tip angle errors per frame [deg]; flips, misses; CPU time per frame [ms]"
+        )
         table.add_column("side", no_wrap=True)
         for name in ("ours", *REFINE):
             for heading in ("rms", "bias", "worst", "flips, missed", "ms"):
-                table.add_column(f"{name}: {heading}" if heading == "rms" else heading, justify="right", no_wrap=True)
+                table.add_column(
+                    f"{name}: {heading}" if heading == "rms" else heading, justify="right", no_wrap=True
+                )
         for px in SIDES:
-            table.add_row(f"{px} px", *(each for name in ("ours", *REFINE) for each in errors[view, px][name].row()))
+            table.add_row(
+                f"{px} px", *(each for name in ("ours", *REFINE) for each in errors[view, px][name].row())
+            )
         console.print(table)
     speeds(console)
     for each in [FIRST_SAMPLE, *([path] if path else [])]:
         console.print(session(each), highlight=False)
 
 
-def _with_count(said: tuple[Array, float]) -> tuple[Array, int, float]:
-    # The rest is looked at too.
-    return said[0], TIP, said[1] * TIP / (REST + TIP)
+def _with_count(result: tuple[Array, float]) -> tuple[Array, int, float]:
+    # The frames at rest are measured too.
+    return result[0], TIP, result[1] * TIP / (REST + TIP)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
 """Masses of the parts of real tools from their moments: `make bench-tools TOOLS=folder` (two minutes).
 
-A tool's truth is its parts' volumes times their materials' densities, where that gives the mass and centre of mass in the tool's own
-file within 1 % (of the mass; of the longest edge). Its mass, centre of mass and six moments are drawn with errors (0.1 g, 0.5 mm along
-each axis, 1 % each), and the parts' masses estimated from them, many times. Beside them stands what one density for all would say. Tools
-of one material, and those whose file cannot be reproduced, are listed with the reason.
+The true masses of a tool's parts are their volumes times their materials' densities, if these reproduce the
+mass and centre of mass in the tool's own file within 1 % (of the mass; of the longest edge). The tool's mass,
+centre of mass and six moments are drawn with errors (0.1 g, 0.5 mm along each axis, 1 % each), and the parts'
+masses are estimated from them, many times. The masses for one common density are given for comparison. Tools
+of one material, and those whose file is not reproduced, are listed with the reason.
 """
 
 from __future__ import annotations
@@ -30,34 +31,38 @@ from schemas.object_spec import LengthUnit, MarkerSpec, ObjectSpec, PartLabel, S
 
 TABLE = Path(__file__).with_suffix(".toml")
 MASS_SD_KG, COM_SD_M, MOMENT_SD = 1e-4, 5e-4, 0.01
-REPRODUCED = 0.01
+MAX_FILE_DIFFERENCE = 0.01
 AXES = np.vstack([np.eye(3), np.array([[1, 1, 0], [1, 0, 1], [0, 1, 1]]) / math.sqrt(2)])
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Tool:
-    """One tool: its parts with their true masses, and what its own file says of the whole."""
+    """Tool with the true masses of its parts, and the mass and centre of mass in its own file."""
 
     name: str
     parts: list[tuple[str, MassProperties]]
     masses: Array
-    """(n,) kg"""
+    """(n,) true masses [kg]"""
     file_mass: float
     file_com: Array
-    """(3,) m"""
+    """(3,) centre of mass in the file [m]"""
     size: float
-    """m, longest edge"""
+    """longest edge [m]"""
     open_edges: int
 
     @property
     def com(self) -> Array:
-        return np.asarray(self.masses @ np.array([part.centroid for _, part in self.parts]) / self.masses.sum())
+        return np.asarray(
+            self.masses @ np.array([part.centroid for _, part in self.parts]) / self.masses.sum()
+        )
 
     @property
-    def off(self) -> tuple[float, float]:
-        """Relative error of the mass, and of the centre of mass over the size, against the file."""
-        return abs(self.masses.sum() / self.file_mass - 1), float(np.linalg.norm(self.com - self.file_com)) / self.size
+    def file_difference(self) -> tuple[float, float]:
+        """Relative difference of the mass from the file's, and of the centre of mass over the size."""
+        return abs(self.masses.sum() / self.file_mass - 1), float(
+            np.linalg.norm(self.com - self.file_com)
+        ) / self.size
 
     def tensor(self) -> Array:
         tensor = np.zeros((3, 3))
@@ -68,11 +73,12 @@ class Tool:
 
 
 def read_tool(folder: Path, rows: dict[str, dict[str, object]], density: dict[str, float]) -> Tool:
-    """One folder of the set with its rows of the table."""
+    """Read one folder of the set with its rows of the table."""
     text = (folder / "inertia.yaml").read_text(encoding="utf-8")
     mass = float(re.search(r"MASS:\s*(\S+)", text)[1])  # type: ignore[index] - the set's own files have it
-    com = np.array([float(value) for value in re.search(r"COM_WRT_MESH:\s*\[(.*)\]", text)[1].split(",")])  # type: ignore[index]
-    labels = [PartLabel(name=name, bodies=row["bodies"]) for name, row in rows.items()]  # type: ignore[arg-type]
+    numbers = re.search(r"COM_WRT_MESH:\s*\[(.*)\]", text)[1]  # type: ignore[index]
+    com = np.array([float(value) for value in numbers.split(",")])
+    labels = [PartLabel.model_validate({"name": name, "bodies": row["bodies"]}) for name, row in rows.items()]
     spec = ObjectSpec(
         name=folder.name,
         mass_kg=mass,
@@ -83,7 +89,9 @@ def read_tool(folder: Path, rows: dict[str, dict[str, object]], density: dict[st
     bodies = bodies_of(spec, (folder / "mesh.ply").read_bytes(), "mesh.ply")
     parts = parts_of_bodies(labels, bodies, folder.name)
     masses = np.array([density[str(rows[name]["material"])] * solid.volume for name, solid in parts])
-    return Tool(folder.name, parts, masses, mass, com, _longest(bodies), sum(body.open_edges for body in bodies))
+    return Tool(
+        folder.name, parts, masses, mass, com, _longest(bodies), sum(body.open_edges for body in bodies)
+    )
 
 
 def _longest(bodies: list[Body]) -> float:
@@ -92,15 +100,17 @@ def _longest(bodies: list[Body]) -> float:
 
 
 def drawn(tool: Tool, rng: np.random.Generator) -> MeasuredMoments:
-    """Its moments with errors."""
+    """Moments of a tool with random errors."""
     about = np.einsum("ai,ij,aj->a", AXES, tool.tensor(), AXES)
     sd = np.concatenate([[MASS_SD_KG], np.full(3, COM_SD_M), MOMENT_SD * about])
     error = rng.normal(0, sd)
-    return MeasuredMoments(float(tool.masses.sum() + error[0]), tool.com + error[1:4], AXES, about + error[4:], np.diag(sd**2))
+    return MeasuredMoments(
+        float(tool.masses.sum() + error[0]), tool.com + error[1:4], AXES, about + error[4:], np.diag(sd**2)
+    )
 
 
 def rows_of(tool: Tool, found: list[PartMasses]) -> list[list[str]]:
-    """A row per part: truth, one density, estimate, interval, coverage."""
+    """Table rows of a tool, one per part."""
     masses = np.array([one.masses for one in found])
     intervals = np.array([one.intervals for one in found])
     covered = (intervals[..., 0] <= tool.masses) & (tool.masses <= intervals[..., 1])
@@ -126,21 +136,39 @@ def rows_of(tool: Tool, found: list[PartMasses]) -> list[list[str]]:
 
 
 def misplaced(masses: Array, truth: Array) -> float:
-    """Share of the mass in a wrong part."""
+    """Fraction of the mass that is attributed to a wrong part."""
     return float(0.5 * np.abs(masses - truth).sum() / truth.sum())
 
 
 @click.command()
-@click.option("--tools", type=click.Path(path_type=Path, exists=True, file_okay=False), required=True, help="Folder of the tools' folders.")
-@click.option("--draws", default=100, show_default=True, help="Draws of the errors.")
+@click.option(
+    "--tools",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    required=True,
+    help="Folder that contains a folder for each tool.",
+)
+@click.option("--draws", default=100, show_default=True, help="Number of draws of the errors.")
 @click.option("--seed", default=1, show_default=True)
 def main(tools: Path, draws: int, seed: int) -> None:
-    """Print the table."""
+    """Estimate the parts of all tools and print the table."""
     table = tomllib.loads(TABLE.read_text(encoding="utf-8"))
     density = table.pop("density")
     console, left_out, summary = Console(width=150), list[str](), list[tuple[str, float, float, int]]()
-    shown = Table(title=f"Masses of parts, {draws} draws of 0.1 g, 0.5 mm and 1 % (seed {seed})", box=SIMPLE_HEAD)
-    for name in ("tool", "part", "cm3", "truth (g)", "one density", "estimate", "rms error", "half-width", "in 95 %", "observed"):
+    shown = Table(
+        title=f"Masses of parts, {draws} draws of 0.1 g, 0.5 mm and 1 % (seed {seed})", box=SIMPLE_HEAD
+    )
+    for name in (
+        "tool",
+        "part",
+        "cm3",
+        "ground truth (g)",
+        "one density",
+        "estimate",
+        "rms error",
+        "half-width",
+        "in 95 %",
+        "observable",
+    ):
         shown.add_column(name, justify="left" if name in {"tool", "part"} else "right")
     for number, (name, rows) in enumerate(sorted(table.items())):
         console.print(f"{name} ...", end="\r")
@@ -149,12 +177,15 @@ def main(tools: Path, draws: int, seed: int) -> None:
         except (OSError, AnalyzeError) as error:
             left_out.append(f"{name}: {error}")
             continue
-        by_mass, by_com = tool.off
-        if max(by_mass, by_com) > REPRODUCED:
-            left_out.append(f"{name}: its file says {by_mass:.1%} another mass and a centre of mass {by_com:.1%} of its size away")
+        by_mass, by_com = tool.file_difference
+        if max(by_mass, by_com) > MAX_FILE_DIFFERENCE:
+            left_out.append(
+                f"{name}: its file differs by {by_mass:.1%} of the mass, and by {by_com:.1%} of the size in "
+                "the centre of mass"
+            )
             continue
         if len({row["material"] for row in rows.values()}) < 2:
-            left_out.append(f"{name}: of one material: nothing to tell apart (reproduced to {by_mass:.1%}, {by_com:.1%})")
+            left_out.append(f"{name}: only one material (reproduced to {by_mass:.1%}, {by_com:.1%})")
             continue
         rng = np.random.default_rng([seed, number])
         names, solids = [part for part, _ in tool.parts], [solid for _, solid in tool.parts]
