@@ -81,6 +81,9 @@ docs: setup  ## the documentation as a site in site/, readable from disk; a warn
 	@$(BIN)/python docs/offline.py site
 	@echo "open site/index.html"
 
+pictures: setup $(VENV)/.browser  ## pictures of report and replay in docs/images, from DEMO_FILE (`make demo` first)
+	@$(BIN)/python docs/pictures.py $(DEMO_FILE)
+
 format: setup  ## let ruff rewrite the files
 	@$(BIN)/ruff format .
 	@$(BIN)/ruff check --fix .

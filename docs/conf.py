@@ -85,7 +85,7 @@ def _plain_docstring(
         if code and line and not line.startswith("    "):
             code = False
         elif not code and line.startswith("    ") and _is_text(paragraph) and found[-1] == "":
-            found += ["::", ""]
+            found += [] if paragraph.endswith("::") else ["::", ""]
             code = True
         if line:
             paragraph = line
