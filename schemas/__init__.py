@@ -1,1 +1,4 @@
-"""The recording format and the documents that acquire and analyze hand each other. Imports nothing of ours."""
+"""The recording format, its MCAP core, and the documents that acquire and analyze exchange.
+
+Imports neither package.
+"""

@@ -1,7 +1,7 @@
 """Command-line conventions of both commands: a problem is one line on standard error, and an exit code.
 
-The line begins with the command's name. Exit codes: 0 done, 1 a named problem, 2 wrong usage, 3 ended early or with loss,
-130 interrupted.
+The line begins with the command's name. Exit codes: 0 done, 1 a named problem, 2 wrong usage, 3 ended early
+or with loss, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -87,7 +87,8 @@ def one_line_errors(command: str, *problems: type[Exception]) -> Callable[[Calla
 
     Args:
         command: acquire or analyze; the line begins with it.
-        problems: errors that the package raises on purpose. Their message names the thing and the remedy; their notes
+        problems: errors that the package raises on purpose. Their message names the thing and the remedy;
+            their notes
             follow, one line each.
     """
 

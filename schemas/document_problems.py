@@ -1,4 +1,7 @@
-"""What is wrong with a document, in one line: every unknown and every missing key with its table, then the values, each with the remedy."""
+"""Problems of a document in one line.
+
+Unknown keys, missing keys and wrong values, each with its table and the remedy.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,12 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-MOST_NAMED = 5
-"""keys of a kind that the line names; more are counted"""
-LONGEST_SHOWN = 40
-"""characters of a key or a value that was found"""
+MAX_NAMED_KEYS = 5
+"""Keys of one problem that the line names; further ones are counted."""
+MAX_SHOWN_LENGTH = 40
+"""Characters of a key or value that the line shows."""
 
-KINDS = {
+EXPECTED_VALUES = {
     "float": ("a number", "NUMBER"),
     "int": ("a whole number", "NUMBER"),
     "string": ("text in quotes", '"TEXT"'),
@@ -24,20 +27,25 @@ KINDS = {
     "list": ("a list", "[...]"),
     "tuple": ("a list", "[...]"),
 }
-"""of values: what they should be, and how one is written, by the first word of pydantic's name of the error"""
-WRONG_KIND = {f"{kind}_{how}" for kind in KINDS for how in ("type", "parsing")} | {"int_from_float"}
+"""Expected value in words and as TOML, by the first word of pydantic's error type."""
+WRONG_TYPE_ERRORS = {f"{kind}_{how}" for kind in EXPECTED_VALUES for how in ("type", "parsing")} | {
+    "int_from_float"
+}
 
 Path = tuple[int | str, ...]
 
 
-def problems_in_one_line(error: ValidationError, model: type[BaseModel], data: object, *, by_hand: bool) -> str:
-    """All that keeps `data` from being a `model`.
+def problems_in_one_line(
+    error: ValidationError, model: type[BaseModel], data: object, *, by_hand: bool
+) -> str:
+    """Every problem that keeps `data` from being a `model`.
 
     Args:
-        error: what pydantic says.
-        model: of the document.
-        data: what was read.
-        by_hand: people write such documents (TOML): say how to add what is missing. Else a program made it, and its keys are named only.
+        error: pydantic's error.
+        model: expected document.
+        data: content that was read.
+        by_hand: True if people write such documents (TOML): explain how to add what is missing. Otherwise
+            keys are only named.
     """
     found = error.errors()
     unknown = [each["loc"] for each in found if each["type"] == "extra_forbidden"]
@@ -45,8 +53,8 @@ def problems_in_one_line(error: ValidationError, model: type[BaseModel], data: o
     wrong = [each for each in found if each["type"] not in {"extra_forbidden", "missing"}]
     parts: list[str] = []
     if unknown:
-        # A misspelt or misplaced key is unknown and missing at once: it is named once, as what the user can see.
-        hints = [_hint(loc, model, data, missing) for loc in unknown[:MOST_NAMED]] if by_hand else []
+        # A misspelt or misplaced key is both unknown and missing: it is named once, as the user wrote it.
+        hints = [_hint(loc, model, data, missing) for loc in unknown[:MAX_NAMED_KEYS]] if by_hand else []
         meant = [loc for _, loc in hints if loc is not None]
         missing = [loc for loc in missing if loc not in meant]
         parts.append(_unknown_text(unknown, [text for text, _ in hints if text]))
@@ -62,7 +70,9 @@ def _unknown_text(unknown: Sequence[Path], hints: Sequence[str]) -> str:
     names = _listed([f"'{_dotted(loc)}'" for loc in unknown])
     one = len(unknown) == 1
     text = (
-        f"unknown key {names}: remove it or correct its spelling" if one else f"unknown keys {names}: remove them or correct their spelling"
+        f"unknown key {names}: remove it or correct its spelling"
+        if one
+        else f"unknown keys {names}: remove them or correct their spelling"
     )
     return f"{text} ({', '.join(hints)})" if hints else text
 
@@ -72,23 +82,30 @@ def _wrong_text(wrong: Sequence[ErrorDetails], model: type[BaseModel], *, by_han
     where = _dotted(first["loc"])
     message = first["msg"].removeprefix("Value error, ")
     field = _field_at(model, first["loc"]) if first["loc"] else None
-    if by_hand and field is not None and _model_of(field.annotation) is not None and first["type"] in {"model_type", "list_type"}:
+    if (
+        by_hand
+        and field is not None
+        and _model_of(field.annotation) is not None
+        and first["type"] in {"model_type", "list_type"}
+    ):
         message = f"should be {_remedy(first['loc'], model)}"
     elif first["type"] == "model_type":
         message = "should be an object with keys"
-    elif first["type"] in WRONG_KIND:
-        message = f"should be {KINDS[first['type'].partition('_')[0]][0]}"
+    elif first["type"] in WRONG_TYPE_ERRORS:
+        message = f"should be {EXPECTED_VALUES[first['type'].partition('_')[0]][0]}"
     if first["type"] != "value_error":
         message += _shown(first["input"])
-    if by_hand and first["type"] in WRONG_KIND:
+    if by_hand and first["type"] in WRONG_TYPE_ERRORS:
         message += _correction(first["loc"], first["type"], model)
     others = [f"'{_dotted(each['loc'])}'" for each in wrong[1:]]
     more = f"; wrong too: {_listed(others)}" if others else ""
     return f"{where}: {message}{more}" if where else f"{message}{more}"
 
 
-def _hint(loc: Path, model: type[BaseModel], data: object, missing: Sequence[Path]) -> tuple[str, Path | None]:
-    """What an unknown key may be meant as, and which missing key it then stands for."""
+def _hint(
+    loc: Path, model: type[BaseModel], data: object, missing: Sequence[Path]
+) -> tuple[str, Path | None]:
+    """Suggestion for an unknown key, and the missing key that it probably is."""
     table, name = loc[:-1], str(loc[-1])
     if table and (name,) in missing:
         return f"{name} belongs above the first [section]", (name,)
@@ -105,19 +122,23 @@ def _hint(loc: Path, model: type[BaseModel], data: object, missing: Sequence[Pat
 
 
 def _remedy(loc: Path, model: type[BaseModel]) -> str:
-    """How to add a missing key to a TOML file."""
+    """Text of a TOML file that adds a missing key."""
     field = _field_at(model, loc)
     name, table = str(loc[-1]), loc[:-1]
     inner = None if field is None else _model_of(field.annotation)
     if inner is None:
         text = f"{name} = ..." + (f" in {_section(table)}" if table else "")
     else:
-        text = f"[[{_dotted(loc)}]]" if field is not None and "list" in str(field.annotation) else f"[{_dotted(loc)}]"
+        text = (
+            f"[[{_dotted(loc)}]]"
+            if field is not None and "list" in str(field.annotation)
+            else f"[{_dotted(loc)}]"
+        )
     return f"{text} ({field.description})" if field is not None and field.description else text
 
 
 def _correction(loc: Path, kind: str, model: type[BaseModel]) -> str:
-    """How to write a value of the right kind: its default, or what stands for one."""
+    """Example of a value of the right type: the default, or a placeholder."""
     entry = loc
     while entry and isinstance(entry[-1], int):
         entry = entry[:-1]
@@ -128,11 +149,12 @@ def _correction(loc: Path, kind: str, model: type[BaseModel]) -> str:
     if entry != loc:
         return f": correct {entry[-1]}{place}"
     plain = isinstance(field.default, int | float | str)
-    return f": write it like {entry[-1]} = {json.dumps(field.default) if plain else KINDS[kind.partition('_')[0]][1]}{place}"
+    example = json.dumps(field.default) if plain else EXPECTED_VALUES[kind.partition("_")[0]][1]
+    return f": write it like {entry[-1]} = {example}{place}"
 
 
 def _section(table: Path) -> str:
-    """Name of a table as a TOML file has it; tables of a row are counted from 1, as people do."""
+    """Name of a table as written in TOML; tables of an array are counted from 1."""
     rows = [part for part in table if isinstance(part, int)]
     name = ".".join(_clean(part) for part in table if isinstance(part, str))
     return f"[[{name}]] number {rows[-1] + 1}" if rows else f"[{name}]"
@@ -154,7 +176,7 @@ def _model_at(model: type[BaseModel], loc: Path) -> type[BaseModel] | None:
 
 
 def _model_of(annotation: Any) -> type[BaseModel] | None:
-    """The document inside `X`, `X | None` or `list[X]`."""
+    """Document class inside `X`, `X | None` or `list[X]`, None if there is none."""
     if isinstance(annotation, type) and not get_args(annotation):
         return annotation if issubclass(annotation, BaseModel) else None
     return next((found for inner in get_args(annotation) if (found := _model_of(inner)) is not None), None)
@@ -172,8 +194,8 @@ def _value_at(data: object, loc: Path) -> object:
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-    return ", ".join(names[:MOST_NAMED]) + more
+    more = f" and {len(names) - MAX_NAMED_KEYS} more" if len(names) > MAX_NAMED_KEYS else ""
+    return ", ".join(names[:MAX_NAMED_KEYS]) + more
 
 
 def _dotted(loc: Path) -> str:
@@ -181,12 +203,12 @@ def _dotted(loc: Path) -> str:
 
 
 def _clean(part: int | str) -> str:
-    """A key as part of one line, whatever the file calls it."""
+    """Key made printable and short enough for one line."""
     text = "".join(letter if letter.isprintable() else "?" for letter in str(part))
-    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+    return text if len(text) <= MAX_SHOWN_LENGTH else f"{text[:MAX_SHOWN_LENGTH]}..."
 
 
 def _shown(value: object) -> str:
-    """What was found, where it is short."""
+    """Clause with the value found, "" if it is long."""
     text = repr(value) if isinstance(value, str | int | float) else ""
-    return f", not {text}" if text and len(text) <= LONGEST_SHOWN else ""
+    return f", not {text}" if text and len(text) <= MAX_SHOWN_LENGTH else ""

@@ -1,4 +1,4 @@
-"""The object as its owner knows it: shape, mass, markers. A TOML file."""
+"""The object specification (TOML): shape, mass and markers, as its owner knows them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,17 @@ from schemas.tags import USUAL_FAMILY, TagFamily, marker_name
 if TYPE_CHECKING:
     from pathlib import Path
 
-THICKEST_M = 0.1
-LIGHTEST, DENSEST = 5.0, 25_000.0
-"""kg/m^3, of what may fill an object: foam, and more than any metal"""
-LABELS_AFTER_1_0 = ("fills", "density_kg_m3", "density_sd_kg_m3")
+MAX_THICKNESS_M = 0.1
+MIN_DENSITY_KG_M3, MAX_DENSITY_KG_M3 = 5.0, 25_000.0
+"""Densities that a filling can have: foam, and more than any metal."""
+LABEL_KEYS_AFTER_1_0 = ("fills", "density_kg_m3", "density_sd_kg_m3")
 
 
 class LengthUnit(enum.Enum):
-    """Unit of a shape file's coordinates; there is no default, because a guess would be wrong by 1000."""
+    """Unit of a shape file's coordinates.
+
+    There is no default: a wrong guess would be wrong by a factor of 1000.
+    """
 
     METRE = "m"
     CENTIMETRE = "cm"
@@ -37,9 +40,9 @@ class LengthUnit(enum.Enum):
 
 
 class Box(Document):
-    """Cuboid centred on O, edges along O's axes."""
+    """Cuboid centred on O, with its edges along O's axes."""
 
-    size_m: Vector3 = Field(description="its edges along x, y, z, in metres")
+    size_m: Vector3 = Field(description="lengths of its edges along x, y, z, in metres")
 
     @field_validator("size_m")
     @classmethod
@@ -50,22 +53,27 @@ class Box(Document):
 
 
 class Cylinder(Document):
-    """Cylinder centred on O, axis along O's z."""
+    """Cylinder centred on O, with its axis along O's z."""
 
     radius_m: float = Field(gt=0, description="in metres")
     height_m: float = Field(gt=0, description="in metres")
 
 
 class Shape(Document):
-    """Exterior of the object: a file with its unit, or one primitive."""
+    """Exterior of the object: a shape file with its unit, or a box, or a cylinder."""
 
-    file: str | None = None
-    unit: LengthUnit | None = None
-    scale_sd: float = Field(default=0.0, ge=0, description="relative 1 sigma of the shape's scale")
+    file: str | None = Field(
+        default=None, description="name of the shape file, in the folder of this specification"
+    )
+    unit: LengthUnit | None = Field(
+        default=None, description="unit of the file's coordinates: m, cm, mm or in"
+    )
+    scale_sd: float = Field(default=0.0, ge=0, description="1 sigma of the shape's scale, relative")
     surface_sd_m: float = Field(
         default=0.0,
         ge=0,
-        description="1 sigma of how far all of the surface may lie off together (a scanner's bias), which more points do not lessen",
+        description="1 sigma of a common offset of the whole surface, in metres: a scanner's bias, which "
+        "more points do not reduce",
     )
     box: Box | None = None
     cylinder: Cylinder | None = None
@@ -77,33 +85,41 @@ class Shape(Document):
             raise ValueError(f"give exactly one of file, box, cylinder (found {', '.join(given) or 'none'})")
         if self.file is not None and self.unit is None:
             raise ValueError('a shape file needs its unit: unit = "mm" (or "m", "cm", "in")')
-        if self.surface_sd_m > THICKEST_M:
-            raise ValueError(f"surface_sd_m = {self.surface_sd_m:g} m is no scanner's error: it is in metres")
+        if self.surface_sd_m > MAX_THICKNESS_M:
+            raise ValueError(
+                f"surface_sd_m = {self.surface_sd_m:g} m is too large for a scanner's error: it is in metres"
+            )
         if self.file is None and self.unit is not None:
             raise ValueError("unit belongs to a shape file; box and cylinder are in metres")
         return self
 
 
 class MarkerSpec(Document):
-    """One square marker glued to the object. `T_object_marker` maps M to O: M's x right, y up, z out of the marker's face."""
+    """One square marker on the object.
 
-    family: TagFamily = USUAL_FAMILY
+    `T_object_marker` maps M to O; M: x right, y up, z out of the marker's face.
+    """
+
+    family: TagFamily = Field(default=USUAL_FAMILY, description="tag family")
     id: int = Field(ge=0, description="number of the tag in its family, from 0")
     size_m: float = Field(gt=0.002, lt=0.5, description="edge of the black square, in metres")
-    mass_kg: float = Field(default=0.0, ge=0)
-    thickness_m: float = Field(default=0.0, ge=0)
-    T_object_marker: Matrix4 | None = None
+    mass_kg: float = Field(default=0.0, ge=0, description="mass of the marker, in kilograms")
+    thickness_m: float = Field(default=0.0, ge=0, description="thickness of the marker, in metres")
+    T_object_marker: Matrix4 | None = Field(
+        default=None,
+        description="pose of the marker in O, 4 x 4, in metres; if left out, `analyze register` finds it",
+    )
 
     @property
     def name(self) -> int | str:
-        """What it is called wherever a marker is meant: see `marker_name`."""
+        """Name of the marker in all documents: see `marker_name`."""
         return marker_name(self.family, self.id)
 
     @field_validator("family", mode="before")
     @classmethod
     def _family(cls, value: object) -> object:
         if isinstance(value, str) and value not in set(TagFamily):
-            raise ValueError(f"{value!r} is no tag family: choose {', '.join(TagFamily)}")
+            raise ValueError(f"{value!r} is not a tag family: choose {', '.join(TagFamily)}")
         return value
 
     @field_validator("id")
@@ -123,34 +139,56 @@ class MarkerSpec(Document):
 
 
 class PartLabel(Document):
-    """A part whose mass is asked, taken as uniform: bodies of the mesh, the wall, a layer inside it, or what fills it up to some level."""
+    """A part of uniform density whose mass is estimated.
 
-    name: str = Field(min_length=1, description="what to call the part")
-    bodies: list[int] = Field(default=[], description="numbers of the mesh's closed bodies, as `analyze parts` lists them, from 1")
-    wall: bool = Field(default=False, description="true: all within shell_thickness_m of the surface")
+    Bodies of the mesh, the wall, a layer inside it, or a filling.
+    """
+
+    name: str = Field(min_length=1, description="name of the part")
+    bodies: list[int] = Field(
+        default=[], description="numbers of the mesh's closed bodies, from 1: `analyze parts` lists them"
+    )
+    wall: bool = Field(default=False, description="true: everything within shell_thickness_m of the surface")
     between_m: list[float] | None = Field(
-        default=None, min_length=2, max_length=2, description="lower and upper end of a layer inside the wall, along `along`, in metres"
+        default=None,
+        min_length=2,
+        max_length=2,
+        description="lower and upper end of a layer inside the wall, along `along`, in metres",
     )
     fills: bool = Field(
-        default=False, description="true: fills the inside of the wall from below, up to a level along `along` that is asked as well"
+        default=False,
+        description="true: fills the inside of the wall from below, up to a level along `along` that is "
+        "estimated too",
     )
     along: Vector3 = Field(
-        default=[0.0, 0.0, 1.0], description="direction in which `between_m` is measured from O, or in which it was filled, in O's axes"
+        default=[0.0, 0.0, 1.0],
+        description="direction in O along which `between_m` is measured from O, or along which the filling "
+        "rises",
     )
-    density_kg_m3: float | None = Field(default=None, gt=0, description="of what fills it, if it is known")
-    density_sd_kg_m3: float | None = Field(default=None, gt=0, description="1 sigma of that; 5 % where it is not given")
+    density_kg_m3: float | None = Field(default=None, gt=0, description="density of the filling, if known")
+    density_sd_kg_m3: float | None = Field(
+        default=None, gt=0, description="1 sigma of density_kg_m3; 5 % if left out"
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> PartLabel:
         given = [name for name in ("bodies", "wall", "between_m", "fills") if getattr(self, name)]
         if len(given) != 1:
-            raise ValueError(f"part {self.name!r}: give exactly one of bodies, wall, between_m, fills (found {', '.join(given) or 'none'})")
+            raise ValueError(
+                f"part {self.name!r}: give exactly one of bodies, wall, between_m, fills (found "
+                f"{', '.join(given) or 'none'})"
+            )
         if not self.fills and (self.density_kg_m3 is not None or self.density_sd_kg_m3 is not None):
-            raise ValueError(f"part {self.name!r}: density_kg_m3 is for what fills an object to an unknown level (fills = true)")
+            raise ValueError(
+                f"part {self.name!r}: density_kg_m3 belongs to a filling with an unknown level (fills = true)"
+            )
         if self.density_sd_kg_m3 is not None and self.density_kg_m3 is None:
             raise ValueError(f"part {self.name!r}: density_sd_kg_m3 needs density_kg_m3")
-        if self.density_kg_m3 is not None and not LIGHTEST < self.density_kg_m3 < DENSEST:
-            raise ValueError(f"part {self.name!r}: {self.density_kg_m3:g} kg/m^3 is no density of a filling: water has 1000 kg/m^3")
+        if self.density_kg_m3 is not None and not MIN_DENSITY_KG_M3 < self.density_kg_m3 < MAX_DENSITY_KG_M3:
+            raise ValueError(
+                f"part {self.name!r}: {self.density_kg_m3:g} kg/m^3 is not the density of a filling: water "
+                "has 1000 kg/m^3"
+            )
         if min(self.bodies, default=1) < 1 or len(set(self.bodies)) < len(self.bodies):
             raise ValueError(f"part {self.name!r}: bodies are numbers from 1, each once")
         if self.between_m is not None and self.between_m[0] >= self.between_m[1]:
@@ -161,35 +199,50 @@ class PartLabel(Document):
 
 
 class ObjectSpec(Document):
-    """What the user knows of the object (TOML). Inner masses have no place here: they are what is asked."""
+    """The object as its user knows it (TOML). Inner masses are not part of it: they are the result."""
 
     by_hand: ClassVar[bool] = True
 
-    name: str = Field(min_length=1, description="what to call the object")
-    mass_kg: float = Field(gt=0, description="what it weighs, in kilograms")
-    mass_sd_kg: float = Field(gt=0, description="1 sigma of the scale, in kilograms")
-    mass_includes_markers: bool = True
-    shape: Shape = Field(description="file and unit, or [shape.box] with size_m, or [shape.cylinder] with radius_m and height_m")
-    edge_radius_m: float = Field(default=0.0, ge=0)
-    edge_radius_sd_m: float = Field(default=0.0, ge=0)
-    shell_thickness_m: float | None = Field(default=None, gt=0)
-    labels: list[PartLabel] | None = Field(
-        default=None, min_length=2, description="the parts whose masses are asked, if it is made of some"
+    name: str = Field(min_length=1, description="name of the object")
+    mass_kg: float = Field(gt=0, description="mass of the object, in kilograms")
+    mass_sd_kg: float = Field(gt=0, description="1 sigma of the mass, in kilograms: the scale's error")
+    mass_includes_markers: bool = Field(default=True, description="true: it was weighed with its markers")
+    shape: Shape = Field(
+        description="file and unit, or [shape.box] with size_m, or [shape.cylinder] with radius_m and "
+        "height_m"
     )
-    marker: list[MarkerSpec] = Field(min_length=1, description="for each tag: id, size_m, T_object_marker")
+    edge_radius_m: float = Field(default=0.0, ge=0, description="radius of the rounded edges, in metres")
+    edge_radius_sd_m: float = Field(default=0.0, ge=0, description="1 sigma of edge_radius_m, in metres")
+    shell_thickness_m: float | None = Field(
+        default=None, gt=0, description="thickness of the wall, in metres, if known"
+    )
+    labels: list[PartLabel] | None = Field(
+        default=None,
+        min_length=2,
+        description="parts whose masses are estimated, if the object has known parts",
+    )
+    marker: list[MarkerSpec] = Field(
+        min_length=1, description="markers on the object: id, size_m and T_object_marker of each"
+    )
 
     @field_validator("shell_thickness_m", "edge_radius_m")
     @classmethod
     def _metres(cls, value: float | None) -> float | None:
-        if value is not None and value > THICKEST_M:
-            raise ValueError(f"{value:g} m is no wall or edge: it is in metres ({value:g} mm would be {value / 1000:g})")
+        if value is not None and value > MAX_THICKNESS_M:
+            raise ValueError(
+                f"{value:g} m is too thick for a wall or an edge: it is in metres ({value:g} mm would be "
+                f"{value / 1000:g})"
+            )
         return value
 
     @field_validator("mass_kg")
     @classmethod
     def _grams(cls, value: float) -> float:
         if value > 20.0:
-            raise ValueError(f"{value:g} kg is too heavy for a striker: mass_kg is in kilograms ({value:g} g would be {value / 1000:g})")
+            raise ValueError(
+                f"{value:g} kg is too heavy for a striker: mass_kg is in kilograms ({value:g} g would be "
+                f"{value / 1000:g})"
+            )
         return value
 
     @model_validator(mode="after")
@@ -197,21 +250,24 @@ class ObjectSpec(Document):
         names = [marker.name for marker in self.marker]
         twice = [name for name in names if names.count(name) > 1]
         if twice:
-            raise ValueError(f"marker id {twice[0]} is listed twice: every marker on an object needs its own id")
+            raise ValueError(
+                f"marker id {twice[0]} is listed twice: every marker on an object needs its own id"
+            )
         alike = {marker.family.codes: marker.family for marker in self.marker}
         for marker in self.marker:
             if marker.family is not alike[marker.family.codes]:
                 raise ValueError(
-                    f"marker families {marker.family} and {alike[marker.family.codes]} share their codes: name all such tags by one of them"
+                    f"marker families {marker.family} and {alike[marker.family.codes]} share their codes: "
+                    "use one of the two for all such tags"
                 )
         _check_labels(self.labels or [])
         if self.mass_sd_kg >= self.mass_kg:
-            raise ValueError("mass_sd_kg is not below mass_kg: it is the scale's 1 sigma, in kilograms")
+            raise ValueError("mass_sd_kg must be below mass_kg: it is the scale's 1 sigma, in kilograms")
         return self
 
 
 def _check_labels(labels: list[PartLabel]) -> None:
-    """Names and bodies once each, and not two ways of cutting the object at the same time."""
+    """Raise ValueError unless part names and bodies are unique and the object is divided in one way only."""
     names = [label.name for label in labels]
     if twice := [name for name in names if names.count(name) > 1]:
         raise ValueError(f"two parts are called {twice[0]!r}: every part needs a name of its own")
@@ -221,9 +277,9 @@ def _check_labels(labels: list[PartLabel]) -> None:
     if any(label.bodies for label in labels) and not all(label.bodies for label in labels):
         raise ValueError("parts are either bodies of the mesh, or wall and layers: not both")
     if sum(label.wall for label in labels) > 1:
-        raise ValueError("two parts are the wall: there is one")
+        raise ValueError("two parts are the wall: mark only one with wall = true")
     if any(label.fills for label in labels) and (len(labels) != 2 or not any(label.wall for label in labels)):
-        raise ValueError("a part that fills the object (fills = true) stands beside the wall alone: label these two")
+        raise ValueError("a filling (fills = true) needs the wall as the only other part: label these two")
 
 
 def read_object_spec(path: Path) -> ObjectSpec:
@@ -242,24 +298,29 @@ def parse_object_spec(text: str, name: str) -> ObjectSpec:
     except ValueError as error:  # tomllib.TOMLDecodeError, and int's refusal of thousands of digits
         raise DocumentError(f"{name}: not valid TOML: {error}") from None
     except RecursionError:
-        raise DocumentError(f"{name}: not an object file: its brackets are nested too deep") from None
+        raise DocumentError(f"{name}: not an object file: its brackets are nested too deeply") from None
     return validate(ObjectSpec, data, name)
 
 
 def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
-    """Identity of an object: its specification and its shape file's bytes. What a plan is bound to.
+    """Identity of an object, to which plans are bound.
 
-    Entries that came after 1.0 count only where they are given, so that older recordings keep their identity.
+    SHA-256 of its specification and its shape file's bytes.
+
+    Entries added after version 1.0 count only if they are given, so that older recordings keep their
+    identity.
     """
     known = spec.model_dump(mode="json")
     if not spec.shape.surface_sd_m:
         del known["shape"]["surface_sd_m"]
     labels: list[dict[str, object]] = known["labels"] or []
     for label in labels:
-        for entry in LABELS_AFTER_1_0:
+        for entry in LABEL_KEYS_AFTER_1_0:
             if not label[entry]:
                 del label[entry]
-    digest = hashlib.sha256(json.dumps(known, sort_keys=True, separators=(",", ":"), allow_nan=False).encode())
+    digest = hashlib.sha256(
+        json.dumps(known, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    )
     if shape_bytes is not None:
         digest.update(hashlib.sha256(shape_bytes).digest())
     return digest.hexdigest()

@@ -1,4 +1,4 @@
-"""Output files: refused early where they cannot be written, and written so that they appear complete or not at all."""
+"""Output files: checked before the work, and written so that they appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ class OutputError(Exception):
 
 
 def why_unwritable(output: Path, *inputs: Path) -> str | None:
-    """Reason in one line why `output` cannot be written or would replace one of the `inputs`; None if it can be written.
+    """Reason in one line why `output` cannot be written or would replace one of the `inputs`.
+
+    None if it can be written.
 
     A missing folder is not created: its name may be misspelt, and the file would not be found again.
     """
@@ -22,7 +24,7 @@ def why_unwritable(output: Path, *inputs: Path) -> str | None:
     if not folder.is_dir():
         return f"{output}: cannot be written: there is no folder {folder}: create it first"
     if not os.access(folder, os.W_OK | os.X_OK):
-        return f"{output}: cannot be written: you have no permission to write in the folder {folder}: choose another place"
+        return f"{output}: cannot be written: no permission to write in {folder}: choose another place"
     for path in inputs:
         if output.exists() and path.exists() and output.samefile(path):
             return f"{output}: is also an input and would be replaced: choose another name for the output"
@@ -30,7 +32,10 @@ def why_unwritable(output: Path, *inputs: Path) -> str | None:
 
 
 def refuse_unwritable(output: Path, *inputs: Path) -> None:
-    """Raise OutputError if `output` cannot be written or would replace one of the `inputs`; call it before the work."""
+    """Raise OutputError if `output` cannot be written or would replace one of the `inputs`.
+
+    Call it before the work.
+    """
     if (reason := why_unwritable(output, *inputs)) is not None:
         raise OutputError(reason)
 
@@ -41,7 +46,9 @@ def write_text(output: Path, text: str) -> None:
 
 
 def write_bytes(output: Path, data: bytes) -> None:
-    """Write `data` to a temporary file, fsync it and rename it; after an error an earlier `output` is unchanged.
+    """Write `data` to a temporary file, fsync it and rename it.
+
+    After an error an earlier `output` is unchanged.
 
     Raises:
         OutputError: the file cannot be written.

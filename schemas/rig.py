@@ -1,4 +1,7 @@
-"""The rig file (TOML), which both commands read: camera, striker, recorder, daemon. SI units; unknown keys are refused; defaults work."""
+"""The rig file (TOML), which both commands read: camera, striker, recorder, daemon.
+
+SI units; unknown keys are refused.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from schemas.session_manifest import CameraCalibrationSpec, LevelReading
 
 
 class CameraConfig(Document):
-    """A GigE Vision camera and its calibration (intrinsics of the region below, pose in W)."""
+    """GigE Vision camera, its region of interest, and the calibration of that region with the pose in W."""
 
     name: str = Field(default="main", pattern=r"^[a-z][a-z0-9_]*$")
     address: str = Field(description="IP address, or the device id that `acquire discover` prints")
@@ -22,67 +25,98 @@ class CameraConfig(Document):
     height: int = Field(default=492, gt=0)
     offset_x: int = Field(default=0, ge=0)
     offset_y: int = Field(default=0, ge=0)
-    pixel_format: Literal["Mono8"] = Field(default="Mono8", description="the only one that recorder and tracking take")
-    frame_rate_hz: float = Field(default=120.0, gt=0, description="with a trigger: the rate of its pulses")
+    pixel_format: Literal["Mono8"] = Field(
+        default="Mono8", description="Mono8 only: recorder and tracking take no other format"
+    )
+    frame_rate_hz: float = Field(
+        default=120.0, gt=0, description="frame rate; with a trigger the rate of its pulses"
+    )
     exposure_us: float = Field(default=1500.0, gt=0)
     gain_db: float = Field(default=0.0, ge=0)
     trigger: str = Field(
         default="off",
         pattern=r"^(off|Line[0-9]+)$",
-        description="off: the camera times itself; else its input whose rising edge is a frame",
+        description="off: the camera runs freely; otherwise the input line whose rising edge starts a frame",
     )
     packet_size: int = Field(default=8192, ge=576, le=9000)
     receive_buffer_bytes: int = Field(default=16 << 20, gt=0)
     buffers: int = Field(default=64, ge=8)
     stall_s: float = Field(default=1.0, gt=0)
-    calibration: CameraCalibrationSpec = Field(description="width, height, K, distortion and T_world_camera: docs/guide.md")
+    calibration: CameraCalibrationSpec = Field(
+        description="width, height, K, distortion and T_world_camera: docs/how-to/rig.md"
+    )
 
 
 class StrikerConfig(Document):
-    """A Dynamixel that swings an arm. Angle 0 = arm hangs vertical, its face touching the impact point; + swings to the object."""
+    """Dynamixel servo that swings an arm.
+
+    At angle 0 the arm hangs vertically at the impact point; + swings towards the object.
+    """
 
     kind: Literal["dynamixel", "manual"] = "dynamixel"
     port: str = "/dev/ttyUSB0"
     baud_rate: int = 1_000_000
     id: int = Field(default=1, ge=0, le=252)
-    zero_position: int = Field(default=2048, ge=0, le=4095, description="ticks at angle 0")
+    zero_position: int = Field(default=2048, ge=0, le=4095, description="servo ticks at angle 0")
     direction: Literal[1, -1] = 1
     arm_length_m: float = Field(default=ARM_LENGTH_M, gt=0, le=2)
-    effective_mass_kg: float = Field(default=0.2, gt=0, le=10, description="I_arm / r^2, as felt at the tip")
+    effective_mass_kg: float = Field(
+        default=0.2, gt=0, le=10, description="effective mass at the tip: arm inertia / arm length^2"
+    )
     effective_mass_sd_kg: float = Field(default=0.05, ge=0, le=10)
     restitution: float = Field(default=0.4, ge=0, le=1)
     restitution_sd: float = Field(default=0.15, ge=0, le=1)
     reach_m: tuple[float, float] = Field(
-        default=(0.015, 0.4), description="heights over the table that the tip can be set to; for `analyze plan`"
+        default=(0.015, 0.4),
+        description="lowest and highest setting of the tip above the table, in metres; for `analyze plan`",
     )
     cocked_angle_rad: float = Field(default=COCKED_ANGLE_RAD, ge=-2.5, lt=0)
-    current_limit_a: float = Field(default=1.0, gt=0, le=3.2, description="the servo's own register ends here, as those below")
+    current_limit_a: float = Field(
+        default=1.0,
+        gt=0,
+        le=3.2,
+        description="limits here and below are at most those of the servo's registers",
+    )
     velocity_limit_rad_s: float = Field(default=VELOCITY_LIMIT_RAD_S, gt=0, le=24.5)
     temperature_limit_c: int = Field(default=70, gt=0, le=100)
-    arming_expires_s: float = Field(default=20.0, gt=0, le=600, description="an arming that nobody uses is void after this")
+    arming_expires_s: float = Field(
+        default=20.0, gt=0, le=600, description="time after which an unused arming expires"
+    )
 
     @field_validator("reach_m")
     @classmethod
     def _rising(cls, value: tuple[float, float]) -> tuple[float, float]:
         low, high = value
         if not 0 < low < high < 2:
-            raise ValueError(f"reach_m = [{low:g}, {high:g}] is not two rising heights in metres")
+            raise ValueError(f"reach_m = [{low:g}, {high:g}] must be two increasing heights in metres")
         return value
 
     def tip_speeds(self) -> TipSpeeds:
-        """What a strike may be asked for; a hand has no limits of its own and is asked for what the nominal arm can."""
+        """Range of tip speeds that a strike can use; for strikes by hand that of the nominal arm."""
         if self.kind == "manual":
             return tip_speeds()
         return tip_speeds(self.arm_length_m, self.cocked_angle_rad, self.velocity_limit_rad_s)
 
 
 class RecorderConfig(Document):
-    """What is kept: every frame of a strike window and previews outside it, or every frame; every frame's meta always."""
+    """Recording mode: the frames of strike windows with previews between them, or all frames.
 
-    directory: str = Field(default="recordings", description="whose disk `acquire check` tries; a session records where its -o says")
+    Frame meta are always kept.
+    """
+
+    directory: str = Field(
+        default="recordings",
+        description="folder whose disk `acquire check` tests; a session records to its -o path",
+    )
     mode: Literal["windows", "continuous"] = "windows"
-    rotate_bytes: int = Field(default=2 << 30, ge=0, description="continuous: size at which the next numbered file is begun; 0: never")
-    keep_files: int = Field(default=0, ge=0, description="continuous: files kept, the oldest is deleted; 0: all")
+    rotate_bytes: int = Field(
+        default=2 << 30,
+        ge=0,
+        description="continuous: file size at which the next numbered file begins; 0: never",
+    )
+    keep_files: int = Field(
+        default=0, ge=0, description="continuous: number of files kept, older ones are deleted; 0: all"
+    )
     pre_trigger_s: float = Field(default=0.25, ge=0)
     preview_hz: float = Field(default=4.0, ge=0)
     max_window_s: float = Field(default=6.0, gt=0)
@@ -91,35 +125,46 @@ class RecorderConfig(Document):
 
 
 class DaemonConfig(Document):
-    """Where the daemon listens. The socket's folder is private to the user."""
+    """Socket of the daemon, in a folder private to the user."""
 
     socket: str | None = None
 
     def socket_path(self) -> Path:
-        """The socket's path: as configured, else in the user's run-time folder."""
+        """Path of the socket: as configured, otherwise in the user's run-time folder."""
         if self.socket is not None:
             return Path(self.socket)
         runtime = os.environ.get("XDG_RUNTIME_DIR")
-        base = Path(runtime) if runtime else Path(f"/tmp/percuss-{os.getuid()}")  # noqa: S108 - created 0700, ownership checked
+        fallback = f"/tmp/percuss-{os.getuid()}"  # noqa: S108 - created 0700, ownership checked
+        base = Path(runtime or fallback)
         return base / "percuss" / "daemon.sock"
 
 
 class RigConfig(Document):
-    """A whole rig."""
+    """Camera, striker, recorder and daemon of a rig, with gravity and table."""
 
     by_hand: ClassVar[bool] = True
 
     name: str = "rig"
     g_m_s2: float = Field(default=9.81, gt=9.7, lt=9.9)
     g_sd_m_s2: float = Field(default=0.005, ge=0, le=1)
-    gravity_tilt_sd_rad: float = Field(default=0.0035, ge=0, le=1, description="1 sigma of the table against the vertical (0.2 deg)")
+    gravity_tilt_sd_rad: float = Field(
+        default=0.0035,
+        ge=0,
+        le=1,
+        description="1 sigma of the angle between table normal and vertical (0.2 deg)",
+    )
     level: LevelReading | None = Field(
-        default=None, description="what a level or a plumb line showed, in place of 0 +- gravity_tilt_sd_rad"
+        default=None, description="reading of a level or plumb line, in place of 0 +- gravity_tilt_sd_rad"
     )
     table_friction: float = Field(
-        default=0.4, gt=0, le=10, description="least friction coefficient between table and object; plans count on it"
+        default=0.4,
+        gt=0,
+        le=10,
+        description="smallest friction coefficient between table and object, which plans assume",
     )
-    camera: CameraConfig = Field(description="with address and [camera.calibration]: docs/guide.md shows a whole rig file")
+    camera: CameraConfig = Field(
+        description="with address and [camera.calibration]: docs/how-to/rig.md shows a whole rig file"
+    )
     striker: StrikerConfig = StrikerConfig()
     recorder: RecorderConfig = RecorderConfig()
     daemon: DaemonConfig = DaemonConfig()

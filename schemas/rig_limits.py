@@ -1,28 +1,34 @@
-"""What both commands hold a rig to, so that no plan asks for what the striker or `acquire check` then refuses."""
+"""Limits of a rig that planning and `acquire check` share: no plan exceeds what the rig allows."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-SLOWEST_RAD_S = 0.5
-"""of the arm: slower, the servo's steps show"""
+MIN_ARM_SPEED_RAD_S = 0.5
+"""Lowest angular speed of the arm: below it the servo's steps are visible."""
 RUN_UP_S = 0.06
-"""the servo follows its profile within 1 % after this; at full speed the arm needs the way from the cocked angle for it"""
+"""Time until the servo follows its profile within 1 %.
+
+The fastest strike uses the whole way from the cocked angle.
+"""
 ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S = 0.12, -0.6, 8.0
-"""of the nominal striker"""
-SMALLEST_TAG_PX = 60.0
-"""mean edge of the black square in the image; at 80 px a tag gives 0.07 deg a frame, and the noise grows with the inverse square"""
+"""Arm of the nominal striker."""
+MIN_TAG_EDGE_PX = 60.0
+"""Smallest mean edge of a tag's black square in the image.
+
+At 80 px the angle's noise is 0.07 deg a frame; it grows as 1/edge².
+"""
 
 
 @dataclass(frozen=True)
 class TipSpeeds:
-    """What the striker's tip can be asked for [m/s], both ends allowed."""
+    """Range of tip speeds that the striker can reach [m/s], both ends included."""
 
     slowest_m_s: float
     fastest_m_s: float
 
     def allow(self, tip_speed_m_s: float) -> bool:
-        """Whether the striker takes it; never one that is no number."""
+        """True if the speed is in the range; False for NaN."""
         return self.slowest_m_s <= tip_speed_m_s <= self.fastest_m_s
 
 
@@ -31,9 +37,9 @@ def tip_speeds(
     cocked_angle_rad: float = COCKED_ANGLE_RAD,
     velocity_limit_rad_s: float = VELOCITY_LIMIT_RAD_S,
 ) -> TipSpeeds:
-    """Of an arm that swings from `cocked_angle_rad` to 0: its speed limit, or what it can run up to on the way.
+    """Tip speeds of an arm that swings from `cocked_angle_rad` to 0: limited by speed and run-up.
 
-    Where the two leave nothing, the slowest is above the fastest.
+    If no speed is possible, the slowest is above the fastest.
     """
     fastest_rad_s = min(velocity_limit_rad_s, abs(cocked_angle_rad) / RUN_UP_S)
-    return TipSpeeds(SLOWEST_RAD_S * arm_length_m, fastest_rad_s * arm_length_m)
+    return TipSpeeds(MIN_ARM_SPEED_RAD_S * arm_length_m, fastest_rad_s * arm_length_m)

@@ -1,4 +1,7 @@
-"""What stands first in every recording: cameras, clocks, gravity, object, hashes; and the names of the attachments beside it."""
+"""The session manifest at the head of every recording: cameras, clocks, gravity, object, hashes.
+
+Also defines the names of its attachments.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ FISHEYE_COEFFICIENTS = 4
 
 
 class TimeSource(enum.Enum):
-    """Where the frames' log times come from."""
+    """Source of the frames' log times."""
 
     DEVICE_MAPPED = "device_mapped"
     HOST_ARRIVAL = "host_arrival"
@@ -22,26 +25,30 @@ class TimeSource(enum.Enum):
 
 
 class LensModel(enum.Enum):
-    """How a lens draws, in OpenCV's terms."""
+    """Lens model, in OpenCV's terms."""
 
     PINHOLE = "pinhole"
     FISHEYE = "fisheye"
 
 
 class CameraCalibrationSpec(Document):
-    """Pinhole with OpenCV distortion (k1, k2, p1, p2, k3), or OpenCV's fisheye (k1, k2, k3, k4), and the camera's place in W."""
+    """Intrinsics and pose of a camera.
+
+    Pinhole with distortion k1, k2, p1, p2, k3, or fisheye with k1, k2, k3, k4 (OpenCV).
+    """
 
     model: LensModel = LensModel.PINHOLE
-    width: int = Field(gt=0, description="of the image, in pixels")
-    height: int = Field(gt=0, description="of the image, in pixels")
-    K: Matrix3 = Field(description="focal lengths and middle of the image in pixels, 3 x 3")
+    width: int = Field(gt=0, description="width of the image, in pixels")
+    height: int = Field(gt=0, description="height of the image, in pixels")
+    K: Matrix3 = Field(description="camera matrix, 3 x 3: focal lengths and principal point in pixels")
     distortion: list[float] = Field(default=[0.0] * 5, min_length=4, max_length=8)
-    T_world_camera: Matrix4 = Field(description="the camera's pose, 4 x 4, in metres")
+    T_world_camera: Matrix4 = Field(description="pose of the camera in W, 4 x 4, in metres")
     line_time_s: float = Field(
         default=0.0,
         ge=-1e-3,
         le=1e-3,
-        description="by which a rolling shutter reads each row later than the row above; 0, all rows at once, is not written",
+        description="delay of each row against the row above, for a rolling shutter [s]; 0 (global shutter) "
+        "is not written",
     )
     rms_px: float | None = None
 
@@ -53,15 +60,20 @@ class CameraCalibrationSpec(Document):
 
     @model_validator(mode="after")
     def _coefficients(self) -> CameraCalibrationSpec:
-        if self.model is LensModel.FISHEYE and len(self.distortion) != FISHEYE_COEFFICIENTS and any(self.distortion):
+        if (
+            self.model is LensModel.FISHEYE
+            and len(self.distortion) != FISHEYE_COEFFICIENTS
+            and any(self.distortion)
+        ):
             raise ValueError(
-                f"a fisheye has {FISHEYE_COEFFICIENTS} coefficients k1, k2, k3, k4, not {len(self.distortion)}: calibrate with "
+                f"a fisheye has {FISHEYE_COEFFICIENTS} coefficients k1, k2, k3, k4, not "
+                f"{len(self.distortion)}: calibrate with "
                 "--model fisheye, or leave `model` out"
             )
         return self
 
     @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _omit_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         written = write(self)
         if not self.line_time_s:
             del written["line_time_s"]
@@ -69,20 +81,29 @@ class CameraCalibrationSpec(Document):
 
 
 class LevelReading(Document):
-    """How the table slopes: its rise towards W's +x (where objects tip) and +y, as a level or a plumb line showed it.
+    """Tilt of the table, read from a level or a plumb line.
 
-    The vertical then leans towards W's x and y by as much, and a tip towards +x needs that much more. 1 mm/m is 0.001 rad.
+    Its rise towards W's +x (where objects tip) and +y.
+
+    Relative to the table the vertical leans by the same angles; a tip towards +x then needs as much more. 1
+    mm/m is 0.001 rad.
     """
 
-    towards_x_rad: float = Field(ge=-0.2, le=0.2, description="rise of the table towards W's +x, where objects tip")
+    towards_x_rad: float = Field(
+        ge=-0.2, le=0.2, description="rise of the table towards W's +x, where objects tip"
+    )
     towards_x_sd_rad: float = Field(ge=0, le=1, description="1 sigma of the reading")
-    towards_y_rad: float = Field(default=0.0, ge=-0.2, le=0.2, description="the same towards +y, away from the camera")
-    towards_y_sd_rad: float | None = Field(default=None, ge=0, le=1, description="left out: gravity_tilt_sd_rad")
-    read_by: str = Field(default="level", description="what showed it")
+    towards_y_rad: float = Field(
+        default=0.0, ge=-0.2, le=0.2, description="rise of the table towards W's +y, away from the camera"
+    )
+    towards_y_sd_rad: float | None = Field(
+        default=None, ge=0, le=1, description="1 sigma of that reading; gravity_tilt_sd_rad if left out"
+    )
+    read_by: str = Field(default="level", description="instrument that was read")
 
 
 class ManifestCamera(Document):
-    """One camera of the recording; its topics are /camera/<name>/..."""
+    """One camera of the recording; its topics begin with /camera/<name>/."""
 
     name: str
     vendor: str = ""
@@ -90,13 +111,18 @@ class ManifestCamera(Document):
     serial: str = ""
     frame_rate_hz: float = Field(gt=0)
     frame_rate_sd_hz: float | None = Field(
-        default=None, gt=0, description="1 sigma of the rate of an imported recording as it was measured; None: as stated; then not written"
+        default=None,
+        gt=0,
+        description="1 sigma of the measured frame rate of an imported recording; not written if not "
+        "measured",
     )
-    exposure_us: float | None = Field(default=None, gt=0, description="None: not known, as of an imported video")
+    exposure_us: float | None = Field(
+        default=None, gt=0, description="null if not known, as for an imported video"
+    )
     calibration: CameraCalibrationSpec
 
     @model_serializer(mode="wrap")
-    def _as_before(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _omit_defaults(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
         written = write(self)
         if self.frame_rate_sd_hz is None:
             del written["frame_rate_sd_hz"]
@@ -104,7 +130,10 @@ class ManifestCamera(Document):
 
 
 class SessionManifest(Document):
-    """First thing in every recording (MCAP metadata `percuss.manifest`): what is needed to read the rest years later."""
+    """Head of every recording (MCAP metadata `percuss.manifest`).
+
+    Everything needed to interpret the rest years later.
+    """
 
     schema_version: str = SCHEMA_VERSION
     recording_id: str
@@ -115,7 +144,9 @@ class SessionManifest(Document):
     time_source_sd_ns: int = Field(ge=0)
     g_m_s2: float = Field(gt=9.7, lt=9.9)
     g_sd_m_s2: float = Field(ge=0)
-    gravity_tilt_sd_rad: float = Field(ge=0, description="1 sigma of the table's normal against the vertical, where no level was read")
+    gravity_tilt_sd_rad: float = Field(
+        ge=0, description="1 sigma of the angle between table normal and vertical, if no level was read"
+    )
     level: LevelReading | None = None
     cameras: list[ManifestCamera] = Field(min_length=1)
     striker: dict[str, Any] = Field(default={})
@@ -125,7 +156,7 @@ class SessionManifest(Document):
     plan_sha256: str
     hashes: dict[str, str] = Field(default={}, description="attachment name -> sha256")
     random_seed: int | None = None
-    part: int = Field(default=1, ge=1, description="number of this file in a continuous recording's row of files")
+    part: int = Field(default=1, ge=1, description="number of this file in the recording's series of files")
 
 
 MANIFEST_NAME = "percuss.manifest"

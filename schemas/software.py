@@ -1,4 +1,4 @@
-"""Which program wrote a document: its version, and the commit where it runs from a checkout."""
+"""Version of this program, with the commit if it runs from a checkout."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ _ROOT = Path(__file__).resolve().parent.parent
 
 @cache
 def software_version() -> str:
-    """`percuss 0.1.0` as installed; from a checkout `percuss 0.1.0+0123456789ab`, with `-dirty` where files differ from the commit."""
+    """Name and version, `percuss 0.1.0`.
+
+    From a checkout `percuss 0.1.0+0123456789ab`, with `-dirty` if files are changed.
+    """
     try:
         name = f"percuss {version('percuss')}"
     except PackageNotFoundError:
@@ -23,11 +26,13 @@ def software_version() -> str:
 
 
 def commit(root: Path) -> str:
-    """The commit that is checked out in `root`; empty where `root` is no checkout, or git is absent or does not answer."""
+    """Commit checked out in `root`; empty if `root` is not a checkout, or git is missing or fails."""
     if not (root / ".git").exists():
         return ""
-    # GIT_DIR and its like, set in hooks, would name another repository; no lock is taken, because this only looks.
-    environment = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")} | {"GIT_OPTIONAL_LOCKS": "0"}
+    # GIT_DIR and similar variables, set in hooks, would name another repository; reading needs no lock.
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")} | {
+        "GIT_OPTIONAL_LOCKS": "0"
+    }
     command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--exclude=*", "--abbrev=12"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=5, env=environment)

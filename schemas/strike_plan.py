@@ -1,4 +1,7 @@
-"""The plan: how to place and strike the object, and how well the answer will then be known. JSON, made by `analyze plan`."""
+"""The strike plan (JSON, from `analyze plan`).
+
+How to place and strike the object, and the predicted uncertainty.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,17 @@ from typing import TYPE_CHECKING
 
 from pydantic import Field, model_validator
 
-from schemas.document import SCHEMA_VERSION, Document, DocumentError, Matrix3, Matrix4, Vector3, read_text, refuse_other_major, validate
+from schemas.document import (
+    SCHEMA_VERSION,
+    Document,
+    DocumentError,
+    Matrix3,
+    Matrix4,
+    Vector3,
+    read_text,
+    refuse_other_major,
+    validate,
+)
 from schemas.tags import MarkerName
 
 if TYPE_CHECKING:
@@ -16,23 +29,23 @@ if TYPE_CHECKING:
 
 
 class Pivot(Document):
-    """Pivot axis in O: `point` lies on the rounding's centre line; +theta about `direction` (unit) tips."""
+    """Pivot axis in O. Rotating by +theta about the unit vector `direction` tips the object."""
 
-    point: Vector3
-    direction: Vector3
-    radius_m: float = Field(ge=0)
-    sd_m: float = Field(ge=0, description="1 sigma of the line's position across itself")
+    point: Vector3 = Field(description="point on the centre line of the edge's rounding, in metres")
+    direction: Vector3 = Field(description="unit vector along the axis")
+    radius_m: float = Field(ge=0, description="radius of the edge's rounding")
+    sd_m: float = Field(ge=0, description="1 sigma of the axis' position, perpendicular to it")
 
 
 class Impact(Document):
-    """Where the striker meets the object, in O; `direction` is the striker's motion, a unit vector."""
+    """Impact of the striker on the object, in O."""
 
-    point: Vector3
-    direction: Vector3
+    point: Vector3 = Field(description="point of contact, in metres")
+    direction: Vector3 = Field(description="unit vector along the striker's motion")
 
 
 class Range(Document):
-    """Feasible interval with the value to aim at."""
+    """Feasible interval and the target value in it."""
 
     min: float
     target: float
@@ -40,13 +53,13 @@ class Range(Document):
 
 
 class PlannedStrike(Document):
-    """One strike, and how the object lies for it.
+    """One strike and the placement of the object for it.
 
-    Placed by `x_world = R_world_object x_object + p_world_object`: the pivot's centre line then lies along W's y through
-    (0, 0, radius), the object tips towards +x and is struck in +x at y = 0.
+    Placement: `x_world = R_world_object x_object + p_world_object`. The pivot's centre line then lies along
+    W's y through (0, 0, radius); the object tips towards +x and is struck in +x at y = 0.
 
-    A strike with a heading is made with object and striker turned by it on the table, about W's z through the mark; the camera stays. It is
-    written down in the station turned with them: everything here, `camera_pose` too, is in W turned by `heading_rad`.
+    For a strike with a heading, object and striker are turned by `heading_rad` about W's z on the table, and
+    the camera stays. All entries, `camera_pose` too, are then expressed in W turned by `heading_rad`.
     """
 
     id: str
@@ -54,7 +67,10 @@ class PlannedStrike(Document):
     axis_id: str
     R_world_object: Matrix3
     p_world_object: Vector3
-    heading_rad: float = Field(default=0.0, description="+ anticlockwise seen from above; pi: the object tips towards the station's -x")
+    heading_rad: float = Field(
+        default=0.0,
+        description="turn about W's z, anticlockwise seen from above; with pi the object tips towards W's -x",
+    )
     pivot: Pivot
     impact: Impact
     impact_height_m: float = Field(gt=0)
@@ -63,19 +79,30 @@ class PlannedStrike(Document):
     energy_ratio: float = Field(gt=0)
     phi_predicted_rad: float
     phi_predicted_sd_rad: float = Field(ge=0)
-    phi_measured_sd_rad: float | None = Field(default=None, ge=0, description="1 sigma expected of this strike's measurement")
+    phi_measured_sd_rad: float | None = Field(
+        default=None, ge=0, description="expected 1 sigma of phi as this strike measures it"
+    )
     i_edge_predicted_kg_m2: float = Field(gt=0)
-    i_edge_measured_sd_kg_m2: float | None = Field(default=None, ge=0, description="the same, of I_edge")
+    i_edge_measured_sd_kg_m2: float | None = Field(
+        default=None, ge=0, description="expected 1 sigma of I_edge as this strike measures it"
+    )
     visible_markers: list[MarkerName]
-    camera_pose: Matrix4 = Field(description="T_world_camera that looks along the pivot axis")
+    camera_pose: Matrix4 = Field(description="T_world_camera of a camera that looks along the pivot axis")
     friction_needed: float = Field(ge=0)
-    rolls: bool = Field(default=False, description="the edge is a rim or a curved flank: the contact can roll")
-    stands_surely: bool = Field(default=True, description="false: the face holds c where it is expected, not wherever it may be")
-    card: str = Field(default="", description="how to put the object down, in words")
+    rolls: bool = Field(
+        default=False,
+        description="true if the edge is a rim or a curved flank, on which the contact can roll",
+    )
+    stands_surely: bool = Field(
+        default=True,
+        description="false if the object stands on this face only for the expected centre of mass, not for "
+        "every possible one",
+    )
+    card: str = Field(default="", description="instruction in words how to place the object")
 
 
 class Rejection(Document):
-    """An axis that was considered and left out, with the number behind the reason."""
+    """Axis that was considered and left out, with the reason and its number."""
 
     axis_id: str
     code: str
@@ -84,15 +111,17 @@ class Rejection(Document):
 
 
 class PredictedMoment(Document):
-    """Expected of the moment about the axis through c that is parallel to a pivot."""
+    """Predicted uncertainty of the moment about the axis through c that is parallel to a pivot."""
 
     axis_id: str
     i_com_sd_kg_m2: float = Field(ge=0)
-    determined: bool = Field(description="known clearly better than the shape alone says")
+    determined: bool = Field(
+        description="true if the strikes determine it clearly better than the shape alone"
+    )
 
 
 class PredictedRegion(Document):
-    """Expected of one region's mass; the median over fillings that are as likely."""
+    """Predicted uncertainty of one region's mass: median over equally likely fillings."""
 
     name: str
     mass_sd_kg: float = Field(ge=0)
@@ -100,32 +129,37 @@ class PredictedRegion(Document):
 
 
 class PredictionStep(Document):
-    """How well c would be known with so many strikes."""
+    """Predicted error of the centre of mass c with a number of strikes."""
 
     strikes: int = Field(ge=1)
     com_rms_m: float = Field(ge=0)
 
 
 class Prediction(Document):
-    """How well every result will be known, what limits it, and whether more strikes pay. 1 sigma each, in O."""
+    """Predicted uncertainty of every result (1 sigma, in O), its causes, and the gain of more strikes."""
 
     com_sd_m: Vector3
-    com_rms_m: float = Field(ge=0, description="root mean square distance from the truth")
+    com_rms_m: float = Field(ge=0, description="root mean square error of c")
     target_com_m: float | None = Field(default=None, gt=0)
     target_reached: bool | None = None
     moments: list[PredictedMoment] = Field(default=[])
     inertia_sd_kg_m2: Matrix3
     inertia_determined: list[list[bool]]
     regions: list[PredictedRegion] = Field(default=[])
-    error_sources_m: dict[str, float] = Field(default={}, description="part of com_rms_m by its cause; the squares add up")
+    error_sources_m: dict[str, float] = Field(
+        default={}, description="contribution to com_rms_m by cause; their squares add up to its square"
+    )
     curve: list[PredictionStep] = Field(default=[])
-    floor_m: float = Field(ge=0, description="com_rms_m with any number of strikes on these axes")
-    stop: bool = Field(description="more strikes no longer pay: each doubling, on whatever axes, would gain less than a tenth")
+    floor_m: float = Field(ge=0, description="limit of com_rms_m for any number of strikes on these axes")
+    stop: bool = Field(
+        description="true if more strikes gain little: each doubling, on any axes, reduces com_rms_m by "
+        "less than a tenth"
+    )
     advice: str
 
 
 class StrikerPrior(Document):
-    """The striker as felt at its tip, as the plan reckoned with it; 1 sigma each."""
+    """Effective mass and restitution of the striker that the plan assumed, with 1 sigma each."""
 
     effective_mass_kg: float = Field(gt=0)
     effective_mass_sd_kg: float = Field(gt=0)
@@ -134,24 +168,26 @@ class StrikerPrior(Document):
 
 
 class PlanHypothesis(Document):
-    """What the plan's speeds were reckoned from, for who learns from the strikes on the way."""
+    """Assumptions from which the tip speeds were computed; a session updates them with each strike."""
 
-    com_m: Vector3 = Field(description="in O")
-    com_covariance_m2: Matrix3 = Field(description="the region's half edges are two standard deviations")
+    com_m: Vector3 = Field(description="centre of mass in O")
+    com_covariance_m2: Matrix3 = Field(
+        description="its standard deviations are half the half-edges of the box of possible centres of mass"
+    )
     mass_kg: float = Field(gt=0)
     g_m_s2: float = Field(gt=9.7, lt=9.9)
     striker: StrikerPrior
 
 
 class PlanMethod(enum.Enum):
-    """How strikes were chosen."""
+    """Method by which strikes were chosen."""
 
     OURS = "ours"
     PAPER = "paper"
 
 
 class StrikePlan(Document):
-    """How to place and strike the object, and how well the answer will be known (JSON)."""
+    """Strikes to carry out, with placements and predicted uncertainty (JSON)."""
 
     schema_version: str = SCHEMA_VERSION
     method: PlanMethod = PlanMethod.OURS
@@ -159,7 +195,7 @@ class StrikePlan(Document):
     object_sha256: str
     strikes: list[PlannedStrike] = Field(min_length=1)
     predicted_com_covariance_m2: Matrix3 | None = None
-    predicted_com_sd_m: float | None = Field(default=None, description="root mean square distance of c from the truth")
+    predicted_com_sd_m: float | None = Field(default=None, description="root mean square error of c")
     prediction: Prediction | None = None
     hypothesis: PlanHypothesis | None = None
     rejected: list[Rejection] = Field(default=[])
@@ -188,8 +224,8 @@ def parse_strike_plan(text: str, name: str) -> StrikePlan:
     try:
         data = json.loads(text)
     except json.JSONDecodeError as error:
-        raise DocumentError(f"{name}: not valid JSON: {error}: plans are made by `analyze plan`") from None
+        raise DocumentError(f"{name}: not valid JSON: {error}: plans are created by `analyze plan`") from None
     except (ValueError, RecursionError):
-        raise DocumentError(f"{name}: not a plan: make one with `analyze plan`") from None
+        raise DocumentError(f"{name}: not a plan: create one with `analyze plan`") from None
     refuse_other_major(data, name)
-    return validate(StrikePlan, data, name, "make it anew with `analyze plan`")
+    return validate(StrikePlan, data, name, "create it again with `analyze plan`")

@@ -10,9 +10,9 @@ from pydantic import AfterValidator
 
 
 class TagFamily(enum.StrEnum):
-    """AprilTag families (Olson 2011) and ArUco dictionaries (Garrido-Jurado et al. 2014), as OpenCV has them.
+    """AprilTag families (Olson 2011) and ArUco dictionaries (Garrido-Jurado et al. 2014) of OpenCV.
 
-    ArUco's begin with their cells: 4x4_100 is the first hundred of 4x4_250.
+    ArUco names begin with the number of cells; 4x4_100 holds the first hundred tags of 4x4_250.
     """
 
     APRILTAG_36H11 = "36h11"
@@ -39,17 +39,19 @@ class TagFamily(enum.StrEnum):
 
     @property
     def size(self) -> int:
-        """How many tags it has; their ids begin at 0."""
+        """Number of tags in the family; ids begin at 0."""
         return _COUNTS[self.value] if self.value in _COUNTS else int(self.value.partition("_")[2])
 
     @property
     def opencv(self) -> str:
-        """OpenCV's name of the dictionary, in cv2.aruco."""
-        return f"DICT_{self.name.removeprefix('ARUCO_') if self is not TagFamily.ARUCO_MIP_36H12 else 'ARUCO_MIP_36h12'}".replace("H", "h")
+        """Name of the dictionary in cv2.aruco."""
+        if self is TagFamily.ARUCO_MIP_36H12:
+            return "DICT_ARUCO_MIP_36h12"
+        return f"DICT_{self.name.removeprefix('ARUCO_')}".replace("H", "h")
 
     @property
     def codes(self) -> str:
-        """Equal for families that share codes: a tag of one is the same tag of the other."""
+        """Name of the code set; families with the same one share their tags."""
         return self.value if self.value in _COUNTS else self.value.partition("_")[0]
 
 
@@ -57,25 +59,28 @@ _COUNTS = {"36h11": 587, "36h10": 2320, "25h9": 35, "16h5": 30, "mip_36h12": 250
 
 USUAL_FAMILY = TagFamily.APRILTAG_36H11
 
-_OTHER = re.compile(r"(.+)-(\d{1,4})")
+_QUALIFIED_NAME = re.compile(r"(.+)-(\d{1,4})")
 
 
 def marker_name(family: TagFamily, tag_id: int) -> int | str:
-    """Name of a marker: its number where it is of the usual family, else family and number, as "25h9-3"."""
+    """Name of a marker: its number in the usual family, otherwise family and number, as "25h9-3"."""
     return tag_id if family is USUAL_FAMILY else f"{family}-{tag_id}"
 
 
 def family_and_id(name: int | str) -> tuple[TagFamily, int]:
-    """What `name` is the name of.
+    """Family and number of the marker called `name`.
 
     Raises:
-        ValueError: no marker is called so.
+        ValueError: no marker has this name.
     """
     family, tag_id = USUAL_FAMILY, name
     if isinstance(name, str):
-        match = _OTHER.fullmatch(name)
+        match = _QUALIFIED_NAME.fullmatch(name)
         if match is None or match[1] not in set(TagFamily) or match[1] == USUAL_FAMILY:
-            raise ValueError(f"{name!r} names no marker: a number is one of {USUAL_FAMILY}, others are called as 25h9-3")
+            raise ValueError(
+                f"{name!r} is not the name of a marker: use a number for {USUAL_FAMILY}, family and number "
+                "for others, as 25h9-3"
+            )
         family, tag_id = TagFamily(match[1]), int(match[2])
     if not 0 <= int(tag_id) < family.size:
         raise ValueError(f"{family} has no tag {tag_id}: its ids are 0 to {family.size - 1}")
@@ -83,7 +88,7 @@ def family_and_id(name: int | str) -> tuple[TagFamily, int]:
 
 
 def name_order(name: int | str) -> tuple[str, int]:
-    """Sorts names: numbers first, then by family and number."""
+    """Sort key of marker names: numbers first, then by family and number."""
     family, tag_id = family_and_id(name)
     return "" if family is USUAL_FAMILY else family.value, tag_id
 
@@ -94,4 +99,4 @@ def _checked(name: int | str) -> int | str:
 
 
 MarkerName = Annotated[int | str, AfterValidator(_checked)]
-"""in documents; see `marker_name`"""
+"""Name of a marker in documents; see `marker_name`."""

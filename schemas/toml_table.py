@@ -1,7 +1,9 @@
-"""Edits entries of a TOML file with tomlkit; comments, layout and all other entries stay as they were written.
+"""Edits entries of a TOML file with tomlkit.
 
-Each function returns None if the file is not TOML, or if the table is not written as [table] or [[table]]: an inline table or
-dotted keys are left to the user.
+Comments, layout and all other entries stay as they were written.
+
+Each function returns None if the file is not TOML, or if the table is not written as [table] or [[table]]: an
+inline table or dotted keys are left to the user.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One Topic per channel of a recording: name, message type, what it carries. The contract in words is README.md."""
+"""The topics of a recording: name, message type and content. README.md is the reference in words."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Topic:
-    """A channel. `image` topics are written in chunks of their own, so that small topics are read without touching them."""
+    """Name and message type of a channel.
+
+    `image` topics have chunks of their own, so that small topics are read without them.
+    """
 
     name: str
     message: type[Message]
@@ -61,9 +64,11 @@ def raw_image(camera: str) -> Topic:
 
 
 def compressed_image(camera: str) -> Topic:
-    """Images as files, foxglove.CompressedImage; same name as the raw ones: a recording holds one kind.
+    """Images as PNG or JPEG files, foxglove.CompressedImage, under the same name as raw ones.
 
-    Format png, without loss; of imported Motion JPEG format jpeg, as the camera coded them.
+    A recording holds one kind.
+
+    Recorded images are png, without loss; imported Motion JPEG stays jpeg, as the camera coded it.
     """
     return Topic(f"/camera/{camera}/image", CompressedImage, image=True)
 
@@ -79,7 +84,7 @@ def frame_meta(camera: str) -> Topic:
 
 
 def camera_calibration(camera: str) -> Topic:
-    """Once, at the start."""
+    """Camera calibration, foxglove.CameraCalibration; one message at the start."""
     return Topic(f"/camera/{camera}/calibration", CameraCalibration)
 
 
@@ -96,4 +101,7 @@ TRUTH_BODY = Topic("/truth/body", pb.TruthBody)
 TRUTH_PREFIX = "/truth/"
 
 VIDEO_CHUNK_BYTES = 1 << 26
-"""a chunk of a CompressedVideo begins with a key picture, unless the chunk before it has this size or more"""
+"""Size from which on a chunk of CompressedVideo is ended without a key picture.
+
+Otherwise each chunk begins with one.
+"""

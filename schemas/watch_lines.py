@@ -1,4 +1,7 @@
-"""JSON lines between a session and `analyze watch`: what the newest image shows, windows to judge, verdicts."""
+"""JSON lines between a session and `analyze watch`.
+
+Observations of the newest image, judge requests, verdicts.
+"""
 
 from __future__ import annotations
 
@@ -12,21 +15,23 @@ from schemas.tags import MarkerName
 
 
 class SeenMarker(Document):
-    """A marker in the newest image."""
+    """Marker in the newest image, with its corners (4, 2) [px]."""
 
     id: MarkerName
     corners_px: list[list[float]]
 
 
 class WatchEvent(Document):
-    """Before a strike, a few times a second, as one JSON line."""
+    """Observation of the newest image, sent a few times a second before a strike."""
 
     kind: Literal["watch"] = "watch"
-    time_ns: int = Field(description="log_time of the image")
+    time_ns: int = Field(description="log time of the image [ns]")
     markers: list[SeenMarker]
     at_rest: bool
     saturated_fraction: float
-    placement_error_rad: float | None = Field(default=None, description="resting pose against the plan's, if a plan strike is set")
+    placement_error_rad: float | None = Field(
+        default=None, description="angle between resting and planned pose, if a planned strike is set"
+    )
     text: str = ""
 
 
@@ -34,7 +39,10 @@ _LogTime = Annotated[int, Field(ge=0, lt=1 << 63)]
 
 
 class JudgeRequest(Document):
-    """Line on `analyze watch`'s standard input: judge this window. With `expect` only: check the placement for that plan strike."""
+    """Request on the standard input of `analyze watch`.
+
+    `judge` this window, or `expect` that planned strike's placement.
+    """
 
     kind: Literal["judge", "expect"] = "judge"
     plan_strike_id: str
@@ -45,7 +53,7 @@ class JudgeRequest(Document):
 
 
 class StrikeVerdict(Document):
-    """Answer to a JudgeRequest."""
+    """Verdict on a strike, the answer to a JudgeRequest."""
 
     kind: Literal["verdict"] = "verdict"
     strike_id: str
@@ -54,6 +62,10 @@ class StrikeVerdict(Document):
     phi: float | None = None
     phi_sd: float | None = None
     energy_ratio: float | None = None
-    theta_max_rad: float | None = Field(default=None, description="how far an object that rocked back had turned")
-    contact_time_ns: int | None = Field(default=None, description="log time of the contact as the images tell it")
+    theta_max_rad: float | None = Field(
+        default=None, description="largest angle of an object that rocked back"
+    )
+    contact_time_ns: int | None = Field(
+        default=None, description="log time of the contact, estimated from the images [ns]"
+    )
     contact_time_sd_ns: float | None = None

@@ -1,4 +1,7 @@
-"""Coded pictures gathered into chunks: each chunk begins with a key picture, and chunks of small pictures are compressed."""
+"""Coded pictures gathered into chunks.
+
+Each chunk begins with a key picture, and chunks of small pictures are compressed.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,15 @@ from schemas.mcap.content_hash import LARGE_MESSAGE_BYTES, HashedMessage
 from schemas.mcap.records import Buffer
 
 FULL_CHUNK_BYTES: Final = 1 << 20
-"""bytes of pictures from which on the next key picture begins another chunk: a chunk costs as much time as ten pictures"""
+"""bytes of pictures from which on the next key picture begins another chunk.
+
+A chunk costs as much time as ten pictures.
+"""
 _SMALL_PICTURE_BYTES: Final = 1024
-"""mean picture size below which compression pays: each picture has 100 bytes around it, most equal to those of the one before"""
+"""mean picture size below which compression pays.
+
+Each picture has 100 bytes around it, most equal to those of the one before.
+"""
 _MAX_COMPRESSED_BYTES: Final = 4 << 20
 """size from which on a chunk is not compressed, since it would be held in memory twice"""
 _COMPRESSION: Final = "zstd"

@@ -1,7 +1,8 @@
 """Writes an imported recording in the layout that `acquire` writes (schemas/README.md, "A file").
 
-One thread assembles the records, another only hands them to the system: two threads that both run Python would wait for each
-other. While it is written the file is called `<name>.part`; the rename is the last step, and after an error nothing is left.
+One thread assembles the records, another only hands them to the system: two threads that both run Python
+would wait for each other. While it is written the file is called `<name>.part`; the rename is the last step,
+and after an error nothing is left.
 """
 
 from __future__ import annotations
@@ -46,7 +47,10 @@ class Message(NamedTuple):
 
 
 def refuse_taken(path: Path) -> None:
-    """Raise OutputError if a recording, finished or begun, has this path; also called before a long video is read."""
+    """Raise OutputError if a recording, finished or begun, has this path.
+
+    Also called before a long video is read.
+    """
     if path.exists() and not path.is_dir():
         raise OutputError(f"{path}: exists already: choose another name or move it away")
     part = _part_path(path)
@@ -88,7 +92,10 @@ class RecordingWriter:
         return self._records.size
 
     def write_head(self, manifest: SessionManifest, attachments: Sequence[tuple[str, str, bytes]]) -> None:
-        """Write the manifest and the attachments (name, media type, content). Call it before anything else."""
+        """Write the manifest and the attachments (name, media type, content).
+
+        Call it before anything else.
+        """
         text = canonical_json(manifest)
         self._manifest_sha256 = sha256_text(text)
         self._records.write_metadata(MANIFEST_NAME, {"json": text})
@@ -107,7 +114,9 @@ class RecordingWriter:
         return self._channels[topic.name]
 
     def write_chunk(self, topic: Topic, messages: Sequence[Message]) -> None:
-        """Write messages of an image topic as one chunk. Their parts are written later and must stay unchanged until then.
+        """Write messages of an image topic as one chunk.
+
+        Their parts are written later and must stay unchanged until then.
 
         Raises:
             OutputError: the disk refused something that was passed earlier.
@@ -153,7 +162,7 @@ class RecordingWriter:
             self._flush_small()
 
     def finish(self) -> str:
-        """Write pending messages, the seal and the summary, give the file its name, and return its content id.
+        """Write pending messages, seal and summary, rename the file, and return its content id.
 
         Raises:
             OutputError: the disk refuses, or the name was taken meanwhile.
@@ -166,7 +175,8 @@ class RecordingWriter:
         self._join()
         self._raise_failure()
         try:
-            # No fsync, which may take a minute for a gigabyte: after a power cut the video can be imported again.
+            # No fsync, which may take a minute for a gigabyte: after a power cut the video can be imported
+            # again.
             os.close(self._fd)
             self._fd = -1
             if self.path.exists():
@@ -191,7 +201,8 @@ class RecordingWriter:
             with suppress(OSError):
                 self._part.unlink()
 
-    # --- the file -------------------------------------------------------------------------------------------------
+    # --- the file
+    # -------------------------------------------------------------------------------------------------
 
     def _flush_small(self) -> None:
         if self._pending.data:

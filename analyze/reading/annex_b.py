@@ -1,4 +1,6 @@
-"""H.264 and H.265 byte streams (ISO/IEC 14496-10 and 23008-2, Annex B): NAL unit types, key pictures, start codes.
+"""H.264 and H.265 byte streams (ISO/IEC 14496-10 and 23008-2, Annex B).
+
+NAL unit types, key pictures, start codes.
 
 In MP4 and Matroska files each NAL unit has its length before it in place of a start code (ISO/IEC 14496-15).
 """
@@ -48,7 +50,8 @@ def slice_starts(video: VideoFormat, data: Buffer) -> list[bool]:
     found: list[bool] = []
     at = whole.find(_START_CODE)
     while 0 <= at < len(whole) - 5:
-        # The first bit after a unit's head: first_mb_in_slice is 0, or first_slice_segment_in_pic_flag is set.
+        # The first bit after a unit's head: first_mb_in_slice is 0, or first_slice_segment_in_pic_flag is
+        # set.
         if video is VideoFormat.H264 and whole[at + 3] & 31 in {1, 5}:
             found.append(whole[at + 4] >= 128)
         elif video is VideoFormat.H265 and whole[at + 3] >> 1 & 63 < 32:
@@ -63,7 +66,7 @@ def is_annex_b(data: Buffer) -> bool:
 
 
 def has_four_byte_lengths(video: VideoFormat, head: Buffer) -> bool:
-    """True if a file with this codec configuration (avcC or hvcC) writes NAL unit lengths of four bytes, as nearly all do."""
+    """True if this codec configuration (avcC or hvcC) has NAL unit lengths of four bytes, as nearly all."""
     at = 4 if video is VideoFormat.H264 else 21
     return len(head) > at and head[at] & 3 == 3
 
@@ -71,7 +74,9 @@ def has_four_byte_lengths(video: VideoFormat, head: Buffer) -> bool:
 def write_start_codes(
     video: VideoFormat, data: bytearray, starts: NDArray[np.int64], ends: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Replace four-byte lengths by start codes in place, in many access units at once: a video may have 100 000.
+    """Replace four-byte lengths by start codes in place, in many access units at once.
+
+    A video may have 100 000.
 
     Args:
         video: codec.
@@ -80,7 +85,8 @@ def write_start_codes(
         ends: (n,) offset after each access unit.
 
     Returns:
-        (n,) False if the lengths do not add up, or if the unit is a key picture, which needs parameter sets before it.
+        (n,) False if the lengths do not add up, or if the unit is a key picture, which needs parameter sets
+        before it.
     """
     lengths = np.ndarray(max(0, len(data) - 3), ">u4", data, strides=(1,))  # the four bytes from each byte on
     at = starts.copy()

@@ -1,7 +1,9 @@
-"""Decodes H.264 and H.265 with FFmpeg (PyAV): grey images of frames, and of foxglove.CompressedVideo messages.
+"""Decodes H.264 and H.265 with FFmpeg (PyAV).
 
-A video is stored in decoding order. Where a later picture was coded first (B-frames) this is not the order of times; the
-decoder gives each picture the time of the message it came in, and returns the pictures by time.
+Grey images of frames, and of foxglove.CompressedVideo messages.
+
+A video is stored in decoding order. Where a later picture was coded first (B-frames) this is not the order of
+times; the decoder gives each picture the time of the message it came in, and returns the pictures by time.
 """
 
 from __future__ import annotations
@@ -31,7 +33,10 @@ _NANOSECONDS = Fraction(1, 10**9)
 
 
 def grey_image(frame: av.VideoFrame) -> NDArray[np.uint8]:
-    """(height, width) uint8 grey values of a decoded frame: a view of its luma plane if that has 8 bits, else converted."""
+    """(height, width) uint8 grey values of a decoded frame.
+
+    A view of its luma plane if that has 8 bits, else converted.
+    """
     if not _has_luma(frame.format.name):
         frame = frame.reformat(format="gray")
     plane = frame.planes[0]
@@ -124,7 +129,8 @@ def decode_video(messages: Iterable[RecordedMessage]) -> Iterator[ImageFrame]:
         raise ContainerError(f"the video cannot be decoded: {error.strerror}") from None
     finally:
         if decoder is not None:
-            # A decoder that is destroyed while its threads still decode deadlocks: they wait for Python's lock (PyAV 18).
+            # A decoder that is destroyed while its threads still decode deadlocks: they wait for Python's
+            # lock (PyAV 18).
             decoder.flush_buffers()
 
 

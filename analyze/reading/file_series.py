@@ -1,8 +1,11 @@
-"""The files of one recording: a series NAME.mcap, NAME-0002.mcap, NAME-0003.mcap, ..., each readable by itself.
+"""The files of one recording.
 
-A recording has several files if it is continuous, or if the process that wrote it died and another continued. Any of its files
-names all of it. A file belongs to the series if its manifest has the same `recording_id` and, as `part`, the number in its name;
-an older file of that name does not belong to it, nor does a renamed one.
+A series NAME.mcap, NAME-0002.mcap, NAME-0003.mcap, ..., each readable by itself.
+
+A recording has several files if it is continuous, or if the process that wrote it died and another continued.
+Any of its files names all of it. A file belongs to the series if its manifest has the same `recording_id`
+and, as `part`, the number in its name; an older file of that name does not belong to it, nor does a renamed
+one.
 """
 
 from __future__ import annotations

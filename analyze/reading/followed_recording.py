@@ -26,7 +26,9 @@ PART_SUFFIX = ".part"
 
 
 class FollowedRecording:
-    """A `.part` file that another process is writing. It need not exist yet, and may be finished and renamed meanwhile.
+    """A `.part` file that another process is writing.
+
+    It need not exist yet, and may be finished and renamed meanwhile.
 
     Only whole records are read: on a full disk the writer truncates its last, unfinished record.
     """
@@ -119,7 +121,8 @@ class FollowedRecording:
         """
         if self._schema_of.get(message.topic) == VIDEO:
             raise RecordingError(
-                f"{self.path}: is an imported video, which is complete and cannot be followed: use `analyze estimate` or "
+                f"{self.path}: is an imported video, which is complete and cannot be followed: use `analyze "
+                "estimate` or "
                 "`analyze replay`"
             )
         try:
@@ -183,7 +186,8 @@ class FollowedRecording:
         return self._fd
 
     def _read(self, size: int, offset: int) -> bytes:
-        # Not through a mapping: reading behind an end that the writer has truncated would kill this process (SIGBUS).
+        # Not through a mapping: reading behind an end that the writer has truncated would kill this process
+        # (SIGBUS).
         return os.pread(self._file(), size, offset)
 
     def _read_record(self, opcode: int, body: memoryview, found: list[RecordedMessage]) -> None:

@@ -25,7 +25,8 @@ def next_part_path(path: Path) -> Path:
 class FollowedSeries:
     """A series of files that another process is writing, from `path` on, as one recording.
 
-    A file belongs to the series if it has the same `recording_id` and the next `part`; an older file of that name does not.
+    A file belongs to the series if it has the same `recording_id` and the next `part`; an older file of that
+    name does not.
     """
 
     def __init__(self, path: Path) -> None:
@@ -66,7 +67,10 @@ class FollowedSeries:
         return found
 
     def image(self, message: RecordedMessage) -> ImageFrame:
-        """Decode the image in a message of an image topic, from any file of the series: all have the same topics."""
+        """Decode the image in a message of an image topic, from any file of the series.
+
+        All have the same topics.
+        """
         return self._present.image(message)
 
     def refuse_missing(self) -> None:

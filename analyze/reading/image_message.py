@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import struct
-
 import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
-from schemas.mcap.protobuf_wire import read_varint
+from schemas.mcap.protobuf_wire import read_fields
 from schemas.mcap.records import ContainerError
 
 _WIDTH, _HEIGHT, _ENCODING, _STEP, _DATA = 2, 3, 4, 5, 6
@@ -17,7 +15,9 @@ _WIDTH, _HEIGHT, _ENCODING, _STEP, _DATA = 2, 3, 4, 5, 6
 
 
 def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
-    """Decode a foxglove.RawImage (a view of `data`) or foxglove.CompressedImage to (height, width) uint8 grey values.
+    """Decode a foxglove.RawImage or CompressedImage to (height, width) uint8 grey values.
+
+    A raw image is a view of `data`.
 
     Raises:
         ContainerError: the message is of another type or damaged.
@@ -30,7 +30,10 @@ def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
 
 
 def decode_image_file(data: bytes) -> NDArray[np.uint8] | None:
-    """Decode an image file's content to (height, width) uint8 grey values, ignoring its orientation tag; None if it is no image."""
+    """Decode an image file's content to (height, width) uint8 grey values, ignoring its orientation tag.
+
+    None if it is no image.
+    """
     import cv2
 
     if not data:
@@ -53,33 +56,13 @@ def encode_png(image: NDArray[np.uint8]) -> bytes:
 
 def _raw_image(data: memoryview) -> NDArray[np.uint8]:
     numbers = {_WIDTH: 0, _HEIGHT: 0, _STEP: 0}
-    encoding, pixels = "", memoryview(b"")
-    at = 0
-    try:
-        while at < len(data):
-            tag, at = read_varint(data, at)
-            number, kind = tag >> 3, tag & 7
-            if kind == 2:
-                size, at = read_varint(data, at)
-                if size > len(data) - at:
-                    raise ContainerError("the image message ends early")
-                if number == _DATA:
-                    pixels = data[at : at + size]
-                elif number == _ENCODING:
-                    encoding = str(data[at : at + size], "ascii", "replace")
-                at += size
-            elif kind == 5:
-                (value,) = struct.unpack_from("<I", data, at)
-                numbers[number] = value
-                at += 4
-            elif kind == 0:
-                _, at = read_varint(data, at)
-            elif kind == 1:
-                at += 8
-            else:
-                raise ContainerError("not a RawImage")
-    except (IndexError, struct.error):
-        raise ContainerError("the image message ends early") from None
+    parts = {_ENCODING: memoryview(b""), _DATA: memoryview(b"")}
+    for number, value in read_fields(data):
+        if isinstance(value, int):
+            numbers[number] = value
+        else:
+            parts[number] = value
+    encoding, pixels = str(parts[_ENCODING], "ascii", "replace"), parts[_DATA]
     width, height, step = numbers[_WIDTH], numbers[_HEIGHT], numbers[_STEP]
     if encoding not in {"mono8", "8UC1"}:
         raise ContainerError(f"encoding {encoding!r} cannot be read, only mono8")

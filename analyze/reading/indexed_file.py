@@ -1,7 +1,7 @@
 """A mapped recording file with an index of its messages; messages are views of the file, never copies.
 
-A finished file is opened by the summary at its end, a file that ends early by walking it from its start. A chunk's CRC is
-checked once, when it is first read. Damaged bytes raise RecordingError and nothing else.
+A finished file is opened by the summary at its end, a file that ends early by walking it from its start. A
+chunk's CRC is checked once, when it is first read. Damaged bytes raise RecordingError and nothing else.
 """
 
 from __future__ import annotations

@@ -14,7 +14,10 @@ from analyze.reading.indexed_file import IndexedFile, RecordedMessage
 
 @dataclass(frozen=True)
 class SeriesIndex:
-    """Places of a topic's messages over all files, by time; messages of equal time keep the order of the files."""
+    """Places of a topic's messages over all files, by time.
+
+    Messages of equal time keep the order of the files.
+    """
 
     time_ns: NDArray[np.int64]
     """(n,) log times"""
@@ -92,7 +95,8 @@ class IndexedSeries:
             topic: the video.
             start_ns: start of the range; None for the first message.
             end_ns: end of the range, included; None for the last message.
-            is_start: True if a decoder can begin with a message. The latest such message before the range comes first.
+            is_start: True if a decoder can begin with a message. The latest such message before the range
+                comes first.
 
         Raises:
             RecordingError: a file is damaged.
@@ -132,7 +136,10 @@ class IndexedSeries:
 
 
 def series_content_id(content_ids: Sequence[str | None]) -> str | None:
-    """content_id of a series: its only file's, or BLAKE2b-256 over its files' (hexadecimal, in order). None if one is None."""
+    """content_id of a series: its only file's, or BLAKE2b-256 over its files' (hexadecimal, in order).
+
+    None if one is None.
+    """
     known = [each for each in content_ids if each is not None]
     if len(known) < len(content_ids):
         return None

@@ -1,7 +1,8 @@
 """Inspects any MCAP file, whoever wrote it: topics and their times, encodings, compression, damage.
 
-Source: the MCAP format specification (https://mcap.dev/spec). Schemas, channels, chunks and indexes are taken from the data
-section, so that the file needs no summary and no end. A chunk is decompressed only if it has no message indexes.
+Source: the MCAP format specification (https://mcap.dev/spec). Schemas, channels, chunks and indexes are taken
+from the data section, so that the file needs no summary and no end. A chunk is decompressed only if it has no
+message indexes.
 """
 
 from __future__ import annotations
@@ -220,7 +221,7 @@ class _Inspection:
                 self._describe(opcode, body)
 
     def _describe_channels(self) -> None:
-        """Parse the first chunk for its publish times, and further ones for channels that no summary describes."""
+        """Parse the first chunk for publish times, and further ones for undescribed channels."""
         for start in self._chunk_offsets:
             if self._found.delays_ns and not self._found.nameless:
                 return

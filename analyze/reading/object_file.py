@@ -38,7 +38,8 @@ def read_object_files(spec_path: Path) -> ObjectFiles:
     """Read an ObjectSpec (TOML) and the shape file beside it.
 
     Raises:
-        ShapeError: either file is missing or cannot be read, or the specification holds an entry that cannot be used.
+        ShapeError: either file is missing or cannot be read, or the specification holds an entry that cannot
+            be used.
     """
     spec = read_spec(spec_path)
     if spec.shape.file is None:

@@ -1,4 +1,7 @@
-"""Planned strikes that a recording holds: an interrupted session leaves a complete file with too few strikes."""
+"""Planned strikes that a recording holds.
+
+An interrupted session leaves a complete file with too few strikes.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,8 @@ class PlannedStrikes:
             else ""
         )
         missing = f"; missing: {named}{more}" if self.missing else ""
-        return f"{len(self.planned) - len(self.missing)} of {len(self.planned)} planned strikes were struck{missing}"
+        made = len(self.planned) - len(self.missing)
+        return f"{made} of {len(self.planned)} planned strikes were struck{missing}"
 
 
 def planned_strikes(plan: StrikePlan, struck: Iterable[str]) -> PlannedStrikes:

@@ -1,4 +1,6 @@
-"""Reads a recording: manifest, plan, shape, images without copying, messages by topic and time; truth by `read_truth` only.
+"""Reads a recording: manifest, plan, shape, images without copying, messages by topic and time.
+
+Truth by `read_truth` only.
 
 A recording may be a series of files (file_series.py): any of them opens all.
 """
@@ -76,7 +78,9 @@ class FilePart:
 
 
 class Recording:
-    """An open recording, one file or a series. Times are log times [ns]; ranges include both ends. Use it in a `with` statement.
+    """An open recording, one file or a series.
+
+    Times are log times [ns]; ranges include both ends. Use it in a `with` statement.
 
     Args:
         path: the file that was opened.
@@ -97,7 +101,8 @@ class Recording:
         """None if a file of the recording is cut"""
         self.damaged_chunks = sum(part.damaged_chunks for part in self.parts)
 
-    # --- head -----------------------------------------------------------------------------------------------------
+    # --- head
+    # -----------------------------------------------------------------------------------------------------
 
     @property
     def attachments(self) -> dict[str, bytes]:
@@ -140,7 +145,8 @@ class Recording:
         """Name of the first camera."""
         return self.manifest.cameras[0].name
 
-    # --- messages -------------------------------------------------------------------------------------------------
+    # --- messages
+    # -------------------------------------------------------------------------------------------------
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """Topics with count and time span of their messages."""
@@ -212,7 +218,9 @@ class Recording:
     def images(
         self, camera: str | None = None, start_ns: int | None = None, end_ns: int | None = None
     ) -> Iterator[ImageFrame]:
-        """Images by time, of `camera` or the first camera; uncompressed images are read-only views of the file.
+        """Images by time, of `camera` or the first camera.
+
+        Uncompressed images are read-only views of the file.
 
         A range of a video is decoded from the last keyframe before it.
 
@@ -247,7 +255,10 @@ class Recording:
             raise RecordingError(f"{self.path}: {topic}: {error}") from None
 
     def release_memory(self) -> None:
-        """Return cached pages of the files to the system; views stay valid and read them again when they are used."""
+        """Return cached pages of the files to the system.
+
+        Views stay valid and read them again when they are used.
+        """
         self._series.release_memory()
 
     def close(self) -> None:
@@ -263,7 +274,7 @@ class Recording:
         self.close()
 
     def refuse_unmapped_times(self) -> None:
-        """Raise RecordingError if frame times are mapped from a device clock of which the recording holds no sample."""
+        """Raise RecordingError if frame times are mapped from a clock without samples."""
         if self.manifest.time_source is not TimeSource.DEVICE_MAPPED:
             return
         for camera in self.manifest.cameras:
@@ -272,7 +283,8 @@ class Recording:
             clocks = self.decoded(topics.CLOCK_SAMPLE.name, pb.ClockSample)
             if not any(sample.clock == f"camera/{camera.name}" for _, sample in clocks):
                 raise RecordingError(
-                    f"{self.path}: frame times are mapped from the clock of camera {camera.name!r}, but the file holds no sample of "
+                    f"{self.path}: frame times are mapped from the clock of camera {camera.name!r}, but the "
+                    "file holds no sample of "
                     "that clock: they cannot be trusted: record again"
                 )
 
@@ -387,7 +399,8 @@ def _checked_manifest(file: IndexedFile) -> SessionManifest:
     entries = file.metadata.get(MANIFEST_NAME)
     if entries is None or "json" not in entries:
         raise RecordingForeign(
-            f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its manifest"
+            f"{file.path}: holds no Percuss manifest: it was not recorded by `acquire`, or ends before its "
+            "manifest"
         )
     manifest = parse_manifest(entries["json"], str(file.path))
     seal = file.metadata.get(SEAL_NAME, {})
@@ -408,6 +421,7 @@ def _decode(path: Path, message: RecordedMessage, kind: type[M]) -> M:
         decoded.ParseFromString(bytes(message.data))
     except DecodeError:
         raise RecordingError(
-            f"{path}: message on {message.topic} at {message.log_time_ns} is not a {kind.DESCRIPTOR.full_name}"
+            f"{path}: message on {message.topic} at {message.log_time_ns} is not a "
+            f"{kind.DESCRIPTOR.full_name}"
         ) from None
     return decoded

@@ -1,4 +1,4 @@
-"""Parses the manifest and the plan at the head of a recording, of this schema version or a newer minor one."""
+"""Parses manifest and plan of a recording, of this schema version or a newer minor one."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ def _parse(model: type[T], text: str, name: str, kind: str) -> T:
     ours, our_minor = (int(part) for part in SCHEMA_VERSION.split("."))
     if major != ours:
         raise RecordingVersion(
-            f"{name}: has schema version {major}.{minor}, this program reads {ours}.x: use a version of Percuss that writes {major}.x"
+            f"{name}: has schema version {major}.{minor}, this program reads {ours}.x: use a version of "
+            f"Percuss that writes {major}.x"
         )
     if minor > our_minor:
         data = _without_unknown(model, data)

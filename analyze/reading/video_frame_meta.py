@@ -1,4 +1,7 @@
-"""Expands the few FrameMeta of an imported video to one per frame: most frames only continue the frame before."""
+"""Expands the few FrameMeta of an imported video to one per frame.
+
+Most frames only continue the frame before.
+"""
 
 from __future__ import annotations
 

@@ -1,1 +1,4 @@
-"""The MCAP core of both packages: records, chunks, the walker, the summary, the content hash and the record writer."""
+"""The MCAP core of both packages.
+
+Records, chunks, the walker, the summary, the content hash and the record writer.
+"""

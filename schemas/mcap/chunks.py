@@ -1,4 +1,4 @@
-"""Chunks of messages: packing one with its message indexes, and decompressing and checking one that was read."""
+"""Packs chunks of messages with their indexes; decompresses and checks chunks that were read."""
 
 from __future__ import annotations
 
@@ -164,7 +164,10 @@ def pack_chunk_of_channel(
 def pack_chunk_of_one(
     offset: int, size: int, crc: int, channel_id: int, entry: tuple[int, int]
 ) -> PackedChunk:
-    """`pack_chunk` for one message, in a fifth of the time: at line rate there are 365 such chunks in a second."""
+    """`pack_chunk` for one message, in a fifth of the time.
+
+    At line rate there are 365 such chunks in a second.
+    """
     time_ns, at = entry
     head = container.chunk_head(time_ns, time_ns, size, crc)
     index = _ONE_MESSAGE_INDEX.pack(container.MESSAGE_INDEX, 22, channel_id, 16, time_ns, at)

@@ -1,4 +1,7 @@
-"""The `content_id` of a recording: a hash of its messages that does not depend on chunking, compression or interleaving."""
+"""The `content_id` of a recording.
+
+A hash of its messages that does not depend on chunking, compression or interleaving.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +19,17 @@ LARGE_MESSAGE_BYTES: Final = 4096
 """Messages of this size and above enter the hash by size and CRC-32."""
 
 HashedMessage = tuple[int, int, Buffer, int | None]
-"""Log time [ns], size, data, CRC-32 of the data. The data of a large message may be empty if the CRC is given."""
+"""Log time [ns], size, data, CRC-32 of the data.
+
+The data of a large message may be empty if the CRC is given.
+"""
 
 _TIME_AND_SIZE: Final = struct.Struct("<QQ")
 _TIME_SIZE_CRC: Final = struct.Struct("<QQI")
 
 
 class ContentHash:
-    """BLAKE2b-256 over every message outside /truth/, per topic, in file order (schemas/README.md, "A file")."""
+    """BLAKE2b-256 over all messages outside /truth/, by topic (schemas/README.md, "A file")."""
 
     def __init__(self) -> None:
         self._topics: dict[str, hashlib.blake2b] = {}

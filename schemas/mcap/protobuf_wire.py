@@ -1,10 +1,14 @@
-"""Protobuf wire format of the messages that are packed for every frame: varints and the leading time stamp of Foxglove's messages.
+"""Protobuf wire format of the messages that are packed for every frame.
+
+Varints and the leading time stamp of Foxglove's messages.
 
 Fields may stand in any order, and a message may be concatenated from parts (protobuf.dev, "Encoding").
 """
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Iterator
 from functools import lru_cache
 
 from schemas.mcap.records import ContainerError
@@ -43,8 +47,42 @@ def read_varint(data: memoryview, at: int) -> tuple[int, int]:
             raise ContainerError("a protobuf integer is longer than 64 bits")
 
 
+def read_fields(data: memoryview) -> Iterator[tuple[int, int | memoryview]]:
+    """Number and value of a message's length-delimited fields (views) and 32-bit fields; others are skipped.
+
+    Raises:
+        ContainerError: the bytes are no protobuf message, or end within a field.
+    """
+    at = 0
+    try:
+        while at < len(data):
+            tag, at = read_varint(data, at)
+            wire_type = tag & 7
+            if wire_type == 2:
+                size, at = read_varint(data, at)
+                if size > len(data) - at:
+                    raise ContainerError("the message ends early")
+                yield tag >> 3, data[at : at + size]
+                at += size
+            elif wire_type == 5:
+                (value,) = struct.unpack_from("<I", data, at)
+                yield tag >> 3, value
+                at += 4
+            elif wire_type == 0:
+                _, at = read_varint(data, at)
+            elif wire_type == 1:
+                at += 8
+            else:
+                raise ContainerError(f"not a protobuf message: it has a field of wire type {wire_type}")
+    except (IndexError, struct.error):
+        raise ContainerError("the message ends early") from None
+
+
 def timestamp_field(time_ns: int) -> bytes:
-    """Field 1, a google.protobuf.Timestamp, of a time since 1970 [ns]; takes a tenth of protobuf's own time."""
+    """Field 1, a google.protobuf.Timestamp, of a time since 1970 [ns].
+
+    Takes a tenth of protobuf's own time.
+    """
     seconds, nanos = divmod(time_ns, 10**9)
     if nanos >= 1 << 28:  # three times in four: five bytes, without the loop
         return _seconds_prefix(seconds, 5) + bytes(

@@ -1,4 +1,7 @@
-"""Writes the records of one MCAP file in order. Where the bytes go is the caller's policy; offsets and summary are kept here."""
+"""Writes the records of one MCAP file in order.
+
+Where the bytes go is the caller's policy; offsets and summary are kept here.
+"""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Byte layout of single MCAP records: packing and parsing.
 
-Source: the MCAP format specification (https://mcap.dev/spec). The recorder writes image chunks without copying, the reader
-hands out views into a mapped file, and both must survive files that end anywhere. Every parse function checks each length
-against the bytes present and raises `ContainerError`, so that a damaged file can neither be read past its end nor make the
-reader allocate memory.
+Source: the MCAP format specification (https://mcap.dev/spec). The recorder writes image chunks without
+copying, the reader hands out views into a mapped file, and both must survive files that end anywhere. Every
+parse function checks each length against the bytes present and raises `ContainerError`, so that a damaged
+file can neither be read past its end nor make the reader allocate memory.
 """
 
 from __future__ import annotations
@@ -33,7 +33,10 @@ METADATA_INDEX: Final = 13
 SUMMARY_OFFSET: Final = 14
 DATA_END: Final = 15
 PADDING: Final = 0x80
-"""Zeros that align the next record with a page of the file. The format leaves 0x80 and above to applications; readers skip them."""
+"""Zeros that align the next record with a page of the file.
+
+The format leaves 0x80 and above to applications; readers skip them.
+"""
 
 RECORD_HEAD: Final = 9
 """Bytes before every record's body: opcode and length."""
@@ -53,7 +56,8 @@ class ContainerError(ValueError):
     """Bytes that violate the MCAP format."""
 
 
-# --- packing ------------------------------------------------------------------------------------------------------
+# --- packing
+# ------------------------------------------------------------------------------------------------------
 
 
 def pack_record(opcode: int, body: bytes) -> bytes:
@@ -93,21 +97,27 @@ def message_head(channel_id: int, sequence: int, log_time_ns: int, publish_time_
 
 
 def chunk_head(start_ns: int, end_ns: int, size: int, crc: int) -> bytes:
-    """Bytes of an uncompressed chunk record before its `size` bytes of messages, which have the CRC-32 `crc`."""
+    """Bytes of an uncompressed chunk record before its messages of `size` bytes and CRC-32 `crc`."""
     return struct.pack("<BQQQQIIQ", CHUNK, 40 + size, start_ns, end_ns, size, crc, 0, size)
 
 
 def compressed_chunk_head(
     start_ns: int, end_ns: int, size: int, crc: int, compression: str, stored: int
 ) -> bytes:
-    """Bytes of a compressed chunk record before its `stored` bytes; `size` and `crc` are of the uncompressed messages."""
+    """Bytes of a compressed chunk record before its `stored` bytes.
+
+    `size` and `crc` are of the uncompressed messages.
+    """
     name = pack_string(compression)
     fixed = struct.pack("<BQQQQI", CHUNK, 36 + len(name) + stored, start_ns, end_ns, size, crc)
     return fixed + name + struct.pack("<Q", stored)
 
 
 def pack_message_index(channel_id: int, entries: list[tuple[int, int]]) -> bytes:
-    """Message index record of one channel in one chunk: log time [ns] and offset in the chunk of each message."""
+    """Message index record of one channel in one chunk.
+
+    Log time [ns] and offset in the chunk of each message.
+    """
     numbers = itertools.chain.from_iterable(sorted(entries))
     return message_index_record(channel_id, struct.pack(f"<{2 * len(entries)}Q", *numbers))
 
@@ -120,7 +130,8 @@ def message_index_record(channel_id: int, packed_entries: bytes) -> bytes:
     )
 
 
-# --- parsing ------------------------------------------------------------------------------------------------------
+# --- parsing
+# ------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -277,7 +288,7 @@ def parse_header(body: memoryview) -> tuple[str, str]:
 
 
 def parse_index_entries(body: memoryview) -> tuple[int, memoryview]:
-    """Channel id and packed entries (log time u64, offset u64 each) from the body of a message index record."""
+    """Parse a message index record into channel id and packed entries (log time u64, offset u64)."""
     fields = _Fields(body, "message index")
     channel_id, size = fields.numbers("<HI")
     entries = fields.take(size)
@@ -287,6 +298,6 @@ def parse_index_entries(body: memoryview) -> tuple[int, memoryview]:
 
 
 def parse_message_index(body: memoryview) -> tuple[int, list[tuple[int, int]]]:
-    """Channel id, and log time [ns] and offset in the chunk of each message, from the body of a message index record."""
+    """Parse a message index record into channel id and (log time [ns], offset) of each message."""
     channel_id, entries = parse_index_entries(body)
     return channel_id, list(struct.iter_unpack("<QQ", entries))

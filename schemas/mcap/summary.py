@@ -1,4 +1,7 @@
-"""The summary section that ends an MCAP file: gathered while the data section is written, and located in a finished file."""
+"""The summary section that ends an MCAP file.
+
+Gathered while the data section is written, and located in a finished file.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,8 @@ class EndsEarly(ContainerError):
     """A file without a footer: it was cut short, or is still being written."""
 
 
-# --- writing ------------------------------------------------------------------------------------------------------
+# --- writing
+# ------------------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -107,7 +111,8 @@ def parse_message_counts(body: memoryview) -> Counter[int]:
         raise ContainerError("a statistics record is damaged") from None
 
 
-# --- reading ------------------------------------------------------------------------------------------------------
+# --- reading
+# ------------------------------------------------------------------------------------------------------
 
 
 class SummarySection(NamedTuple):

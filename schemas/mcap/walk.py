@@ -1,6 +1,7 @@
 """The walker over MCAP records: whole records in file order, and the record that an index points at.
 
-A walk is tolerant: it ends at the first record that is not complete. Whether this is an error is decided by the caller.
+A walk is tolerant: it ends at the first record that is not complete. Whether this is an error is decided by
+the caller.
 """
 
 from __future__ import annotations
@@ -18,7 +19,10 @@ _HEAD: Final = struct.Struct("<BQ")
 
 
 def walk(data: memoryview, start: int = 0) -> Iterator[tuple[int, int, memoryview]]:
-    """Whole records from `start` on, as (opcode, offset of the record, body); ends at the first incomplete one."""
+    """Whole records from `start` on, as (opcode, offset of the record, body).
+
+    Ends at the first incomplete one.
+    """
     at, size = start, len(data)
     while at + RECORD_HEAD <= size:
         opcode, length = _HEAD.unpack_from(data, at)
@@ -61,7 +65,7 @@ class WholeRecords(NamedTuple):
 
 
 def whole_records(read: Callable[[int, int], Buffer], start: int, size: int) -> WholeRecords:
-    """Extent of the whole records from `start` to the end of a file of `size` bytes, by reading their heads only.
+    """Extent of the whole records of a file from `start` on; only their heads are read.
 
     Args:
         read: returns at most so many bytes (first argument) of the file at an offset (second argument).

@@ -47,7 +47,7 @@ def test_a_markers_name_is_its_family_and_number(name):
 
 @pytest.mark.parametrize("name", [587, -1, "7", "36h11-7", "25h9-35", "9x9-1", ""])
 def test_what_names_no_marker_is_refused(name):
-    with pytest.raises(ValueError, match=r"names no marker|has no tag"):
+    with pytest.raises(ValueError, match=r"is not the name of a marker|has no tag"):
         family_and_id(name)
 
 
@@ -79,11 +79,11 @@ def test_a_good_object():
         ("[0.08, 0.06, 0.15]", "[0.08, 0.06]", "size_m"),
         ("[0.08, 0.06, 0.15]", "[0.08, 0.06, 0.0]", "longer than 0"),
         ("id = 0", "id = 900", "marker.0.id"),
-        ("mass_sd_kg = 0.0001", "mass_sd_kg = 0.1", "mass_sd_kg is not below"),
+        ("mass_sd_kg = 0.0001", "mass_sd_kg = 0.1", "mass_sd_kg must be below"),
         (
             "[[marker]]",
             '[[marker]]\nfamily = "25h7"',
-            "'25h7' is no tag family: choose 36h11, 36h10, 25h9, 16h5, 4x4_50",
+            "'25h7' is not a tag family: choose 36h11, 36h10, 25h9, 16h5, 4x4_50",
         ),
         ("id = 0", 'family = "25h9"\nid = 35', "marker.0.id: 25h9 has no tag 35: its ids are 0 to 34"),
         ("id = 0", 'family = "25h9"\nid = -1', "marker.0.id"),
@@ -108,10 +108,13 @@ def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        (GOOD.replace("mass_kg = 0.044\n", ""), "missing: add mass_kg = ... (what it weighs, in kilograms)"),
+        (
+            GOOD.replace("mass_kg = 0.044\n", ""),
+            "missing: add mass_kg = ... (mass of the object, in kilograms)",
+        ),
         (
             GOOD.replace("mass_kg = 0.044\nmass_sd_kg", "mass_sdkg"),
-            "correct its spelling (mass_sd_kg?); missing: add mass_kg = ... (what it weighs, in kilograms)",
+            "correct its spelling (mass_sd_kg?); missing: add mass_kg = ... (mass of the object, in kilograms)",
         ),
         (
             GOOD.replace("size_m = [", "size_mm = ["),
@@ -123,7 +126,7 @@ def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
         ),
         (
             "mass_kg = 1\n[shape.box]\nsize_m = [1, 1, 1]\n",
-            "missing: add name = ... (what to call the object), mass_sd_kg = ... (1 sigma of the scale, in kilograms), [[marker]] (for",
+            "missing: add name = ... (name of the object), mass_sd_kg = ... (1 sigma of the mass, in kilograms: the scale's error), [[marker]] (markers",
         ),
         (
             GOOD.replace("mass_sd_kg = 0.0001\n", "") + "mass_sd_kg = 0.0001\n",
@@ -149,7 +152,10 @@ def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
             GOOD.replace("id = 0", 'id = "a"'),
             "marker.0.id: should be a whole number, not 'a': write it like id = NUMBER in [[marker]] number 1",
         ),
-        ("marker = 3\n", "marker: should be [[marker]] (for each tag: id, size_m, T_object_marker), not 3"),
+        (
+            "marker = 3\n",
+            "marker: should be [[marker]] (markers on the object: id, size_m and T_object_marker of each), not 3",
+        ),
     ],
 )
 def test_every_missing_and_unknown_key_is_named_with_its_table_and_the_remedy(text, line):
@@ -164,7 +170,7 @@ def test_what_a_plan_lacks_is_named_and_the_plan_is_to_be_made_anew():
         parse_strike_plan('{"object_name": "x", "strikes": []}', "plan.json")
     assert str(caught.value) == (
         "plan.json: missing: 'object_sha256'; strikes: List should have at least 1 item after validation, not 0:"
-        " make it anew with `analyze plan`"
+        " create it again with `analyze plan`"
     )
 
 

@@ -21,7 +21,7 @@ from click.testing import CliRunner
 
 from acquire.cli import main as acquire
 from acquire.clock.clock import SystemClock
-from acquire.daemon.api import DaemonClient, wait_for_socket
+from acquire.daemon.client import DaemonClient, wait_for_socket
 from acquire.virtual.gige_camera import VirtualGigeCamera
 from acquire.virtual.pattern_source import PatternSource
 from tests.acquire.striker.plant import Plant
@@ -216,7 +216,8 @@ def test_a_session_with_a_plan_of_another_object(daemon: Path, tmp_path: Path) -
     write(plan, plan.read_text().replace('"schema_version":"1.0"', '"schema_version":"2.0"'))
     line = complaint(acquire, "session", thing, plan, "-o", tmp_path / "r.mcap", "--rig", daemon)
     assert (
-        "plan.json: has schema version 2.0, this program reads 1.x: make it anew with `analyze plan`" in line
+        "plan.json: has schema version 2.0, this program reads 1.x: create it again with `analyze plan`"
+        in line
     )
     assert "not valid JSON" in complaint(
         acquire, "session", thing, thing, "-o", tmp_path / "r.mcap", "--rig", daemon

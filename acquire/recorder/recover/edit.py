@@ -1,4 +1,7 @@
-"""Adds topics to a finished recording, and removes topics from one. The original is replaced only by a complete new file."""
+"""Adds topics to a finished recording, and removes topics from one.
+
+The original is replaced only by a complete new file.
+"""
 
 from __future__ import annotations
 
@@ -35,10 +38,13 @@ def read_manifest(path: Path) -> SessionManifest:
 
 
 def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> None:
-    """Add messages (topic, log time, data) of new /truth/ topics to a finished recording; its content_id does not change.
+    """Add messages (topic, log time, data) of new /truth/ topics to a finished recording.
+
+    Its content_id does not change.
 
     Raises:
-        RecorderError: the recording is incomplete, has such a topic already, or cannot be rewritten; it is unchanged then.
+        RecorderError: the recording is incomplete, has such a topic already, or cannot be rewritten; it is
+            unchanged then.
     """
     with mapped(path) as data:
         layout = read_layout(path, data)
@@ -59,7 +65,8 @@ def append_topics(path: Path, messages: Iterable[tuple[Topic, int, bytes]]) -> N
                     )
                 if not topic.name.startswith(TRUTH_PREFIX):
                     raise RecorderError(
-                        f"{path}: {topic.name} is part of the sealed content: only {TRUTH_PREFIX} topics can be added later"
+                        f"{path}: {topic.name} is part of the sealed content: only {TRUTH_PREFIX} topics "
+                        "can be added later"
                     )
                 number += 1
                 writer.add_topic(topic, number)
@@ -79,7 +86,8 @@ def remove_topics(path: Path, out: Path, prefix: str) -> None:
     The content_id stays the same if only /truth/ topics are removed, and is computed anew otherwise.
 
     Raises:
-        RecorderError: `path` is incomplete or damaged, or `out` cannot be written; nothing is left behind then.
+        RecorderError: `path` is incomplete or damaged, or `out` cannot be written; nothing is left behind
+            then.
     """
     atomic.refuse_taken(out)
     with mapped(path) as data:
@@ -132,7 +140,7 @@ def _body(whole: bytes) -> memoryview:
 
 
 def copy_messages(messages: memoryview, topics: dict[int, str], writer: Rewriter, digest: ContentHash) -> int:
-    """Copy those messages of a chunk whose channel is in `topics`, add them to `digest` and return their number.
+    """Copy a chunk's messages whose channel is in `topics`, add them to `digest`, return their number.
 
     Raises:
         ContainerError: a message is damaged.

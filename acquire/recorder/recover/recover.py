@@ -1,4 +1,7 @@
-"""Rebuilds a recording that was cut short or damaged from its whole messages, attachments and metadata, with new index and seal."""
+"""Rebuilds a cut or damaged recording from its whole messages, attachments and metadata.
+
+The new file has a new index and seal.
+"""
 
 from __future__ import annotations
 
@@ -76,14 +79,14 @@ class RecoverReport:
 
     def text(self) -> str:
         """Report in a few lines for the terminal."""
-        lines = [
-            f"{self.path}: {self.messages} messages on {len(self.topics)} topics, {self.attachments} attachments"
-        ]
+        topics = f"{len(self.topics)} topics, {self.attachments} attachments"
+        lines = [f"{self.path}: {self.messages} messages on {topics}"]
         if not self.has_manifest:
             lines.append("no manifest: viewers can open the file, `analyze` cannot use it")
         if self.anything_damaged:
             lines.append(
-                f"lost: {self.damaged_records} damaged records, {self.skipped_bytes} bytes of incomplete records"
+                f"lost: {self.damaged_records} damaged records, {self.skipped_bytes} bytes of incomplete "
+                "records"
             )
         if not self.ended_properly:
             lines.append(
@@ -106,7 +109,8 @@ def recover(path: Path, out: Path) -> RecoverReport:
     """Write everything of `path` that is whole to `out`, and verify the new file by reading it.
 
     Raises:
-        RecorderError: nothing can be saved, or `out` exists or cannot be written; nothing is left behind then.
+        RecorderError: nothing can be saved, or `out` exists or cannot be written; nothing is left behind
+            then.
     """
     atomic.refuse_unwritable(out)
     atomic.refuse_taken(out)
@@ -173,7 +177,10 @@ class _Salvage:
         )
 
     def _without_padding(self) -> int:
-        """Offset where the data end: a recording written past the page cache fills its last page with zeros."""
+        """Offset where the data end.
+
+        A recording written past the page cache fills its last page with zeros.
+        """
         padding = bytes(self._data[-PAGE:])
         return len(self._data) - (len(padding) - len(padding.rstrip(b"\0")))
 
@@ -181,7 +188,8 @@ class _Salvage:
         """Copy whole records from `start` on and return the offset where they end."""
         at = start
         for opcode, found, body in walk(self._data, start):
-            # Padding has a bounded length and holds zeros only; anything else is damage, and the next chunk is searched for.
+            # Padding has a bounded length and holds zeros only; anything else is damage, and the next chunk
+            # is searched for.
             padding = opcode == container.PADDING and len(body) < 2 * PAGE and not any(body)
             if not padding and not container.HEADER <= opcode <= container.DATA_END:
                 break
@@ -231,7 +239,9 @@ class _Salvage:
         self._report.messages += copy_messages(messages, self._topics, self._writer, self._digest)
 
     def _salvage_cut_chunk(self, at: int) -> int:
-        """Copy the whole messages of an uncompressed chunk whose end is missing; return how many of its bytes were used.
+        """Copy the whole messages of an uncompressed chunk whose end is missing.
+
+        Return how many of its bytes were used.
 
         They cannot be checked by the chunk's CRC, only by their form.
         """
@@ -257,7 +267,10 @@ class _Salvage:
         return saved
 
     def _next_chunk(self, start: int) -> int:
-        """Offset of the next undamaged chunk, or of the end: a wrong length must not cost everything after it."""
+        """Offset of the next undamaged chunk, or of the end.
+
+        A wrong length must not cost everything after it.
+        """
         data = self._data
         for match in _CHUNK_HEAD.finditer(data, start):
             at = match.start()
@@ -291,5 +304,6 @@ def _verify(path: Path, report: RecoverReport) -> None:
             ) from None
     if count != report.messages or digest.hexdigest() != report.content_id:
         raise RecorderError(
-            f"{report.path}: {count} of {report.messages} messages can be read back: check the disk and try again"
+            f"{report.path}: {count} of {report.messages} messages can be read back: check the disk and try "
+            "again"
         )

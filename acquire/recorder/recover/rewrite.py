@@ -1,4 +1,7 @@
-"""Assembles a recording from parts of another: whole chunks unchanged, single messages where a chunk must change."""
+"""Assembles a recording from parts of another.
+
+Whole chunks unchanged, single messages where a chunk must change.
+"""
 
 from __future__ import annotations
 
@@ -170,7 +173,10 @@ class Rewriter:
             self._pending = PendingMessages()
 
     def copy_chunk(self, messages: memoryview, places: MessagePlaces) -> None:
-        """Write message records of the source as a chunk of their own; `places` holds log time and offset of each."""
+        """Write message records of the source as a chunk of their own.
+
+        `places` holds log time and offset of each.
+        """
         self.flush()
         self.records.write_chunk([messages], len(messages), zlib.crc32(messages), places)
 
