@@ -1,4 +1,4 @@
-"""The closed bodies that a mesh file holds, each with its volume, centroid and inertia: what an assembly's parts are made of."""
+"""Closed bodies of a mesh file with volume, centroid and inertia, for labelled parts."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from analyze.geometry.polyhedron import MassProperties
 from analyze.types import Array, IntArray
 from schemas.object_spec import ObjectSpec
 
-LEAST_FACES = 4
-"""of a body; fewer are a seam that its exporter did not join, and belong to the body they touch"""
+MIN_FACES = 4
+"""Smallest number of faces of a body; fewer are a seam that the exporter did not merge, and belong to the
+body they touch."""
 
 
 @dataclass(frozen=True)
@@ -22,40 +23,46 @@ class Body:
     """One closed body of a mesh."""
 
     properties: MassProperties
-    """of a uniform solid, in O"""
+    """Mass properties as a uniform solid, in O."""
     vertices: Array
-    """(n, 3) m, of the whole mesh"""
+    """(n, 3) vertices of the whole mesh [m], in O."""
     faces: IntArray
-    """(f, 3), counter-clockwise from outside"""
+    """(f, 3) faces of this body, counter-clockwise from outside."""
     open_edges: int
-    """0 where it is closed"""
+    """Number of open edges; 0 if the body is closed."""
 
 
 def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> list[Body]:
-    """The bodies of an object's mesh file, largest first; of a hollow one the cavities are taken out.
+    """Bodies of an object's mesh file, largest first, without the cavities of hollow ones.
 
     Args:
-        spec: the object; the shape's unit is used.
-        shape_bytes: the shape file's content.
-        shape_name: its name, for its format and for messages.
+        spec: Object, for its shape's unit.
+        shape_bytes: Content of the shape file.
+        shape_name: Name of the shape file, for its format and for messages.
 
     Raises:
         ShapeError: the shape is no mesh file, or cannot be read.
     """
     suffix = PurePath(shape_name).suffix.lower().removeprefix(".")
-    is_mesh = suffix in mesh_files.FORMATS and shape_bytes is not None and (suffix != "ply" or mesh_files.ply_has_faces(shape_bytes))
+    is_mesh = (
+        suffix in mesh_files.FORMATS
+        and shape_bytes is not None
+        and (suffix != "ply" or mesh_files.ply_has_faces(shape_bytes))
+    )
     if shape_bytes is None or spec.shape.unit is None or not is_mesh:
         raise ShapeError(
-            f"{shape_name}: only a mesh file has bodies that can be parts: give an assembly as a mesh, or label wall and layers"
+            f"{shape_name}: only a mesh file has bodies that can be parts: give an assembly as a mesh, or "
+            "label wall and layers"
         )
-    # Bodies that touch each other have corners that are nearly the same, and must stay apart.
+    # Bodies that touch each other have nearly equal corners, which must not be merged.
     raw = mesh_files.read_mesh(shape_bytes, shape_name, suffix, spec.shape.unit, same=0.0)
     vertices = raw.vertices * spec.shape.unit.metres
-    faces, body, _ = polyhedron.wound_alike(raw.faces)
+    faces, body, _ = polyhedron.consistently_wound(raw.faces)
     labels = _with_seams(faces, body)
     found = [faces[labels == label] for label in range(int(labels.max()) + 1)]
     solid = [(each, polyhedron.mass_properties(vertices, each)) for each in found]
-    # As a file winds most of its volume, it means outwards; what is wound the other way inside another body is a hole in it.
+    # The winding of most of the volume is taken as outwards; a body of the other winding inside another is
+    # its cavity.
     sign = 1.0 if sum(properties.volume for _, properties in solid) > 0 else -1.0
     outer = [(each, properties) for each, properties in solid if sign * properties.volume > 0]
     holes = [(each, properties) for each, properties in solid if sign * properties.volume <= 0]
@@ -77,7 +84,14 @@ def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> l
     bodies: list[Body] = []
     for each in merged:
         outwards = _outwards(each, sign)
-        bodies.append(Body(polyhedron.mass_properties(vertices, outwards), vertices, outwards, polyhedron.open_edges(outwards)))
+        bodies.append(
+            Body(
+                polyhedron.mass_properties(vertices, outwards),
+                vertices,
+                outwards,
+                polyhedron.open_edges(outwards),
+            )
+        )
     return sorted(bodies, key=lambda one: -one.properties.volume)
 
 
@@ -90,15 +104,18 @@ def _first(vertices: Array, faces: IntArray) -> Array:
 
 
 def _with_seams(faces: IntArray, body: IntArray) -> IntArray:
-    """Body (f,) of each face, numbered from 0, where a few loose faces belong to the body with which they share most corners."""
+    """Body (f,) of each face, from 0; loose faces belong to the body with which they share most corners."""
     sizes = np.bincount(body)
-    large = np.flatnonzero(sizes >= LEAST_FACES)
+    large = np.flatnonzero(sizes >= MIN_FACES)
     if not len(large):
         return np.zeros(len(faces), dtype=np.int64)
     corners = [np.unique(faces[body == label]) for label in large]
     result = body.copy()
-    for label in np.flatnonzero((sizes > 0) & (sizes < LEAST_FACES)):
+    for label in np.flatnonzero((sizes > 0) & (sizes < MIN_FACES)):
         own = np.unique(faces[body == label])
-        shared = [(int(np.isin(own, each).sum()), int(sizes[other])) for each, other in zip(corners, large, strict=True)]
+        shared = [
+            (int(np.isin(own, each).sum()), int(sizes[other]))
+            for each, other in zip(corners, large, strict=True)
+        ]
         result[body == label] = large[shared.index(max(shared))]
     return np.unique(result, return_inverse=True)[1].astype(np.int64)

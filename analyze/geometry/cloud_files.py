@@ -1,10 +1,11 @@
-"""Point clouds from files' bytes: PLY, PCD, XYZ, LAS and LAZ, in the file's own unit. Points that are no numbers are left out.
+"""Read point clouds from PLY, PCD, XYZ, LAS and LAZ files, in the file's unit; finite points only.
 
 PCD is read here: its specification is short, and the libraries for it are heavy or need a compiler.
 """
 
-# laspy and trimesh are only partly typed; their unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# laspy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -20,25 +21,37 @@ from analyze.geometry.mesh_files import refuse_false_ply_counts
 from analyze.types import Array
 
 FORMATS = ("ply", "pcd", "xyz", "las", "laz")
-FEWEST = 200
-"""points, from which an exterior can be made"""
-MOST = 60_000
-"""points that are used; of more, every n-th: more say nothing more of the planes"""
-MOST_UNPACKED = 100
-"""times its packed size that a LAZ file may have; it packs 5 to 20 times"""
+MIN_POINTS = 200
+"""Smallest number of points of an exterior."""
+MAX_POINTS = 60_000
+"""Largest number of points used; of more, every n-th: further points do not improve the planes."""
+MAX_UNPACKED_RATIO = 100
+"""Largest unpacked over packed size of a file; LAZ compresses 5 to 20 times."""
 PCD_TYPES = {("F", 4): "<f4", ("F", 8): "<f8"} | {
     (kind, size): f"<{letter}{size}" for kind, letter in (("I", "i"), ("U", "u")) for size in (1, 2, 4, 8)
 }
-PLY_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8"} | {
-    f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint", "float") for size in (1, 2, 4, 8)
-}
+PLY_TYPES = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+} | {f"{kind}{8 * size}": f"{kind[0]}{size}" for kind in ("int", "uint", "float") for size in (1, 2, 4, 8)}
 
 
 def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, ...]]:
-    """Points (n, 3) of a point cloud file, and what was left out.
+    """Points (n, 3) of a point cloud file in the file's unit, and notes on what was left out.
+
+    Args:
+        data: Content of the file.
+        name: Name of the file, for messages.
+        suffix: Format, one of `FORMATS`.
 
     Raises:
-        ShapeError: not readable, of unclear numbers, or fewer than `FEWEST` points.
+        ShapeError: not readable, of unclear numbers, or fewer than `MIN_POINTS` points.
     """
     readers = {"ply": _ply, "pcd": _pcd, "xyz": _xyz, "las": _las, "laz": _las}
     notes: list[str] = []
@@ -51,17 +64,23 @@ def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, .
             warnings.simplefilter("ignore")
             points = np.asarray(readers[suffix](data), dtype=np.float64)
     except Exception:  # the readers raise whatever the damaged byte leads to
-        raise ShapeError(f"{name}: cannot be read as {suffix.upper()}: it is damaged or of another format: export it anew") from None
+        raise ShapeError(
+            f"{name}: cannot be read as {suffix.upper()}: it is damaged or of another format: export it anew"
+        ) from None
     good = np.isfinite(points).all(axis=1) & (np.abs(points) < 1e12).all(axis=1)
     if not good.all():
         notes.append(f"{name}: {int(np.sum(~good))} points that are no numbers are left out")
     points = np.unique(points[good], axis=0)
-    if len(points) < FEWEST:
-        raise ShapeError(f"{name}: {len(points)} different points are too few for an exterior: scan again, with {FEWEST} or more")
-    if len(points) > MOST:
-        step = -(-len(points) // MOST)
+    if len(points) < MIN_POINTS:
+        raise ShapeError(
+            f"{name}: {len(points)} different points are too few for an exterior: scan again, with "
+            f"{MIN_POINTS} or more"
+        )
+    if len(points) > MAX_POINTS:
+        step = -(-len(points) // MAX_POINTS)
         notes.append(f"{name}: of {len(points)} points one in {step} is used")
-        # Taken in the order of a golden-ratio sequence: in the order of a grid or of coordinates, every n-th would leave rows out.
+        # Taken in the order of a golden-ratio sequence: in the order of a grid or of coordinates, every n-th
+        # would leave rows out.
         points = points[np.argsort((np.arange(len(points)) * 0.6180339887498949) % 1)[::step]]
     return points, tuple(notes)
 
@@ -76,7 +95,7 @@ def _ply(data: bytes) -> Array:
         if words[:1] == ["format"]:
             order = words[1]
         elif words[:1] == ["element"]:
-            # The points come first, as everywhere; what follows them is not read.
+            # The points are the first element; further elements are not read.
             if names:
                 break
             count = int(words[2]) if words[1] == "vertex" else 0
@@ -88,28 +107,38 @@ def _ply(data: bytes) -> Array:
     if order == "ascii":
         return _table(body.split(b"\n", count)[:count])[:, [names.index(axis) for axis in "xyz"]]
     mark = {"binary_little_endian": "<", "binary_big_endian": ">"}[order]
-    table = np.frombuffer(body, dtype=[(name, mark + kind) for name, kind in zip(names, types, strict=True)], count=count)
+    table = np.frombuffer(
+        body, dtype=[(name, mark + kind) for name, kind in zip(names, types, strict=True)], count=count
+    )
     return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
 
 
 def _xyz(data: bytes) -> Array:
-    """Columns x, y, z and whatever follows, apart by blanks, commas or semicolons; a first line with the count or names is left out."""
+    """Points (n, 3) of a text with columns x, y, z and others, separated by blanks, commas or semicolons.
+
+    Up to two leading lines with a count or column names are skipped.
+    """
     text = data.replace(b",", b" ").replace(b";", b" ").replace(b"//", b"#")
     lines = [line for line in (line.split(b"#")[0] for line in text.splitlines()) if line.strip()]
     return _table(lines[sum(not _is_row(line) for line in lines[:2]) :])[:, :3]
 
 
 def _with_decimal_points(data: bytes, name: str) -> tuple[bytes, bool]:
-    """An XYZ's text with points for decimal commas, and whether it had any.
+    """Text of an XYZ file with decimal points for decimal commas, and True if it had any.
 
-    Commas are decimal where semicolons or blanks part the columns and each of three columns or more has one comma at most, between digits.
+    Commas are decimal if semicolons or blanks separate three or more columns, each with at most one comma
+    between digits.
 
     Raises:
-        ShapeError: points and commas in one number, or commas between decimals and columns alike.
+        ShapeError: the numbers have both points and commas, or commas separate both decimals and columns.
     """
     if b"," not in data:
         return data, False
-    lines = [line for line in (line.split(b"#")[0].strip() for line in data.replace(b"//", b"#").splitlines()) if line]
+    lines = [
+        line
+        for line in (line.split(b"#")[0].strip() for line in data.replace(b"//", b"#").splitlines())
+        if line
+    ]
     text = b"\n".join(lines[2:])
     unclear = "write numbers with decimal points, and blanks between the columns"
     if b"," not in text or re.search(rb",[ \t]|[ \t],|,[;\n]|,,", text):
@@ -122,13 +151,13 @@ def _with_decimal_points(data: bytes, name: str) -> tuple[bytes, bool]:
             raise ShapeError(f"{name}: has both points and commas within its numbers: {unclear}")
         return data.replace(b",", b"."), True
     if b";" in text:
-        raise ShapeError(f"{name}: parts its columns by commas and semicolons alike: {unclear}")
-    # Pairs of whole numbers may be decimals; a sign at every second place says that they are not.
+        raise ShapeError(f"{name}: separates its columns by both commas and semicolons: {unclear}")
+    # Pairs of whole numbers may be decimals; a sign at every second place excludes that.
     many = len(lines[-1].split(b","))
     if b"." not in text and fewest == 1 and many >= 6 and many % 2 == 0:
         signed = any(word.startswith(b"-") for line in lines[2:] for word in line.split(b",")[1::2])
         if not signed:
-            raise ShapeError(f"{name}: its commas may part columns or decimals: {unclear}")
+            raise ShapeError(f"{name}: its commas may separate columns or decimals: {unclear}")
     return data, False
 
 
@@ -140,7 +169,7 @@ def _is_row(line: bytes) -> bool:
 
 
 def _table(lines: list[bytes]) -> Array:
-    """Numbers (n, k) of text lines that hold k numbers each."""
+    """Numbers (n, k) of n text lines with k numbers each."""
     width = len(lines[0].split())
     values = np.array(b" ".join(lines).split(), dtype=np.float64)
     if width < 3 or values.size != len(lines) * width:
@@ -156,8 +185,10 @@ def _las(data: bytes) -> Array:
     minor, packed = data[25], bool(data[104] & 0x80)
     size = struct.unpack_from("<H", data, 105)[0]
     count = struct.unpack_from("<Q", data, 247)[0] if minor >= 4 else struct.unpack_from("<I", data, 107)[0]
-    records = struct.unpack_from("<I", data, 100)[0] * 54 + (struct.unpack_from("<I", data, 243)[0] * 60 if minor >= 4 else 0)
-    if records > len(data) or count * size > len(data) * (MOST_UNPACKED if packed else 1):
+    records = struct.unpack_from("<I", data, 100)[0] * 54 + (
+        struct.unpack_from("<I", data, 243)[0] * 60 if minor >= 4 else 0
+    )
+    if records > len(data) or count * size > len(data) * (MAX_UNPACKED_RATIO if packed else 1):
         raise ValueError("counts larger than the file")
     try:
         return np.asarray(laspy.read(BytesIO(data), laz_backend=laspy.LazBackend.Lazrs).xyz)
@@ -166,7 +197,7 @@ def _las(data: bytes) -> Array:
 
 
 def _pcd(data: bytes) -> Array:
-    """Point Cloud Library's format 0.7: ascii, binary (records) and binary_compressed (LZF, columns)."""
+    """Points (n, 3) of a PCD 0.7 file: ascii, binary (records) or binary_compressed (LZF, columns)."""
     fields: dict[str, list[str]] = {}
     offset = 0
     while "DATA" not in fields:
@@ -177,7 +208,9 @@ def _pcd(data: bytes) -> Array:
             fields[words[0].upper()] = words[1:]
     names, sizes, kinds = fields["FIELDS"], [int(size) for size in fields["SIZE"]], fields["TYPE"]
     repeats = [int(many) for many in fields.get("COUNT", ["1"] * len(names))]
-    count = int(fields["POINTS"][0]) if "POINTS" in fields else int(fields["WIDTH"][0]) * int(fields["HEIGHT"][0])
+    count = (
+        int(fields["POINTS"][0]) if "POINTS" in fields else int(fields["WIDTH"][0]) * int(fields["HEIGHT"][0])
+    )
     columns = [sum(repeats[: names.index(axis)]) for axis in "xyz"]
     stored = fields["DATA"][0]
     if min(sizes) < 1 or min(repeats) < 1 or count < 1:
@@ -185,22 +218,41 @@ def _pcd(data: bytes) -> Array:
     if stored == "ascii":
         return _table(data[offset:].split(b"\n", count)[:count])[:, columns]
     width = sum(size * many for size, many in zip(sizes, repeats, strict=True))
-    axes = [(names.index(axis), PCD_TYPES[kinds[names.index(axis)], sizes[names.index(axis)]]) for axis in "xyz"]
-    starts = [sum(size * many for size, many in zip(sizes[:index], repeats[:index], strict=True)) for index, _ in axes]
+    axes = [
+        (names.index(axis), PCD_TYPES[kinds[names.index(axis)], sizes[names.index(axis)]]) for axis in "xyz"
+    ]
+    starts = [
+        sum(size * many for size, many in zip(sizes[:index], repeats[:index], strict=True))
+        for index, _ in axes
+    ]
     if stored == "binary":
         table = np.frombuffer(data, dtype=np.uint8, count=count * width, offset=offset).reshape(count, width)
-        return np.stack([table[:, at : at + sizes[i]].copy().view(kind)[:, 0] for at, (i, kind) in zip(starts, axes, strict=True)], axis=1)
+        return np.stack(
+            [
+                table[:, at : at + sizes[i]].copy().view(kind)[:, 0]
+                for at, (i, kind) in zip(starts, axes, strict=True)
+            ],
+            axis=1,
+        )
     packed, unpacked = struct.unpack_from("<II", data, offset)
-    if stored != "binary_compressed" or unpacked != count * width or unpacked > MOST_UNPACKED * len(data):
+    if (
+        stored != "binary_compressed"
+        or unpacked != count * width
+        or unpacked > MAX_UNPACKED_RATIO * len(data)
+    ):
         raise ValueError("sizes contradict each other")
     block = _lzf(data[offset + 8 : offset + 8 + packed], unpacked)
     return np.stack(
-        [np.frombuffer(block, dtype=kind, count=count, offset=at * count) for at, (_, kind) in zip(starts, axes, strict=True)], axis=1
+        [
+            np.frombuffer(block, dtype=kind, count=count, offset=at * count)
+            for at, (_, kind) in zip(starts, axes, strict=True)
+        ],
+        axis=1,
     )
 
 
 def _lzf(packed: bytes, size: int) -> bytes:
-    """LibLZF's decompression (Lehmann 2000): runs of literals, and copies from what is unpacked already."""
+    """Decompress LibLZF data (Lehmann 2000): runs of literals, and copies from the output so far."""
     out = bytearray()
     at = 0
     while at < len(packed):

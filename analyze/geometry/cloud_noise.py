@@ -1,7 +1,8 @@
-"""How a point cloud scatters about its surface, and how far its points lie apart. Lengths in m."""
+"""Noise and spacing of a point cloud; lengths in m."""
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -13,27 +14,27 @@ from scipy.spatial import ConvexHull, KDTree, QhullError
 from analyze.types import Array
 
 SEEDS = 250
-"""patches that are looked at"""
+"""Number of patches examined."""
 SCALES = (24, 96, 384)
-"""points of a patch, to see the noise"""
+"""Numbers of points of a patch, tried in turn."""
 WIDEST_PATCH = 0.15
-"""part of the largest extent"""
+"""Largest radius of a patch, over the cloud's extent."""
 
 
 @dataclass(frozen=True)
 class CloudNoise:
-    """How the cloud scatters about its surface, seen in small patches."""
+    """Scatter of a point cloud about its surface, from small patches, and its spacing."""
 
     sd: float
-    """m, across the surface"""
+    """1 sigma of the points across the surface [m]."""
     spacing: float
-    """m between neighbouring points along the surface"""
+    """Distance of neighbouring points along the surface [m]."""
 
 
 def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
-    """Scatter of `points` (n, 3) about smooth patches: the smallest patch that is at least 4 sd wide, its flattest quarter.
+    """Noise of `points` (n, 3) [m] about the flattest quarter of patches at least 4 sd wide.
 
-    Patches of too few points lie inside the noise and see too little of it; too large ones see the shape.
+    Patches of too few points lie within the noise and underestimate it; too large ones include the shape.
     """
     extent = float(np.ptp(points, axis=0).max())
     seeds = points[:: max(1, len(points) // SEEDS)]
@@ -47,7 +48,7 @@ def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
         if sd > 0 and small.mean() < 0.3:
             break
         residual = patch_scatter(points[index])
-        # The flattest quarter: the others hold an edge.
+        # The flattest quarter: the other patches may contain an edge.
         flattest = float(np.quantile(residual, 0.25))
         sd = max(sd, flattest)
         if float(np.median(radius)) > 4 * sd:
@@ -56,22 +57,27 @@ def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
 
 
 def patch_scatter(patches: Array) -> Array:
-    """RMS distance (p,) of the points of each patch (p, k, 3) from a quadric over its plane."""
+    """RMS distance (p,) [m] of the points of `patches` (p, k, 3) [m] from a quadric over each plane."""
     many = patches.shape[1]
     centred = patches - patches.mean(axis=1, keepdims=True)
     _, _, vt = np.linalg.svd(centred, full_matrices=False)
     local = np.einsum("pki,pji->pkj", centred, vt)
     scale = np.abs(local[..., 0]).max(axis=1)[:, None]
     u, v, z = local[..., 0] / scale, local[..., 1] / scale, local[..., 2]
-    design = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    design = quadric_terms(u, v)
     normal = np.einsum("pki,pkj->pij", design, design) + 1e-9 * np.eye(6)
     answer = np.linalg.solve(normal, np.einsum("pki,pk->pi", design, z)[..., None])
     residual = z - (design @ answer)[..., 0]
     return np.sqrt(np.sum(residual**2, axis=1) / max(many - 6, 1))
 
 
+def quadric_terms(u: Array, v: Array) -> Array:
+    """Terms 1, u, v, u^2, u v, v^2 of a quadric, (..., 6), at `u`, `v` (...)."""
+    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+
+
 def _surface_spacing(points: Array) -> float:
-    """Spacing [m] if the points were spread evenly over the hull's surface."""
+    """Spacing [m] of `points` (n, 3) [m] if they were uniform over the hull's surface."""
     try:
         area = float(ConvexHull(points).area)
     except QhullError:

@@ -1,11 +1,12 @@
-"""The exterior of an object from a noisy point cloud: fitted planes meet in sharp edges, curved parts are smoothed, the hull closes it.
+"""Exterior of an object from a noisy point cloud: hull of fitted planes and smoothed curved parts.
 
-Edges come out as the virtual sharp ones, where the fitted faces meet: their rounding is declared (`edge_radius_m`), not seen. Hollows are
-bridged and places without points are closed flat; both are measured, so that they can be said.
+Edges are the virtual sharp ones, where the fitted faces meet: their rounding is declared (`edge_radius_m`),
+not measured. Hollows are bridged and places without points are closed flat; both are measured and reported.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -17,78 +18,88 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, HalfspaceIntersection, KDTree, QhullError
 
 from analyze.geometry import scanned_surface
-from analyze.geometry.cloud_noise import CloudNoise, cloud_noise
-from analyze.geometry.distance import highest
+from analyze.geometry.cloud_noise import CloudNoise, cloud_noise, quadric_terms
+from analyze.geometry.distance import largest_height
 from analyze.geometry.hull_planes import DIRECTIONS, FINEST, FittedPlane, even_directions, fitted_planes
 from analyze.geometry.polyhedron import BoolArray
 from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.types import Array, IntArray
 
-LONELY = 8.0
-"""distance to the eighth neighbour, over the median, beyond which a point is a stray"""
-SPECK = 0.02
-"""part of the points below which a separate clump is a stray"""
+STRAY_DISTANCE_RATIO = 8.0
+"""Distance to the eighth neighbour, over its median, beyond which a point is a stray."""
+MIN_CLUMP_SHARE = 0.02
+"""Fraction of the points below which a separate clump is stray."""
 ROUNDED = 0.02
-"""part of the largest extent by which a rounded corner may lie inside the virtual one"""
+"""Distance of a rounded corner from the virtual one, over the extent, up to which it is supported by
+points."""
 EDGE_STEPS = 60
+"""Steps along an edge at which its support by points is examined."""
 ON_PLANE = 1e-6
-"""part of the largest extent"""
+"""Distance over the extent up to which a vertex lies on a plane."""
 DEPTH_SAMPLES = 4000
-MOST_SMOOTHED = 1500
-FEWEST_NEIGHBOURS, MOST_NEIGHBOURS = 24, 400
-STEEP = 0.35
-"""sine of the angle between a curved wall and a face from which their meeting is found by going on along the wall"""
+"""Number of points whose depth below the hull is measured."""
+MAX_SMOOTHED = 1500
+"""Largest number of smoothed points."""
+MIN_NEIGHBOURS, MAX_NEIGHBOURS = 24, 400
+"""Smallest and largest number of points of a smoothing patch."""
+MIN_STEEPNESS = 0.35
+"""Sine of the angle between a curved wall and a face above which the wall is extrapolated to meet the
+face."""
 FOLLOWED = 0.25
+"""Share of the noise in the place of an edge to which a wall was extrapolated."""
 CIRCLE_SIDES = 128
-WIDEST_GAP = np.radians(60.0)
-"""of a rim without points, up to which a circle is still fitted"""
-DEEP = 0.01
-"""part of the largest extent below the hull from which a point lies in a hollow"""
+"""Vertices of a fitted circular rim."""
+MAX_RIM_GAP = np.radians(60.0)
+"""Largest angle [rad] of a rim without points at which a circle is still fitted."""
+MIN_HOLLOW_DEPTH = 0.01
+"""Depth below the hull, over the extent, beyond which a point lies in a hollow."""
 SHEET = 4.5
-"""scatters of a plane, above which a point stands on it"""
+"""Height over a plane, in units of its scatter, above which a point stands on it."""
 SPREAD = 0.05
-"""part of the largest extent by which a table reaches beyond what stands on it"""
-AT_A_TIME = 1000
-"""points that are looked at along all directions: as many as the caches hold"""
-PUSHED = 2.5
-"""sd of the noise by which it pushes out the outline of a face's points"""
+"""Distance, over the extent, by which a table extends beyond the object on it."""
+POINTS_AT_A_TIME = 1000
+"""Points projected on all directions at a time: as many as the caches hold."""
+OUTLINE_NOISE_SDS = 2.5
+"""Displacement of a face's outline by the noise, in units of its sd."""
 OUTLINE_GAP = 0.5
-"""of the spacing, that the outermost points may stay away from the true outline"""
+"""Distance of the outermost points from the true outline, over the spacing."""
 SPREAD_SHARE = 0.15
-"""part of the plane's points that lie out there"""
+"""Fraction of a plane's points beyond the object above which the plane is a table."""
 
 
 @dataclass(frozen=True, eq=False)
 class CloudSurface:
-    """A closed convex surface, and what is known of its making."""
+    """Closed convex surface fitted to a point cloud, with the quality of the fit."""
 
     vertices: Array
-    """(n, 3) m"""
+    """(n, 3) vertices [m]."""
     faces: IntArray
-    """(f, 3), counter-clockwise from outside"""
+    """(f, 3) faces, counter-clockwise from outside."""
     planes: tuple[FittedPlane, ...]
     noise: CloudNoise
     smooth_sd: float
-    """m, 1 sigma of the surface where no plane is fitted"""
+    """1 sigma of the surface where no plane is fitted [m]."""
     strays: int
-    """points left out"""
+    """Number of stray points left out."""
     hollow_share: float
-    """part of the points that lie deep under the hull"""
+    """Fraction of the points deep below the hull."""
     hollow_depth: float
-    """m, of the deepest but 1 in 100"""
+    """99 % quantile of the depth of these points [m]."""
     scanned: ScannedSurface
-    """where it has points near"""
+    """Parts of the surface with and without points nearby."""
     sheet: float
-    """m, by which a plane thinner than the noise reaches beyond all that stands on it, as a table does; 0: none does"""
+    """Distance [m] by which a plane thinner than the noise extends beyond all that stands on it, as a table;
+    0: none."""
     unwalled: tuple[bool, ...]
-    """by plane: its outline is seen in its own points only, as the wall on it is too low to be followed"""
+    """For each plane True if only its own points show its outline, since the wall on it is too low to be
+    extrapolated."""
 
 
 def cloud_surface(points: Array) -> CloudSurface:
-    """Exterior of `points` (n, 3) [m].
+    """Exterior of a point cloud, `points` (n, 3) [m].
 
     Raises:
-        ValueError: they lie in one plane or are too few.
+        ValueError: the points lie in one plane or are too few.
     """
     kept, strays = _without_strays(points)
     try:
@@ -104,7 +115,13 @@ def cloud_surface(points: Array) -> CloudSurface:
     smoothed, normals, smooth_sd = _smoothed(kept, planes, sharp, sd, noise.spacing, extent)
     rims, thin = [], []
     for plane in planes:
-        rim, pulled = _within_outline(_rim(smoothed, normals, plane, planes, sd, noise.spacing, smooth_sd), kept, plane, sd, noise.spacing)
+        rim, pulled = _within_outline(
+            _rim(smoothed, normals, plane, planes, sd, noise.spacing, smooth_sd),
+            kept,
+            plane,
+            sd,
+            noise.spacing,
+        )
         rims.append(rim)
         thin.append(pulled)
     try:
@@ -114,9 +131,9 @@ def cloud_surface(points: Array) -> CloudSurface:
     vertices, faces = _oriented(hull)
     equations = np.unique(np.round(hull.equations, 6), axis=0)
     some = kept[:: max(1, len(kept) // DEPTH_SAMPLES)]
-    depth = -highest(equations, some)
-    deep = depth > max(4 * sd, DEEP * extent)
-    reach = max(4 * sd, DEEP * extent) + 2.5 * noise.spacing
+    depth = -largest_height(equations, some)
+    deep = depth > max(4 * sd, MIN_HOLLOW_DEPTH * extent)
+    reach = max(4 * sd, MIN_HOLLOW_DEPTH * extent) + 2.5 * noise.spacing
     return CloudSurface(
         vertices,
         faces,
@@ -126,19 +143,22 @@ def cloud_surface(points: Array) -> CloudSurface:
         strays,
         float(deep.mean()),
         float(np.quantile(depth[deep], 0.99)) if deep.any() else 0.0,
-        scanned_surface.of_cloud(vertices, faces, tree, reach, max(2 * sd, 1.5 * noise.spacing), max(sd, FINEST * extent)),
+        scanned_surface.scanned_cloud(
+            vertices, faces, tree, reach, max(2 * sd, 1.5 * noise.spacing), max(sd, FINEST * extent)
+        ),
         _sheet(kept, planes, noise.spacing, extent),
         tuple(thin),
     )
 
 
 def line_sd(surface: CloudSurface, ends: Array) -> float:
-    """1 sigma [m] of the place of a hull edge with `ends` (2, 3), across itself, in the worst direction.
+    """1 sigma [m] of the place across itself of a hull edge with `ends` (2, 3) [m], worst direction.
 
-    Two fitted planes that meet in it: N x = delta with their variances there. One: its own, the smoothed wall's, and `FOLLOWED` of the
-    noise, because the wall is followed over the band in which it cannot be told from the face (all of it, and how far apart the points lie,
-    where the wall is too low for that). None: the noise itself and the spacing, as
-    nobody knows where between two points the object ends, and an edge that was not resolved is rounded off by the smoothing.
+    Where two fitted planes meet, it follows from N x = delta with their variances there. With one plane it
+    combines that plane's variance, the smoothed wall's, and `FOLLOWED` of the noise, because the wall is
+    extrapolated over the band in which it cannot be distinguished from the face (all of the noise, and the
+    spacing, where the wall is too low for that). Without planes it is the noise and the spacing: the object
+    ends somewhere between two points, and smoothing rounds off an edge that is not resolved.
     """
     planes, sd = surface.planes, max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
     scale = float(np.linalg.norm(ends).max()) + 1e-3
@@ -160,29 +180,31 @@ def line_sd(surface: CloudSurface, ends: Array) -> float:
 
 
 def _without_strays(points: Array) -> tuple[Array, int]:
-    """Points (k, 3) without lonely ones and specks, and how many those were."""
+    """Points (k, 3) [m] without isolated ones and specks, and the number left out."""
     if len(points) < 50:
         raise ValueError("too few points")
     distance, index = KDTree(points).query(points, k=9)
-    lonely = distance[:, -1] > LONELY * float(np.median(distance[:, -1]))
-    linked = (distance[:, 1:] <= LONELY * float(np.median(distance[:, -1]))) & ~lonely[:, None]
+    lonely = distance[:, -1] > STRAY_DISTANCE_RATIO * float(np.median(distance[:, -1]))
+    linked = (distance[:, 1:] <= STRAY_DISTANCE_RATIO * float(np.median(distance[:, -1]))) & ~lonely[:, None]
     rows = np.repeat(np.arange(len(points)), 8)[linked.ravel()]
     columns = np.asarray(index)[:, 1:].ravel()[linked.ravel()]
-    _, clump = connected_components(coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(points),) * 2), directed=False)
+    _, clump = connected_components(
+        coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(points),) * 2), directed=False
+    )
     size = np.asarray(np.bincount(clump))
-    keep = ~lonely & (size[clump] >= SPECK * len(points))
+    keep = ~lonely & (size[clump] >= MIN_CLUMP_SHARE * len(points))
     return points[keep], int(np.sum(~keep))
 
 
 def _sheet(points: Array, planes: tuple[FittedPlane, ...], spacing: float, extent: float) -> float:
-    """How far [m] a plane without thickness reaches beyond the outline of what stands on it; 0: no plane does.
+    """Distance [m] by which a plane without thickness extends beyond what stands on it; 0 if none does.
 
-    A foot, a flange or a plate that was scanned all round has its other side over it, and that side's outline is its own.
+    A foot, a flange or a plate that was scanned all round has its other side above it, with the same outline.
     """
     for plane in planes:
         height = plane.heights(points)
         over = points[height < -SHEET * plane.scatter]
-        if len(over) < FEWEST_NEIGHBOURS:
+        if len(over) < MIN_NEIGHBOURS:
             continue
         try:
             outline = ConvexHull(over @ plane.basis.T).equations
@@ -190,21 +212,25 @@ def _sheet(points: Array, planes: tuple[FittedPlane, ...], spacing: float, exten
             continue
         on = points[np.abs(height) <= SHEET * plane.scatter]
         beyond = (on @ plane.basis.T @ outline[:, :2].T + outline[:, 2]).max(axis=1)
-        # A slanting wall has left its foot's outline where it can be told from the plane.
+        # A slanting wall has left its foot's outline where it can be distinguished from the plane.
         far = beyond > SPREAD * extent + 2 * spacing + 2 * SHEET * plane.scatter
         if far.mean() > SPREAD_SHARE:
             return float(beyond.max())
     return 0.0
 
 
-def _corners(points: Array, tree: KDTree, planes: tuple[FittedPlane, ...], sd: float, spacing: float, extent: float) -> Array:
-    """Corners and supported places along the edges (k, 3) of the body that the fitted planes bound."""
+def _corners(
+    points: Array, tree: KDTree, planes: tuple[FittedPlane, ...], sd: float, spacing: float, extent: float
+) -> Array:
+    """Corners and supported places (k, 3) [m] along the edges of the body that the fitted planes bound."""
     if not planes:
         return np.zeros((0, 3))
     room = 5 * sd + spacing + 0.05 * extent
     low, high = points.min(axis=0) - room, points.max(axis=0) + room
     box = [
-        np.concatenate([sign * np.eye(3)[axis], [-sign * limit]]) for sign, end in ((1, high), (-1, low)) for axis, limit in enumerate(end)
+        np.concatenate([sign * np.eye(3)[axis], [-sign * limit]])
+        for sign, end in ((1, high), (-1, low))
+        for axis, limit in enumerate(end)
     ]
     halfspaces = np.array([[*plane.normal, -plane.offset] for plane in planes] + box)
     try:
@@ -228,7 +254,7 @@ def _corners(points: Array, tree: KDTree, planes: tuple[FittedPlane, ...], sd: f
             gap = np.asarray(tree.query(steps)[0])
             beside = (planes[i].heights(points) > -reach) & (planes[j].heights(points) > -reach)
             if (gap < reach).any() and beside.any():
-                # No farther than the points beside the edge go; corners have their own rule.
+                # No farther than the points beside the edge; corners have their own rule.
                 first, last = np.quantile(points[beside] @ along, [0.002, 0.998])
                 within = (steps @ along >= first) & (steps @ along <= last)
                 found.append(steps[within & (gap < reach)])
@@ -241,44 +267,53 @@ def _corners(points: Array, tree: KDTree, planes: tuple[FittedPlane, ...], sd: f
 def _smoothed(
     points: Array, planes: tuple[FittedPlane, ...], sharp: Array, sd: float, spacing: float, extent: float
 ) -> tuple[Array, Array, float]:
-    """Points (k, 3) of the curved parts moved onto local quadrics, the normals (k, 3) there, and their 1 sigma [m] (Levin 2004)."""
-    heights = np.column_stack([plane.heights(points) for plane in planes]) if planes else np.full((len(points), 1), -np.inf)
+    """Points (k, 3) [m] of curved parts on local quadrics, normals (k, 3), 1 sigma [m] (Levin 2004)."""
+    heights = (
+        np.column_stack([plane.heights(points) for plane in planes])
+        if planes
+        else np.full((len(points), 1), -np.inf)
+    )
     rest = points[(heights < -3 * sd).all(axis=1)]
-    if len(rest) < FEWEST_NEIGHBOURS:
+    if len(rest) < MIN_NEIGHBOURS:
         return np.zeros((0, 3)), np.zeros((0, 3)), sd
-    outer = rest[_near_hull(rest, sharp, max(5 * sd, DEEP * extent))]
-    outer = outer[:: max(1, len(outer) // MOST_SMOOTHED)]
-    many = min(int(np.clip(np.pi * (6 * sd / spacing) ** 2, FEWEST_NEIGHBOURS, MOST_NEIGHBOURS)), len(rest))
+    outer = rest[_near_hull(rest, sharp, max(5 * sd, MIN_HOLLOW_DEPTH * extent))]
+    outer = outer[:: max(1, len(outer) // MAX_SMOOTHED)]
+    many = min(int(np.clip(np.pi * (6 * sd / spacing) ** 2, MIN_NEIGHBOURS, MAX_NEIGHBOURS)), len(rest))
     tree = KDTree(rest)
     moved, normals, lever = outer, outer, np.ones(len(outer))
     for _ in range(2):
-        # The second time around the moved points: a patch around a point that lies too far out holds more of its like.
+        # The second pass uses patches around the moved points: one around a point too far out is biased
+        # outwards.
         moved, normals, lever = _onto_quadrics(moved, rest[tree.query(moved, k=many)[1]])
     for plane in planes:
         moved = moved - np.outer(np.maximum(plane.heights(moved), 0), plane.normal)
-    # Where the patch says little (a far end), the quadric runs away.
+    # Where the patch determines the quadric badly (a far end), it diverges.
     steady = lever < 2 * float(np.median(lever))
     return moved[steady], normals[steady], sd * float(np.sqrt(np.median(lever)))
 
 
 def _onto_quadrics(points: Array, patches: Array) -> tuple[Array, Array, Array]:
-    """`points` (p, 3) moved onto quadrics through their patches (p, k, 3), the unit normals (p, 3), and the variance (p,) over sd^2."""
+    """Points (p, 3) on quadrics of their patches (p, k, 3), normals (p, 3), variances (p,) over sd^2."""
     middle = patches.mean(axis=1, keepdims=True)
     centred = patches - middle
     _, frame = np.linalg.eigh(centred.transpose(0, 2, 1) @ centred)
     frame = frame[:, :, ::-1]
     local, own = centred @ frame, ((points[:, None] - middle) @ frame)[:, 0]
     scale = np.abs(local[..., :2]).max(axis=(1, 2))[:, None]
-    design = _quadric(local[..., 0] / scale, local[..., 1] / scale)
+    design = quadric_terms(local[..., 0] / scale, local[..., 1] / scale)
     across = design.transpose(0, 2, 1)
     normal = across @ design + 1e-9 * np.eye(6)
     answer = np.linalg.solve(normal, across @ local[..., 2:])[..., 0]
     u, v = own[:, 0] / scale[:, 0], own[:, 1] / scale[:, 0]
-    row = _quadric(u, v)
+    row = quadric_terms(u, v)
     lever = np.einsum("pi,pij,pj->p", row, np.linalg.inv(normal), row)
     own[:, 2] = np.einsum("pi,pi->p", row, answer)
     slope = np.stack(
-        [answer[:, 1] + 2 * answer[:, 3] * u + answer[:, 4] * v, answer[:, 2] + answer[:, 4] * u + 2 * answer[:, 5] * v], axis=1
+        [
+            answer[:, 1] + 2 * answer[:, 3] * u + answer[:, 4] * v,
+            answer[:, 2] + answer[:, 4] * u + 2 * answer[:, 5] * v,
+        ],
+        axis=1,
     )
     upright = np.column_stack([-slope / scale, np.ones(len(own))])
     upright /= np.linalg.norm(upright, axis=1, keepdims=True)
@@ -286,14 +321,10 @@ def _onto_quadrics(points: Array, patches: Array) -> tuple[Array, Array, Array]:
     return (own[:, None] @ back)[:, 0] + middle[:, 0], (upright[:, None] @ back)[:, 0], lever
 
 
-def _quadric(u: Array, v: Array) -> Array:
-    return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-
-
 def _near_hull(points: Array, others: Array, margin: float) -> BoolArray:
-    """Which points (n,) lie within `margin` [m] of the hull of all, seen along many directions."""
+    """Mask (n,) of `points` (n, 3) within `margin` [m] of the hull of all points."""
     across = even_directions(DIRECTIONS).T
-    pieces = [points[start : start + AT_A_TIME] for start in range(0, len(points), AT_A_TIME)]
+    pieces = [points[start : start + POINTS_AT_A_TIME] for start in range(0, len(points), POINTS_AT_A_TIME)]
     level = np.max([(piece @ across).max(axis=0) for piece in pieces], axis=0)
     if len(others):
         level = np.maximum(level, (others @ across).max(axis=0))
@@ -301,15 +332,21 @@ def _near_hull(points: Array, others: Array, margin: float) -> BoolArray:
 
 
 def _rim(
-    smoothed: Array, normals: Array, plane: FittedPlane, planes: tuple[FittedPlane, ...], sd: float, spacing: float, smooth_sd: float
+    smoothed: Array,
+    normals: Array,
+    plane: FittedPlane,
+    planes: tuple[FittedPlane, ...],
+    sd: float,
+    spacing: float,
+    smooth_sd: float,
 ) -> Array:
-    """Where curved walls meet `plane`, (k, 3): on from their lowest smoothed points along the wall; a circle where they lie on one."""
+    """Places (k, 3) [m] where curved walls, extrapolated, meet `plane`; a circle where one fits."""
     if not len(smoothed):
         return np.zeros((0, 3))
     height = plane.heights(smoothed)
     towards = plane.normal - normals * (normals @ plane.normal)[:, None]
     steepness = np.linalg.norm(towards, axis=1)
-    near = (height < 0) & (height > -(6 * sd + 4 * spacing)) & (steepness > STEEP)
+    near = (height < 0) & (height > -(6 * sd + 4 * spacing)) & (steepness > MIN_STEEPNESS)
     if near.sum() < 3:
         return np.zeros((0, 3))
     rim = smoothed[near] - towards[near] * (height[near] / steepness[near] ** 2)[:, None]
@@ -319,13 +356,16 @@ def _rim(
     return _on_circle(rim, plane, max(2.5 * smooth_sd, 0.3 * spacing))
 
 
-def _within_outline(rim: Array, points: Array, plane: FittedPlane, sd: float, spacing: float) -> tuple[Array, bool]:
-    """`rim` (k, 3), drawn back where it runs off the points of `plane` as what follows a low wall over its top does; whether it did.
+def _within_outline(
+    rim: Array, points: Array, plane: FittedPlane, sd: float, spacing: float
+) -> tuple[Array, bool]:
+    """Rim (k, 3) [m] limited to the outline of the points of `plane`, and True if it was.
 
-    The noise pushes the outline of the points out, by some `PUSHED` sd [m]; where they are sparse they end up to a `spacing` [m] early.
+    The noise pushes the outline of the points out, by some `OUTLINE_NOISE_SDS` sd [m]; where they are sparse
+    they end up to a `spacing` [m] early.
     """
     face = points[np.abs(plane.heights(points)) <= SHEET * plane.scatter]
-    if not len(rim) or len(face) < FEWEST_NEIGHBOURS:
+    if not len(rim) or len(face) < MIN_NEIGHBOURS:
         return rim, False
     try:
         outline = ConvexHull(face @ plane.basis.T)
@@ -336,13 +376,13 @@ def _within_outline(rim: Array, points: Array, plane: FittedPlane, sd: float, sp
     room = -(outline.equations[:, :2] @ middle + outline.equations[:, 2])
     if (flat @ outline.equations[:, :2].T <= room + spacing + sd).all():
         return rim, False
-    rise = flat @ outline.equations[:, :2].T / np.maximum(room - PUSHED * sd, 0.5 * room)
+    rise = flat @ outline.equations[:, :2].T / np.maximum(room - OUTLINE_NOISE_SDS * sd, 0.5 * room)
     drawn = flat / np.maximum(rise.max(axis=1), 1.0)[:, None] - flat
     return rim + drawn @ plane.basis, True
 
 
 def _on_circle(rim: Array, plane: FittedPlane, tolerance: float) -> Array:
-    """The rim (k, 3) as a regular polygon, if a circle goes through it all round within `tolerance` [m] (Kasa 1976, trimmed)."""
+    """Rim (k, 3) [m] as a regular polygon if a circle fits it within `tolerance` [m] (Kasa 1976, trimmed)."""
     if len(rim) < 12:
         return rim
     origin = rim.mean(axis=0)
@@ -352,7 +392,9 @@ def _on_circle(rim: Array, plane: FittedPlane, tolerance: float) -> Array:
     away, residual = flat, np.zeros(len(flat))
     for _ in range(4):
         kept = flat[used]
-        (x, y, c), *_ = np.linalg.lstsq(np.column_stack([2 * kept, np.ones(len(kept))]), np.sum(kept**2, axis=1), rcond=None)
+        (x, y, c), *_ = np.linalg.lstsq(
+            np.column_stack([2 * kept, np.ones(len(kept))]), np.sum(kept**2, axis=1), rcond=None
+        )
         radius = float(np.sqrt(max(c + x * x + y * y, 0.0)))
         away = flat - [x, y]
         residual = np.linalg.norm(away, axis=1) - radius
@@ -361,7 +403,7 @@ def _on_circle(rim: Array, plane: FittedPlane, tolerance: float) -> Array:
     away, residual = away[used], residual[used]
     angle = np.sort(np.arctan2(away[:, 1], away[:, 0]))
     gap = float(np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())
-    if gap > WIDEST_GAP or float(np.sqrt(np.mean(residual**2))) > tolerance:
+    if gap > MAX_RIM_GAP or float(np.sqrt(np.mean(residual**2))) > tolerance:
         return rim
     turn = np.arange(CIRCLE_SIDES) * 2 * np.pi / CIRCLE_SIDES
     ring = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn)])

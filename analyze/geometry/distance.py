@@ -1,7 +1,8 @@
-"""Depth below a surface and the direction straight inwards, for boxes, cylinders, convex and other closed meshes. In O, in m."""
+"""Signed depth below a surface and its gradient, for boxes, cylinders and meshes; in O, in m."""
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -14,24 +15,31 @@ from analyze.geometry import polyhedron
 from analyze.types import Array, IntArray
 
 NEAREST_SAMPLES = 5
+"""Number of nearest surface samples whose faces are examined."""
 CHUNK = 40_000
+"""Number of points processed at a time."""
 MANY_PLANES = 200
-TOGETHER = 27
-"""points that follow one another and mostly lie close together (the pieces of a cube): few of many planes are in question for them"""
+"""Number of planes from which on they are preselected for `POINTS_TOGETHER` points at a time."""
+POINTS_TOGETHER = 27
+"""Successive points that mostly lie close together (the subcells of a cube): few of many planes matter to
+them."""
 HEIGHTS = 500_000
-"""of points over faces, at a time: as many as the caches hold; more take ten times as long"""
+"""Number of point-plane heights computed at a time: as many as the caches hold; more take ten times as
+long."""
 
 
 @dataclass(frozen=True)
 class Depth:
-    """Signed depth (n,) [m], + inside, and its gradient (n, 3): the unit vector straight inwards."""
+    """Signed depth of n points below a surface, and its gradient."""
 
     value: Array
+    """(n,) depth [m], positive inside."""
     gradient: Array
+    """(n, 3) gradient: the unit vector straight inwards."""
 
 
 def box_depth(half_size: Array, points: Array) -> Depth:
-    """Exact; box of half edges (3,) centred on O, `points` (n, 3)."""
+    """Exact depth of `points` (n, 3) [m] in a box with half edges `half_size` (3,) [m] centred on O."""
     excess = np.abs(points) - half_size
     outside = np.maximum(excess, 0)
     far = np.linalg.norm(outside, axis=1)
@@ -44,7 +52,7 @@ def box_depth(half_size: Array, points: Array) -> Depth:
 
 
 def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
-    """Exact; cylinder centred on O with its axis along z, `points` (n, 3)."""
+    """Exact depth of `points` (n, 3) [m] in a cylinder centred on O with its axis along z."""
     across = np.linalg.norm(points[:, :2], axis=1)
     radial = np.zeros_like(points)
     radial[:, :2] = points[:, :2] / np.where(across > 0, across, 1.0)[:, None]
@@ -53,20 +61,31 @@ def cylinder_depth(radius: float, half_height: float, points: Array) -> Depth:
     excess = np.stack([across - radius, np.abs(points[:, 2]) - half_height], axis=1)
     outside = np.maximum(excess, 0)
     far = np.linalg.norm(outside, axis=1)
-    share = np.where(far[:, None] > 0, outside / np.where(far > 0, far, 1.0)[:, None], excess == excess.max(axis=1, keepdims=True))
+    share = np.where(
+        far[:, None] > 0,
+        outside / np.where(far > 0, far, 1.0)[:, None],
+        excess == excess.max(axis=1, keepdims=True),
+    )
     direction = share[:, :1] * radial + share[:, 1:] * axial
     length = np.linalg.norm(direction, axis=1)
-    return Depth(np.where(far > 0, -far, -excess.max(axis=1)), -direction / np.where(length > 0, length, 1.0)[:, None])
+    return Depth(
+        np.where(far > 0, -far, -excess.max(axis=1)), -direction / np.where(length > 0, length, 1.0)[:, None]
+    )
 
 
 def convex_depth(planes: Array, points: Array) -> Depth:
-    """Exact inside; outside the distance to the farthest face's plane. `planes` (p, 4): unit outward normal n and d, n.x + d = 0."""
+    """Depth of points in a convex body: exact inside; outside, relative to the farthest face's plane.
+
+    Args:
+        planes: (p, 4) unit outward normals n and d [m] of the faces, n.x + d = 0.
+        points: (n, 3) [m].
+    """
     value = np.empty(len(points))
     gradient = np.empty((len(points), 3))
-    step = max(1, HEIGHTS // len(planes)) if len(planes) < MANY_PLANES else TOGETHER
+    step = max(1, HEIGHTS // len(planes)) if len(planes) < MANY_PLANES else POINTS_TOGETHER
     for start in range(0, len(points), step):
         piece = slice(start, start + step)
-        near = planes if step != TOGETHER else _in_question(planes, points[piece])
+        near = planes if step != POINTS_TOGETHER else _candidate_planes(planes, points[piece])
         heights = points[piece] @ near[:, :3].T + near[:, 3]
         nearest = np.argmax(heights, axis=1)
         value[piece] = -heights[np.arange(len(heights)), nearest]
@@ -74,15 +93,21 @@ def convex_depth(planes: Array, points: Array) -> Depth:
     return Depth(value, gradient)
 
 
-def highest(planes: Array, points: Array) -> Array:
-    """Greatest height (n,) [m] of each of `points` (n, 3) over any of `planes` (p, 4); as `convex_depth`, for points in any order."""
+def largest_height(planes: Array, points: Array) -> Array:
+    """Largest height (n,) [m] of `points` (n, 3) [m] over any of `planes` (p, 4), as in `convex_depth`.
+
+    The points may be in any order.
+    """
     step = max(1, HEIGHTS // len(planes))
     pieces = [points[start : start + step] for start in range(0, len(points), step)]
     return np.concatenate([(piece @ planes[:, :3].T + planes[:, 3]).max(axis=1) for piece in pieces])
 
 
-def _in_question(planes: Array, points: Array) -> Array:
-    """Those of `planes` (p, 4) that can be the highest for any of `points` (n, 3): for their middle at most twice their reach below it."""
+def _candidate_planes(planes: Array, points: Array) -> Array:
+    """Planes (k, 4) of `planes` (p, 4) that can be the largest_height for any of `points` (n, 3).
+
+    At the points' middle they are below the largest_height by at most twice the points' reach.
+    """
     middle = points.mean(axis=0)
     reach = float(np.sqrt(np.max(np.sum((points - middle) ** 2, axis=1))))
     height = planes[:, :3] @ middle + planes[:, 3]
@@ -91,17 +116,18 @@ def _in_question(planes: Array, points: Array) -> Array:
 
 @dataclass(frozen=True)
 class SurfaceIndex:
-    """Points spread over a surface, each with its face, for the search of the nearest faces."""
+    """Samples of a surface with their faces, to find the faces nearest to a point."""
 
     triangles: Array
-    """(f, 3, 3)"""
+    """(f, 3, 3) corners of the faces [m]."""
     tree: KDTree
+    """Search tree of the samples."""
     face: IntArray
-    """(samples,)"""
+    """(samples,) face of each sample."""
 
 
 def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
-    """Index of a closed mesh; samples lie no farther apart than 1/100 of its largest extent."""
+    """Index of a mesh of `vertices` (n, 3) [m] and `faces` (f, 3), sampled at 1/100 of its extent."""
     triangles = vertices[faces]
     spacing = float(np.ptp(vertices, axis=0).max()) / 100
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
@@ -110,10 +136,12 @@ def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
     owners: list[IntArray] = []
     for many in np.unique(steps):
         mine = np.flatnonzero(steps == many)
-        grid = np.stack(np.meshgrid(np.arange(many + 1), np.arange(many + 1), indexing="ij"), axis=-1).reshape(-1, 2)
+        grid = np.stack(
+            np.meshgrid(np.arange(many + 1), np.arange(many + 1), indexing="ij"), axis=-1
+        ).reshape(-1, 2)
         u, v = grid[grid.sum(axis=1) <= many].T / many
         weights = np.stack([1 - u - v, u, v], axis=1)
-        # Pulled towards the centroid, so that samples on a common edge do not coincide.
+        # Moved towards the centroid, so that samples on a common edge do not coincide.
         weights = 0.98 * weights + 0.02 / 3
         points.append(np.einsum("wk,fki->fwi", weights, triangles[mine]).reshape(-1, 3))
         owners.append(np.repeat(mine, len(weights)))
@@ -121,7 +149,14 @@ def surface_index(vertices: Array, faces: IntArray) -> SurfaceIndex:
 
 
 def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Array) -> Depth:
-    """Exact distance to the faces near the closest samples of the surface (n, 3), signed by ray crossings."""
+    """Depth of points in a closed mesh: distance to the nearest samples' faces, sign by ray crossings.
+
+    Args:
+        index: Index of the mesh.
+        vertices: (v, 3) vertices [m].
+        faces: (f, 3) faces, counter-clockwise from outside.
+        points: (n, 3) [m].
+    """
     value = np.empty(len(points))
     gradient = np.empty((len(points), 3))
     for start in range(0, len(points), CHUNK):
@@ -129,7 +164,9 @@ def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Ar
         near = index.face[np.asarray(index.tree.query(points[piece], k=NEAREST_SAMPLES)[1])]
         count = len(near)
         repeated = np.repeat(points[piece], NEAREST_SAMPLES, axis=0)
-        closest = closest_on_triangles(repeated, index.triangles[near.ravel()]).reshape(count, NEAREST_SAMPLES, 3)
+        closest = closest_on_triangles(repeated, index.triangles[near.ravel()]).reshape(
+            count, NEAREST_SAMPLES, 3
+        )
         away = points[piece][:, None] - closest
         distance = np.linalg.norm(away, axis=2)
         best = np.argmin(distance, axis=1)
@@ -140,14 +177,19 @@ def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Ar
         normal = np.cross(sides[:, 0], sides[:, 1])
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         length = distance[rows, best][:, None]
-        gradient[piece] = np.where(length > 1e-12, away[rows, best] / np.where(length > 1e-12, length, 1.0), -normal)
+        gradient[piece] = np.where(
+            length > 1e-12, away[rows, best] / np.where(length > 1e-12, length, 1.0), -normal
+        )
     within = polyhedron.inside(vertices, faces, points)
     sign = np.where(np.logical_or(within, value <= 1e-12), 1.0, -1.0)
     return Depth(sign * value, gradient * sign[:, None])
 
 
 def closest_on_triangles(points: Array, triangles: Array) -> Array:
-    """Closest point (n, 3) to `points` (n, 3) on `triangles` (n, 3, 3), one each (Ericson, Real-Time Collision Detection, 2005, 5.1.5)."""
+    """Closest points (n, 3) to `points` (n, 3) on `triangles` (n, 3, 3), one each.
+
+    Ericson, Real-Time Collision Detection, 2005, 5.1.5.
+    """
     a, b, c = np.moveaxis(triangles, 1, 0)
     ab, ac = b - a, c - a
     normal = np.cross(ab, ac)

@@ -1,4 +1,4 @@
-"""An edge that an object tips over: a line in O beside the face it stands on, which is the same whatever a plan calls it."""
+"""Line in O of a pivot edge, to identify the edge independently of its id in a plan."""
 
 from __future__ import annotations
 
@@ -9,27 +9,30 @@ import numpy as np
 from analyze.types import Array
 
 SAME_DIRECTION = float(np.cos(np.radians(1.0)))
-"""of an edge, and of the face that lies on the table, in two plans"""
+"""Smallest cosine between the directions, and the resting faces' normals, of one edge in two plans."""
 SAME_LINE = 5e-4
-"""m across itself, by which one edge may lie elsewhere in two plans of one object"""
+"""Largest distance [m] between the lines of one edge in two plans of an object."""
 
 
 @dataclass(frozen=True)
 class EdgeLine:
-    """All in O."""
+    """Pivot edge of one resting face, in O."""
 
     direction: Array
-    """(3,) unit; +theta about it tips"""
+    """(3,) unit; +theta about it tips."""
     up: Array
-    """(3,) unit, W's z at rest"""
+    """(3,) unit, W's z at rest."""
     point: Array
-    """(3,) m, anywhere on the rounding's centre line"""
+    """(3,) any point on the rounding's centre line [m]."""
     radius: float
-    """m, of the rounding"""
+    """Radius of the rounding [m]."""
 
     def distance(self, other: EdgeLine) -> float:
-        """Of the lines across themselves [m]; infinite where it is another direction or face."""
-        if float(self.direction @ other.direction) < SAME_DIRECTION or float(self.up @ other.up) < SAME_DIRECTION:
+        """Distance between two edges' lines [m]; infinite if direction or resting face differ."""
+        if (
+            float(self.direction @ other.direction) < SAME_DIRECTION
+            or float(self.up @ other.up) < SAME_DIRECTION
+        ):
             return np.inf
         apart = other.point - self.point
         across = float(np.linalg.norm(apart - self.direction * float(apart @ self.direction)))
@@ -37,5 +40,5 @@ class EdgeLine:
         return max(0.0, across - float(np.sqrt(2)) * abs(self.radius - other.radius))
 
     def is_same(self, other: EdgeLine) -> bool:
-        """It is one edge, struck on one face."""
+        """True if two strikes share pivot edge and resting face."""
         return self.distance(other) < SAME_LINE

@@ -1,4 +1,4 @@
-"""Points spread evenly over a surface, whatever its triangles, and without chance."""
+"""Deterministic points uniform over a surface, independent of its triangulation."""
 
 from __future__ import annotations
 
@@ -7,23 +7,25 @@ import numpy as np
 from analyze.types import Array, IntArray
 
 ROOT = 1.32471795724474602596
-"""of x^3 = x + 1: the R2 sequence's"""
+"""Real root of x^3 = x + 1, which defines the R2 sequence."""
 
 
 def even_samples(vertices: Array, faces: IntArray, count: int) -> tuple[Array, IntArray]:
-    """`count` points (n, 3) at equal steps of the surface's area, and the face (n,) of each; the same surface gives the same ones.
+    """Points (n, 3) at equal steps of a surface's area, and the face (n,) of each.
 
     A face's share follows its area; within it the points follow the R2 sequence (Roberts 2018).
 
     Args:
-        vertices: (v, 3).
-        faces: (f, 3).
-        count: n.
+        vertices: (v, 3) vertices.
+        faces: (f, 3) faces.
+        count: Number n of points.
     """
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     border = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.cross(b - a, c - a), axis=1))])
     at = (np.arange(count) + 0.5) / count * border[-1]
-    owner: IntArray = np.minimum(np.asarray(np.searchsorted(border, at, side="right"), dtype=np.int64) - 1, len(faces) - 1)
+    owner: IntArray = np.minimum(
+        np.asarray(np.searchsorted(border, at, side="right"), dtype=np.int64) - 1, len(faces) - 1
+    )
     u, v = (np.outer(np.arange(count), [1 / ROOT, 1 / ROOT**2]) % 1).T
     folded = u + v > 1
     u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)

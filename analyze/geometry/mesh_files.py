@@ -1,10 +1,12 @@
-"""Meshes from files' bytes: STL, OBJ, PLY, GLB, GLTF, 3MF, as vertices and triangles in the file's own unit. The only user of trimesh.
+"""Read meshes from STL, OBJ, PLY, GLB, GLTF and 3MF files in their unit; the only user of trimesh.
 
-What a header claims is compared with the file's size before a parser may believe it: a garbled count must not ask for the machine's memory.
+Counts in a header are compared with the file's size before parsing: a corrupt count must not exhaust the
+memory.
 """
 
-# scipy and trimesh are only partly typed; their unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# trimesh is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -18,114 +20,131 @@ from zipfile import ZipFile
 import numpy as np
 
 from analyze.errors import ShapeError
+from analyze.geometry.polyhedron import without_degenerate
 from analyze.types import Array, IntArray
 from schemas.object_spec import LengthUnit
 
 FORMATS = ("stl", "obj", "ply", "glb", "gltf", "3mf")
-MOST_UNPACKED = 200
-"""times the size of a packed file that its content may have; XML packs 10 to 20 times"""
-SMALLEST_BOMB = 50_000_000
-"""bytes that may always be unpacked"""
+MAX_UNPACKED_RATIO = 200
+"""Largest unpacked over packed size of a file; XML compresses 10 to 20 times."""
+MAX_UNPACKED_BYTES = 50_000_000
+"""Unpacked size [bytes] that is always accepted."""
 SAME_VERTEX = 1e-7
-"""part of the size within which two vertices are one: STL repeats every vertex per face, OBJ per texture seam"""
+"""Distance over the size within which vertices are merged: STL repeats every vertex per face, OBJ per texture
+seam."""
 PLY_BYTES = {"char": 1, "uchar": 1, "short": 2, "ushort": 2, "int": 4, "uint": 4, "float": 4, "double": 8} | {
     f"{kind}{bits}": bits // 8 for kind in ("int", "uint", "float") for bits in (8, 16, 32, 64)
 }
-UNITS_3MF = {"millimeter": LengthUnit.MILLIMETRE, "centimeter": LengthUnit.CENTIMETRE, "inch": LengthUnit.INCH, "meter": LengthUnit.METRE}
+UNITS_3MF = {
+    "millimeter": LengthUnit.MILLIMETRE,
+    "centimeter": LengthUnit.CENTIMETRE,
+    "inch": LengthUnit.INCH,
+    "meter": LengthUnit.METRE,
+}
 
 
 @dataclass(frozen=True)
 class RawMesh:
-    """As the file has it."""
+    """Triangles of a mesh file, in its own unit."""
 
     vertices: Array
-    """(n, 3) finite, each used by a face"""
+    """(n, 3) finite vertices, each used by a face."""
     faces: IntArray
-    """(f, 3), none with a vertex twice"""
+    """(f, 3) faces, none with a vertex twice."""
 
 
 def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float = SAME_VERTEX) -> RawMesh:
-    """Triangles of a mesh file; a scene's parts are put in their places.
+    """Triangles of a mesh file, with the parts of a scene placed.
 
     Args:
-        data: the file's content.
-        name: for messages.
-        suffix: one of `FORMATS`.
-        unit: as the object file declares it; compared with what the file says of itself.
-        same: part of the size within which two vertices are one; 0: only where their numbers are the same.
+        data: Content of the file.
+        name: Name of the file, for messages.
+        suffix: Format, one of `FORMATS`.
+        unit: Unit declared by the object file, compared with the unit stated in the file.
+        same: Distance over the size within which vertices are merged; 0 to merge equal ones only.
 
     Raises:
-        ShapeError: not readable, without faces, or its own unit is another.
+        ShapeError: the file is not readable, has no faces, or states another unit.
     """
-    # Takes a second to load, which a point cloud or a primitive need not wait for.
+    # Imported here: loading takes a second, which point clouds and primitives do not need.
     import trimesh
 
     try:
         _refuse_false_counts(data, suffix)
         with warnings.catch_warnings():
-            # numpy's own word for a text that ends in the middle of a number.
+            # numpy's warning for a text that ends within a number.
             warnings.filterwarnings("error", message="string or file could not be read to its end")
             warnings.filterwarnings("ignore", category=RuntimeWarning)
-            plain = BytesIO(_in_one_alphabet(data, suffix))
+            plain = BytesIO(_as_utf8(data, suffix))
             mesh = trimesh.load_scene(plain, file_type=suffix, process=False, skip_materials=True).to_mesh()
         vertices = np.asarray(mesh.vertices, dtype=np.float64)
         faces = np.asarray(mesh.faces, dtype=np.int64)
-    except _Doubtful as doubt:
+    except _Contradiction as doubt:
         raise ShapeError(f"{name}: {doubt}") from None
     except Exception:  # trimesh's readers raise whatever the damaged byte leads to
-        raise ShapeError(f"{name}: cannot be read as {suffix.upper()}: it is damaged or of another format: export it anew") from None
+        raise ShapeError(
+            f"{name}: cannot be read as {suffix.upper()}: it is damaged or of another format: export it anew"
+        ) from None
     if faces.ndim != 2 or len(faces) < 4 or faces.min() < 0 or faces.max() >= len(vertices):
-        raise ShapeError(f"{name}: holds no faces of a closed body: export the solid's exterior as {suffix.upper()} again")
+        raise ShapeError(
+            f"{name}: holds no faces of a closed body: export the solid's exterior as {suffix.upper()} again"
+        )
     if suffix == "3mf":
         _refuse_other_unit(data, name, unit)
     return _merged(vertices, faces, name, same)
 
 
-def _in_one_alphabet(data: bytes, suffix: str) -> bytes:
-    """UTF-8, where names and comments may be in any alphabet: trimesh would guess at which, for longer than it reads the numbers."""
+def _as_utf8(data: bytes, suffix: str) -> bytes:
+    """File content with names and comments as UTF-8, since trimesh's guess of encodings is slow."""
     if suffix == "stl" and len(data) == _binary_stl(data):
         return bytes(80) + data[80:]
     return data.decode(errors="replace").encode() if suffix in {"stl", "obj"} else data
 
 
 def ply_has_faces(data: bytes) -> bool:
-    """Whether a PLY's header announces faces; without, it is a point cloud."""
+    """True if a PLY's header announces faces; without faces it is a point cloud."""
     header = data[:10_000].split(b"end_header")[0].decode("ascii", errors="replace")
     words = [line.split() for line in header.splitlines()]
-    return any(word[:1] == ["element"] and word[1:2] in (["face"], ["tristrips"]) and word[2:3] != ["0"] for word in words)
+    return any(
+        word[:1] == ["element"] and word[1:2] in (["face"], ["tristrips"]) and word[2:3] != ["0"]
+        for word in words
+    )
 
 
-class _Doubtful(Exception):
-    """What the file claims cannot be."""
+class _Contradiction(Exception):
+    """Contradiction between a file's header and its content."""
 
 
 def _refuse_false_counts(data: bytes, suffix: str) -> None:
     if suffix == "ply":
         refuse_false_ply_counts(data)
     elif suffix == "stl":
-        _refuse_neither_stl(data)
+        _refuse_unknown_stl(data)
     elif suffix == "3mf":
         with ZipFile(BytesIO(data)) as archive:
             unpacked = sum(item.file_size for item in archive.infolist())
-        if unpacked > max(SMALLEST_BOMB, MOST_UNPACKED * len(data)):
-            raise _Doubtful(f"unpacks to {unpacked / 1e6:.0f} MB from {len(data) / 1e6:.1f} MB: no mesh packs so well: export it anew")
+        if unpacked > max(MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO * len(data)):
+            raise _Contradiction(
+                f"unpacks to {unpacked / 1e6:.0f} MB from {len(data) / 1e6:.1f} MB: no mesh packs so well: "
+                "export it anew"
+            )
     elif suffix in ("glb", "gltf"):
         _refuse_false_accessors(data, suffix)
 
 
-def _refuse_neither_stl(data: bytes) -> None:
-    """Raise ValueError if an STL that is not binary, by its size, is no text either: a guess at its alphabet would find some."""
+def _refuse_unknown_stl(data: bytes) -> None:
+    """Raise ValueError if an STL is neither binary, by its size, nor text."""
     if data and len(data) != _binary_stl(data) and b"\0" in data:
         raise ValueError("neither binary nor text")
 
 
 def _binary_stl(data: bytes) -> int:
-    """Bytes that a binary STL has, by its own count of triangles."""
+    """Size [bytes] of a binary STL by its count of triangles."""
     return 84 + 50 * int.from_bytes(data[80:84], "little")
 
 
 def refuse_false_ply_counts(data: bytes) -> None:
-    """Raise ValueError if the header promises more than the file can hold."""
+    """Raise ValueError if a PLY's header announces more than the file can hold."""
     head, found, _ = data[:1_000_000].partition(b"end_header")
     if not found:
         raise ValueError("no end of header")
@@ -138,7 +157,7 @@ def refuse_false_ply_counts(data: bytes) -> None:
             if count < 0:
                 raise ValueError("negative count")
         elif words[:1] == ["property"]:
-            # A number and its blank take two characters at least; a list at least its length.
+            # A number with its separator takes at least two characters; a list at least its length.
             least += count * (2 if ascii_text else PLY_BYTES[words[2] if words[1] == "list" else words[1]])
     if least > len(data) + count:
         raise ValueError("counts larger than the file")
@@ -152,10 +171,12 @@ def _refuse_false_accessors(data: bytes, suffix: str) -> None:
             raise ValueError("not a GLB, or cut")
         text = data[20 : 20 + json_length]
     tree = json.loads(text)
-    if any("uri" in buffer and not str(buffer["uri"]).startswith("data:") for buffer in tree.get("buffers", [])):
-        raise _Doubtful("keeps its numbers in another file: export it as GLB, which is one file")
+    if any(
+        "uri" in buffer and not str(buffer["uri"]).startswith("data:") for buffer in tree.get("buffers", [])
+    ):
+        raise _Contradiction("keeps its numbers in another file: export it as GLB, which is one file")
     if any("KHR_draco_mesh_compression" in str(primitive) for primitive in tree.get("meshes", [])):
-        raise _Doubtful("is compressed by Draco: export it without compression")
+        raise _Contradiction("is compressed by Draco: export it without compression")
     for accessor in tree.get("accessors", []):
         if not 0 <= int(accessor["count"]) <= len(data):
             raise ValueError("counts larger than the file")
@@ -165,13 +186,16 @@ def _refuse_other_unit(data: bytes, name: str, unit: LengthUnit) -> None:
     with ZipFile(BytesIO(data)) as archive:
         model = next(item for item in archive.namelist() if item.lower().endswith("3dmodel.model"))
         head = archive.read(model)[:10_000].decode("utf-8", errors="replace")
-    said = head.partition("<model")[2].partition(">")[0].partition('unit="')[2].partition('"')[0] or "millimeter"
+    said = (
+        head.partition("<model")[2].partition(">")[0].partition('unit="')[2].partition('"')[0] or "millimeter"
+    )
     own = UNITS_3MF.get(said)
     if own is None:
         raise ShapeError(f"{name}: is in {said}s: export it in millimetres")
     if own is not unit:
         raise ShapeError(
-            f'{name}: the file itself says {said}, the object file says unit = "{unit.value}": correct shape.unit to "{own.value}"'
+            f'{name}: the file itself says {said}, the object file says unit = "{unit.value}": correct '
+            f'shape.unit to "{own.value}"'
         )
 
 
@@ -185,8 +209,10 @@ def _merged(vertices: Array, faces: IntArray, name: str, same: float) -> RawMesh
     if step == 0 or largest > 1e15 or largest / step > 1e15:
         raise ShapeError(f"{name}: all vertices coincide, or lie absurdly far out: export it anew")
     _, first, inverse = np.unique(
-        np.round(vertices / (same / SAME_VERTEX * step)) if same else vertices, axis=0, return_index=True, return_inverse=True
+        np.round(vertices / (same / SAME_VERTEX * step)) if same else vertices,
+        axis=0,
+        return_index=True,
+        return_inverse=True,
     )
     faces = inverse.ravel()[faces].astype(np.int64)
-    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    return RawMesh(vertices[first], faces[whole])
+    return RawMesh(vertices[first], without_degenerate(faces))

@@ -1,12 +1,13 @@
-"""A mesh as files have it made into one closed surface, outside out: what can be repaired well is, and is said; what cannot is refused.
+"""Repair of a mesh into one closed surface; repairs are reported, ambiguous defects are refused.
 
-Flat holes are closed flat, also where their border is a little ragged, and small ones by a fan; what closes them is marked. Overlapping
-bodies are united (manifold3d); inner surfaces are dropped. A single surface that runs through itself is not mended: where it does so,
-inside and outside are a matter of opinion.
+Flat holes are closed flat, also with a slightly ragged rim, and small ones by a fan; the closing faces are
+marked. Overlapping bodies are united (manifold3d); inner surfaces are dropped. A single surface that
+intersects itself is not repaired: inside and outside are ambiguous there.
 """
 
-# scipy and manifold3d are only partly typed; their unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy and manifold3d are only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -24,38 +25,42 @@ from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array, IntArray
 
 FLAT_HOLE = 0.01
-"""part of the hole's width by which its border may leave a plane, without a word"""
+"""Deviation of a hole's rim from a plane, over its width, up to which it is not reported."""
 ROUGH_HOLE = 0.05
-"""the same where the border is ragged, as a scan's end is: closed over its projection"""
+"""Deviation of a ragged rim, as at a scan's end, up to which the hole is closed over its projection."""
 SMALL_HOLE = 0.10
-"""width of a hole, part of the largest extent, up to which it is closed whatever its shape"""
-MOST_HOLES = 200
-SPECK = 1e-5
-"""part of the largest body's volume below which a separate one is dust of the export"""
+"""Width of a hole, over the extent, up to which it is closed whatever its shape."""
+MAX_HOLES = 200
+"""Largest number of holes that are closed."""
+MIN_VOLUME_RATIO = 1e-5
+"""Volume of a separate body, over that of the largest one, below which it is an artefact of the export."""
 PROBES = 4000
-TWICE = 0.002
-"""part of the volume that may lie inside twice over or inside out"""
+"""Number of points at which the winding number is computed."""
+MAX_MULTIPLE_SHARE = 0.002
+"""Largest fraction of the volume with a winding number other than 1."""
 CRACK = 1e-5
-"""part of the largest extent up to which open edges are joined"""
+"""Distance over the extent up to which vertices of open edges are merged."""
 
 
 @dataclass(frozen=True)
 class ClosedMesh:
-    """A closed surface, faces counter-clockwise from outside."""
+    """Closed surface of a repaired mesh."""
 
     vertices: Array
+    """(n, 3) vertices."""
     faces: IntArray
+    """(f, 3) faces, counter-clockwise from outside."""
     added: BoolArray
-    """(f,) the faces that close holes: nobody has seen what is there"""
+    """(f,) True for faces that close holes, where the true surface is unknown."""
     notes: tuple[str, ...]
-    """what was repaired"""
+    """Repairs made."""
 
 
 def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
-    """One closed surface from triangles (f, 3) over `vertices` (n, 3).
+    """Repair a mesh with `vertices` (n, 3) and `faces` (f, 3) into one closed surface.
 
     Raises:
-        ShapeError: the holes are too large or too crooked, the surface runs through itself, or it is flat.
+        ShapeError: the holes are too large or too uneven, the surface intersects itself, or it is flat.
     """
     notes: list[str] = []
     try:
@@ -64,16 +69,16 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
         raise ShapeError(f"{name}: all vertices lie in one plane: export the solid's exterior") from None
     torn = polyhedron.open_edges(faces) > 0
     if torn:
-        # Only then: two bodies that share a face have it twice, and need it twice.
-        faces = min(faces, _once(faces), key=polyhedron.open_edges)
+        # Only for open meshes: two closed bodies that share a face need it twice.
+        faces = min(faces, _without_repeats(faces), key=polyhedron.open_edges)
         vertices, faces = _without_cracks(vertices, faces)
-    faces, body, turned = polyhedron.wound_alike(faces)
+    faces, body, turned = polyhedron.consistently_wound(faces)
     added = np.zeros(len(faces), dtype=bool)
     if torn and polyhedron.open_edges(faces):
         vertices, faces, note = _filled(vertices, faces, name)
         notes.append(note)
         added = np.arange(len(faces)) >= len(added)
-        faces, body, more = polyhedron.wound_alike(faces)
+        faces, body, more = polyhedron.consistently_wound(faces)
         turned = max(turned, more)
     faces, inside_out = polyhedron.outward(vertices, faces, body)
     if turned:
@@ -85,31 +90,33 @@ def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
     return ClosedMesh(vertices, faces, added, tuple(notes))
 
 
-def _once(faces: IntArray) -> IntArray:
+def _without_repeats(faces: IntArray) -> IntArray:
     """Faces without repetitions of the same three vertices."""
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     return faces[np.sort(first)]
 
 
 def _without_cracks(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
-    """Vertices that coincide to `CRACK` joined, if that closes edges."""
+    """Mesh with vertices merged that coincide to `CRACK`, if that closes edges."""
     step = float(np.ptp(vertices, axis=0).max()) * CRACK
     _, first, inverse = np.unique(np.round(vertices / step), axis=0, return_index=True, return_inverse=True)
-    joined = inverse.ravel()[faces].astype(np.int64)
-    whole = (joined[:, 0] != joined[:, 1]) & (joined[:, 1] != joined[:, 2]) & (joined[:, 2] != joined[:, 0])
-    joined = _once(joined[whole])
-    if polyhedron.open_edges(joined) < polyhedron.open_edges(faces):
-        return vertices[first], joined
+    merged = _without_repeats(polyhedron.without_degenerate(inverse.ravel()[faces].astype(np.int64)))
+    if polyhedron.open_edges(merged) < polyhedron.open_edges(faces):
+        return vertices[first], merged
     return vertices, faces
 
 
 def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArray, str]:
-    """Holes closed: flat ones flat, small ones by a fan around their middle; the faces that do so come last."""
+    """Mesh with its holes closed, flat ones flat and small ones by a fan; closing faces come last."""
     holes = polyhedron.open_edges(faces)
-    remedy = "close the holes in a mesh editor, scan what is missing, or give a primitive (box, cylinder) instead"
+    remedy = (
+        "close the holes in a mesh editor, scan what is missing, or give a primitive (box, cylinder) instead"
+    )
     loops = _loops(faces)
-    if loops is None or len(loops) > MOST_HOLES:
-        raise ShapeError(f"{name}: not a closed body ({holes} open edges that do not run round plain holes): {remedy}")
+    if loops is None or len(loops) > MAX_HOLES:
+        raise ShapeError(
+            f"{name}: not a closed body ({holes} open edges that do not run round plain holes): {remedy}"
+        )
     extent = float(np.ptp(vertices, axis=0).max())
     added: list[IntArray] = [faces]
     widest = uneven = 0.0
@@ -119,10 +126,17 @@ def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArra
         _, _, frame = np.linalg.svd(ring - centre, full_matrices=False)
         width = float(np.ptp((ring - centre) @ frame[0]))
         rough = float(np.ptp((ring - centre) @ frame[-1]))
-        flat = _flat_fill(np.ascontiguousarray((ring[::-1] - centre) @ frame[:2].T)) if rough <= ROUGH_HOLE * width else None
+        flat = (
+            _flat_fill(np.ascontiguousarray((ring[::-1] - centre) @ frame[:2].T))
+            if rough <= ROUGH_HOLE * width
+            else None
+        )
         if flat is None and width > SMALL_HOLE * extent:
             part = 100 * width / extent
-            raise ShapeError(f"{name}: not a closed body ({holes} open edges; one hole is {part:.0f} % of the size and not flat): {remedy}")
+            raise ShapeError(
+                f"{name}: not a closed body ({holes} open edges; one hole is {part:.0f} % of the size and "
+                f"not flat): {remedy}"
+            )
         widest = max(widest, width)
         if rough > FLAT_HOLE * width:
             uneven = max(uneven, rough)
@@ -140,11 +154,15 @@ def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArra
     many = f"{len(loops)} holes were" if len(loops) > 1 else "a hole was"
     border = f", its border uneven by {1000 * uneven:.1f} mm" if uneven else ""
     what = f"{many} closed (the widest {part:.0f} % of the size{border})"
-    return vertices, filled, f"{name}: {what}: check that nothing is missing there; no strike is planned on it"
+    return (
+        vertices,
+        filled,
+        f"{name}: {what}: check that nothing is missing there; no strike is planned on it",
+    )
 
 
 def _flat_fill(outline: Array) -> IntArray | None:
-    """Triangles (n - 2, 3) over an outline (n, 2); None: it runs through itself."""
+    """Triangles (n - 2, 3) over an `outline` (n, 2); None if it intersects itself."""
     if _signed_area(outline) < 0:
         outline = outline * [1.0, -1.0]
     try:
@@ -153,12 +171,14 @@ def _flat_fill(outline: Array) -> IntArray | None:
         return None
     # A fill that folds over has more area than its outline.
     area = np.array([_signed_area(outline[each]) for each in triangles])
-    whole = len(triangles) == len(outline) - 2 and float(np.abs(area).sum()) <= (1 + 1e-6) * _signed_area(outline)
+    whole = len(triangles) == len(outline) - 2 and float(np.abs(area).sum()) <= (1 + 1e-6) * _signed_area(
+        outline
+    )
     return triangles if whole else None
 
 
 def _loops(faces: IntArray) -> list[IntArray] | None:
-    """Vertices round each hole, in the direction of its faces; None: edges meet in no plain rings."""
+    """Vertices round each hole, in the direction of its faces; None if there are no simple rings."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     key = np.sort(edges, axis=1)
     _, inverse, count = np.unique(key, axis=0, return_inverse=True, return_counts=True)
@@ -184,12 +204,12 @@ def _loops(faces: IntArray) -> list[IntArray] | None:
 def _exterior(
     vertices: Array, faces: IntArray, added: BoolArray, body: IntArray, name: str, notes: list[str]
 ) -> tuple[Array, IntArray, BoolArray]:
-    """The outer bodies, united where they overlap, and which of their faces are of those `added` (f,)."""
+    """Outer bodies, united where they overlap, with the mask of their faces that were `added` (f,)."""
     count = int(body.max()) + 1
     if count == 1:
         return vertices, faces, added
     volumes = np.array([_volume(vertices, faces[body == index]) for index in range(count)])
-    dust = volumes < SPECK * volumes.max()
+    dust = volumes < MIN_VOLUME_RATIO * volumes.max()
     buried = _buried(vertices, faces, body, dust)
     if dust.any():
         notes.append(f"{name}: {int(dust.sum())} specks without volume are left out")
@@ -211,14 +231,17 @@ def _exterior(
             left = _pieces(faces)
             if left > 1:
                 notes.append(
-                    f"{name}: {left} separate bodies: they are taken as one rigid object, joined by something the file does not show"
+                    f"{name}: {left} separate bodies: they are taken as one rigid object, joined by "
+                    "something the file does not show"
                 )
     used, faces = np.unique(faces, return_inverse=True)
     return vertices[used], faces.reshape(-1, 3).astype(np.int64), added
 
 
-def _buried(vertices: Array, faces: IntArray, body: IntArray, dust: polyhedron.BoolArray) -> polyhedron.BoolArray:
-    """Which bodies lie inside another one: all of their corners do, and their middles."""
+def _buried(
+    vertices: Array, faces: IntArray, body: IntArray, dust: polyhedron.BoolArray
+) -> polyhedron.BoolArray:
+    """Mask of the bodies that lie inside another one, by the centroids of their faces."""
     count = len(dust)
     buried = np.zeros(count, dtype=bool)
     samples = [vertices[faces[body == index]].mean(axis=1) for index in range(count)]
@@ -226,11 +249,19 @@ def _buried(vertices: Array, faces: IntArray, body: IntArray, dust: polyhedron.B
     owner = np.repeat(np.arange(count), [len(each) for each in samples])
     points = np.vstack(samples)
     boxes = [
-        (np.min(vertices[faces[body == index]], axis=(0, 1)), np.max(vertices[faces[body == index]], axis=(0, 1))) for index in range(count)
+        (
+            np.min(vertices[faces[body == index]], axis=(0, 1)),
+            np.max(vertices[faces[body == index]], axis=(0, 1)),
+        )
+        for index in range(count)
     ]
     for index in np.flatnonzero(~dust):
         low, high = boxes[index]
-        others = [k for k in range(count) if k != index and not dust[k] and np.all(boxes[k][0] >= low) and np.all(boxes[k][1] <= high)]
+        others = [
+            k
+            for k in range(count)
+            if k != index and not dust[k] and np.all(boxes[k][0] >= low) and np.all(boxes[k][1] <= high)
+        ]
         if not others:
             continue
         asked = np.isin(owner, others)
@@ -240,35 +271,46 @@ def _buried(vertices: Array, faces: IntArray, body: IntArray, dust: polyhedron.B
     return buried
 
 
-def _united(vertices: Array, faces: IntArray, bodies: list[IntArray]) -> tuple[Array, IntArray, IntArray] | None:
-    """Union of closed bodies, each a list of `faces`, and of which face each of its faces is a part; None: manifold3d does not take one."""
+def _united(
+    vertices: Array, faces: IntArray, bodies: list[IntArray]
+) -> tuple[Array, IntArray, IntArray] | None:
+    """Union of closed bodies (face indices), with each face's source; None if manifold3d refuses one."""
     solids: list[manifold3d.Manifold] = []
     for body in bodies:
         used, local = np.unique(faces[body], return_inverse=True)
         corners = np.ascontiguousarray(local.reshape(-1, 3).astype(np.uint64))
-        mesh = manifold3d.Mesh64(np.ascontiguousarray(vertices[used]), corners, face_id=body.astype(np.uint64))
+        mesh = manifold3d.Mesh64(
+            np.ascontiguousarray(vertices[used]), corners, face_id=body.astype(np.uint64)
+        )
         solid = manifold3d.Manifold(mesh)
         if solid.status() != manifold3d.Error.NoError or solid.is_empty():
             return None
         solids.append(solid)
     mesh = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add).to_mesh64()
     source = np.asarray(mesh.face_id, dtype=np.int64)
-    return np.asarray(mesh.vert_properties)[:, :3].astype(np.float64), np.asarray(mesh.tri_verts).astype(np.int64), source
+    return (
+        np.asarray(mesh.vert_properties)[:, :3].astype(np.float64),
+        np.asarray(mesh.tri_verts).astype(np.int64),
+        source,
+    )
 
 
 def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
-    """Points in the box are inside once or not at all; more often, or less than nought times, the surface runs through itself."""
+    """Refuse a surface that intersects itself: its winding number at points of the box is not 0 or 1."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     i = np.arange(1, PROBES + 1)[:, None]
-    # Even in the box, and the same every time: the generalised golden ratio's sequence in three dimensions.
-    points = low + (high - low) * ((0.5 + i * np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])) % 1)
+    # A deterministic low-discrepancy sequence: the generalised golden ratio's in three dimensions.
+    points = low + (high - low) * (
+        (0.5 + i * np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])) % 1
+    )
     times = polyhedron.winding(vertices, faces, points)
     inside = int(np.sum(times != 0))
     wrong = int(np.sum((times != 0) & (times != 1)))
-    if wrong > max(TWICE * inside, 2):
+    if wrong > max(MAX_MULTIPLE_SHARE * inside, 2):
         share = 100 * wrong / max(inside, 1)
         raise ShapeError(
-            f"{name}: the surface runs through itself ({share:.1f} % of its inside counts twice or negative): unite the parts "
+            f"{name}: the surface runs through itself ({share:.1f} % of its inside counts twice or "
+            "negative): unite the parts "
             "in the CAD program or a mesh editor, or give a primitive (box, cylinder) instead"
         )
 
@@ -276,7 +318,9 @@ def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
 def _pieces(faces: IntArray) -> int:
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]]])
     size = int(faces.max()) + 1
-    _, label = connected_components(coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size)), directed=False)
+    _, label = connected_components(
+        coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size)), directed=False
+    )
     return len(np.unique(label[faces[:, 0]]))
 
 

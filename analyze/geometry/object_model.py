@@ -1,7 +1,8 @@
-"""The object's exterior in O, from a shape file or a primitive, checked and in metres."""
+"""Exterior of an object in O [m], from a shape file or a primitive, with its plausibility checked."""
 
-# scipy and trimesh are only partly typed; their unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -24,27 +25,28 @@ from analyze.types import Array, IntArray
 from schemas.object_spec import Box, Cylinder, LengthUnit, ObjectSpec
 
 CYLINDER_SIDES = 128
-SMALLEST_EXTENT = 0.005
-"""m, of the longest edge"""
-LARGEST_EXTENT = 1.5
+MIN_EXTENT = 0.005
+"""Smallest length of an object's longest edge [m]."""
+MAX_EXTENT = 1.5
+"""Largest length of an object's longest edge [m]."""
 DENSITIES = (2.0, 12_000.0)
-"""kg/m^3, between which unit and mass are believed; lead has 11 300"""
+"""Plausible densities [kg/m^3]; lead has 11 300."""
 MODEL_ERROR = 0.004
-"""relative, of each moment of a body made of cells: voxels, uneven walls"""
+"""Relative 1 sigma of each moment of a body modelled by cells: voxels, non-uniform shells."""
 LEVER_ERROR = 1e-4
-"""m, of its centre of mass: the same"""
+"""1 sigma of the centre of mass of a body modelled by cells [m]."""
 LINE_SD = 5e-5
-"""m, of an edge's place across itself, in a shape that is taken as exact"""
+"""1 sigma of an edge's place across itself in a shape that is taken as exact [m]."""
 BARE = 0.01
-"""part of a cloud's surface without points from which it is said"""
+"""Fraction of a cloud's surface without points above which it is reported."""
 HOLLOW = 0.02
-"""part of a cloud's points in hollows from which it is said"""
+"""Fraction of a cloud's points in hollows above which it is reported."""
 BODY_PLANES = 4
-"""fitted planes that can bound a body"""
+"""Smallest number of planes that can bound a body."""
 NOISY = 3e-4
-"""m of scatter from which a cloud's bias is worth a word"""
+"""Scatter of a cloud above which its possible bias is reported [m]."""
 CONVEX_TOLERANCE = 1e-3
-"""relative difference of the hull's volume up to which a mesh counts as convex"""
+"""Relative difference of the hull's volume up to which a mesh counts as convex."""
 
 
 _Made = TypeVar("_Made")
@@ -52,34 +54,35 @@ _Made = TypeVar("_Made")
 
 @dataclass(frozen=True)
 class ObjectModel:
-    """Closed exterior of an object, in O, in metres."""
+    """Closed exterior of an object, in O [m]."""
 
     name: str
     vertices: Array
-    """(n, 3)"""
+    """(n, 3) vertices [m]."""
     faces: IntArray
-    """(f, 3), counter-clockwise from outside"""
+    """(f, 3) faces, counter-clockwise from outside."""
     hull_vertices: Array
-    """(h, 3)"""
+    """(h, 3) vertices of the convex hull [m]."""
     hull_planes: Array
-    """(p, 4) outward unit normal n and d with n.x + d = 0, one per triangle of the convex hull"""
+    """(p, 4) outward unit normal n and d [m] with n.x + d = 0, one per triangle of the convex hull."""
     volume: float
-    """m^3"""
+    """Volume [m^3]."""
     centroid: Array
-    """(3,) of the uniform solid"""
+    """(3,) centroid of the uniform solid [m]."""
     bounds: Array
-    """(2, 3) least and greatest coordinates"""
+    """(2, 3) smallest and largest coordinates [m]."""
     unit_inertia: Array
-    """(3, 3) m^2 about the centroid, of the uniform solid, per kilogram"""
+    """(3, 3) inertia of the uniform solid about its centroid per kilogram [m^2]."""
     primitive: Box | Cylinder | None
+    """Primitive that the shape was given as; None for a shape file."""
     warnings: tuple[str, ...]
-    """what was repaired, and what looks odd"""
+    """Repairs made, and peculiarities of the shape."""
     surface_sd: float = 0.0
-    """m, 1 sigma of how far all of the surface may lie off together"""
+    """1 sigma of a displacement common to all of the surface [m]."""
     cloud: CloudSurface | None = None
-    """how the exterior was made of a point cloud"""
+    """Fit of the exterior to a point cloud; None for other shapes."""
     scanned: ScannedSurface | None = None
-    """which parts of it a scan has left out; None: all of it is known"""
+    """Parts of the surface that a scan left out; None if all of it is known."""
 
     @property
     def extent(self) -> Array:
@@ -87,21 +90,24 @@ class ObjectModel:
         return self.bounds[1] - self.bounds[0]
 
     def contains(self, points: Array) -> polyhedron.BoolArray:
-        """Which of `points` (n, 3) lie inside, as bool (n,)."""
+        """Mask (n,) of `points` (n, 3) [m, in O] inside the object."""
         if self.primitive is None and not self.is_convex:
             return polyhedron.inside(self.vertices, self.faces, np.atleast_2d(points))
         return np.asarray(self.depth(points) > 0)
 
     def depth(self, points: Array) -> Array:
-        """Depth (n,) of `points` (n, 3) below the surface [m], + inside."""
+        """Depth (n,) [m] of `points` (n, 3) [m, in O] below the surface, positive inside."""
         return self.depth_and_gradient(points).value
 
     def signed_distance(self, points: Array) -> Array:
-        """Distance (n,) of `points` (n, 3) from the surface [m], + outside; for convex meshes outside: from the farthest face's plane."""
+        """Distance (n,) [m] of `points` (n, 3) [m, in O] from the surface, positive outside.
+
+        Outside of convex meshes it is the distance from the farthest face's plane.
+        """
         return -self.depth(points)
 
     def depth_and_gradient(self, points: Array) -> distance.Depth:
-        """Depth (n,) of `points` (n, 3), + inside, and the unit vectors straight inwards (n, 3)."""
+        """Depth (n,) [m] of `points` (n, 3) [m, in O], positive inside, and its gradient (n, 3)."""
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         if isinstance(self.primitive, Box):
             return distance.box_depth(np.array(self.primitive.size_m) / 2, points)
@@ -112,18 +118,27 @@ class ObjectModel:
         return distance.mesh_depth(self._index, self.vertices, self.faces, points)
 
     def edge_sd(self, ends: Array) -> float:
-        """1 sigma [m] of the place, across itself, of an edge of the hull with `ends` (2, 3): the fit's or `LINE_SD`, and the surface's."""
+        """1 sigma [m] of the place, across itself, of a hull edge with `ends` (2, 3) [m, in O].
+
+        It combines the error of the cloud's fit, or `LINE_SD`, with the surface's.
+        """
         own = LINE_SD
         if self.cloud is not None:
             own = line_sd(self.cloud, ends)
         return float(np.hypot(max(own, LINE_SD), self.surface_sd))
 
     def uniform_inertia(self, mass: float) -> Array:
-        """Inertia tensor (3, 3) about the centroid [kg m^2], if `mass` [kg] filled the volume evenly."""
+        """Inertia tensor (3, 3) [kg m^2] of a uniform solid of `mass` [kg] about the centroid, in O."""
         return mass * self.unit_inertia
 
     def first_hit(self, origin: Array, direction: Array) -> tuple[float, Array] | None:
-        """Distance [m] along the unit `direction` (3,) to the surface, and its outward normal (3,) there; None: the ray misses."""
+        """Distance [m] along a ray to the surface, and its outward normal (3,), in O.
+
+        The ray starts at `origin` (3,) [m] along the unit `direction` (3,).
+
+        Returns:
+            None if the ray misses the object.
+        """
         hit = polyhedron.first_hit(self.vertices, self.faces, origin, direction)
         if hit is None:
             return None
@@ -132,7 +147,7 @@ class ObjectModel:
         return hit[0], normal / np.linalg.norm(normal)
 
     def once(self, asked: Hashable, make: Callable[[ObjectModel], _Made]) -> _Made:
-        """What `make` makes of it, made only once for each `asked`: a model never changes."""
+        """Result of `make` for this model, computed once for each key `asked`; a model is immutable."""
         if asked not in self._made:
             self._made[asked] = make(self)
         made: _Made = self._made[asked]
@@ -144,7 +159,7 @@ class ObjectModel:
 
     @cached_property
     def is_convex(self) -> bool:
-        """Whether it fills its convex hull, to a thousandth of the volume."""
+        """True if the object fills its convex hull to a thousandth of the volume."""
         return bool(ConvexHull(self.hull_vertices).volume < self.volume * (1 + CONVEX_TOLERANCE))
 
     @cached_property
@@ -153,30 +168,33 @@ class ObjectModel:
 
 
 def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> ObjectModel:
-    """Exterior of `spec`.
+    """Exterior of an object from its shape file or primitive.
 
     Args:
-        spec: the object; its shape's unit and the mass (for plausibility) are used.
-        shape_bytes: the shape file's content (STL, OBJ, PLY), None for a primitive.
-        shape_name: the file's name, for its format and for messages.
+        spec: Object, for its shape's unit, and its mass for plausibility.
+        shape_bytes: Content of the shape file; None for a primitive.
+        shape_name: Name of the shape file, for its format and for messages.
 
     Raises:
-        ShapeError: not readable, not closed, without volume, or of a size or density that no such object has.
+        ShapeError: the shape is not readable, not closed, without volume, or of an implausible size or
+            density.
     """
     shape = spec.shape
     if shape.box is not None:
         size = np.array(shape.box.size_m)
-        _believable(f"{spec.name}: box", size, float(np.prod(size)), spec.mass_kg, None)
+        _refuse_implausible(f"{spec.name}: box", size, float(np.prod(size)), spec.mass_kg, None)
         vertices, faces = _box_mesh(size)
         return _model(spec, vertices, faces, shape.box, ())
     if shape.cylinder is not None:
         radius, height = shape.cylinder.radius_m, shape.cylinder.height_m
         size = np.array([2 * radius, 2 * radius, height])
-        _believable(f"{spec.name}: cylinder", size, np.pi * radius**2 * height, spec.mass_kg, None)
+        _refuse_implausible(f"{spec.name}: cylinder", size, np.pi * radius**2 * height, spec.mass_kg, None)
         vertices, faces = _cylinder_mesh(radius, height)
         return _model(spec, vertices, faces, shape.cylinder, ())
     if shape_bytes is None or shape.unit is None:
-        raise ShapeError(f"{shape_name}: the shape file's content is missing: it belongs beside the object file")
+        raise ShapeError(
+            f"{shape_name}: the shape file's content is missing: it belongs beside the object file"
+        )
     suffix = PurePath(shape_name).suffix.lower().removeprefix(".")
     known = dict.fromkeys((*mesh_files.FORMATS, *cloud_files.FORMATS))
     if suffix not in known:
@@ -186,7 +204,9 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
     raw = mesh_files.read_mesh(shape_bytes, shape_name, suffix, shape.unit)
     _refuse_size(shape_name, np.ptp(raw.vertices, axis=0) * shape.unit.metres, shape.unit)
     mesh = closed_mesh(raw.vertices * shape.unit.metres, raw.faces, shape_name)
-    scanned = scanned_surface.of_mesh(mesh.vertices, mesh.faces, mesh.added) if mesh.added.any() else None
+    scanned = (
+        scanned_surface.scanned_mesh(mesh.vertices, mesh.faces, mesh.added) if mesh.added.any() else None
+    )
     return _checked(spec, mesh.vertices, mesh.faces, shape_name, shape.unit, mesh.notes, None, scanned)
 
 
@@ -200,38 +220,61 @@ def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: Len
         surface = cloud_surface(points)
     except (ValueError, ArithmeticError, QhullError) as error:
         reason = str(error).partition("\n")[0]
-        raise ShapeError(f"{name}: no exterior can be made of it ({reason}): scan the object from all sides") from None
+        raise ShapeError(
+            f"{name}: no exterior can be made of it ({reason}): scan the object from all sides"
+        ) from None
     if surface.sheet > 0:
         raise ShapeError(
-            f"{name}: seems to hold the table: a plane without thickness reaches {1000 * surface.sheet:.0f} mm beyond what stands on it: "
+            f"{name}: seems to hold the table: a plane without thickness reaches {1000 * surface.sheet:.0f} "
+            "mm beyond what stands on it: "
             "cut it off; if it is a thin foot of the object, give a mesh"
         )
     scanned = surface.scanned if surface.scanned.bare.any() else None
-    return _checked(spec, surface.vertices, surface.faces, name, unit, (*notes, *_cloud_notes(surface, spec, name)), surface, scanned)
+    return _checked(
+        spec,
+        surface.vertices,
+        surface.faces,
+        name,
+        unit,
+        (*notes, *_cloud_notes(surface, spec, name)),
+        surface,
+        scanned,
+    )
 
 
 def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str]:
     scatter = max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
-    notes = [f"{name}: a point cloud; its exterior is the hull of {len(surface.planes)} fitted planes and smoothed curves"]
+    notes = [
+        (
+            f"{name}: a point cloud; its exterior is the hull of {len(surface.planes)} fitted planes and "
+            "smoothed curves"
+        )
+    ]
     if len(surface.planes) < BODY_PLANES and scatter > COARSE * float(np.ptp(surface.vertices, axis=0).max()):
-        notes.append(f"{name}: scatters by {1000 * scatter:.1f} mm, too much to tell all faces apart; edges are uncertain: scan again")
+        notes.append(
+            f"{name}: scatters by {1000 * scatter:.1f} mm, too much to tell all faces apart; edges are "
+            "uncertain: scan again"
+        )
     if surface.strays:
         notes.append(f"{name}: {surface.strays} stray points are left out")
     if surface.hollow_share > HOLLOW:
         share, deep = 100 * surface.hollow_share, 1000 * surface.hollow_depth
         notes.append(
-            f"{name}: {share:.0f} % of the points lie up to {deep:.0f} mm below the hull: hollows count as filled; give a mesh to keep them"
+            f"{name}: {share:.0f} % of the points lie up to {deep:.0f} mm below the hull: hollows count as "
+            "filled; give a mesh to keep them"
         )
     if surface.scanned.bare_share > BARE:
         share = 100 * surface.scanned.bare_share
         notes.append(
-            f"{name}: {share:.0f} % of the surface has no points and is closed flat: do not stand the object on it, no strike is planned "
+            f"{name}: {share:.0f} % of the surface has no points and is closed flat: do not stand the object "
+            "on it, no strike is planned "
             "there; or scan that side too"
         )
     if scatter > NOISY and spec.shape.surface_sd_m == 0:
         scatter_mm = 1000 * scatter
         notes.append(
-            f"{name}: scatters by {scatter_mm:.1f} mm; whether outwards on the whole the points cannot show: declare shape.surface_sd_m"
+            f"{name}: scatters by {scatter_mm:.1f} mm; whether outwards on the whole the points cannot show: "
+            "declare shape.surface_sd_m"
         )
     return notes
 
@@ -249,8 +292,11 @@ def _checked(
     properties = polyhedron.mass_properties(vertices, faces)
     extent = np.ptp(vertices, axis=0)
     if properties.volume <= 1e-6 * float(extent.max()) ** 3:
-        raise ShapeError(f"{name}: holds no volume ({properties.volume * 1e6:.3g} cm3): it is flat or folded; export the solid's exterior")
-    _believable(name, extent, properties.volume, spec.mass_kg, unit)
+        raise ShapeError(
+            f"{name}: holds no volume ({properties.volume * 1e6:.3g} cm3): it is flat or folded; export the "
+            "solid's exterior"
+        )
+    _refuse_implausible(name, extent, properties.volume, spec.mass_kg, unit)
     return _model(spec, vertices, faces, None, notes, cloud, scanned)
 
 
@@ -267,7 +313,9 @@ def _model(
     if isinstance(primitive, Cylinder):
         r, h = primitive.radius_m, primitive.height_m
         across = (3 * r**2 + h**2) / 12
-        properties = polyhedron.MassProperties(np.pi * r**2 * h, np.zeros(3), np.diag([across, across, r**2 / 2]))
+        properties = polyhedron.MassProperties(
+            np.pi * r**2 * h, np.zeros(3), np.diag([across, across, r**2 / 2])
+        )
     else:
         properties = polyhedron.mass_properties(vertices, faces)
     return ObjectModel(
@@ -288,7 +336,9 @@ def _model(
     )
 
 
-def _believable(name: str, extent: Array, volume: float, mass: float, unit: LengthUnit | None) -> None:
+def _refuse_implausible(
+    name: str, extent: Array, volume: float, mass: float, unit: LengthUnit | None
+) -> None:
     _refuse_size(name, extent, unit)
     longest = float(extent.max())
     size, given = _size(extent, unit)
@@ -300,14 +350,16 @@ def _believable(name: str, extent: Array, volume: float, mass: float, unit: Leng
 
 def _refuse_size(name: str, extent: Array, unit: LengthUnit | None) -> None:
     longest = float(extent.max())
-    if not SMALLEST_EXTENT <= longest <= LARGEST_EXTENT:
+    if not MIN_EXTENT <= longest <= MAX_EXTENT:
         size, given = _size(extent, unit)
         raise ShapeError(f"{name}: {size}{given} is no object to strike: {_other_unit(longest, unit)}")
 
 
 def _size(extent: Array, unit: LengthUnit | None) -> tuple[str, str]:
-    scale, word = (1.0, "m") if float(extent.max()) > LARGEST_EXTENT else (1000.0, "mm")
-    return " x ".join(f"{edge * scale:.4g}" for edge in extent) + f" {word}", f' with unit = "{unit.value}"' if unit is not None else ""
+    scale, word = (1.0, "m") if float(extent.max()) > MAX_EXTENT else (1000.0, "mm")
+    return " x ".join(
+        f"{edge * scale:.4g}" for edge in extent
+    ) + f" {word}", f' with unit = "{unit.value}"' if unit is not None else ""
 
 
 def _other_unit(longest: float, unit: LengthUnit | None) -> str:
@@ -316,14 +368,19 @@ def _other_unit(longest: float, unit: LengthUnit | None) -> str:
     plain = longest / unit.metres
     fits = [other for other in LengthUnit if other is not unit and 0.03 <= plain * other.metres <= 0.6]
     if not fits:
-        return "no unit makes it an object to strike: correct what wrote the file, or give box or cylinder with its dimensions"
+        return (
+            "no unit makes it an object to strike: correct what wrote the file, or give box or cylinder with "
+            "its dimensions"
+        )
     return f'did you mean unit = "{fits[0].value}"?'
 
 
 def _box_mesh(size: Array) -> tuple[Array, IntArray]:
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return corners, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))], dtype=np.int64)
+    return corners, np.array(
+        [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))], dtype=np.int64
+    )
 
 
 def _cylinder_mesh(radius: float, height: float) -> tuple[Array, IntArray]:
@@ -340,5 +397,7 @@ def _cylinder_mesh(radius: float, height: float) -> tuple[Array, IntArray]:
     i = np.arange(n)
     j = (i + 1) % n
     side = np.vstack([np.column_stack([i, j, j + n]), np.column_stack([i, j + n, i + n])])
-    caps = np.vstack([np.column_stack([np.full(n, 2 * n), j, i]), np.column_stack([np.full(n, 2 * n + 1), i + n, j + n])])
+    caps = np.vstack(
+        [np.column_stack([np.full(n, 2 * n), j, i]), np.column_stack([np.full(n, 2 * n + 1), i + n, j + n])]
+    )
     return vertices, np.vstack([side, caps]).astype(np.int64)

@@ -1,7 +1,8 @@
-"""Closed triangle surfaces: repair of windings, volume, centroid, inertia, rays, inside or outside. Pure numpy; lengths in m."""
+"""Closed triangle surfaces: winding repair, mass properties, ray casting, inside test; lengths in m."""
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -17,23 +18,24 @@ from analyze.types import Array, IntArray
 BoolArray = NDArray[np.bool_]
 
 RAY_TURN = np.array([[0.9, 0.26807, -0.34397], [-0.32, 0.94157, -0.10507], [0.29571, 0.20463, 0.93310]])
-"""an arbitrary turn, so that no ray runs along a face or through an edge of a body that lies square in its frame"""
+"""Arbitrary rotation, so that no ray runs along a face or through an edge of a body aligned with its
+frame."""
 
 
 @dataclass(frozen=True)
 class MassProperties:
-    """Of a uniform solid."""
+    """Volume, centroid and inertia of a uniform solid."""
 
     volume: float
-    """m^3"""
+    """Volume [m^3]."""
     centroid: Array
-    """(3,) m"""
+    """(3,) centroid [m]."""
     unit_inertia: Array
-    """(3, 3) m^2, about the centroid, per kilogram"""
+    """(3, 3) inertia about the centroid per kilogram [m^2]."""
 
 
 def open_edges(faces: IntArray) -> int:
-    """Number of edges with an odd number of faces (f, 3): 0 for a closed surface."""
+    """Number of edges with an odd number of `faces` (f, 3); 0 for a closed surface."""
     edges = _directed_edges(faces)
     # One number per edge: sorting those is ten times as fast as sorting pairs.
     key = edges.min(axis=1) * (int(faces.max(initial=0)) + 1) + edges.max(axis=1)
@@ -41,10 +43,17 @@ def open_edges(faces: IntArray) -> int:
     return int(np.sum(counts % 2))
 
 
-def wound_alike(faces: IntArray) -> tuple[IntArray, IntArray, int]:
-    """Faces (f, 3) turned so that neighbours run their common edge in opposite directions; each face's body (f,); how many were turned.
+def without_degenerate(faces: IntArray) -> IntArray:
+    """Faces (k, 3) of `faces` (f, 3) with three different vertices."""
+    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return faces[whole]
 
-    Within a body the first face's direction is kept; call `outward` next.
+
+def consistently_wound(faces: IntArray) -> tuple[IntArray, IntArray, int]:
+    """Consistently wound faces (f, 3), the body (f,) of each, and the number of faces turned.
+
+    Neighbours run their common edge in opposite directions. Few faces of a body are turned; call `outward`
+    next.
     """
     count = len(faces)
     edges = np.sort(_directed_edges(faces), axis=1)
@@ -53,7 +62,7 @@ def wound_alike(faces: IntArray) -> tuple[IntArray, IntArray, int]:
     sense = ascending.T.ravel()
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     same = np.all(edges[order[1:]] == edges[order[:-1]], axis=1)
-    # Edges with more than two faces (bodies that touch) do not say which faces belong together.
+    # Edges with more than two faces (bodies that touch) do not determine which faces belong together.
     run_before = np.concatenate([[False], same[:-1]])
     run_after = np.concatenate([same[1:], [False]])
     pair = same & ~run_before & ~run_after
@@ -69,7 +78,13 @@ def wound_alike(faces: IntArray) -> tuple[IntArray, IntArray, int]:
 
 
 def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray, int]:
-    """Faces turned so that every body's volume is positive, and how many bodies were inside out."""
+    """Faces (f, 3) turned so that every body's volume is positive, and the number of bodies turned.
+
+    Args:
+        vertices: (n, 3) [m].
+        faces: (f, 3), consistently wound.
+        body: (f,) body of each face.
+    """
     result = faces.copy()
     inside_out = 0
     for index in range(int(body.max()) + 1):
@@ -81,7 +96,7 @@ def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray,
 
 
 def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
-    """Volume, centroid and inertia of the solid by signed tetrahedra (Blow and Binstock 2004)."""
+    """Mass properties of the solid with `vertices` (n, 3) [m] and `faces` (f, 3) (Blow and Binstock 2004)."""
     origin = vertices.mean(axis=0)
     a, b, c = np.moveaxis((vertices - origin)[faces], 1, 0)
     six = np.einsum("ij,ij->i", a, np.cross(b, c))
@@ -94,7 +109,17 @@ def mass_properties(vertices: Array, faces: IntArray) -> MassProperties:
 
 
 def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array) -> tuple[float, int] | None:
-    """Distance [m] to the first face that a ray along the unit `direction` meets, and that face (Moller and Trumbore 1997)."""
+    """Distance [m] to the first face that a ray meets, and its index (Moller and Trumbore 1997).
+
+    Args:
+        vertices: (n, 3) [m].
+        faces: (f, 3).
+        origin: (3,) start of the ray [m].
+        direction: (3,) unit vector.
+
+    Returns:
+        None if the ray meets no face.
+    """
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     ab, ac = b - a, c - a
     p = np.cross(direction, ac)
@@ -114,14 +139,19 @@ def first_hit(vertices: Array, faces: IntArray, origin: Array, direction: Array)
 
 
 def inside(vertices: Array, faces: IntArray, points: Array) -> BoolArray:
-    """Which of `points` (n, 3) lie inside, as bool (n,)."""
+    """Mask (n,) of `points` (n, 3) [m] inside the surface of `vertices` (v, 3) [m] and `faces` (f, 3)."""
     return np.asarray(winding(vertices, faces, points) > 0)
 
 
 def winding(vertices: Array, faces: IntArray, points: Array) -> IntArray:
-    """How often the closed surface runs round each of `points` (n, 3): 1 inside, 0 outside; other where it runs through itself.
+    """Winding number (n,) of a closed surface about points: 1 inside, 0 outside, other if self-crossing.
 
-    Signed crossings of a ray, faces sorted into a grid across it.
+    It is the sum of a ray's signed crossings, with the faces sorted into a grid across it.
+
+    Args:
+        vertices: (v, 3) [m].
+        faces: (f, 3), counter-clockwise from outside.
+        points: (n, 3) [m].
     """
     turned = vertices @ RAY_TURN.T
     probe = points @ RAY_TURN.T
@@ -148,12 +178,16 @@ def winding(vertices: Array, faces: IntArray, points: Array) -> IntArray:
             many = start[home + 1] - start[home]
             point = np.repeat(chunk, many)
             offset = np.arange(len(point)) - np.repeat(np.cumsum(many) - many, many)
-            np.add.at(crossings, point, _crossing(probe[point], corners[face[np.repeat(start[home], many) + offset]]))
+            np.add.at(
+                crossings,
+                point,
+                _crossing(probe[point], corners[face[np.repeat(start[home], many) + offset]]),
+            )
     return crossings
 
 
 def _crossing(points: Array, triangles: Array) -> IntArray:
-    """+1 where the ray from `points` (n, 3) along +z leaves through its triangle (n, 3, 3), -1 where it enters, else 0."""
+    """Crossings (n,) of rays from points (n, 3) along +z with triangles (n, 3, 3): +1 out, -1 in, else 0."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     ab, ac, ap = b - a, c - a, points - a
     area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
@@ -175,7 +209,7 @@ def _signed_volumes(vertices: Array, faces: IntArray) -> Array:
 
 
 def _two_colouring(count: int, a: IntArray, b: IntArray, differ: BoolArray) -> BoolArray:
-    """Which faces must be turned (count,) so that links (a, b) with `differ` join one turned and one unturned face.
+    """Mask (count,) of faces to turn: each link with `differ` connects a turned and an unturned one.
 
     On the double cover (every face once as it is, once turned) each consistent choice is one component.
     """
@@ -184,7 +218,8 @@ def _two_colouring(count: int, a: IntArray, b: IntArray, differ: BoolArray) -> B
     columns = np.concatenate([b + shift, b + count - shift])
     links = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * count, 2 * count))
     _, label = connected_components(links, directed=False)
-    # Components come in mirrored pairs; the one that holds more faces as they are is chosen, so that few are turned.
+    # Components come in mirrored pairs; the one that holds more faces as they are is chosen, so that few are
+    # turned.
     plain, mirrored = label[:count], label[count:]
     rank = np.bincount(plain, minlength=2 * count) * (2 * count) + np.arange(2 * count)
     return np.asarray(rank[mirrored] > rank[plain])

@@ -1,6 +1,8 @@
-"""Rotations: vector, matrix and unit quaternion (wxyz), each maps to the others; small and typed.
+"""Conversions between rotation vectors, matrices and unit quaternions (wxyz), and rigid transforms.
 
-A rotation matrix `R_a_b` (..., 3, 3) maps vectors of b to a. Angles in rad, right hand. Leading axes broadcast.
+A rotation matrix `R_a_b` (..., 3, 3) maps vectors of b to a. Angles in rad, right hand. Leading axes
+broadcast. scipy's Rotation broadcasts from version 1.17 on only, and orthogonalises noisy matrices, which
+changes their rotation vectors.
 """
 
 from __future__ import annotations
@@ -10,11 +12,11 @@ import numpy as np
 from analyze.types import Array
 
 SMALL_ANGLE = 1e-6
-"""rad, below which the sine's series is used"""
+"""Angle [rad] below which the sine's series is used."""
 
 
 def hat(vector: Array) -> Array:
-    """Matrices (..., 3, 3) that multiply as the cross product with `vector` (..., 3) does."""
+    """Cross-product matrices (..., 3, 3) of `vector` (..., 3)."""
     vector = np.asarray(vector, dtype=np.float64)
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     found = np.zeros((*vector.shape, 3))
@@ -24,9 +26,10 @@ def hat(vector: Array) -> Array:
 
 
 def plane_basis(up: Array) -> tuple[Array, Array]:
-    """Unit u, v (3,) each, square to the unit vector `up` (3,), u x v = up."""
+    """Unit vectors u, v (3,) normal to the unit vector `up` (3,) with u x v = up."""
     x, y, z = up.tolist()
-    # The coordinate axis that is farthest from `up`, cross `up`; written out, as it is asked for thousands of times.
+    # Cross product of the coordinate axis farthest from `up` with it; written out, as it is called thousands
+    # of times.
     u: Array = np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))[int(np.argmin(np.abs(up)))])
     u /= np.sqrt(u @ u)
     a, b, c = u.tolist()
@@ -45,7 +48,7 @@ def matrix_from_vector(vector: Array) -> Array:
 
 
 def vector_from_matrix(matrix: Array) -> Array:
-    """Rotation vectors (..., 3) [rad], length in [0, pi], of matrices (..., 3, 3). At pi either sign of the axis may come back."""
+    """Rotation vectors (..., 3) [rad], length in [0, pi], of matrices (..., 3, 3); any sign at pi."""
     quaternion = wxyz_from_matrix(matrix)
     scalar, axis = quaternion[..., :1], quaternion[..., 1:]
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -55,7 +58,10 @@ def vector_from_matrix(matrix: Array) -> Array:
 
 
 def wxyz_from_matrix(matrix: Array) -> Array:
-    """Unit quaternions wxyz (..., 4) with w >= 0 of matrices (..., 3, 3); the largest component is the divisor (Shepperd 1978)."""
+    """Unit quaternions wxyz (..., 4) with w >= 0 of matrices (..., 3, 3).
+
+    The largest component is the divisor (Shepperd 1978).
+    """
     matrix = np.asarray(matrix, dtype=np.float64)
     m = matrix
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
@@ -87,17 +93,20 @@ def matrix_from_wxyz(wxyz: Array) -> Array:
 
 
 def relative(R_a_b: Array, R_a_c: Array) -> Array:
-    """R_b_c (..., 3, 3): how c is turned as seen from b."""
+    """Rotation R_b_c (..., 3, 3) from R_a_b (..., 3, 3) and R_a_c (..., 3, 3)."""
     return np.swapaxes(R_a_b, -1, -2) @ R_a_c
 
 
 def angle_between(R_a_b: Array, R_a_c: Array) -> Array:
-    """Angle (...) [rad] in [0, pi] of the rotation that takes b to c."""
+    """Angle (...) [rad] in [0, pi] between frames b and c; R_a_b and R_a_c are (..., 3, 3)."""
     return np.linalg.norm(vector_from_matrix(relative(R_a_b, R_a_c)), axis=-1)
 
 
 def angle_about(matrix: Array, axis: Array) -> Array:
-    """Angle (...) [rad] in (-pi, pi] of the twist of `matrix` (..., 3, 3) about the unit `axis` (3,): swing-twist decomposition."""
+    """Twist angle (...) [rad] in (-pi, pi] of `matrix` (..., 3, 3) about the unit `axis` (3,).
+
+    It is that of the swing-twist decomposition.
+    """
     quaternion = wxyz_from_matrix(matrix)
     along = quaternion[..., 1:] @ np.asarray(axis, dtype=np.float64)
     angle = 2 * np.arctan2(along, quaternion[..., 0])
@@ -105,7 +114,7 @@ def angle_about(matrix: Array, axis: Array) -> Array:
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """Rotation (..., 3, 3) nearest `matrix` in the Frobenius norm (Kabsch 1976): removes what rounding or averaging added."""
+    """Rotation (..., 3, 3) nearest to `matrix` (..., 3, 3) in the Frobenius norm (Kabsch 1976)."""
     u, _, vt = np.linalg.svd(matrix)
     sign = np.linalg.det(u @ vt)
     u = np.concatenate([u[..., :2], u[..., 2:] * sign[..., None, None]], axis=-1)
@@ -113,7 +122,7 @@ def nearest_rotation(matrix: Array) -> Array:
 
 
 def transform(R_a_b: Array, p_a_b: Array) -> Array:
-    """T_a_b (..., 4, 4) from its rotation (..., 3, 3) and its translation (..., 3)."""
+    """Rigid transform T_a_b (..., 4, 4) of rotation R_a_b (..., 3, 3) and translation p_a_b (..., 3)."""
     lead = np.broadcast_shapes(R_a_b.shape[:-2], p_a_b.shape[:-1])
     T_a_b = np.zeros((*lead, 4, 4))
     T_a_b[..., :3, :3] = R_a_b
@@ -123,11 +132,11 @@ def transform(R_a_b: Array, p_a_b: Array) -> Array:
 
 
 def inverse_transform(T_a_b: Array) -> Array:
-    """T_b_a (..., 4, 4) of a rigid T_a_b (..., 4, 4)."""
+    """Inverse T_b_a (..., 4, 4) of a rigid transform T_a_b (..., 4, 4)."""
     R_b_a = np.swapaxes(T_a_b[..., :3, :3], -1, -2)
     return transform(R_b_a, -(R_b_a @ T_a_b[..., :3, 3:])[..., 0])
 
 
 def apply(T_a_b: Array, points_b: Array) -> Array:
-    """Points (n, 3) of b in a; T_a_b (4, 4)."""
+    """Points (n, 3) in frame a of `points_b` (n, 3) in frame b; T_a_b is (4, 4)."""
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]

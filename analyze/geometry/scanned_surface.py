@@ -1,12 +1,14 @@
-"""Which parts of a closed surface were never scanned: a scan's gaps are closed flat, and nothing may rest or turn on what closes them.
+"""Parts of a closed surface that were not scanned, where no strike may rest or tip.
 
-Where a cloud has no points near its hull there is either a hollow, which was seen, or a side that was not scanned. A line straight
-inwards tells them apart: through a hollow it meets the hollow's floor and then the far side, through a gap of the scan the far side alone.
-A wall scanned from both sides is two layers, as long as it is some four times as thick as the noise.
+Where a cloud has no points near its hull there is either a hollow, which was scanned, or a side that was not
+scanned. A line straight inwards distinguishes them: through a hollow it meets the hollow's floor and then the
+far side, through a gap of the scan the far side alone. A wall scanned from both sides is two layers, if it is
+about four times as thick as the noise.
 """
 
-# scipy is only partly typed; its unknowns are no mistakes of ours.
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# scipy is only partly typed.
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownArgumentType=false, reportUnknownMemberType=false
 
 from __future__ import annotations
 
@@ -21,58 +23,62 @@ from analyze.geometry.polyhedron import BoolArray
 from analyze.types import Array, IntArray
 
 SAMPLES = 6000
-MOST_STEPS = 80
+"""Number of samples of the surface."""
+MAX_STEPS = 80
+"""Largest number of steps along a line inwards."""
 PATCH = 24
-"""points by which a layer is judged"""
+"""Number of points of a patch whose scatter is measured."""
 DOUBLE = 2.0
-"""scatter of a patch over the noise, above which it is a thin wall seen from both sides"""
+"""Scatter of a patch over the noise above which it is a thin wall scanned from both sides."""
 LAYERS = 2
-"""that a line inwards through a hollow meets"""
+"""Number of layers that a line inwards through a hollow meets."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScannedSurface:
-    """Samples of a closed surface, each for the same share of its area."""
+    """Samples of a closed surface, each for the same share of its area, with a mask of those not scanned."""
 
     points: Array
-    """(n, 3) m"""
+    """(n, 3) samples [m]."""
     normals: Array
-    """(n, 3) unit, outwards"""
+    """(n, 3) outward unit normals."""
     bare: BoolArray
-    """(n,) not scanned there"""
+    """(n,) True where the surface was not scanned."""
     area: float
-    """m^2, of the whole surface"""
+    """Area of the whole surface [m^2]."""
     reach: float
-    """m, up to which from what was seen the surface counts as seen"""
+    """Distance from a scanned point up to which the surface counts as scanned [m]."""
 
     @property
     def bare_share(self) -> float:
-        """Part of the surface that was not scanned."""
+        """Fraction of the surface that was not scanned."""
         return float(self.bare.mean())
 
     def unknown_at(self, point: Array) -> float:
-        """How far [m] the true surface near `point` (3,) [m] may lie off what closes a gap: as far as gaps are wide; else 0."""
+        """Uncertainty [m] of the surface near `point` (3,) [m]: the gaps' width within a gap, else 0."""
         nearest = int(np.argmin(np.linalg.norm(self.points - point, axis=1)))
         return float(np.sqrt(self.bare_share * self.area)) if self.bare[nearest] else 0.0
 
     def surely_seen(self) -> Array:
-        """Samples (k, 3) [m] that do not lie on what closes a gap, near its border either."""
+        """Samples (k, 3) [m] that lie neither on the closure of a gap nor near its rim."""
         if not self.bare.any():
             return self.points
         away = KDTree(self.points[self.bare]).query(self.points)[0]
         return self.points[away > 2 * self.reach]
 
 
-def of_cloud(vertices: Array, faces: IntArray, tree: KDTree, reach: float, probe: float, sd: float) -> ScannedSurface:
-    """The hull of a cloud: bare where no point lies within `reach` and a line inwards meets no hollow.
+def scanned_cloud(
+    vertices: Array, faces: IntArray, tree: KDTree, reach: float, probe: float, sd: float
+) -> ScannedSurface:
+    """Samples of a cloud's hull, bare without points within `reach` or a hollow along a line inwards.
 
     Args:
-        vertices: (n, 3) m, of the hull.
-        faces: (f, 3), counter-clockwise from outside.
-        tree: the cloud [m].
-        reach: m.
-        probe: m, width of the line.
-        sd: m, 1 sigma of the cloud about its surface.
+        vertices: (n, 3) vertices of the hull [m].
+        faces: (f, 3) faces, counter-clockwise from outside.
+        tree: Search tree of the cloud [m].
+        reach: Distance from a point up to which the hull counts as scanned [m].
+        probe: Width of the line [m].
+        sd: 1 sigma of the cloud about its surface [m].
     """
     points, normals, _, area = _spread(vertices, faces)
     bare = np.asarray(tree.query(points, distance_upper_bound=reach)[0]) > reach
@@ -80,21 +86,22 @@ def of_cloud(vertices: Array, faces: IntArray, tree: KDTree, reach: float, probe
     return ScannedSurface(points, normals, bare, area, reach)
 
 
-def of_mesh(vertices: Array, faces: IntArray, added: BoolArray) -> ScannedSurface:
-    """A repaired mesh: bare are the faces that were `added` (f,) to close holes."""
+def scanned_mesh(vertices: Array, faces: IntArray, added: BoolArray) -> ScannedSurface:
+    """Samples of a repaired mesh, bare on the faces that were `added` (f,) to close holes."""
     points, normals, owner, area = _spread(vertices, faces)
     return ScannedSurface(points, normals, added[owner], area, 0.0)
 
 
 def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float) -> IntArray:
-    """How many layers of the cloud lines from `points` (n, 3) against `normals` (n, 3) meet.
+    """Number (n,) of cloud layers that lines from `points` (n, 3) [m] against `normals` (n, 3) meet.
 
-    Layers lie apart by two probes [m] or more; nearer ones show by scattering about their common middle more than the noise does.
+    Layers are two probes [m] or more apart; nearer ones scatter about their common middle by more than the
+    noise.
     """
     if not len(points):
         return np.zeros(0, dtype=np.int64)
     size = float(np.linalg.norm(np.ptp(np.asarray(tree.data), axis=0)))
-    probe = max(probe, size / MOST_STEPS)
+    probe = max(probe, size / MAX_STEPS)
     depth = np.arange(probe, size + probe, probe)
     along = points[:, None] - depth[:, None] * normals[:, None]
     distance, nearest = tree.query(along.reshape(-1, 3), distance_upper_bound=probe)
@@ -109,13 +116,13 @@ def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float
         count[single[patch_scatter(patches) > DOUBLE * sd]] = LAYERS
     through, met_some = np.flatnonzero(count == 0), np.flatnonzero(count)
     if len(through) and len(met_some):
-        # Past everything and out again: as the next line that met something.
+        # A line that meets nothing is given the count of the nearest line that does.
         count[through] = count[met_some[KDTree(points[met_some]).query(points[through])[1]]]
     return count
 
 
 def _spread(vertices: Array, faces: IntArray) -> tuple[Array, Array, IntArray, float]:
-    """`SAMPLES` points (n, 3) evenly over the surface, normals (n, 3), faces (n,), and its area."""
+    """Uniform points (n, 3) [m] on the surface, normals (n, 3), faces (n,), and the surface's area [m^2]."""
     points, owner = even_samples(vertices, faces, SAMPLES)
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     across = np.cross(b - a, c - a)

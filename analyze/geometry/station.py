@@ -1,4 +1,4 @@
-"""The station, and strikes that are turned on it."""
+"""Camera of the station in the world frame of a turned strike."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from analyze.types import CameraModel
 
 
 def turned_camera(camera: CameraModel, heading: float) -> CameraModel:
-    """The camera as it stands in W turned by `heading` [rad] about z, in which a strike with a heading is written down."""
+    """Camera in the frame W of a strike whose object and striker are turned by `heading` [rad] about z."""
     if heading == 0.0:
         return camera
     turn = np.eye(4)

@@ -1,4 +1,4 @@
-"""The body cut into cubes, each with the part of it that lies inside and in the wall (paper 3.3.1, with partial volumes)."""
+"""Voxels of the body with their partial volumes inside and in the shell (VISAPP 2013, 3.3.1)."""
 
 from __future__ import annotations
 
@@ -10,41 +10,44 @@ from analyze.geometry.object_model import ObjectModel
 from analyze.types import Array
 
 SUBCELLS = 3
-"""per edge of a cube that the surface or the wall's inner side cuts"""
-LEAST_FRACTION = 1e-3
-"""of a cube's volume; smaller pieces are given to nobody, the rest is scaled to the exact volume"""
+"""Subcells per edge of a cube that the surface or the shell's inner side cuts."""
+MIN_FRACTION = 1e-3
+"""Fraction of a cube's volume below which a part is dropped; the rest is scaled to the exact volume."""
 
 
 @dataclass(frozen=True)
 class Voxels:
-    """Cubes of edge `pitch` that hold some of the body. Volumes add up to the body's."""
+    """Cubes that contain a part of the body; their volumes add up to the body's."""
 
     pitch: float
-    """m"""
+    """Edge of the cubes [m]."""
     centres: Array
-    """(n, 3) m, in O: centroid of the part of the cube that lies inside"""
+    """(n, 3) centroid of the part of each cube inside the body [m], in O."""
     volumes: Array
-    """(n,) m^3, of that part"""
+    """(n,) volume of that part [m^3]."""
     shell: Array
-    """(n,) 0 to 1: part of `volumes` that lies within the wall's thickness of the surface"""
+    """(n,) fraction of `volumes` within the shell's thickness of the surface, 0 to 1."""
     shell_centres: Array
-    """(n, 3) m: centroid of that part; `centres` where there is none"""
+    """(n, 3) centroid of the part in the shell [m], in O; `centres` where there is none."""
     core_centres: Array
-    """(n, 3) m: centroid of the rest; `centres` where there is none"""
+    """(n, 3) centroid of the rest [m], in O; `centres` where there is none."""
 
 
 def voxelise(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels:
-    """Cut `model` into cubes of edge `pitch` [m] with a wall of `shell_thickness` [m].
+    """Divide a model into cubes of edge `pitch` [m] with a shell of `shell_thickness` [m].
 
-    Cubes cut by the surface or by the wall's inner side are cut again, and each piece counts by how far the plane through its nearest
-    surface point reaches into it, so that a 2 mm wall is right with 4 mm cubes. Volume is exact, centroid and moments to 0.5 %.
+    Cubes cut by the surface or by the shell's inner side are divided again; each subcell counts by its part
+    below the plane through its nearest surface point, so that 4 mm cubes resolve a 2 mm shell. Volume is
+    exact, centroid and moments to 0.5 %.
 
     Raises:
         ValueError: pitch or thickness is not above 0.
     """
     if pitch <= 0 or shell_thickness <= 0:
         raise ValueError("pitch and shell_thickness must be above 0")
-    return model.once(("voxels", pitch, shell_thickness), lambda model: _voxelised(model, pitch, shell_thickness))
+    return model.once(
+        ("voxels", pitch, shell_thickness), lambda model: _voxelised(model, pitch, shell_thickness)
+    )
 
 
 def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels:
@@ -63,7 +66,7 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
     wall = np.concatenate([wall, in_wall[whole].astype(float)])
     body_moment = np.vstack([body_moment, plain])
     wall_moment = np.vstack([wall_moment, plain * in_wall[whole][:, None]])
-    kept = body > LEAST_FRACTION
+    kept = body > MIN_FRACTION
     body, wall, body_moment, wall_moment = body[kept], wall[kept], body_moment[kept], wall_moment[kept]
     core = body - wall
     centres = body_moment / body[:, None]
@@ -77,17 +80,20 @@ def _voxelised(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxe
     )
 
 
-def _cut(model: ObjectModel, corners: Array, pitch: float, shell_thickness: float) -> tuple[Array, Array, Array, Array]:
-    """Parts (n,) of each cube inside and in the wall, and their first moments (n, 3), over the cube's volume."""
+def _cut(
+    model: ObjectModel, corners: Array, pitch: float, shell_thickness: float
+) -> tuple[Array, Array, Array, Array]:
+    """Fractions (n,) of each cube inside and in the shell, and first moments (n, 3) over its volume."""
     step = pitch / SUBCELLS
     offsets = (np.argwhere(np.ones((SUBCELLS,) * 3)) + 0.5) * step
     points = (corners[:, None] + offsets).reshape(-1, 3)
     found = model.depth_and_gradient(points)
-    # Width of a subcell along the surface's normal: a plane square to an axis cuts it exactly, an oblique one without bias.
+    # Width of a subcell along the surface's normal: exact for a plane normal to an axis, unbiased for an
+    # oblique one.
     width = step * np.abs(found.gradient).sum(axis=1)
     body = np.clip(found.value / width + 0.5, 0, 1)
     core = np.clip((found.value - shell_thickness) / width + 0.5, 0, 1)
-    # The part of a subcell on the near side of a plane has its centroid off the subcell's centre.
+    # The part of a subcell on one side of a plane has its centroid off the subcell's centre.
     lean = (step**2 / 12 * 6 / width)[:, None] * found.gradient
     body_point = points + lean * (body * (1 - body))[:, None] / np.where(body > 0, body, 1)[:, None]
     core_point = points + lean * (core * (1 - core))[:, None] / np.where(core > 0, core, 1)[:, None]
@@ -99,5 +105,5 @@ def _cut(model: ObjectModel, corners: Array, pitch: float, shell_thickness: floa
 
 
 def _centroids(moment: Array, volume: Array, otherwise: Array) -> Array:
-    usable = volume > LEAST_FRACTION
+    usable = volume > MIN_FRACTION
     return np.where(usable[:, None], moment / np.where(usable, volume, 1.0)[:, None], otherwise)

@@ -176,15 +176,15 @@ def test_a_session_says_what_fills_the_object_and_what_that_assumes():
     [
         (
             '[[labels]]\nname = "a"\nfills = true\n[[labels]]\nname = "b"\nfills = true',
-            "beside the wall alone",
+            "needs the wall as the only other part",
         ),
         (
             '[[labels]]\nname = "a"\nfills = true\n[[labels]]\nname = "b"\nbetween_m = [0.0, 0.1]',
-            "beside the wall alone",
+            "needs the wall as the only other part",
         ),
         (
             '[[labels]]\nname = "a"\nwall = true\ndensity_kg_m3 = 900\n[[labels]]\nname = "b"\nfills = true',
-            "density_kg_m3 is for what fills",
+            "density_kg_m3 belongs to a filling",
         ),
         (
             '[[labels]]\nname = "a"\nwall = true\n[[labels]]\nname = "b"\nfills = true\ndensity_kg_m3 = 1.6',

@@ -23,7 +23,9 @@ def spec_of(shape: dict, mass: float = 0.05, markers: list | None = None, **more
 
 
 def box_triangles(size, centre=(0.0, 0.0, 0.0)) -> np.ndarray:
-    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size + centre
+    corners = (
+        np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size + centre
+    )
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return corners[np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])]
 
@@ -36,5 +38,7 @@ def stl(triangles) -> bytes:
 
 
 def obj(vertices, faces) -> bytes:
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices] + [
+        f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces
+    ]
     return ("\n".join(lines) + "\n").encode()

@@ -39,7 +39,9 @@ def test_box_file_and_primitive_are_the_same_body():
     assert np.isclose(mesh.volume, box.volume, rtol=1e-6)
     assert np.allclose(mesh.centroid, box.centroid, atol=MICROMETRE)
     assert np.allclose(mesh.uniform_inertia(0.05), box.uniform_inertia(0.05), rtol=1e-5, atol=1e-12)
-    assert np.allclose(np.diag(box.uniform_inertia(0.06)), 0.005 * (np.sum((SIZE / 1000) ** 2) - (SIZE / 1000) ** 2))
+    assert np.allclose(
+        np.diag(box.uniform_inertia(0.06)), 0.005 * (np.sum((SIZE / 1000) ** 2) - (SIZE / 1000) ** 2)
+    )
     points = np.random.default_rng(3).uniform(-0.1, 0.1, (2000, 3))
     within = box.contains(points)
     assert np.array_equal(within, np.all(np.abs(points) < SIZE / 2000, axis=1))
@@ -51,9 +53,20 @@ def test_depth_of_a_body_with_a_notch():
     model = mesh_of(notched(), mass=0.02)
     assert np.isclose(model.volume, 0.75 * 0.04 * 0.04 * 0.03, rtol=1e-6)
     probes = np.array(
-        [[0.01, 0.01, 0.0], [-0.01, -0.01, 0.0], [-0.001, -0.001, 0.0], [0.0, -0.019, 0.0], [0.003, 0.001, 0.0], [0.05, 0.0, 0.0]]
+        [
+            [0.01, 0.01, 0.0],
+            [-0.01, -0.01, 0.0],
+            [-0.001, -0.001, 0.0],
+            [0.0, -0.019, 0.0],
+            [0.003, 0.001, 0.0],
+            [0.05, 0.0, 0.0],
+        ]
     )
-    assert np.allclose(model.depth(probes), [-0.01, 0.01, np.hypot(0.001, 0.001), 0.001, -0.001, -np.hypot(0.03, 0)], atol=MICROMETRE)
+    assert np.allclose(
+        model.depth(probes),
+        [-0.01, 0.01, np.hypot(0.001, 0.001), 0.001, -0.001, -np.hypot(0.03, 0)],
+        atol=MICROMETRE,
+    )
     assert np.array_equal(model.contains(probes), [False, True, True, True, False, False])
     assert np.allclose(model.depth_and_gradient(probes[3:4]).gradient, [[0, 1, 0]], atol=1e-6)
 
@@ -76,7 +89,8 @@ def test_cylinder_is_exact():
     model = load_object_model(spec_of({"cylinder": {"radius_m": 0.036, "height_m": 0.15}}), None, "")
     assert np.isclose(model.volume, np.pi * 0.036**2 * 0.15)
     assert np.allclose(
-        model.depth(np.array([[0.03, 0, 0], [0, 0, 0.07], [0, 0.04, 0], [0.036 + 3e-3, 0, 0.075 + 4e-3]])), [0.006, 0.005, -0.004, -0.005]
+        model.depth(np.array([[0.03, 0, 0], [0, 0, 0.07], [0, 0.04, 0], [0.036 + 3e-3, 0, 0.075 + 4e-3]])),
+        [0.006, 0.005, -0.004, -0.005],
     )
     assert np.allclose(model.depth_and_gradient(np.array([[0.0, 0.03, 0.0]])).gradient, [[0, -1, 0]])
 
@@ -132,7 +146,13 @@ def test_unusable_meshes_are_refused_in_one_line(triangles, unit, says):
 
 @pytest.mark.parametrize(
     ("name", "data"),
-    [("thing.stl", b"nothing"), ("thing.obj", b"\xff\x00"), ("thing.ply", b"ply\nrubbish"), ("thing.step", b"x"), ("thing.stl", b"")],
+    [
+        ("thing.stl", b"nothing"),
+        ("thing.obj", b"\xff\x00"),
+        ("thing.ply", b"ply\nrubbish"),
+        ("thing.step", b"x"),
+        ("thing.stl", b""),
+    ],
 )
 def test_unreadable_files_are_refused_in_one_line(name, data):
     with pytest.raises(ShapeError, match="thing") as caught:

@@ -10,7 +10,11 @@ from scipy.spatial.transform import Rotation
 from analyze.geometry import rotations
 
 component = st.floats(-1.8, 1.8, allow_nan=False)
-vectors = st.tuples(component, component, component).map(np.array).filter(lambda v: np.linalg.norm(v) < np.pi - 1e-3)
+vectors = (
+    st.tuples(component, component, component)
+    .map(np.array)
+    .filter(lambda v: np.linalg.norm(v) < np.pi - 1e-3)
+)
 TOLERANCE_RAD = 1e-9
 
 
@@ -39,20 +43,26 @@ def test_product_of_quaternions_is_product_of_matrices(a, b):
 def test_relative_rotation_takes_one_to_the_other(a, b):
     R_a, R_b = rotations.matrix_from_vector(a), rotations.matrix_from_vector(b)
     assert np.allclose(R_a @ rotations.relative(R_a, R_b), R_b, atol=1e-12)
-    assert np.isclose(rotations.angle_between(R_a, R_b), rotations.angle_between(R_b, R_a), atol=TOLERANCE_RAD)
+    assert np.isclose(
+        rotations.angle_between(R_a, R_b), rotations.angle_between(R_b, R_a), atol=TOLERANCE_RAD
+    )
 
 
 @given(st.floats(-3.1, 3.1), st.floats(-0.3, 0.3))
 def test_angle_about_an_axis_ignores_the_swing(angle, swing):
     axis = np.array([0.0, 1.0, 0.0])
-    matrix = rotations.matrix_from_vector(np.array([swing, 0.0, 0.0])) @ rotations.matrix_from_vector(angle * axis)
+    matrix = rotations.matrix_from_vector(np.array([swing, 0.0, 0.0])) @ rotations.matrix_from_vector(
+        angle * axis
+    )
     assert np.isclose(rotations.angle_about(matrix, axis), angle, atol=TOLERANCE_RAD)
 
 
 def test_half_turns_come_back():
     for axis in np.vstack([np.eye(3), np.ones(3) / np.sqrt(3)]):
         matrix = rotations.matrix_from_vector(np.pi * axis)
-        assert np.allclose(rotations.matrix_from_vector(rotations.vector_from_matrix(matrix)), matrix, atol=1e-9)
+        assert np.allclose(
+            rotations.matrix_from_vector(rotations.vector_from_matrix(matrix)), matrix, atol=1e-9
+        )
 
 
 def test_many_at_once():
@@ -74,7 +84,9 @@ def test_nearest_rotation_removes_noise():
 
 
 def test_transforms_invert():
-    T = rotations.transform(rotations.matrix_from_vector(np.array([0.1, -0.4, 2.0])), np.array([1.0, 2.0, 3.0]))
+    T = rotations.transform(
+        rotations.matrix_from_vector(np.array([0.1, -0.4, 2.0])), np.array([1.0, 2.0, 3.0])
+    )
     assert np.allclose(T @ rotations.inverse_transform(T), np.eye(4))
     points = np.array([[1.0, 0.0, 0.5], [0.0, 0.0, 0.0]])
     assert np.allclose(rotations.apply(rotations.inverse_transform(T), rotations.apply(T, points)), points)

@@ -37,7 +37,9 @@ def test_box_with_a_thin_wall(pitch):
     exact_wall = np.prod(size) - np.prod(size - 2 * WALL)
     assert np.isclose(voxels.volumes.sum(), np.prod(size))
     assert np.allclose(voxels.volumes @ voxels.centres / voxels.volumes.sum(), 0, atol=RELATIVE * 0.05)
-    assert np.allclose(moments(voxels.centres, voxels.volumes, 0, pitch), model.unit_inertia.diagonal(), rtol=RELATIVE)
+    assert np.allclose(
+        moments(voxels.centres, voxels.volumes, 0, pitch), model.unit_inertia.diagonal(), rtol=RELATIVE
+    )
     assert np.isclose(wall.sum(), exact_wall, rtol=2 * RELATIVE)
     exact = (box_moments(size) - box_moments(size - 2 * WALL)) / exact_wall
     assert np.allclose(moments(voxels.shell_centres, wall, 0, pitch), exact, rtol=2 * RELATIVE)
@@ -51,19 +53,26 @@ def test_cylinder_with_a_thin_wall():
     assert np.isclose(wall.sum(), exact_wall, rtol=2 * RELATIVE)
     exact = (cylinder_moments(0.036, 0.15) - cylinder_moments(0.034, 0.146)) / exact_wall
     assert np.allclose(moments(voxels.shell_centres, wall, 0, 0.004), exact, rtol=2 * RELATIVE)
-    assert np.allclose(moments(voxels.centres, voxels.volumes, 0, 0.004), model.unit_inertia.diagonal(), rtol=RELATIVE)
+    assert np.allclose(
+        moments(voxels.centres, voxels.volumes, 0, 0.004), model.unit_inertia.diagonal(), rtol=RELATIVE
+    )
 
 
 def test_two_joined_blocks():
     """A T: not convex, so the general distance is used."""
-    low, high = box_triangles(np.array([60.0, 60, 40]), (0, 0, 20)), box_triangles(np.array([20.0, 20, 40]), (0, 0, 60))
+    low, high = (
+        box_triangles(np.array([60.0, 60, 40]), (0, 0, 20)),
+        box_triangles(np.array([20.0, 20, 40]), (0, 0, 60)),
+    )
     triangles = np.concatenate([low, high])
     model = load_object_model(spec_of({"file": "t.stl", "unit": "mm"}), stl(triangles), "t.stl")
     voxels = voxelise(model, 0.005, 0.004)
     volumes = np.array([60 * 60 * 40, 20 * 20 * 40]) * 1e-9
     centroid = volumes @ [0.02, 0.06] / volumes.sum()
     assert np.isclose(voxels.volumes.sum(), volumes.sum(), rtol=1e-6)
-    assert np.allclose(voxels.volumes @ voxels.centres / voxels.volumes.sum(), [0, 0, centroid], atol=RELATIVE * 0.06)
+    assert np.allclose(
+        voxels.volumes @ voxels.centres / voxels.volumes.sum(), [0, 0, centroid], atol=RELATIVE * 0.06
+    )
 
 
 def test_pieces_lie_inside_their_body():

@@ -16,7 +16,7 @@ from analyze.planning.plan import Request, finish, prepare
 from analyze.planning.precision import SeenSwing, strike_covariances
 from analyze.planning.view import default_camera, refuse_off_surface
 from analyze.types import CameraModel
-from schemas.rig_limits import SMALLEST_TAG_PX
+from schemas.rig_limits import MIN_TAG_EDGE_PX
 from schemas.session_manifest import LensModel
 from tests.analyze.geometry.shapes import box_triangles, spec_of, stl
 from tests.analyze.planning.test_plan import SIZE, side_markers
@@ -53,7 +53,7 @@ def test_tags_of_3_mm_are_too_small_and_a_plan_says_so():
 
 def test_the_least_size_is_the_one_that_the_rig_is_checked_for():
     """The near face is 0.52 m from the camera: 2.75 px/mm."""
-    exact = SMALLEST_TAG_PX / (1430 / (0.55 - SIZE[1] / 2))
+    exact = MIN_TAG_EDGE_PX / (1430 / (0.55 - SIZE[1] / 2))
     only = [marker for marker in side_markers() if marker["id"] in {2, 3}]
     assert not codes(box_with([marker | {"size_m": exact * 1.001} for marker in only])) & {"tag_small"}
     assert "tag_small" in codes(box_with([marker | {"size_m": exact * 0.999} for marker in only]))
