@@ -18,6 +18,14 @@ from schemas.session_manifest import LensModel
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+TENSOR_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""indices of the six entries of a symmetric tensor, in the order of every list and table of them"""
+
+
+def tensor_entry_name(entry: tuple[int, int]) -> str:
+    """Name of an inertia tensor's entry, as Ixx or Ixy."""
+    return "I" + "".join("xyz"[index] for index in entry)
+
 
 @dataclass(frozen=True)
 class CameraModel:

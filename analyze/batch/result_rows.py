@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from analyze.errors import ArchiveError
+from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.output_file import write_bytes
 from schemas.result import Quantity, Result
 
@@ -40,8 +41,8 @@ _AXIS = pa.struct(
 )
 _REGION = pa.struct([("name", _S), ("mass_kg", _F), ("sd_kg", _F), ("low_kg", _F), ("high_kg", _F)])
 _WARNING = pa.struct([("code", _S), ("text", _S)])
-TENSOR_NAMES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-TENSOR_INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+TENSOR_COLUMNS = {tensor_entry_name(entry).lower(): entry for entry in TENSOR_ENTRIES}
+"""entries of the tensor by the names that their columns begin with"""
 
 SCHEMA = pa.schema(
     [
@@ -73,9 +74,9 @@ SCHEMA = pa.schema(
         *((f"com_{axis}_m", _F) for axis in "xyz"),
         *((f"com_sd_{axis}_m", _F) for axis in "xyz"),
         ("com_observed", _B),
-        *((f"{name}_kg_m2", _F) for name in TENSOR_NAMES),
-        *((f"{name}_sd_kg_m2", _F) for name in TENSOR_NAMES),
-        *((f"{name}_measured", _B) for name in TENSOR_NAMES),
+        *((f"{name}_kg_m2", _F) for name in TENSOR_COLUMNS),
+        *((f"{name}_sd_kg_m2", _F) for name in TENSOR_COLUMNS),
+        *((f"{name}_measured", _B) for name in TENSOR_COLUMNS),
         ("regions_explained", _B),
         ("regions", pa.list_(_REGION)),
         ("moments", pa.list_(_AXIS)),
@@ -129,15 +130,9 @@ def answer_columns(answer: Answer) -> dict[str, Any]:
             for axis, value in zip("xyz", _numbers(result.centre_of_mass.sd), strict=True)
         },
         "com_observed": result.centre_of_mass.observed,
-        **{f"{name}_kg_m2": values[i][j] for name, (i, j) in zip(TENSOR_NAMES, TENSOR_INDICES, strict=True)},
-        **{
-            f"{name}_sd_kg_m2": spread[i][j]
-            for name, (i, j) in zip(TENSOR_NAMES, TENSOR_INDICES, strict=True)
-        },
-        **{
-            f"{name}_measured": measured[i][j]
-            for name, (i, j) in zip(TENSOR_NAMES, TENSOR_INDICES, strict=True)
-        },
+        **{f"{name}_kg_m2": values[i][j] for name, (i, j) in TENSOR_COLUMNS.items()},
+        **{f"{name}_sd_kg_m2": spread[i][j] for name, (i, j) in TENSOR_COLUMNS.items()},
+        **{f"{name}_measured": measured[i][j] for name, (i, j) in TENSOR_COLUMNS.items()},
         "regions_explained": None if result.regions is None else result.regions.explained,
         "regions": _regions(result),
         "moments": [

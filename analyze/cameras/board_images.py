@@ -12,9 +12,9 @@ from analyze.errors import CalibrationError
 from analyze.progress import Progress, no_progress
 from analyze.reading.image_message import decode_image_file
 from analyze.reading.recording import open_recording
+from analyze.sources.image_file import IMAGE_SUFFIXES
 from schemas import topics
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
 RECORDING = ".mcap"
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".3gp")
 SAMPLE_INTERVAL_NS = 200_000_000
@@ -32,11 +32,11 @@ def resolve_inputs(inputs: Sequence[Path]) -> list[Path]:
     found: list[Path] = []
     for given in inputs:
         if given.is_dir():
-            inside = sorted(path for path in given.iterdir() if path.suffix.lower() in SUFFIXES)
+            inside = sorted(path for path in given.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
             if not inside:
                 raise CalibrationError(
-                    f"{given}: contains no images ({', '.join(SUFFIXES)}): name the folder that contains "
-                    "them, or a recording"
+                    f"{given}: contains no images ({', '.join(IMAGE_SUFFIXES)}): name the folder that"
+                    " contains them, or a recording"
                 )
             found += inside
         elif given.exists():
@@ -53,7 +53,9 @@ def resolve_inputs(inputs: Sequence[Path]) -> list[Path]:
                 fitting = []
             if not fitting:
                 raise CalibrationError(f"{given}: no such file or folder: check the path")
-            found += [path for path in fitting if path.suffix.lower() in (*SUFFIXES, *VIDEOS, RECORDING)]
+            found += [
+                path for path in fitting if path.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEOS, RECORDING)
+            ]
     return list(dict.fromkeys(found))
 
 
@@ -92,7 +94,7 @@ def read_image(path: Path) -> Image:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror}: check the path") from None
     image = decode_image_file(data)
     if image is None:
-        raise CalibrationError(f"{path}: not a readable image ({', '.join(SUFFIXES)}): leave it out")
+        raise CalibrationError(f"{path}: not a readable image ({', '.join(IMAGE_SUFFIXES)}): leave it out")
     return image
 
 

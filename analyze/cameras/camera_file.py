@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from analyze.cameras.board_images import SUFFIXES as PICTURES
 from analyze.cameras.board_images import VIDEOS
-from analyze.cameras.foreign_calibrations import SUFFIXES, read_calibration
 from analyze.cameras.rig_file import read_rig
 from analyze.errors import CalibrationError, ImportRefused
+from analyze.sources.foreign_calibrations import SUFFIXES, read_calibration
+from analyze.sources.image_file import IMAGE_SUFFIXES
 from analyze.sources.source import FrameSource
 from analyze.sources.topic_source import TopicSource
 from schemas.rig import RigConfig
@@ -61,7 +61,7 @@ def read_camera(path: Path) -> CameraFile:
             f"{path}: no such camera file: check the path, or make one with `analyze calibrate VIEWS -o "
             f"{path.name}`"
         )
-    if path.suffix.lower() in {*PICTURES, *VIDEOS}:
+    if path.suffix.lower() in {*IMAGE_SUFFIXES, *VIDEOS}:
         raise CalibrationError(
             f"{path}: is an image, not a camera file: make one from 15 views with `analyze calibrate "
             f"{path.name} -o camera.toml`"

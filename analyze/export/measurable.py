@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analyze.export.provenance import ENTRIES
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.polyhedron import BoolArray
 from analyze.planning.footing import footing
@@ -18,7 +17,7 @@ from analyze.planning.hypothesis import hypothesis
 from analyze.planning.pivots import PivotAxis, pivot_axes
 from analyze.planning.stable_planes import resting_planes
 from analyze.planning.unscanned import scanned_edges, scanned_planes
-from analyze.types import Array
+from analyze.types import TENSOR_ENTRIES, Array
 from schemas.object_spec import ObjectSpec
 
 STRIKE_SD_FRACTION = 0.02
@@ -61,10 +60,10 @@ def additional_edges(
     planes, _ = scanned_planes(model, footing(model, resting_planes(model), believed.region, FOOTING_MARGIN))
     axes, _ = scanned_edges(model, pivot_axes(model, spec, planes, believed))
     rows = [moment_row(axis.direction) for axis in axes]
-    information = np.eye(len(ENTRIES)) + sum(
-        (_information(moment_row(direction)) for direction in made), np.zeros((len(ENTRIES),) * 2)
+    information = np.eye(len(TENSOR_ENTRIES)) + sum(
+        (_information(moment_row(direction)) for direction in made), np.zeros((len(TENSOR_ENTRIES),) * 2)
     )
-    wanted = [ENTRIES.index(entry) for entry in prior]
+    wanted = [TENSOR_ENTRIES.index(entry) for entry in prior]
     chosen: list[PivotAxis] = []
     while axes:
         left = [place for place in wanted if not _measured(information)[place]]
@@ -79,12 +78,14 @@ def additional_edges(
         chosen.append(axes[best])
         information = after[best]
     reached = _measured(information)
-    return AdditionalEdges(tuple(chosen), tuple(ENTRIES[place] for place in wanted if not reached[place]))
+    return AdditionalEdges(
+        tuple(chosen), tuple(TENSOR_ENTRIES[place] for place in wanted if not reached[place])
+    )
 
 
 def moment_row(direction: Array) -> Array:
-    """Row (6,) of coefficients with which the entries of `ENTRIES` add up to l.I.l."""
-    return np.array([direction[i] * direction[j] * (1 if i == j else 2) for i, j in ENTRIES])
+    """Row (6,) of coefficients with which the entries of `TENSOR_ENTRIES` add up to l.I.l."""
+    return np.array([direction[i] * direction[j] * (1 if i == j else 2) for i, j in TENSOR_ENTRIES])
 
 
 def _information(row: Array) -> Array:

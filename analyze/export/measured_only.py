@@ -6,9 +6,9 @@ import numpy as np
 
 from analyze.errors import ExportError
 from analyze.export.measurable import AdditionalEdges, additional_edges
-from analyze.export.provenance import entry_name, prior_entries
+from analyze.export.provenance import prior_entries
 from analyze.geometry.object_model import ObjectModel
-from analyze.types import Array
+from analyze.types import Array, tensor_entry_name
 from schemas.object_spec import ObjectSpec
 from schemas.result import Result
 
@@ -33,7 +33,7 @@ def refuse_prior(result: Result, spec: ObjectSpec, model: ObjectModel, name: str
     if missing:
         where = np.array(com.value, dtype=np.float64)
         made = [np.array(moment.direction, dtype=np.float64) for moment in result.moments]
-        entries = ", ".join(map(entry_name, missing))
+        entries = ", ".join(map(tensor_entry_name, missing))
         verb = "is" if len(missing) == 1 else "are"
         what = f"{name}: not fully measured: {entries} of the inertia {verb} from the shape"
         raise ExportError(
@@ -50,7 +50,7 @@ def _remedy_text(found: AdditionalEdges, missing: int) -> str:
     edges = f"tips over {'edge' if len(named) == 1 else 'edges'} {', '.join(named)}{many}"
     if not found.unreachable:
         return f"{edges} would measure {'it' if missing == 1 else 'them'}: plan with --given, or {otherwise}"
-    unreachable = ", ".join(map(entry_name, found.unreachable))
+    unreachable = ", ".join(map(tensor_entry_name, found.unreachable))
     if len(found.unreachable) == missing:
         return f"no edge of this object determines {unreachable} well enough; best are {edges}: {otherwise}"
     return f"{edges} would measure the rest, but no edge of this object determines {unreachable}: {otherwise}"

@@ -11,18 +11,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.result import Quantity, Result
 
-ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 UNPRINTABLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff0-\uffff\ud800-\udfff]"
 )
 """characters that XML forbids, or that a reader of the file would not see"""
-
-
-def entry_name(entry: tuple[int, int]) -> str:
-    """Name of a tensor entry, as Ixx or Ixy."""
-    return "I" + "".join("xyz"[index] for index in entry)
 
 
 def prior_entries(result: Result) -> list[tuple[int, int]]:
@@ -30,8 +25,8 @@ def prior_entries(result: Result) -> list[tuple[int, int]]:
     if result.inertia.observed:
         return []
     if result.inertia_measured is None:
-        return list(ENTRIES)
-    return [entry for entry in ENTRIES if not result.inertia_measured[entry[0]][entry[1]]]
+        return list(TENSOR_ENTRIES)
+    return [entry for entry in TENSOR_ENTRIES if not result.inertia_measured[entry[0]][entry[1]]]
 
 
 def provenance(result: Result, name: str, software: str) -> dict[str, object]:
@@ -47,12 +42,12 @@ def provenance(result: Result, name: str, software: str) -> dict[str, object]:
     value = np.array(result.inertia.value, dtype=np.float64)
     sd = _sd_matrix(result.inertia)
     tensor = {
-        entry_name(entry): {
+        tensor_entry_name(entry): {
             "value": float(value[entry]),
             "sd": None if sd is None else float(sd[entry]),
             "source": "prior" if entry in prior else "measured",
         }
-        for entry in ENTRIES
+        for entry in TENSOR_ENTRIES
     }
     com = result.centre_of_mass
     return {

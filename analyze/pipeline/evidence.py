@@ -19,6 +19,7 @@ from analyze.motion.strike import analyse_strike
 from analyze.motion.strike_task import StrikeTask
 from analyze.pipeline.sections import next_face_angle, rolling_outline
 from analyze.planning.corrected import corrected_plan
+from analyze.progress import Progress
 from analyze.reading.object_file import read_object_files
 from analyze.reading.recording import Recording, open_recording
 from analyze.tracking.camera_model import camera_from_spec
@@ -33,8 +34,6 @@ from schemas.strike_plan import PlannedStrike, StrikePlan
 
 MAX_EDGE_SHIFT = 0.05
 """fraction of the longest edge by which an object file given afterwards may move the planned edges"""
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)

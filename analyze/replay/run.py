@@ -6,7 +6,6 @@ The first strike's images are sent before any numerical module is imported.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from analyze.progress import Progress
     from analyze.reading.indexed_file import RecordedMessage
     from analyze.replay.target import Target
     from schemas.proto import percuss_pb2 as pb
@@ -47,7 +47,6 @@ class ReplayResult:
 
 
 APPLICATION = "percuss"
-Progress = Callable[[str, int, int], None]
 _POLL_S = 0.1
 _NEXT_FILE_S = 2.0
 """Time within which the next file of a continuous recording appears."""

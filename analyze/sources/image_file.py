@@ -8,6 +8,8 @@ from analyze.reading.image_message import decode_image_file, encode_png
 from analyze.sources.jpeg import JPEG_START, jpeg_file
 from schemas.mcap.records import Buffer
 
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm", ".webp")
+"""name endings of image files that are read"""
 JPEG, PNG = "jpeg", "png"
 """format names of foxglove.CompressedImage"""
 _PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xae\x42\x60\x82"

@@ -14,11 +14,10 @@ from typing import Self, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from analyze.cameras.board_images import SUFFIXES as IMAGE_SUFFIXES
 from analyze.errors import ImportRefused
 from analyze.reading.image_message import decode_image_file
 from analyze.sources.frame_timing import usual_interval
-from analyze.sources.image_file import ImageFile, image_file
+from analyze.sources.image_file import IMAGE_SUFFIXES, ImageFile, image_file
 from analyze.sources.source import TimedFile, TimedImage
 from schemas.session_manifest import TimeSource
 

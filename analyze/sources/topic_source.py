@@ -16,11 +16,11 @@ from typing import Protocol, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from analyze.cameras.foreign_calibrations import calibration_of
 from analyze.errors import CalibrationError, ImportRefused
 from analyze.reading.compressed_video import decode_video
 from analyze.reading.indexed_file import RecordedMessage
 from analyze.sources import pictures
+from analyze.sources.foreign_calibrations import calibration_of
 from analyze.sources.frame_timing import usual_interval
 from analyze.sources.image_file import image_file, is_image_file
 from analyze.sources.message_files import LoggedMessage, MessageFile, Topic, open_message_file

@@ -46,11 +46,12 @@ def export(
     from analyze.export.body import ExportBody, inertial_of
     from analyze.export.export_source import is_result, read_export_input
     from analyze.export.measured_only import refuse_prior
-    from analyze.export.provenance import entry_name, prior_entries, provenance
+    from analyze.export.provenance import prior_entries, provenance
     from analyze.export.read_back import refuse_without_reader
     from analyze.export.write import write_body
     from analyze.progress import ProgressBar
     from analyze.reading.file_series import find_series_files
+    from analyze.types import tensor_entry_name
     from schemas.output_file import refuse_unwritable
     from schemas.software import software_version
 
@@ -75,7 +76,7 @@ def export(
             err=True,
         )
     if prior := prior_entries(source.result):
-        entries = ", ".join(map(entry_name, prior))
+        entries = ", ".join(map(tensor_entry_name, prior))
         click.echo(f"note: from the shape, not from strikes: {entries}; the file marks them", err=True)
     beside = "".join(f", with {path.name} beside it" for path in written[1:])
     click.echo(f"{kind.value.upper()}: {written[0]}{beside}; read back: the same ten parameters")

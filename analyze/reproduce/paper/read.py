@@ -12,7 +12,7 @@ from analyze.reproduce.paper.session import session_record
 from analyze.result.score import refuse_without_truth
 
 if TYPE_CHECKING:
-    from analyze.pipeline.evidence import Progress
+    from analyze.progress import Progress
 
 
 def read_session(path: Path, progress: Progress | None = None) -> SessionRecord:

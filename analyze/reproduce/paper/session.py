@@ -41,7 +41,8 @@ from analyze.types import Array, TipMotion
 from schemas.result import Verdict
 
 if TYPE_CHECKING:
-    from analyze.pipeline.evidence import Evidence, Progress
+    from analyze.pipeline.evidence import Evidence
+    from analyze.progress import Progress
     from schemas.proto import percuss_pb2 as pb
 
 SWEPT = "carton"

@@ -129,7 +129,7 @@ def calibrate(*, drop: bool, as_json: bool, **given: Any) -> None:
 def _calibrate_lens(arguments: _LensArguments, as_json: bool) -> None:
     from analyze.cameras.calibrate import calibrate_camera
     from analyze.progress import ProgressBar
-    from analyze.report.calibration_plot import write_picture
+    from analyze.verbs.calibrate.picture import write_picture
     from analyze.verbs.calibrate.table import calibration_json, render_calibration
 
     options = _calibrate_options(arguments)

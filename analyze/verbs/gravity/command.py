@@ -49,8 +49,8 @@ def gravity(
     from math import radians
 
     from analyze.progress import ProgressBar
-    from analyze.report.plumb_picture import write_plumb_picture
     from analyze.verbs.gravity.level import GravityOptions, read_gravity, write_level
+    from analyze.verbs.gravity.picture import write_plumb_picture
     from analyze.verbs.gravity.table import gravity_json, gravity_text
     from schemas.output_file import refuse_unwritable
 

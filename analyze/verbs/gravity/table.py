@@ -29,7 +29,7 @@ def gravity_text(answer: GravityAnswer) -> list[str]:
             if table.determined[i]
             else f"not determined (± {sd:.2f}°)"
         )
-        lines.append(f"the table rises towards {towards}: {text}")
+        lines.append(f"table tilt towards {towards}: {text}")
     if not table.determined[1]:
         lines.append(
             "note: strings far apart in the image would determine the second; tips, also turned by 180°, do "

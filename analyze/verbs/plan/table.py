@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from analyze.planning.rejections import rejection_summary
+from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.strike_plan import PlanMethod, PlannedStrike, Prediction, StrikePlan
 
 NOT_DETERMINED = "not determined"
@@ -100,11 +101,9 @@ def _prediction_table(plan: StrikePlan, prediction: Prediction) -> Table:
         table.add_row(f"moment about ({along}) through c", value)
     tensor = np.array(prediction.inertia_determined)
     sd = np.array(prediction.inertia_sd_kg_m2)
-    names = ("xx", "yy", "zz", "xy", "xz", "yz")
-    entries = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     tensor_text = ", ".join(
-        f"{name} ±{1e6 * sd[entry]:.2f}" if tensor[entry] else f"{name} {NOT_DETERMINED}"
-        for name, entry in zip(names, entries, strict=True)
+        f"{tensor_entry_name(entry)} {f'±{1e6 * sd[entry]:.2f}' if tensor[entry] else NOT_DETERMINED}"
+        for entry in TENSOR_ENTRIES
     )
     table.add_row("inertia tensor [kg mm²]", tensor_text)
     for region in prediction.regions:

@@ -1,4 +1,4 @@
-"""An archive of two recordings of one object and one broken file of each kind, and what a run over it gave."""
+"""An archive of two recordings of one object and a broken file of each kind, and a run over it."""
 
 from __future__ import annotations
 

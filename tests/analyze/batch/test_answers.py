@@ -22,7 +22,7 @@ DAYS, SCATTER_M, DRIFT_M = 12, 2e-4, 1.5e-4
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory):
-    """Twelve sessions of one object, a day apart, whose centre of mass drifts, and a recording that gave nothing."""
+    """Twelve daily sessions of one object whose centre of mass drifts, and a recording without a result."""
     output = tmp_path_factory.mktemp("results")
     rng = np.random.default_rng(3)
     for name in ("recordings", "failures"):
@@ -33,12 +33,23 @@ def results(tmp_path_factory):
                 "com_z_m": 0.02 + DRIFT_M * day
             }
             row = numbers | {
-                "status": "ok", "key": f"k{day}", "url": f"/runs[a]/{day}.mcap", "object": "tea [box]", "object_sha256": "a" * 64,
-                "created": f"2026-01-{1 + day:02d}T08:00:00+00:00", "com_observed": True, "strikes_recorded": 4, "strikes_used": 3,
+                "status": "ok",
+                "key": f"k{day}",
+                "url": f"/runs[a]/{day}.mcap",
+                "object": "tea [box]",
+                "object_sha256": "a" * 64,
+                "created": f"2026-01-{1 + day:02d}T08:00:00+00:00",
+                "com_observed": True,
+                "strikes_recorded": 4,
+                "strikes_used": 3,
                 **{f"com_sd_{axis}_m": SCATTER_M for axis in "xyz"},
-                "ixx_kg_m2": 2e-4, "ixx_sd_kg_m2": 1e-6, "ixx_measured": True,
-                "iyy_kg_m2": 2e-4, "iyy_sd_kg_m2": 1e-6, "iyy_measured": False,
-            }  # fmt: skip
+                "ixx_kg_m2": 2e-4,
+                "ixx_sd_kg_m2": 1e-6,
+                "ixx_measured": True,
+                "iyy_kg_m2": 2e-4,
+                "iyy_sd_kg_m2": 1e-6,
+                "iyy_measured": False,
+            }
             write_row(row, output / "recordings" / f"k{day}.parquet")
             ledger.add([Entry(row["url"], f"s{day}", "", "", f"k{day}", "", "", [])])
         failure = {
@@ -66,8 +77,8 @@ def test_a_summary_says_how_the_answers_repeat_and_drift(results):
     assert by_name["centre of mass x"].mean == pytest.approx(10.0, abs=0.2)
     assert by_name["Ixx"].mean == pytest.approx(2000.0)
     assert by_name["Ixx"].stated == pytest.approx(10.0)
-    (told,) = found.standing_out
-    assert (told.quantity, told.stands_out) == (
+    (outlier,) = found.standing_out
+    assert (outlier.quantity, outlier.stands_out) == (
         "centre of mass z",
         "scatters 2.7 times as much as stated, drifts",
     )
@@ -114,11 +125,14 @@ def test_columns_of_one_name_get_names_of_their_own(results):
 
 
 def test_an_answer_as_json_and_csv(results, tmp_path, capsys):
-    sql = "select sum(strikes_used) as n, 'nan'::double as x, [1, 2] as l, interval 3 days as i, '\\xAA'::blob as b from recordings"
+    sql = (
+        "select sum(strikes_used) as n, 'nan'::double as x, [1, 2] as l, interval 3 days as i, "
+        "'\\xAA'::blob as b from recordings"
+    )
     answer = run_query(results, sql)
     print_answer(answer, "json")
-    told = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
-    assert (told["n"], told["x"], told["l"]) == (3 * DAYS, None, [1, 2])
+    row = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert (row["n"], row["x"], row["l"]) == (3 * DAYS, None, [1, 2])
     save_answer(answer, tmp_path / "a.csv")
     row = pc.read_csv(tmp_path / "a.csv").to_pylist()[0]
     assert row["n"] == 3 * DAYS

@@ -52,12 +52,14 @@ def bucket(archive):
     server = ThreadedMotoServer(ip_address="127.0.0.1", port=0)
     server.start()
     host, port = server.get_host_and_port()
-    told = {
-        "AWS_ACCESS_KEY_ID": "loopback", "AWS_SECRET_ACCESS_KEY": "loopback", "AWS_DEFAULT_REGION": "us-east-1",
+    settings = {
+        "AWS_ACCESS_KEY_ID": "loopback",
+        "AWS_SECRET_ACCESS_KEY": "loopback",
+        "AWS_DEFAULT_REGION": "us-east-1",
         "AWS_ENDPOINT_URL": f"http://{host}:{port}",
-    }  # fmt: skip
-    before = {name: os.environ.get(name) for name in told}
-    os.environ.update(told)
+    }
+    before = {name: os.environ.get(name) for name in settings}
+    os.environ.update(settings)
     import s3fs
 
     system = s3fs.S3FileSystem(skip_instance_cache=True)

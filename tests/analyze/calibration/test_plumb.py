@@ -1,4 +1,4 @@
-"""Gravity from strings in view, on rendered images: right within the stated errors; one view may not suffice."""
+"""Gravity from strings in view, on rendered images, to within the stated errors; one view may not suffice."""
 
 import json
 import tomllib
@@ -128,7 +128,7 @@ def test_the_reading_is_written_where_the_estimate_finds_it(folder):
         folder / "seen.png",
     )
     assert answer.exit_code == 0, answer.output
-    assert "the table rises towards +x" in answer.output
+    assert "table tilt towards +x" in answer.output
     assert rig.read_text(encoding="utf-8").startswith(RIG)
     level = read_rig(rig).level
     assert (level.towards_x_rad, level.towards_y_rad) == pytest.approx(tuple(SLOPE), abs=1.5e-3)

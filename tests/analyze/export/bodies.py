@@ -75,7 +75,10 @@ def body_of(shape: str = "box", name: str = "thing", inertial: Inertial | None =
 
 @st.composite
 def inertials(draw) -> Inertial:
-    """From a grain to the heaviest that is struck; flat and long bodies, principal axes turned anyhow, two or three moments alike too."""
+    """From a grain to the heaviest that is struck.
+
+    Flat and long bodies, principal axes turned anyhow, two or three moments alike too.
+    """
     second = [draw(st.sampled_from([1.0, 1.0, 0.3]) | st.floats(2e-3, 1.0)) for _ in range(3)]
     quaternion = [draw(st.floats(-1, 1)) for _ in range(4)]
     length = np.linalg.norm(quaternion)

@@ -1,4 +1,7 @@
-"""Every format keeps the same promise: the file loads in its own reader, with the same ten parameters and the same shape."""
+"""Every format keeps the same promise.
+
+The file loads in its own reader, with the same ten parameters and the same shape.
+"""
 
 from __future__ import annotations
 
@@ -77,7 +80,10 @@ def said_in(path: Path, wanted: Format) -> dict[str, object]:
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_mujoco_moves_it_as_newton_says(shape, tmp_path):
-    """Not by what the file says but by what the engine does: accelerations under a wrench, and the shape where O has it."""
+    """Not by what the file says but by what the engine does.
+
+    Accelerations under a wrench, and the shape where O has it.
+    """
     body = body_of(shape)
     model = mujoco.MjModel.from_xml_path(str(written(body, Format.MJCF, tmp_path)))
     model.opt.gravity[:] = 0
@@ -207,7 +213,10 @@ def test_a_comment_holds_any_name_and_gives_it_back(name):
 
 @FORMATS
 def test_what_is_read_otherwise_is_no_export(wanted, tmp_path, monkeypatch):
-    """A reader that finds another body, by a little more than the format's precision: an error, and what stood there still stands."""
+    """A reader that finds another body, by a little more than the format's precision.
+
+    An error, and what stood there still stands.
+    """
     path = tmp_path / f"out{wanted.suffixes[0]}"
     path.write_text("before")
     body = body_of("mesh")

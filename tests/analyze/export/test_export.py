@@ -1,4 +1,7 @@
-"""`analyze export` from a recording or a result to the file: what it writes, what it says, what it refuses."""
+"""`analyze export` from a recording or a result to the file.
+
+What it writes, what it says, what it refuses.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +18,12 @@ from analyze.export import read_back as readers
 from analyze.export.body import inertial_of
 from analyze.export.formats import Format
 from analyze.export.measured_only import refuse_prior
-from analyze.export.provenance import ENTRIES, prior_entries, provenance
+from analyze.export.provenance import prior_entries, provenance
 from analyze.export.read_back import read_back
 from analyze.export.write import refuse_other
 from analyze.reading.object_file import read_object_files
 from analyze.reading.recording import open_recording
+from analyze.types import TENSOR_ENTRIES
 from schemas.result import Result
 from tests.analyze.export.bodies import model_of, spec_of, wedge_obj
 from tests.places import SAMPLE
@@ -114,7 +118,10 @@ def test_what_is_measured_throughout_passes(result):
         (
             "x",
             ["Iyy", "Izz", "Ixy"],
-            r"tips over edges \w+ \(along .\), \w+ \(along .\) would measure the rest, but no edge .* determines Ixy",
+            (
+                r"tips over edges \w+ \(along .\), \w+ \(along .\) would measure the rest, but no edge .* "
+                r"determines Ixy"
+            ),
         ),
         ("xyz", ["Iyz"], r"Iyz of the inertia is from the shape: no edge of this object would measure"),
     ],
@@ -136,11 +143,12 @@ def test_what_rolls_when_it_lies_never_tells_the_moment_about_its_axis(result):
 
 
 def test_a_slanted_edge_measures_what_no_edge_of_a_box_does(result):
-    """The wedge has edges across x and y: one tells Ixy once Ixx and Iyy are known."""
+    """The wedge has edges across x and y: one determines Ixy once Ixx and Iyy are known."""
     spec, model = spec_of("mesh"), model_of("mesh")
     with pytest.raises(
         ExportError,
-        match=r"Ixy of the inertia is from the shape: tips over edge .*\(along \(.*\) would measure it: plan with",
+        match=r"Ixy of the inertia is from the shape: tips over edge .*\(along \(.*\) would measure it: "
+        r"plan with",
     ):
         refuse_prior(with_inertia(result, ["Ixy"]), spec, model, "r.mcap")
 
@@ -151,7 +159,8 @@ def test_a_centre_of_mass_that_was_not_observed(result):
     )
     with pytest.raises(
         ExportError,
-        match=r"no strike determines the centre of mass along \(0.00, -0.60, 0.80\): tip it over an edge across",
+        match=r"no strike determines the centre of mass along \(0.00, -0.60, 0.80\): tip it over an edge "
+        r"across",
     ):
         refuse_prior(
             result.model_copy(update={"centre_of_mass": com}), spec_of("box"), model_of("box"), "r.mcap"
@@ -160,7 +169,7 @@ def test_a_centre_of_mass_that_was_not_observed(result):
 
 def test_an_older_result_that_does_not_say_which_is_measured_counts_as_prior(result):
     older = result.model_copy(update={"inertia_measured": None})
-    assert prior_entries(older) == list(ENTRIES)
+    assert prior_entries(older) == list(TENSOR_ENTRIES)
 
 
 def test_the_file_says_which_numbers_are_measured(result):

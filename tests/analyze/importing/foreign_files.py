@@ -1,4 +1,7 @@
-"""Recordings of others, written by their own libraries: Foxglove MCAP files by foxglove-sdk, ROS 2 bags by rosbags."""
+"""Recordings of others, written by their own libraries.
+
+Foxglove MCAP files by foxglove-sdk, ROS 2 bags by rosbags.
+"""
 
 from __future__ import annotations
 
@@ -88,7 +91,10 @@ def access_units(frames):
 def write_foxglove(
     path, frames, kind="mono8", topic="/cam/image", stamps=None, calibrated=True, more=(), intrinsics=None
 ):
-    """An MCAP file of Foxglove's messages; kind: an encoding of raw images, "jpeg", "png", "h264" or "json"."""
+    """An MCAP file of Foxglove's messages; kind.
+
+    An encoding of raw images, "jpeg", "png", "h264" or "json".
+    """
     context = foxglove.Context()
     logged = times(len(frames))
     with foxglove.open_mcap(path, context=context, allow_overwrite=True):

@@ -26,17 +26,17 @@ from analyze.sources.video import VideoSource
 from schemas.output_file import OutputError
 from schemas.result import Verdict
 from schemas.session_manifest import TimeSource
-from tests.analyze.importing.filmed import (
+from tests.analyze.importing.tip_videos import (
     PHI,
     RATE,
     REST,
     T_WORLD_CAMERA,
     K,
     angles,
-    film,
     picture,
     setting,
     tip,
+    write_video,
 )
 
 STEP_US = 10**6 // RATE
@@ -59,7 +59,7 @@ def _images(recording: Recording, start_ns=None, end_ns=None) -> list[tuple[int,
 @pytest.mark.parametrize("codec", ["libx264", "libx265"])
 def test_h264_and_h265_are_kept_and_read_back(tmp_path, codec, b_frames):
     more = {"x265-params": "log-level=none:keyint=20"} if codec == "libx265" else {"g": "20"}
-    path = film(tmp_path / "a.mp4", tip(), codec=codec, bf=b_frames, preset="ultrafast", **more)
+    path = write_video(tmp_path / "a.mp4", tip(), codec=codec, bf=b_frames, preset="ultrafast", **more)
     with VideoSource(path) as source:
         expected = [(frame.time_ns, frame.image.copy()) for frame in source.frames()]
     file = imported(tmp_path, path, whole=True)
@@ -86,8 +86,8 @@ def test_h264_and_h265_are_kept_and_read_back(tmp_path, codec, b_frames):
         assert strike.contact_time_ns == 0
 
 
-def test_a_film_is_analysed_like_a_recording_of_ours(tmp_path):
-    file = imported(tmp_path, film(tmp_path / "a.mp4", tip(), crf="10"))
+def test_a_video_is_analysed_like_a_recording_of_ours(tmp_path):
+    file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip(), crf="10"))
     [motion] = read_evidence(read_head(file)).motions
     assert motion.verdict is Verdict.GOOD, motion.reason
     assert motion.fit is not None
@@ -96,7 +96,7 @@ def test_a_film_is_analysed_like_a_recording_of_ours(tmp_path):
 
 
 def test_slow_motion_that_says_30(tmp_path):
-    path = film(tmp_path / "a.mp4", tip(), range(0, 33_333 * len(tip()), 33_333), crf="10")
+    path = write_video(tmp_path / "a.mp4", tip(), range(0, 33_333 * len(tip()), 33_333), crf="10")
     [motion] = read_evidence(
         read_head(imported(tmp_path, path, source=SourceOptions(capture_hz=RATE)))
     ).motions
@@ -108,7 +108,7 @@ def test_a_dropped_stretch_is_said(tmp_path):
     times = [number * STEP_US for number in range(len(tip())) if not 40 <= number < 47]
     images = [image for number, image in enumerate(tip()) if not 40 <= number < 47]
     with prepare(
-        ImportOptions((film(tmp_path / "a.mp4", images, times),), *setting(tmp_path), whole=True)
+        ImportOptions((write_video(tmp_path / "a.mp4", images, times),), *setting(tmp_path), whole=True)
     ) as prepared:
         written = write_recording(prepared, tmp_path / "o.mcap")
     assert written.remarks == ("a.mp4: 7 frames are missing once: 0.067 s from 0.325 s on",)
@@ -122,7 +122,7 @@ def test_a_dropped_stretch_is_said(tmp_path):
 
 def test_other_codecs_are_stored_without_loss_in_the_window_alone(tmp_path):
     still = [tip()[0]] * 120
-    path = film(tmp_path / "a.mkv", [*still, *tip()], codec="ffv1", pixels="gray")
+    path = write_video(tmp_path / "a.mkv", [*still, *tip()], codec="ffv1", pixels="gray")
     with open_recording(imported(tmp_path, path)) as recording:
         assert recording.topics()[1].schema == "foxglove.RawImage"
         images = [image for _, image in _images(recording)]
@@ -148,14 +148,14 @@ def test_a_folder_of_images(tmp_path):
     assert all(np.array_equal(image, drawn) for (_, image), drawn in zip(images, tip(), strict=True))
 
 
-def test_one_film_of_the_session_is_split(tmp_path):
+def test_one_video_of_the_session_is_split(tmp_path):
     gone = [np.full_like(tip()[0], 120)] * 40
     hand = [tip()[0].copy() for _ in range(20)]
     for image in hand:
         image[60:140, 40:120] = 20
     carried = [picture(0.0, (4.0 * step, -3.0 * step)) for step in range(1, 20)]
     one = [*[tip()[0]] * 40, *hand, *tip(), *gone, *[tip()[0]] * 30, *carried, *gone, *tip()]
-    path = film(tmp_path / "a.mp4", one, crf="10")
+    path = write_video(tmp_path / "a.mp4", one, crf="10")
     with prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2")))) as prepared:
         assert prepared.was_split
         starts = [60 + REST, 60 + len(tip()) + 40 + 30 + 19 + 40 + REST]
@@ -172,7 +172,7 @@ def test_one_film_of_the_session_is_split(tmp_path):
 
 
 def test_which_strike_is_which(tmp_path):
-    path = film(tmp_path / "a.mp4", tip())
+    path = write_video(tmp_path / "a.mp4", tip())
     with prepare(
         ImportOptions((path, path), *setting(tmp_path, ("s1", "s2", "s3")), ("s3", "s3"), whole=True)
     ) as prepared:
@@ -186,10 +186,10 @@ def test_which_strike_is_which(tmp_path):
 
 
 def test_the_resting_object_places_the_camera(tmp_path):
-    file = imported(tmp_path, film(tmp_path / "a.mp4", tip(), crf="10"), placed=False)
+    file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip(), crf="10"), placed=False)
     with open_recording(file) as recording:
         found = np.array(recording.manifest.cameras[0].calibration.T_world_camera)
-    # A tag that is seen square on tells least of how it is tilted; what theta(t) tells hardly depends on that.
+    # A tag seen face on determines its tilt least; theta(t) hardly depends on the tilt.
     assert found[:3, 3] == pytest.approx(T_WORLD_CAMERA[:3, 3], abs=5e-3)
     assert np.degrees(np.arccos((np.trace(found[:3, :3].T @ T_WORLD_CAMERA[:3, :3]) - 1) / 2)) < 1.5
     [motion] = read_evidence(read_head(file)).motions
@@ -198,13 +198,13 @@ def test_the_resting_object_places_the_camera(tmp_path):
 
 
 def test_another_cameras_images_are_refused(tmp_path):
-    path = film(tmp_path / "a.mp4", [image[:200] for image in tip()[:5]])
+    path = write_video(tmp_path / "a.mp4", [image[:200] for image in tip()[:5]])
     with pytest.raises(ImportRefused, match=r"has 320 x 200 px, .* is of 320 x 240"):
         prepare(ImportOptions((path,), *setting(tmp_path)))
 
 
-def test_the_same_film_gives_the_same_content(tmp_path):
-    path = film(tmp_path / "a.mp4", tip()[:20])
+def test_the_same_video_gives_the_same_content(tmp_path):
+    path = write_video(tmp_path / "a.mp4", tip()[:20])
     ids = []
     for name in ("one.mcap", "two.mcap"):
         with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared:
@@ -222,7 +222,9 @@ def test_a_rig_file_says_how_the_table_slopes(tmp_path):
     files[2].write_text(
         "g_m_s2 = 9.79\n[level]\ntowards_x_rad = 0.001\ntowards_x_sd_rad = 0.0002\n" + files[2].read_text()
     )
-    with prepare(ImportOptions((film(tmp_path / "a.mp4", tip()[:5]),), *files, whole=True)) as prepared:
+    with prepare(
+        ImportOptions((write_video(tmp_path / "a.mp4", tip()[:5]),), *files, whole=True)
+    ) as prepared:
         write_recording(prepared, tmp_path / "o.mcap")
     with open_recording(tmp_path / "o.mcap") as recording:
         assert recording.manifest.g_m_s2 == 9.79
@@ -231,7 +233,7 @@ def test_a_rig_file_says_how_the_table_slopes(tmp_path):
 
 
 def test_what_somebody_else_is_writing_is_left_alone(tmp_path):
-    path = film(tmp_path / "a.mp4", tip()[:5])
+    path = write_video(tmp_path / "a.mp4", tip()[:5])
     (tmp_path / "o.mcap.part").write_bytes(b"theirs")
     with (
         prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared,
@@ -243,7 +245,7 @@ def test_what_somebody_else_is_writing_is_left_alone(tmp_path):
 
 def test_a_recording_of_ours_is_not_imported_again(tmp_path):
     """Its video is in decoding order, which a reader by time does not return."""
-    file = imported(tmp_path, film(tmp_path / "a.mp4", tip()[:12], bf="3"), whole=True)
+    file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip()[:12], bf="3"), whole=True)
     with pytest.raises(
         ImportRefused,
         match=r"is already a recording: use it as it is, as in `analyze estimate imported.mcap`",
@@ -251,8 +253,8 @@ def test_a_recording_of_ours_is_not_imported_again(tmp_path):
         open_source(file, SourceOptions())
 
 
-def test_a_film_is_not_watched_and_says_so_in_one_line(tmp_path):
-    file = imported(tmp_path, film(tmp_path / "a.mp4", tip()[:12]), whole=True)
+def test_a_video_is_not_watched_and_says_so_in_one_line(tmp_path):
+    file = imported(tmp_path, write_video(tmp_path / "a.mp4", tip()[:12]), whole=True)
     done = CliRunner().invoke(main, ["watch", str(file)], input="")
     assert done.exit_code == 1
     assert done.output.count("\n") == 1
@@ -261,7 +263,10 @@ def test_a_film_is_not_watched_and_says_so_in_one_line(tmp_path):
 
 
 def test_a_bucket_gives_what_a_decoder_needs_where_no_key_picture_comes_for_long(tmp_path, monkeypatch):
-    """Chunks that go on without a key picture, which 64 MiB make, here 20 kB: what lies before the strike is fetched back to the key."""
+    """Chunks that go on without a key picture, which 64 MiB make, here 20 kB.
+
+    What lies before the strike is fetched back to the key.
+    """
     monkeypatch.setattr("schemas.topics.VIDEO_CHUNK_BYTES", 20_000)
     monkeypatch.setattr("analyze.batch.sparse_copy.VIDEO_CHUNK_BYTES", 20_000)
     noise = np.random.default_rng(1)
@@ -269,7 +274,7 @@ def test_a_bucket_gives_what_a_decoder_needs_where_no_key_picture_comes_for_long
         np.clip(image + noise.normal(0, 6, image.shape), 0, 255).astype(np.uint8)
         for image in [tip()[0]] * 150
     ]
-    path = film(
+    path = write_video(
         tmp_path / "a.mp4", [*busy, *tip()], crf="20", bf="0", g="95", sc_threshold="0", preset="ultrafast"
     )
     file = imported(tmp_path, path)
@@ -286,7 +291,7 @@ def test_a_bucket_gives_what_a_decoder_needs_where_no_key_picture_comes_for_long
 
 def test_nothing_is_written_unasked(tmp_path):
     gone = [np.full_like(tip()[0], 120)] * 30
-    path = film(tmp_path / "a.mp4", [*tip(), *gone, *gone, *gone, *tip()])
+    path = write_video(tmp_path / "a.mp4", [*tip(), *gone, *gone, *gone, *tip()])
     files = zip(("--object", "--plan", "--camera"), map(str, setting(tmp_path, ("s1", "s2"))), strict=True)
     command = [
         "import",
@@ -316,7 +321,9 @@ def test_an_object_that_was_pushed_a_little_rests_anew(tmp_path):
     """A finger nudges it, and strikes a while later: the onset is the strike's, not the nudge's."""
     nudged = [picture(theta, (1.5, 0.0)) for theta in angles()[REST - 15 :]]
     one = [*[tip()[0]] * 40, *[nudged[0]] * 40, *nudged]
-    with prepare(ImportOptions((film(tmp_path / "a.mp4", one, crf="10"),), *setting(tmp_path))) as prepared:
+    with prepare(
+        ImportOptions((write_video(tmp_path / "a.mp4", one, crf="10"),), *setting(tmp_path))
+    ) as prepared:
         [window] = prepared.windows
     assert window.onset is not None
     assert window.onset.time_ns * 1e-9 * RATE == pytest.approx(40 + 40 + 15, abs=3)

@@ -12,8 +12,8 @@ from analyze.pipeline.evidence import read_evidence, read_head
 from analyze.reading.recording import open_recording
 from schemas.result import Verdict
 from schemas.session_manifest import TimeSource
-from tests.analyze.importing.filmed import FOCAL, HEIGHT, PHI, RATE, WIDTH, K, setting, tip
 from tests.analyze.importing.foreign_files import START_NS, write_bag, write_foxglove
+from tests.analyze.importing.tip_videos import FOCAL, HEIGHT, PHI, RATE, WIDTH, K, setting, tip
 
 INTRINSICS = [FOCAL, 0.0, 159.5, 0.0, FOCAL, 119.5, 0.0, 0.0, 1.0]
 

@@ -10,7 +10,7 @@ from analyze.errors import CalibrationError, ImportRefused
 from analyze.importing.prepare import ImportOptions, prepare
 from analyze.sources.open_source import SourceOptions
 from analyze.sources.video import VideoSource
-from tests.analyze.importing.filmed import RATE, REST, angles, film, picture, setting, tip
+from tests.analyze.importing.tip_videos import RATE, REST, angles, picture, setting, tip, write_video
 
 PLAYED_US = 33_333
 STEP_US = 10**6 // RATE
@@ -28,7 +28,7 @@ def refused(folder, path, placed=False, strikes=("s1",), **options) -> str:
 
 
 def test_slow_motion_that_says_its_rate_is_undone(tmp_path):
-    path = film(tmp_path / "a.mp4", tip()[:20], played(tip()[:20]), captured="240.000000")
+    path = write_video(tmp_path / "a.mp4", tip()[:20], played(tip()[:20]), captured="240.000000")
     with VideoSource(path) as source:
         assert source.rate_hz == pytest.approx(240, rel=1e-4)
         assert np.diff([frame.time_ns for frame in source.frames()]) == pytest.approx(1e9 / 240, rel=1e-4)
@@ -37,15 +37,15 @@ def test_slow_motion_that_says_its_rate_is_undone(tmp_path):
 
 
 def test_who_says_another_rate_is_believed_and_told(tmp_path):
-    path = film(tmp_path / "a.mp4", tip()[:20], played(tip()[:20]), captured="240.000000")
+    path = write_video(tmp_path / "a.mp4", tip()[:20], played(tip()[:20]), captured="240.000000")
     with VideoSource(path, capture_hz=120) as source:
         assert source.rate_hz == pytest.approx(120, rel=1e-4)
         assert source.remarks == ("a.mp4: states that 240 frames a second were captured, not 120",)
 
 
 @pytest.mark.parametrize("said", ["120.000000", "30.0", "nan", "-3", "fast", ""])
-def test_a_rate_that_is_the_films_own_or_none_changes_nothing(tmp_path, said):
-    path = film(tmp_path / "a.mp4", tip()[:20], captured=said)
+def test_a_rate_that_is_the_videos_own_or_none_changes_nothing(tmp_path, said):
+    path = write_video(tmp_path / "a.mp4", tip()[:20], captured=said)
     with VideoSource(path) as source:
         assert source.rate_hz == pytest.approx(RATE, rel=1e-3)
         assert source.remarks == ()
@@ -55,7 +55,7 @@ def ramp(folder):
     """A video whose middle was slowed down, as phones export it."""
     images = [*[tip()[0]] * 60, *tip()]
     steps = [PLAYED_US if 40 <= number < 120 else STEP_US // 2 for number in range(len(images) - 1)]
-    return film(folder / "ramp.mp4", images, [0, *np.cumsum(steps).tolist()])
+    return write_video(folder / "ramp.mp4", images, [0, *np.cumsum(steps).tolist()])
 
 
 def test_a_slow_part_is_refused_where_one_rate_is_said(tmp_path):
@@ -73,45 +73,50 @@ def test_a_slow_part_is_told_where_none_is(tmp_path):
 
 
 def test_few_frames_a_second_ask_for_the_rate_and_alike_is_said_once(tmp_path):
-    paths = [film(tmp_path / f"s{number}.mp4", tip(), played(tip()), turned=180) for number in (1, 2, 3)]
+    paths = [
+        write_video(tmp_path / f"s{number}.mp4", tip(), played(tip()), turned=180) for number in (1, 2, 3)
+    ]
     with prepare(ImportOptions(tuple(paths), *setting(tmp_path, ("s1", "s2", "s3")))) as prepared:
         few, turned = prepared.remarks()
     assert few.startswith(
-        "30 frames per second are few for a strike: if this is slow motion, give the capture rate with --capture-fps"
+        "30 frames per second are few for a strike: if this is slow motion, give the capture rate with "
+        "--capture-fps"
     )
     assert turned.startswith("s1.mp4 and 2 more: is displayed rotated by 180 deg")
 
 
-def test_one_capture_rate_for_films_that_play_differently_is_told(tmp_path):
+def test_one_capture_rate_for_videos_that_play_differently_is_told(tmp_path):
     paths = (
-        film(tmp_path / "s1.mp4", tip(), played(tip())),
-        film(tmp_path / "s2.mp4", tip(), played(tip(), 2 * PLAYED_US)),
+        write_video(tmp_path / "s1.mp4", tip(), played(tip())),
+        write_video(tmp_path / "s2.mp4", tip(), played(tip(), 2 * PLAYED_US)),
     )
     options = ImportOptions(paths, *setting(tmp_path, ("s1", "s2")), source=SourceOptions(capture_hz=RATE))
     with prepare(options) as prepared:
         assert (
-            "s2.mp4: plays 15 frames per second, s1.mp4 30, but --capture-fps 120 applies to both: import videos"
-            in " ".join(prepared.remarks())
+            "s2.mp4: plays 15 frames per second, s1.mp4 30, but --capture-fps 120 applies to both: import "
+            "videos" in " ".join(prepared.remarks())
         )
 
 
 def test_a_camera_held_by_hand_is_told(tmp_path):
     swing = [picture(theta, (25 * np.sin(0.09 * number), 0.0)) for number, theta in enumerate(angles())]
-    assert "never lies still: put the camera on a stand" in refused(tmp_path, film(tmp_path / "a.mp4", swing))
-
-
-def test_a_film_that_begins_with_the_strike_is_told(tmp_path):
-    said = refused(tmp_path, film(tmp_path / "a.mp4", [*tip()[REST:], *[tip()[-1]] * 40]))
-    assert (
-        "no tag lies still in view and then tips: record the whole tag, sharp, from a second before the strike"
-        in said
+    assert "never lies still: put the camera on a stand" in refused(
+        tmp_path, write_video(tmp_path / "a.mp4", swing)
     )
 
 
-def test_films_that_are_put_together_and_objects_set_up_again_are_no_strikes(tmp_path):
+def test_a_video_that_begins_with_the_strike_is_told(tmp_path):
+    said = refused(tmp_path, write_video(tmp_path / "a.mp4", [*tip()[REST:], *[tip()[-1]] * 40]))
+    assert (
+        "no tag lies still in view and then tips: record the whole tag, sharp, from a second before the "
+        "strike" in said
+    )
+
+
+def test_videos_that_are_put_together_and_objects_set_up_again_are_no_strikes(tmp_path):
     lying = [tip()[-1]] * RATE
     up = [picture(theta) for theta in np.linspace(np.pi / 2, 0, 50)]
-    path = film(tmp_path / "a.mp4", [*tip(), *lying, *tip(), *lying, *up, *tip()], crf="10")
+    path = write_video(tmp_path / "a.mp4", [*tip(), *lying, *tip(), *lying, *up, *tip()], crf="10")
     with prepare(ImportOptions((path,), *setting(tmp_path, ("s1", "s2", "s3")))) as prepared:
         found = [
             window.onset.time_ns * 1e-9 * RATE for window in prepared.windows if window.onset is not None
@@ -121,9 +126,9 @@ def test_films_that_are_put_together_and_objects_set_up_again_are_no_strikes(tmp
 
 
 def test_a_calibration_of_a_turned_copy_or_a_photo_is_told(tmp_path):
-    turned = film(tmp_path / "a.mp4", [np.rot90(image) for image in tip()[:5]])
+    turned = write_video(tmp_path / "a.mp4", [np.rot90(image) for image in tip()[:5]])
     assert "one of them was rotated when it was edited or shared" in refused(tmp_path, turned, placed=True)
-    smaller = film(tmp_path / "b.mp4", [image[:120, :160] for image in tip()[:5]])
+    smaller = write_video(tmp_path / "b.mp4", [image[:120, :160] for image in tip()[:5]])
     assert "calibrate with a video of the strikes' camera mode, not with photos" in refused(
         tmp_path, smaller, placed=True
     )

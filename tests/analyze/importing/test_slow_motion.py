@@ -1,4 +1,4 @@
-"""Slow motion from the films to the answer: a file that states an eighth of the rate of its strikes, as 30 for 240, and worse."""
+"""Slow motion from the videos to the answer: files that state a fraction of their strikes' frame rate."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from analyze.cli import main
-from tests.analyze.importing.tipped_boxes import BODY, films, images, strikes
+from tests.analyze.importing.tipped_boxes import BODY, images, strikes, write_videos
 
 RATE, STATED = 120, 15
 
@@ -25,7 +25,7 @@ def run(*words):
 
 
 def imported(folder, drawn, stated, *more, only=slice(None)):
-    paths, files = films(folder, strikes(3)[only], drawn[only], stated)
+    paths, files = write_videos(folder, strikes(3)[only], drawn[only], stated)
     output = folder / "session.mcap"
     done, said = run("import", *paths, *files, "-o", output, *more)
     assert done.exit_code == 0, said

@@ -16,7 +16,7 @@ from analyze.reading.recording import open_recording
 from analyze.sources.source import TimedImage
 from analyze.sources.video import VideoSource
 from schemas.output_file import OutputError
-from tests.analyze.importing.filmed import film, setting, tip
+from tests.analyze.importing.tip_videos import setting, tip, write_video
 
 WIDTH, HEIGHT, STEP_NS = 8, 6, 10_000_000
 Usage = namedtuple("Usage", "free")
@@ -42,7 +42,10 @@ class Numbered:
 
 
 def passed(source, folder, windows):
-    """A spool after the source was looked through; windows: number of the image after which one is known, its first and its last."""
+    """A spool after the source was looked through; windows.
+
+    Number of the image after which one is known, its first and its last.
+    """
     spool = Spool(source, folder)
     for number, frame in enumerate(source.frames()):
         spool.add(frame)
@@ -108,18 +111,20 @@ def test_a_disk_that_fills_up_costs_that_window_alone(tmp_path, monkeypatch):
         assert sum(source.read.values()) == 301
 
 
-def test_a_full_disk_is_said_before_a_film_is_looked_through(tmp_path, monkeypatch):
-    path = film(tmp_path / "a.mp4", tip()[:5])
+def test_a_full_disk_is_said_before_a_video_is_looked_through(tmp_path, monkeypatch):
+    path = write_video(tmp_path / "a.mp4", tip()[:5])
     monkeypatch.setattr(module.shutil, "disk_usage", lambda _: Usage(1000))
     monkeypatch.setattr(VideoSource, "frames", lambda *_: pytest.fail("it is looked through"))
     with pytest.raises(OutputError, match="has 0 MB free, the recording needs"):
         prepare(ImportOptions((path,), *setting(tmp_path), aside=tmp_path))
 
 
-def test_a_film_that_is_split_is_decoded_once(tmp_path, monkeypatch):
+def test_a_video_that_is_split_is_decoded_once(tmp_path, monkeypatch):
     """To find its strikes, to place the camera, and to be written."""
     gone = [np.full_like(tip()[0], 120)] * 90
-    path = film(tmp_path / "a.mkv", [*[tip()[0]] * 90, *tip(), *gone, *tip()], codec="ffv1", pixels="gray")
+    path = write_video(
+        tmp_path / "a.mkv", [*[tip()[0]] * 90, *tip(), *gone, *tip()], codec="ffv1", pixels="gray"
+    )
     read, frames = Counter(), VideoSource.frames
 
     def counted(self, start_ns=None, end_ns=None):

@@ -1,4 +1,7 @@
-"""Video in others' messages: whatever order, cut or start it has, its images come at their own times, or one line says why not."""
+"""Video in others' messages.
+
+Whatever order, cut or start it has, its images come at their own times, or one line says why not.
+"""
 
 from __future__ import annotations
 
@@ -135,7 +138,10 @@ def parts(data):
 
 @pytest.mark.parametrize(("kind", "slices"), [("h264", ":slices=3"), ("h265", "")])
 def test_pictures_that_are_split_over_messages(tmp_path, kind, slices):
-    """Parameter sets, greetings and slices in messages of their own: a picture's time is that of its first slice."""
+    """Parameter sets, greetings and slices in messages of their own.
+
+    A picture's time is that of its first slice.
+    """
     units = coded(kind, 0, slices)
     split = [
         (shown - (part[3] not in SLICES) / 9, shown + 1, part)

@@ -1,4 +1,7 @@
-"""Films of a box with hidden masses that is tipped about several parallel edges, at whatever rate: captured at one, stating another."""
+"""Films of a box with hidden masses that is tipped about several parallel edges, at whatever rate.
+
+Captured at one, stating another.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,17 @@ from schemas.object_spec import object_sha256, parse_object_spec
 from schemas.strike_plan import PlannedStrike, StrikePlan
 from tests.analyze.estimation.bodies import GRAVITY, box_body, planned_strike
 from tests.analyze.estimation.bodies import tip as phi_and_k
-from tests.analyze.importing.filmed import FAR_M, FOCAL, HEIGHT, OBJECT, PIVOT_PX, WIDTH, Image, film, setting
+from tests.analyze.importing.tip_videos import (
+    FAR_M,
+    FOCAL,
+    HEIGHT,
+    OBJECT,
+    PIVOT_PX,
+    WIDTH,
+    Image,
+    setting,
+    write_video,
+)
 
 BODY = box_body((0.07, 0.06, 0.15), (0.03, 0.05, 0.02), -0.01, (0.3, 0.1, -0.9), edge_radius=0.0)
 AXES = ((2, -1, 1, 1), (0, 1, 1, 1), (2, 1, 1, -1), (0, -1, 1, -1))
@@ -24,15 +37,15 @@ TAG = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.
 
 
 def strikes(count: int = 4) -> list[PlannedStrike]:
-    """As a plan foretells them, which takes the box for a little different."""
+    """Planned strikes, whose predictions are for a slightly different box."""
     found = []
     for number, axis in enumerate(AXES[:count]):
         strike = planned_strike(BODY, *axis)
         phi, k = phi_and_k(BODY, strike)
         R = float(np.linalg.norm((BODY.com - np.array(strike.pivot.point)) * [1, 0, 1]))
-        told = {"id": f"s{number + 1}", "visible_markers": [3], "phi_predicted_rad": phi + 0.03}
+        planned = {"id": f"s{number + 1}", "visible_markers": [3], "phi_predicted_rad": phi + 0.03}
         found.append(
-            strike.model_copy(update={**told, "i_edge_predicted_kg_m2": 0.9 * BODY.mass * GRAVITY * R / k})
+            strike.model_copy(update={**planned, "i_edge_predicted_kg_m2": 0.9 * BODY.mass * GRAVITY * R / k})
         )
     return found
 
@@ -51,7 +64,7 @@ def angles(strike: PlannedStrike, rate: float) -> Array:
 
 
 def picture(strike: PlannedStrike, theta: float) -> Image:
-    """(HEIGHT, WIDTH) image of the tag on the box that has turned by theta, drawn twice as large, a little out of focus."""
+    """(HEIGHT, WIDTH) image of the tag on the box turned by theta, drawn at double size, slightly blurred."""
     card = np.full((120, 120), 225, np.uint8)
     card[20:100, 20:100] = np.where(TAG > 127, 225, 25)
     side = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * 0.0225
@@ -70,10 +83,10 @@ def images(planned: Sequence[PlannedStrike], rate: float) -> list[list[Image]]:
     return [[picture(strike, theta) for theta in angles(strike, rate)] for strike in planned]
 
 
-def films(
+def write_videos(
     folder: Path, planned: Sequence[PlannedStrike], drawn: Sequence[Sequence[Image]], stated: float
 ) -> tuple[list[Path], list[str]]:
-    """A film of each strike, and the command line's options of object, plan and camera."""
+    """A video of each strike, and the command line's options of object, plan and camera."""
     _, plan_path, camera_path = setting(folder)
     object_path = folder / "box.toml"
     text = OBJECT.replace("mass_kg = 0.1\n", f"mass_kg = {BODY.mass:.6f}\n")
@@ -83,7 +96,7 @@ def films(
         canonical_json(StrikePlan(object_name="box", object_sha256=sha256, strikes=list(planned))) + "\n"
     )
     paths = [
-        film(
+        write_video(
             folder / f"{strike.id}.mp4",
             each,
             [round(i * 1e6 / stated) for i in range(len(each))],

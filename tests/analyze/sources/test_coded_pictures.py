@@ -25,7 +25,7 @@ from analyze.sources.video import VideoSource
 from schemas.mcap import records as container
 from schemas.mcap.walk import walk
 from schemas.output_file import OutputError
-from tests.analyze.importing.filmed import HEIGHT, RATE, WIDTH, film, setting, tip
+from tests.analyze.importing.tip_videos import HEIGHT, RATE, WIDTH, setting, tip, write_video
 
 
 def _group(times) -> CodedPictures:
@@ -110,12 +110,12 @@ def test_lengths_become_start_codes_where_they_add_up():
 
 @pytest.mark.parametrize("b_frames", ["0", "3"])
 def test_small_pictures_cost_little_more_than_they_have(tmp_path, b_frames):
-    path = film(tmp_path / "a.mp4", tip() * 3, crf="28", bf=b_frames, preset="veryfast", g="60")
+    path = write_video(tmp_path / "a.mp4", tip() * 3, crf="28", bf=b_frames, preset="veryfast", g="60")
     output = tmp_path / "o.mcap"
     with prepare(ImportOptions((path,), *setting(tmp_path), whole=True)) as prepared:
         expected = [(frame.time_ns, frame.image.copy()) for frame in prepared.sources[0].frames()]
         written = write_recording(prepared, output)
-    head = 22_000  # schemas, manifest and attachments, whatever is filmed
+    head = 22_000  # schemas, manifest and attachments, whatever the video shows
     assert path.stat().st_size / written.images < 150
     assert written.size - head - path.stat().st_size < 30 * written.images
     refuse_changed_content(output)
@@ -140,7 +140,7 @@ def test_every_frame_has_a_meta_though_few_are_written(tmp_path):
     step = 10**6 // RATE
     lost = {40: 7, 70: 1}
     kept = [number for number in range(len(tip())) if not 40 <= number < 47 and number != 77]
-    path = film(
+    path = write_video(
         tmp_path / "a.mp4",
         [tip()[number] for number in kept],
         [number * step for number in kept],
@@ -177,7 +177,7 @@ def test_every_frame_has_a_meta_though_few_are_written(tmp_path):
 
 
 def test_motion_jpeg_is_kept_as_it_is_coded(tmp_path):
-    path = film(
+    path = write_video(
         tmp_path / "a.mov", [*[tip()[0]] * 90, *tip()], codec="mjpeg", pixels="yuvj420p", qmin="2", qmax="2"
     )
     with prepare(ImportOptions((path,), *setting(tmp_path))) as prepared:
@@ -205,7 +205,7 @@ def test_motion_jpeg_is_kept_as_it_is_coded(tmp_path):
 
 
 def test_a_cameras_jpeg_without_tables_gets_the_usual_ones(tmp_path):
-    path = film(tmp_path / "a.avi", tip()[:3], codec="mjpeg", pixels="yuvj420p", huffman="default")
+    path = write_video(tmp_path / "a.avi", tip()[:3], codec="mjpeg", pixels="yuvj420p", huffman="default")
     with av.open(str(path)) as video:
         whole = bytes(next(video.demux(video=0)))
     assert jpeg_file(whole) == (whole, WIDTH, HEIGHT)
@@ -222,7 +222,7 @@ def test_a_cameras_jpeg_without_tables_gets_the_usual_ones(tmp_path):
 
 
 def test_damaged_pictures_are_left_out_and_counted(tmp_path):
-    path = film(tmp_path / "a.mp4", tip()[:30], bf="0", g="100")
+    path = write_video(tmp_path / "a.mp4", tip()[:30], bf="0", g="100")
     with av.open(str(path)) as video:
         place, size = next(
             (packet.pos, packet.size) for number, packet in enumerate(video.demux(video=0)) if number == 10
@@ -238,7 +238,7 @@ def test_damaged_pictures_are_left_out_and_counted(tmp_path):
 
 @pytest.mark.parametrize("suffix", ["mp4", "mkv", "ts"])
 def test_pictures_and_keys_are_those_that_ffmpeg_finds_in_them(tmp_path, suffix):
-    path = film(tmp_path / f"a.{suffix}", tip()[:40], bf="3", g="15", preset="veryfast")
+    path = write_video(tmp_path / f"a.{suffix}", tip()[:40], bf="3", g="15", preset="veryfast")
     with av.open(str(path)) as video:  # its parser looks into every packet
         found = [(packet.pts, packet.is_keyframe) for packet in video.demux(video=0) if packet.size]
     with VideoSource(path) as source:
@@ -255,7 +255,7 @@ def test_pictures_and_keys_are_those_that_ffmpeg_finds_in_them(tmp_path, suffix)
 
 
 def test_a_full_disk_is_said_and_leaves_nothing(tmp_path, monkeypatch):
-    path = film(tmp_path / "a.mp4", tip()[:5])
+    path = write_video(tmp_path / "a.mp4", tip()[:5])
 
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")

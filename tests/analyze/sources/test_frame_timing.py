@@ -17,7 +17,10 @@ from analyze.sources.frame_timing import frame_timing, usual_interval
     [([0, 1, 11], 10), ([0, 9, 10, 20, 30, 60], 9.67), ([5, 3], 2), ([30, 0, 10, 20], 10)],
 )
 def test_the_usual_interval_is_one_that_is_there(times, interval):
-    """Of two gaps of which one is ten times the other neither is near their mean: that mean was of nothing."""
+    """Of two gaps of which one is ten times the other neither is near their mean.
+
+    That mean was of nothing.
+    """
     assert usual_interval(times) == pytest.approx(interval, abs=0.01)
 
 

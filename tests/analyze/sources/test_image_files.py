@@ -18,8 +18,8 @@ from analyze.reading.recording import open_recording
 from analyze.reading.verify import refuse_changed_content
 from analyze.sources.image_file import image_file
 from analyze.sources.image_folder import ImageFolder
-from tests.analyze.importing.filmed import HEIGHT, RATE, WIDTH, film, setting, tip
 from tests.analyze.importing.foreign_files import write_bag, write_foxglove
+from tests.analyze.importing.tip_videos import HEIGHT, RATE, WIDTH, setting, tip, write_video
 
 
 def coded(image, suffix=".png"):
@@ -129,8 +129,8 @@ def test_messages_with_image_files(tmp_path, of, kind):
     )
 
 
-def test_a_film_of_png_pictures(tmp_path):
-    source = film(tmp_path / "a.mov", tip()[:6], codec="png", pixels="gray")
+def test_a_video_of_png_pictures(tmp_path):
+    source = write_video(tmp_path / "a.mov", tip()[:6], codec="png", pixels="gray")
     data, formats, read = stored(tmp_path, source)
     assert set(formats) == {"png"}
     assert sum(map(len, data)) < source.stat().st_size

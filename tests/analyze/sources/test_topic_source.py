@@ -1,4 +1,7 @@
-"""Foxglove MCAP files and ROS 2 bags as sources: the same images at the headers' times from every encoding, and one line for the rest."""
+"""Foxglove MCAP files and ROS 2 bags as sources.
+
+The same images at the headers' times from every encoding, and one line for the rest.
+"""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ import pytest
 from analyze.errors import ImportRefused
 from analyze.sources.open_source import SourceOptions, open_source
 from analyze.sources.video import VideoSource
-from tests.analyze.importing.filmed import HEIGHT, RATE, WIDTH, film, tip
+from tests.analyze.importing.tip_videos import HEIGHT, RATE, WIDTH, tip, write_video
 
 MS = 1_000_000
 
@@ -23,14 +23,14 @@ def _times(source) -> list[int]:
 def test_variable_times_are_the_files_own(tmp_path):
     gaps = np.random.default_rng(1).integers(7000, 10000, 39)
     times = [0, *np.cumsum(gaps).tolist()]
-    with VideoSource(film(tmp_path / "a.mp4", tip()[:40], times, bf="3")) as source:
+    with VideoSource(write_video(tmp_path / "a.mp4", tip()[:40], times, bf="3")) as source:
         assert _times(source) == [1000 * time for time in times]
         assert source.time_sd_ns == round(1000 / 12**0.5)
         assert source.remarks == ()
 
 
 def test_slow_motion_is_undone(tmp_path):
-    path = film(tmp_path / "a.mp4", tip()[:20], range(0, 20 * 33_333, 33_333))
+    path = write_video(tmp_path / "a.mp4", tip()[:20], range(0, 20 * 33_333, 33_333))
     with VideoSource(path, capture_hz=240) as source:
         assert np.diff(_times(source)) == pytest.approx(1e9 / 240, rel=1e-4)
         assert source.timing.interval_s == pytest.approx(1 / 240, rel=1e-4)
@@ -38,7 +38,7 @@ def test_slow_motion_is_undone(tmp_path):
 
 def test_a_constant_rate_in_milliseconds_is_straightened(tmp_path):
     with VideoSource(
-        film(tmp_path / "a.mkv", tip()[:60], [round(number * 1e6 / RATE) for number in range(60)])
+        write_video(tmp_path / "a.mkv", tip()[:60], [round(number * 1e6 / RATE) for number in range(60)])
     ) as source:
         assert np.diff(_times(source)) == pytest.approx(1e9 / RATE, abs=2)
         assert source.time_sd_ns == 1
@@ -46,13 +46,13 @@ def test_a_constant_rate_in_milliseconds_is_straightened(tmp_path):
 
 def test_variable_times_in_milliseconds_are_not(tmp_path):
     times = [0, *np.cumsum(np.random.default_rng(1).integers(6, 13, 59)).tolist()]
-    with VideoSource(film(tmp_path / "a.mkv", tip()[:60], [1000 * time for time in times])) as source:
+    with VideoSource(write_video(tmp_path / "a.mkv", tip()[:60], [1000 * time for time in times])) as source:
         assert _times(source) == [MS * time for time in times]
         assert source.time_sd_ns == 288675
 
 
 def test_frames_of_a_range_are_those_of_all(tmp_path):
-    path = film(tmp_path / "a.mkv", tip()[:60], codec="libx264", g="12", bf="2")
+    path = write_video(tmp_path / "a.mkv", tip()[:60], codec="libx264", g="12", bf="2")
     with VideoSource(path) as source:
         every = [(frame.time_ns, frame.image.copy()) for frame in source.frames()]
         some = [(frame.time_ns, frame.image.copy()) for frame in source.frames(every[30][0], every[40][0])]
@@ -67,14 +67,14 @@ def test_frames_of_a_range_are_those_of_all(tmp_path):
 def test_lossless_codecs_give_the_images(tmp_path, codec, pixels, suffix):
     if pixels == "rgb24":
         codec, suffix = "png", ".mov"
-    with VideoSource(film(tmp_path / f"a{suffix}", tip()[:5], codec=codec, pixels=pixels)) as source:
+    with VideoSource(write_video(tmp_path / f"a{suffix}", tip()[:5], codec=codec, pixels=pixels)) as source:
         for frame, image in zip(source.frames(), tip(), strict=False):
             # A conversion between luma and RGB or 10 bits rounds, and stretches studio range.
             assert np.abs(frame.image.astype(int) - image).max() <= (0 if pixels == "gray" else 12)
 
 
 def test_a_turned_video_is_taken_as_the_sensor_has_it(tmp_path):
-    with VideoSource(film(tmp_path / "a.mp4", tip()[:5], turned=90)) as source:
+    with VideoSource(write_video(tmp_path / "a.mp4", tip()[:5], turned=90)) as source:
         assert (source.width, source.height) == (WIDTH, HEIGHT)
         assert next(source.frames()).image.shape == (HEIGHT, WIDTH)
         [remark] = source.remarks
@@ -83,7 +83,7 @@ def test_a_turned_video_is_taken_as_the_sensor_has_it(tmp_path):
 
 
 def test_a_file_cut_short_gives_what_is_there(tmp_path):
-    whole = film(tmp_path / "a.mkv", tip()[:60], codec="ffv1", pixels="gray")
+    whole = write_video(tmp_path / "a.mkv", tip()[:60], codec="ffv1", pixels="gray")
     part = tmp_path / "part.mkv"
     part.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
     with VideoSource(part) as source:
@@ -92,7 +92,7 @@ def test_a_file_cut_short_gives_what_is_there(tmp_path):
 
 
 def test_an_mp4_without_its_index_is_refused_in_one_line(tmp_path):
-    whole = film(tmp_path / "a.mp4", tip()[:20])
+    whole = write_video(tmp_path / "a.mp4", tip()[:20])
     part = tmp_path / "part.mp4"
     part.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
     with pytest.raises(ImportRefused, match="cut short has no index") as caught:
@@ -166,12 +166,12 @@ def test_images_that_a_csv_does_not_name_are_told(tmp_path):
 
 
 def test_times_are_not_for_a_video(tmp_path):
-    path = film(tmp_path / "a.mkv", tip()[:2])
+    path = write_video(tmp_path / "a.mkv", tip()[:2])
     with pytest.raises(ImportRefused, match="--times applies to folders of images"):
         open_source(path, SourceOptions(times=tmp_path / "times.csv"))
 
 
 def test_video_alone_says_so(tmp_path):
-    path = Path(film(tmp_path / "a.mkv", tip()[:1]))
+    path = Path(write_video(tmp_path / "a.mkv", tip()[:1]))
     with pytest.raises(ImportRefused, match="fewer than two frames"):
         VideoSource(path)

@@ -1,4 +1,7 @@
-"""What `analyze watch` says: events from previews, placement advice, verdicts from the images of a window, its loop on pipes."""
+"""What `analyze watch` says.
+
+Events from previews, placement advice, verdicts from the images of a window, its loop on pipes.
+"""
 
 import io
 import json
@@ -149,13 +152,16 @@ def test_a_strike_that_nobody_felt_is_found_in_a_long_window_and_timed(tip):
     assert verdict.code is Verdict.GOOD, verdict.reason
     assert abs(verdict.phi - tip[0].phi) < np.radians(0.1)
     off_ns = verdict.contact_time_ns - (ANCHOR + tip[0].contact * 1e9)
-    assert abs(off_ns) < 500_000  # the simulated blow has no duration, which is what the stated sd is of
+    assert abs(off_ns) < 500_000  # the simulated impact has no duration, to which the stated sd refers
     assert 2_000_000 < verdict.contact_time_sd_ns < 3_000_000
     assert len(decoded) - looks < len(tip[1]) + 100
 
 
 def test_nothing_is_concluded_from_images_that_end_before_the_tip(tip):
-    """A camera that is seconds behind its strike: all it shows is rest, and that is not what "not moved" means."""
+    """A camera that is seconds behind its strike.
+
+    All it shows is rest, and that is not what "not moved" means.
+    """
     motion, images = tip
     watcher, _ = observer()
     contact_ns = ANCHOR + int(motion.contact * 1e9)

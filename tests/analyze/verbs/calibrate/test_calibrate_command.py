@@ -18,7 +18,7 @@ from schemas import topics
 from schemas.document import canonical_json
 from schemas.session_manifest import LensModel, TimeSource
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph
-from tests.analyze.importing.filmed import film
+from tests.analyze.importing.tip_videos import write_video
 from tests.analyze.tracking.rendering import Look
 from tests.small_recording import START_NS, manifest, write_head
 
@@ -82,7 +82,7 @@ def photo(path, pose, seed, look=None, lens=LENS):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Seven views, and in folders beside them the board on the table, one that is blurred, and one without a board."""
+    """Seven views; in folders beside them the board on the table, a blurred view, and one without a board."""
     images = tmp_path_factory.mktemp("images")
     rng = np.random.default_rng(3)
     for number in range(7):
@@ -142,18 +142,18 @@ def test_where_the_camera_stands_is_measured_by_the_board_on_the_table(folder):
 
 
 def test_films_of_the_board_tell_what_its_images_tell(folder, tmp_path):
-    """Each view is held for a while, as by hand; the table's film gives its first image."""
+    """Each view is held for a while, as by hand; the table's video gives its first image."""
     views = [cv2.imread(str(folder / f"{number}.png"), cv2.IMREAD_GRAYSCALE) for number in range(7)]
     lying = cv2.imread(str(folder / "table" / "lying.png"), cv2.IMREAD_GRAYSCALE)
-    still = film(
+    still = write_video(
         tmp_path / "board.mkv", [view for view in views for _ in range(30)], codec="ffv1", pixels="gray"
     )
-    table = film(tmp_path / "table.MP4", [lying] * 3, qp="0", preset="ultrafast", pixels="gray")
-    filmed = run(
+    table = write_video(tmp_path / "table.MP4", [lying] * 3, qp="0", preset="ultrafast", pixels="gray")
+    measured = run(
         still, *SQUARES, "--table", table, "--mark-mm", "0,0,3", "--json", "-o", tmp_path / "camera.toml"
     )
-    assert filmed.exit_code == 0, filmed.output
-    said = json.loads(next(line for line in filmed.stdout.splitlines() if line.startswith("{")))
+    assert measured.exit_code == 0, measured.output
+    said = json.loads(next(line for line in measured.stdout.splitlines() if line.startswith("{")))
     for name, true in (("fx", LENS.fx), ("fy", LENS.fy), ("cx", LENS.cx), ("cy", LENS.cy)):
         assert abs(said["numbers"][name]["value"] - true) < 4 * said["numbers"][name]["sd"]
     assert np.all(
@@ -161,7 +161,9 @@ def test_films_of_the_board_tell_what_its_images_tell(folder, tmp_path):
         < 4 * np.array(said["place"]["position_sd_m"])
     )
     bare = run(
-        film(tmp_path / "bare.mkv", [np.full((246, 328), 120, np.uint8)] * 3, codec="ffv1", pixels="gray"),
+        write_video(
+            tmp_path / "bare.mkv", [np.full((246, 328), 120, np.uint8)] * 3, codec="ffv1", pixels="gray"
+        ),
         *SQUARES,
     )
     assert bare.exit_code == 1
@@ -199,7 +201,10 @@ def test_the_table_of_what_was_found(folder):
         ),
         (
             ("{images}", "--squares", "5x5"),
-            "another board: it shows tag 16, but the last tag of a board of 5x5 squares is 11: try --squares 5x7",
+            (
+                "another board: it shows tag 16, but the last tag of a board of 5x5 squares is 11: try "
+                "--squares 5x7"
+            ),
         ),
         (
             ("{images}/[012].png", *SQUARES),

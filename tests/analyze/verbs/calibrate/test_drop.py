@@ -1,4 +1,4 @@
-"""`analyze calibrate --drop` on rendered films."""
+"""`analyze calibrate --drop` on rendered videos."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def frame(time, rng):
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory):
+def fall_video(tmp_path_factory):
     """A folder of images, 120 a second stated as 30, and the camera's file."""
     folder = tmp_path_factory.mktemp("drop")
     rng = np.random.default_rng(0)
@@ -61,8 +61,8 @@ def run(*words):
     return CliRunner().invoke(main, ["calibrate", "--drop", *map(str, words)])
 
 
-def test_a_rendered_fall_tells_120_for_30(film):
-    images, camera = film
+def test_a_rendered_fall_tells_120_for_30(fall_video):
+    images, camera = fall_video
     done = run(
         images, "--camera", camera, "--marker-size-mm", "50", "--g", "9.81", "--global-shutter", "--json"
     )
@@ -79,8 +79,8 @@ def test_a_rendered_fall_tells_120_for_30(film):
     assert "note: the shutter's line time is unknown" in said
 
 
-def test_one_line_where_nothing_falls_or_nothing_is_seen(film, tmp_path):
-    _, camera = film
+def test_one_line_where_nothing_falls_or_nothing_is_seen(fall_video, tmp_path):
+    _, camera = fall_video
     rng = np.random.default_rng(1)
     for name, picture in (
         ("still", frame(-1.0, rng)),

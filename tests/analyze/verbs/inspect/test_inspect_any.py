@@ -1,4 +1,7 @@
-"""`analyze inspect` on files of other programs: ROS 2, JSON, protobuf, empty, without index or end, damaged."""
+"""`analyze inspect` on files of other programs.
+
+ROS 2, JSON, protobuf, empty, without index or end, damaged.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,31 @@ from tests.places import FIRST_SAMPLE
 T0 = 1_700_000_000_000_000_000
 MS = 1_000_000
 EVERY_FILE = {
-    "path", "kind", "bytes", "complete", "profile", "library", "messages", "start_ns", "end_ns", "duration_s", "topics", "indexed",
-    "compression", "publish_delay_s", "attachments", "metadata", "health",
-}  # fmt: skip
+    "path",
+    "kind",
+    "bytes",
+    "complete",
+    "profile",
+    "library",
+    "messages",
+    "start_ns",
+    "end_ns",
+    "duration_s",
+    "topics",
+    "indexed",
+    "compression",
+    "publish_delay_s",
+    "attachments",
+    "metadata",
+    "health",
+}
 
 
 def bag(path: Path, profile: str = "ros2", gap_ms: int = 0, late_ms: int = 0, **how) -> Path:
-    """Two topics as `ros2 bag record` writes them, 100 and 10 messages a second for 2 s; `gap_ms` are missing in the middle."""
+    """Two topics as `ros2 bag record` writes them, 100 and 10 messages a second for 2 s.
+
+    `gap_ms` are missing in the middle.
+    """
     how.setdefault("compression", CompressionType.NONE)
     with path.open("wb") as file:
         writer = Writer(file, chunk_size=4096, **how)

@@ -82,11 +82,11 @@ def test_the_papers_plan_says_what_the_striker_cannot_do():
     """It asks 0.98 to 1.13 m/s of a striker that gives 0.96."""
     done = run(str(CARTON.parents[3] / "docs" / "examples" / "teabox.toml"), "--method", "paper", "--json")
     plan = json.loads(done.output)
-    told = {entry["axis_id"]: entry for entry in plan["rejected"] if entry["code"] == "speed"}
+    warned = {entry["axis_id"]: entry for entry in plan["rejected"] if entry["code"] == "speed"}
     fast = {strike["axis_id"] for strike in plan["strikes"] if strike["tip_speed_m_s"]["target"] > 0.96}
     assert fast
-    assert set(told) == fast
-    assert all(entry["text"].startswith("kept, though it needs a tip speed of") for entry in told.values())
+    assert set(warned) == fast
+    assert all(entry["text"].startswith("kept, though it needs a tip speed of") for entry in warned.values())
 
 
 def test_a_tag_that_floats_is_one_line(tmp_path: Path):
@@ -107,8 +107,10 @@ def test_a_missing_result_is_one_line():
 def test_reach_and_gravity_come_from_the_rig(tmp_path: Path):
     rig = tmp_path / "rig.toml"
     rig.write_text(
-        'table_friction = 0.6\ng_m_s2 = 9.82\ngravity_tilt_sd_rad = 0.02\n[striker]\nreach_m = [0.02, 0.10]\n[camera]\naddress = "x"\n'
-        "[camera.calibration]\nwidth = 656\nheight = 492\nK = [[1430, 0, 327.5], [0, 1430, 245.5], [0, 0, 1]]\n"
+        "table_friction = 0.6\ng_m_s2 = 9.82\ngravity_tilt_sd_rad = 0.02\n"
+        '[striker]\nreach_m = [0.02, 0.10]\n[camera]\naddress = "x"\n'
+        "[camera.calibration]\nwidth = 656\nheight = 492\nK = [[1430, 0, 327.5], [0, 1430, 245.5], [0, 0, "
+        "1]]\n"
         "T_world_camera = [[1, 0, 0, 0.03], [0, 0, 1, -0.55], [0, -1, 0, 0.08], [0, 0, 0, 1]]\n"
     )
     plan = json.loads(run(str(CARTON), "--rig", str(rig), "--strikes", "3", "--json").output)
@@ -143,7 +145,8 @@ def test_a_refusal_keeps_what_was_noted_of_the_shape(tmp_path: Path):
     trimesh.util.concatenate(balls).export(tmp_path / "b.stl")
     thing = tmp_path / "b.toml"
     thing.write_text(
-        'name = "b"\nmass_kg = 0.2\nmass_sd_kg = 0.001\n[shape]\nfile = "b.stl"\nunit = "mm"\n[[marker]]\nid = 0\nsize_m = 0.03\n'
+        'name = "b"\nmass_kg = 0.2\nmass_sd_kg = 0.001\n'
+        '[shape]\nfile = "b.stl"\nunit = "mm"\n[[marker]]\nid = 0\nsize_m = 0.03\n'
     )
     done = run(str(thing))
     assert done.exit_code == 1

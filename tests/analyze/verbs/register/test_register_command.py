@@ -1,4 +1,7 @@
-"""`analyze register` on the recording that is checked in: the places that its object file gives are found again without them."""
+"""`analyze register` on the recording that is checked in.
+
+The places that its object file gives are found again without them.
+"""
 
 from __future__ import annotations
 
@@ -92,7 +95,8 @@ def rig_file(folder, T_world_camera, level=""):
     lens = f"width = {seen.width}\nheight = {seen.height}\nK = {seen.K}\ndistortion = {list(seen.distortion)}"
     place = "[\n" + "".join(f"  {row},  # as set up\n" for row in T_world_camera) + "]"
     path.write_text(
-        f'name = "bench"\n\n[camera]\naddress = "10.0.0.2"\n\n[camera.calibration]\nT_world_camera = {place}\n{lens}\n{level}',
+        'name = "bench"\n\n[camera]\naddress = "10.0.0.2"\n\n'
+        f"[camera.calibration]\nT_world_camera = {place}\n{lens}\n{level}",
         encoding="utf-8",
     )
     return path

@@ -1,6 +1,6 @@
-"""A tip as a small camera films it: a drawn box with one tag turns about its edge; and the files that other cameras write of it.
+"""Drawn videos of a tip: a box with one tag that turns about its edge, as a small camera records it.
 
-The drawing is flat: the tag's plane is square to the camera, so every point of it turns about one pixel. Nothing else is drawn, no blur.
+Also its images in the other kinds of files that cameras write.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def picture(theta: float, shift: tuple[float, float] = (0.0, 0.0), fine: int = 4
     return cv2.resize(large, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
 
 
-def film(
+def write_video(
     path: Path,
     images: Sequence[Image],
     times_us: Iterable[int] | None = None,
@@ -121,7 +121,7 @@ def film(
 def setting(
     folder: Path, strikes: Sequence[str] = ("s1",), *, placed: bool = True
 ) -> tuple[Path, Path, Path]:
-    """Object, plan and camera file of that film."""
+    """Object, plan and camera file of that video."""
     spec = parse_object_spec(OBJECT, "object.toml")
     plan = StrikePlan(
         object_name="box",
