@@ -129,6 +129,15 @@ def test_toml_and_python_snippets_are_valid(page: Path):
             assert set(found) <= set(ObjectSpec.model_fields) | set(RigConfig.model_fields) | {"marker"}
 
 
+def test_the_snippets_for_python_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    for folder in ("recordings", "docs"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
+    monkeypatch.chdir(tmp_path)
+    for body in snippets(DOCS / "how-to" / "python.md", "python"):
+        exec(compile(body, "python.md", "exec"), {})
+    assert {path.name for path in tmp_path.glob("*.*")} >= {"report.html", "carton.urdf", "plan.json"}
+
+
 def test_every_page_is_in_a_table_of_contents():
     listed = {DOCS / "index.md"}
     for page in sorted(DOCS.rglob("index.md")):
