@@ -6,7 +6,7 @@ import enum
 import json
 from typing import TYPE_CHECKING
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from analyze.errors import RecordingError
 from schemas.document import Document, DocumentError, Matrix3, Vector3, validate
@@ -14,6 +14,9 @@ from schemas.strike_plan import PlanMethod
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+
+_FORMER_NAIVE_NAMES = {"surface": "shell", "surface_and_uniform": "shell_and_uniform"}
 
 
 class Condition(enum.StrEnum):
@@ -159,6 +162,14 @@ class SessionRecord(Document):
     own_choice: OwnChoice | None = None
     profile: Profile | None = None
     section: Section | None = None
+
+    @field_validator("naive_kg", mode="before")
+    @classmethod
+    def _current_names(cls, value: object) -> object:
+        """Read the former names of the naive answers as well: kept sessions are not recorded again."""
+        if not isinstance(value, dict):
+            return value
+        return {_FORMER_NAIVE_NAMES.get(name, name): masses for name, masses in value.items()}
 
     @property
     def name(self) -> str:

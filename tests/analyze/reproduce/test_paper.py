@@ -163,6 +163,11 @@ def test_a_missed_target_says_why(drawn):
     assert "% of the mass is in the shell" in why
 
 
+def test_a_kept_session_with_former_names_of_naive_answers_is_read():
+    text = record_of("salt").model_dump_json().replace('"shell":', '"surface":')
+    assert SessionRecord.model_validate_json(text).naive_kg == record_of("salt").naive_kg
+
+
 def test_a_damaged_session_is_named_with_the_remedy(tmp_path):
     carton = record_of("carton")
     damaged = json.loads(carton.model_dump_json()) | {"angles": "none"}
