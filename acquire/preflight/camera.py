@@ -11,7 +11,7 @@ import numpy as np
 
 from acquire.errors import AcquireError, CameraSettingError
 from acquire.preflight.check import Check, Measured, failed, failed_as, not_checked, passed
-from schemas.rig_limits import SMALLEST_TAG_PX
+from schemas.rig_limits import MIN_TAG_EDGE_PX
 
 if TYPE_CHECKING:
     from acquire.config import CameraConfig
@@ -76,7 +76,7 @@ def check_frames(video: CheckVideo, config: CameraConfig) -> Check:
     rates = f"{rate:.2f} Hz of {config.frame_rate_hz:g} Hz set"
     found = f"{video.frames} in {video.seconds:.2f} s: {rates}, {video.lost} lost"
     if video.lost:
-        remedy = "check receive buffer and packet size above, then cable, switch and other programs on this computer"
+        remedy = "check receive buffer and packet size above, then cable, switch and other programs"
         return failed("frames", found, remedy, Measured(video.lost, 0, "frames"))
     measured = Measured(rate, config.frame_rate_hz, "Hz")
     if abs(rate - config.frame_rate_hz) > RATE_TOLERANCE * config.frame_rate_hz:
@@ -139,9 +139,9 @@ def _marker(event: WatchEvent) -> Check:
         )
     largest = max(edges, key=lambda marker: edges[marker])
     others = f", {len(edges) - 1} more" if len(edges) > 1 else ""
-    found = f"tag {largest} is {edges[largest]:.0f} px wide{others}; {SMALLEST_TAG_PX:g} px are required"
-    measured = Measured(edges[largest], SMALLEST_TAG_PX, "px")
-    if edges[largest] < SMALLEST_TAG_PX:
+    found = f"tag {largest} is {edges[largest]:.0f} px wide{others}; {MIN_TAG_EDGE_PX:g} px are required"
+    measured = Measured(edges[largest], MIN_TAG_EDGE_PX, "px")
+    if edges[largest] < MIN_TAG_EDGE_PX:
         return failed(
             "marker", found, "print a larger tag, move the camera nearer, or use a longer lens", measured
         )

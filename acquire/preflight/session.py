@@ -12,7 +12,7 @@ from typing import Any
 
 from acquire.clock.clock import Clock, SystemClock
 from acquire.config import RigConfig, read_rig
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError, ConfigError, DaemonNotRunning
 from acquire.preflight.camera import CAMERA_LINES, check_camera
 from acquire.preflight.check import Check, failed, failed_as, not_checked, passed

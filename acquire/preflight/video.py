@@ -24,7 +24,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from acquire.capture.link import CaptureProcess
 from acquire.config import RecorderConfig
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.daemon.watcher import Watcher
 from acquire.errors import RecorderError
 from acquire.recorder.recover.rewrite import mapped, read_layout

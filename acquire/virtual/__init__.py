@@ -1,1 +1,4 @@
-"""The virtual rig: physics, images and devices behind real wires. Production code never imports it."""
+"""Virtual rig: simulated physics, images and devices behind real protocols.
+
+Production code never imports it.
+"""

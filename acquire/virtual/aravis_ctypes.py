@@ -1,7 +1,9 @@
-"""The few functions of libaravis that the virtual camera needs, through ctypes.
+"""Functions of libaravis that the virtual camera needs, through ctypes.
 
-Not through GObject introspection: `arv_fake_camera_set_fill_pattern` is annotated with scope "call", so PyGObject frees the
-callback and the first frame crashes the process (as stream callbacks did, Aravis #453). ctypes keeps it alive as long as we do.
+GObject introspection cannot be used: `arv_fake_camera_set_fill_pattern` is annotated with scope "call", so
+    PyGObject
+frees the callback and the first frame crashes the process (as stream callbacks did, Aravis #453). With ctypes
+the callback lives as long as its Python object.
 """
 
 from __future__ import annotations
@@ -17,13 +19,18 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-FILL_PATTERN = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32)
+FILL_PATTERN = ctypes.CFUNCTYPE(
+    None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32, ctypes.c_uint32
+)
 """void fill(ArvBuffer *, void *data, guint32 exposure_us, guint32 gain, ArvPixelFormat)"""
 
 
 @dataclass(frozen=True)
 class AravisLibrary:
-    """Typed entry points; `fake` is an ArvFakeCamera*, `gv_fake` an ArvGvFakeCamera*, `buffer` an ArvBuffer*."""
+    """Typed entry points of libaravis.
+
+    `fake` is an ArvFakeCamera*, `gv_fake` an ArvGvFakeCamera*, `buffer` an ArvBuffer*.
+    """
 
     gv_fake_new_full: Any
     gv_fake_get_fake: Any
@@ -48,14 +55,18 @@ class AravisLibrary:
         return value.value
 
     def fill(self, buffer: int, image: NDArray[np.uint8]) -> None:
-        """Copy an image into a buffer. The size that `arv_buffer_get_data` reports is what a *receiver* got: 0 here."""
+        """Copy an image (height, width) into a buffer.
+
+        The size that `arv_buffer_get_data` reports is that of the received data, which is 0 here.
+        """
         region = [ctypes.c_int() for _ in range(4)]
         self.buffer_get_image_region(buffer, *(ctypes.byref(entry) for entry in region))
         pixels = region[2].value * region[3].value
-        ctypes.memmove(self.buffer_get_data(buffer, ctypes.byref(ctypes.c_size_t())), image.ctypes.data, min(pixels, image.size))
+        data = self.buffer_get_data(buffer, ctypes.byref(ctypes.c_size_t()))
+        ctypes.memmove(data, image.ctypes.data, min(pixels, image.size))
 
     def write_text(self, fake: int, address: int, size: int, text: str) -> None:
-        """Write a zero-padded string of the bootstrap registers."""
+        """Write a zero-padded string into the bootstrap registers."""
         data = text.encode()[: size - 1].ljust(size, b"\0")
         self.fake_write_memory(fake, address, size, ctypes.c_char_p(data))
 
@@ -83,11 +94,21 @@ def load() -> AravisLibrary:
         gv_fake_new_full=function(aravis, "arv_gv_fake_camera_new_full", pointer, text, text, text),
         gv_fake_get_fake=function(aravis, "arv_gv_fake_camera_get_fake_camera", pointer, pointer),
         gv_fake_is_running=function(aravis, "arv_gv_fake_camera_is_running", ctypes.c_int, pointer),
-        fake_set_fill_pattern=function(aravis, "arv_fake_camera_set_fill_pattern", None, pointer, FILL_PATTERN, pointer),
-        fake_write_register=function(aravis, "arv_fake_camera_write_register", ctypes.c_int, pointer, u32, u32),
-        fake_read_register=function(aravis, "arv_fake_camera_read_register", ctypes.c_int, pointer, u32, ctypes.POINTER(u32)),
-        fake_write_memory=function(aravis, "arv_fake_camera_write_memory", ctypes.c_int, pointer, u32, u32, pointer),
-        buffer_get_data=function(aravis, "arv_buffer_get_data", pointer, pointer, ctypes.POINTER(ctypes.c_size_t)),
+        fake_set_fill_pattern=function(
+            aravis, "arv_fake_camera_set_fill_pattern", None, pointer, FILL_PATTERN, pointer
+        ),
+        fake_write_register=function(
+            aravis, "arv_fake_camera_write_register", ctypes.c_int, pointer, u32, u32
+        ),
+        fake_read_register=function(
+            aravis, "arv_fake_camera_read_register", ctypes.c_int, pointer, u32, ctypes.POINTER(u32)
+        ),
+        fake_write_memory=function(
+            aravis, "arv_fake_camera_write_memory", ctypes.c_int, pointer, u32, u32, pointer
+        ),
+        buffer_get_data=function(
+            aravis, "arv_buffer_get_data", pointer, pointer, ctypes.POINTER(ctypes.c_size_t)
+        ),
         buffer_get_image_region=function(aravis, "arv_buffer_get_image_region", None, pointer, *four_ints),
         buffer_set_timestamp=function(aravis, "arv_buffer_set_timestamp", None, pointer, u64),
         # CDLL calls release the GIL: the unref joins the fake's thread, whose callback may be waiting for it.

@@ -1,4 +1,4 @@
-"""What stands still behind the object: a wooden table up to its far edge, and a wall; drawn once."""
+"""Static background of the virtual camera's images: a wooden table up to its far edge, and a wall."""
 
 from __future__ import annotations
 
@@ -16,12 +16,16 @@ _FAR_EDGE_M = 0.55
 _WALL_M = 1.4
 _TABLE, _WALL = 148.0, 92.0
 LIGHT_WORLD = np.array([-0.35, -0.55, 0.76]) / np.linalg.norm([-0.35, -0.55, 0.76])
-"""unit, from the scene to the lamp: from above, from the camera's left"""
+"""(3,) unit vector from the scene to the lamp, above and to the left of the camera"""
 
 
 def backdrop(station: Station, width: int, height: int, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Grey levels (height, width) at the reference exposure, one ray per pixel; blur comes later."""
-    pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 1, 2).astype(np.float64)
+    """Grey levels (height, width) of the background at the reference exposure, without blur."""
+    pixels = (
+        np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+        .reshape(-1, 1, 2)
+        .astype(np.float64)
+    )
     rays = cv2.undistortPoints(pixels, station.K, station.distortion).reshape(height, width, 2)
     R, p = station.T_world_camera[:3, :3], station.T_world_camera[:3, 3]
     ray = rays[..., 0, None] * R[:, 0] + rays[..., 1, None] * R[:, 1] + R[:, 2]
@@ -31,21 +35,29 @@ def backdrop(station: Station, width: int, height: int, rng: np.random.Generator
     on_table = np.clip((_FAR_EDGE_M - y_table) / 0.01, 0.0, 1.0)
     step = (_WALL_M - p[1]) / ray[..., 1]
     x_wall, z_wall = p[0] + step * ray[..., 0], p[2] + step * ray[..., 2]
-    # grain runs along x; far away it is finer than a pixel and fades
+    # The grain runs along x; far away it is finer than a pixel and fades.
     fade = np.exp(-np.maximum(y_table, -0.3) / 0.35)
     warp = 0.006 * _lattice_noise(rng, x_table / 0.08, y_table / 0.05)
     grain = _lattice_noise(rng, x_table / 0.12, (y_table + warp) / 0.006) + 0.6 * _lattice_noise(
         rng, x_table / 0.04, (y_table + warp) / 0.0025
     )
-    table = _TABLE * (1.0 - 0.22 * np.clip(y_table, -0.3, 0.6)) * (1.0 + 0.035 * fade * grain) + 60.0 * x_table.clip(-0.3, 0.3) * -0.3
+    table = (
+        _TABLE * (1.0 - 0.22 * np.clip(y_table, -0.3, 0.6)) * (1.0 + 0.035 * fade * grain)
+        + 60.0 * x_table.clip(-0.3, 0.3) * -0.3
+    )
     wall = _WALL + 45.0 * z_wall - 28.0 * x_wall + 3.0 * _lattice_noise(rng, x_wall / 0.11, z_wall / 0.09)
     near_wall = 1.0 - 0.25 * np.exp(-np.abs(z_wall + 0.05) / 0.02)
     image = on_table * table + (1.0 - on_table) * wall * near_wall
     return np.clip(image, 10.0, 215.0).astype(np.float32)
 
 
-def _lattice_noise(rng: np.random.Generator, u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Smooth noise in -1..1 with knots at integer u, v (value noise, K. Perlin's fade curve, 2002)."""
+def _lattice_noise(
+    rng: np.random.Generator, u: NDArray[np.float64], v: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Smooth noise in -1..1 at (u, v) of any shape, with knots at integers.
+
+    Value noise with K. Perlin's fade curve (2002).
+    """
     lattice = rng.uniform(-1.0, 1.0, (64, 64))
     i, j = np.floor(u).astype(np.int64), np.floor(v).astype(np.int64)
     s, t = u - i, v - j

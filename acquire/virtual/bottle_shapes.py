@@ -1,6 +1,7 @@
-"""The two bottles: stacks of octagonal rings, the STL files made from them, and the convex parts that the striker meets.
+"""Shapes of the two bottles: stacks of octagonal rings, their STL files, and their convex parts.
 
-`python -m acquire.virtual.bottle_shapes DIRECTORY` writes `spray.stl` and `juice.stl` anew (binary, mm, closed, outward normals).
+`python -m acquire.virtual.bottle_shapes DIRECTORY` writes `spray.stl` and `juice.stl` (binary, mm, closed,
+outward normals).
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Ring:
-    """Rectangle with 45 degree corners, at height z over the base. All in mm."""
+    """Rectangle with 45 degree corners at height z over the base; all lengths in mm."""
 
     z: float
     half_x: float
@@ -28,9 +29,18 @@ class Ring:
     corner: float
 
     def vertices(self) -> NDArray[np.float64]:
-        """(8, 3) mm, counter-clockwise seen from above."""
+        """Corners (8, 3) [mm], counter-clockwise seen from above."""
         x, y, c = self.half_x, self.half_y, self.corner
-        outline = [(x, c - y), (x, y - c), (x - c, y), (c - x, y), (-x, y - c), (-x, c - y), (c - x, -y), (x - c, -y)]
+        outline = [
+            (x, c - y),
+            (x, y - c),
+            (x - c, y),
+            (c - x, y),
+            (-x, y - c),
+            (-x, c - y),
+            (c - x, -y),
+            (x - c, -y),
+        ]
         return np.array([(a, b, self.z) for a, b in outline], dtype=float)
 
 
@@ -38,11 +48,11 @@ BOTTLES: dict[str, tuple[Ring, ...]] = {
     "spray": (Ring(0, 33, 26, 6.5), Ring(138, 33, 26, 6.5), Ring(158, 21, 20, 3), Ring(200, 21, 20, 3)),
     "juice": (Ring(0, 38, 35, 9.5), Ring(146, 38, 35, 9.5), Ring(166, 23, 23, 4), Ring(190, 23, 23, 4)),
 }
-"""Body, shoulder and head, from the base up; the base lies in O's z = 0, centred."""
+"""rings of body, shoulder and head, from the base up; the base is centred in the plane z = 0 of O"""
 
 
 def bottle_mesh(rings: tuple[Ring, ...]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Closed surface: vertices (n, 3) mm and triangles (m, 3), outward."""
+    """Closed surface of a bottle: vertices (n, 3) [mm] and triangles (m, 3), normals outward."""
     vertices = np.concatenate([ring.vertices() for ring in rings])
     faces = []
     for level in range(len(rings) - 1):
@@ -56,12 +66,12 @@ def bottle_mesh(rings: tuple[Ring, ...]) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def convex_parts(rings: tuple[Ring, ...]) -> tuple[NDArray[np.float64], ...]:
-    """One convex part per level, each as its corners (16, 3) mm."""
+    """Convex parts of a bottle, one per level, each as its corners (16, 3) [mm]."""
     return tuple(np.concatenate([low.vertices(), high.vertices()]) for low, high in pairwise(rings))
 
 
 def stl_bytes(vertices: NDArray[np.float64], faces: NDArray[np.int64], title: str) -> bytes:
-    """Binary STL."""
+    """Binary STL file of a mesh with vertices (n, 3) and triangles (m, 3)."""
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -71,18 +81,22 @@ def stl_bytes(vertices: NDArray[np.float64], faces: NDArray[np.int64], title: st
 
 
 def read_stl(data: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices (n, 3), merged where equal, and triangles (m, 3) of a binary STL, in the file's unit."""
+    """Vertices (n, 3) without duplicates and triangles (m, 3) of a binary STL, in the file's unit."""
     (count,) = struct.unpack_from("<I", data, 80)
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-    corners = np.frombuffer(data, dtype=record, count=count, offset=84)["corners"].reshape(-1, 3).astype(float)
+    corners = (
+        np.frombuffer(data, dtype=record, count=count, offset=84)["corners"].reshape(-1, 3).astype(float)
+    )
     vertices, index = np.unique(corners, axis=0, return_inverse=True)
     return vertices, index.reshape(-1, 3)
 
 
 def main(directory: Path) -> None:
-    """Write both files."""
+    """Write both STL files."""
     for name, rings in BOTTLES.items():
-        (directory / f"{name}.stl").write_bytes(stl_bytes(*bottle_mesh(rings), title=f"percuss {name} bottle, mm"))
+        (directory / f"{name}.stl").write_bytes(
+            stl_bytes(*bottle_mesh(rings), title=f"percuss {name} bottle, mm")
+        )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""Process 2 of the virtual rig: reads the world's poses, renders what a camera would see, serves it as a GigE Vision camera.
+"""Camera process of the virtual rig: renders the world's poses and serves the images as a GigE Vision camera.
 
     python -m acquire.virtual.camera_process --object carton --seed 1 --dir RUN --address 127.0.0.1
 
-Prints `{"ready": true, ...}` once it can be opened and its statistics when it ends: on SIGTERM, or when its parent is gone.
+Prints `{"ready": true, ...}` once the camera can be opened, and its statistics when it ends: on SIGTERM, or
+when its parent has ended.
 """
 
 from __future__ import annotations
@@ -36,40 +37,50 @@ if TYPE_CHECKING:
 WORLD_START_S = 10.0
 STATISTICS_FILE = "camera.json"
 LATE_NS = 60_000_000
-"""a later picture is drawn with two sub-exposures at most: motion blur is the first thing that a busy machine goes without"""
+"""delay above which an image is drawn with at most two sub-exposures: a busy computer first saves motion
+blur"""
 SWITCH_INTERVAL_S = 5e-4
-"""a latch or a frame that is due waits this long at most for the interpreter"""
+"""longest wait of a due latch or frame for the interpreter"""
 
 
 class WorldRenderer(Protocol):
-    """What turns poses into an image (`acquire.virtual.render.Renderer`); arguments as `PosesAt` holds them."""
+    """Renderer of images from poses (`acquire.virtual.render.Renderer`); arguments as in `PosesAt`."""
 
-    def subexposures_needed(self, p_world_object: Floats, q_wxyz: Floats, arm_angle: Floats, arm_axis_world: Floats, /) -> int:
-        """How many poses an exposure needs, judged by those at its start and end."""
+    def subexposures_needed(
+        self, p_world_object: Floats, q_wxyz: Floats, arm_angle: Floats, arm_axis_world: Floats, /
+    ) -> int:
+        """Number of poses that an exposure needs, given the poses at its start and end."""
         ...
 
     def render(
-        self, p_world_object: Floats, q_wxyz: Floats, arm_angle: Floats, arm_axis_world: Floats, exposure_us: float, gain_db: float, /
+        self,
+        p_world_object: Floats,
+        q_wxyz: Floats,
+        arm_angle: Floats,
+        arm_axis_world: Floats,
+        exposure_us: float,
+        gain_db: float,
+        /,
     ) -> NDArray[np.uint8]:
-        """Image (492, 656) of an exposure of k poses: p (k, 3), q (k, 4), angle (k,), axis (k, 3)."""
+        """Image (492, 656) of an exposure with k poses: p (k, 3), q (k, 4), angle (k,), axis (k, 3)."""
         ...
 
 
 class WorldSource:
-    """Images of the world's ring of poses."""
+    """Image source that renders the poses in the world's pose ring."""
 
     def __init__(self, ring: PoseRing, renderer: WorldRenderer) -> None:
         self._ring, self._renderer = ring, renderer
 
     def latest_time_ns(self) -> int:
-        """Time of the newest pose [host monotonic ns]."""
+        """Host monotonic time of the newest pose [ns]."""
         return self._ring.latest_time_ns()
 
     def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
-        """The region (height, width) of the exposure that starts at `start_ns`."""
+        """Image (height, width) of the selected region for the exposure that starts at `start_ns`."""
         exposure_ns = settings.exposure_us * 1e3
         poses = self._ring.at([start_ns, start_ns + round(exposure_ns)])
-        count = self._renderer.subexposures_needed(poses.p_world_object, poses.q_world_object_wxyz, poses.arm_angle, poses.arm_axis_world)
+        count = self._renderer.subexposures_needed(*poses)
         if self._ring.latest_time_ns() - start_ns > LATE_NS:
             count = min(count, 2)
         if count > 1:
@@ -80,11 +91,11 @@ class WorldSource:
         return image[settings.offset_y :, settings.offset_x :][: settings.height, : settings.width]
 
 
-def wait_for_world(path: Path, clock: Clock, goes_on: Callable[[], bool] = lambda: True) -> PoseRing:
-    """The ring, once it holds a pose.
+def wait_for_world(path: Path, clock: Clock, keep_waiting: Callable[[], bool] = lambda: True) -> PoseRing:
+    """Pose ring of the world, once it holds a pose.
 
     Raises:
-        PoseRingError: the world did not start in time, or `goes_on` said no.
+        PoseRingError: the world did not start in time, or `keep_waiting` returned False.
     """
     end_ns = clock.monotonic_ns() + round(WORLD_START_S * 1e9)
     while True:
@@ -92,15 +103,17 @@ def wait_for_world(path: Path, clock: Clock, goes_on: Callable[[], bool] = lambd
             ring = PoseRing.open(path)
             ring.latest_time_ns()
         except PoseRingError:
-            if clock.monotonic_ns() > end_ns or not goes_on():
+            if clock.monotonic_ns() > end_ns or not keep_waiting():
                 raise
             clock.sleep(0.05)
         else:
             return ring
 
 
-def serve(source: ImageSource, arguments: argparse.Namespace, clock: Clock, goes_on: Callable[[], bool]) -> None:
-    """Be a camera until SIGTERM, SIGINT or `goes_on` says no."""
+def serve(
+    source: ImageSource, arguments: argparse.Namespace, clock: Clock, parent_alive: Callable[[], bool]
+) -> None:
+    """Run the camera until SIGTERM or SIGINT, or until `parent_alive` returns False."""
     stopped = False
 
     def request_stop(*_: object) -> None:
@@ -110,38 +123,45 @@ def serve(source: ImageSource, arguments: argparse.Namespace, clock: Clock, goes
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, request_stop)
     camera = VirtualGigeCamera(
-        arguments.address, f"VIRTUAL-{arguments.seed}", source, clock, packet_loss=arguments.packet_loss, seed=arguments.seed
+        arguments.address,
+        f"VIRTUAL-{arguments.seed}",
+        source,
+        clock,
+        packet_loss=arguments.packet_loss,
+        seed=arguments.seed,
     )
     try:
-        _say({"ready": True, "address": arguments.address, "pid": os.getpid()})
-        while not stopped and goes_on():
+        _print_json({"ready": True, "address": arguments.address, "pid": os.getpid()})
+        while not stopped and parent_alive():
             clock.sleep(0.1)
     finally:
         camera.close()
     statistics = {**asdict(camera.statistics), "cpu_s": _cpu_s(), **camera.packet_counts}
-    # The parent may have closed our output already: the file is what remains.
+    # The parent may have closed the output already; the file remains.
     with contextlib.suppress(OSError):
         (arguments.dir / STATISTICS_FILE).write_text(json.dumps(statistics) + "\n", encoding="utf-8")
     with contextlib.suppress(OSError):
-        _say(statistics)
+        _print_json(statistics)
 
 
 def main() -> int:
-    """Entry point; one line on standard error and exit code 1 where the camera cannot start."""
-    parser = argparse.ArgumentParser(prog="camera_process", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    """Run the camera process; one line on standard error and exit code 1 if the camera cannot start."""
+    parser = argparse.ArgumentParser(
+        prog="camera_process", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--object", required=True, help="carton, spray, juice or salt")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--dir", type=Path, required=True, help="the run's folder, holds pose.ring")
+    parser.add_argument("--dir", type=Path, required=True, help="folder of the run with pose.ring")
     parser.add_argument("--address", default="127.0.0.1", help="loopback address of the camera")
-    parser.add_argument("--packet-loss", type=float, default=0.0, help="share of stream packets to lose")
-    parser.add_argument("--parent", type=int, help="process id whose end is ours; default: who started us")
+    parser.add_argument("--packet-loss", type=float, default=0.0, help="fraction of stream packets to lose")
+    parser.add_argument("--parent", type=int, help="end when this process ends; default: the parent process")
     arguments = parser.parse_args()
-    parent = arguments.parent or os.getppid()  # who started us may be gone before we have come so far
+    parent = arguments.parent or os.getppid()  # wrong if the parent has ended by now, hence --parent
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     cv2.setNumThreads(1)
     clock = SystemClock()
 
-    def parent_lives() -> bool:
+    def parent_alive() -> bool:
         return os.getppid() == parent
 
     try:
@@ -149,18 +169,20 @@ def main() -> int:
         from acquire.virtual.render import Renderer
         from acquire.virtual.station import station
 
-        ring = wait_for_world(arguments.dir / "pose.ring", clock, parent_lives)
-        renderer = Renderer(load_object(arguments.object, arguments.seed), station(arguments.seed), arguments.seed)
+        ring = wait_for_world(arguments.dir / "pose.ring", clock, parent_alive)
+        renderer = Renderer(
+            load_object(arguments.object, arguments.seed), station(arguments.seed), arguments.seed
+        )
         gc.collect()
         gc.freeze()
-        serve(WorldSource(ring, renderer), arguments, clock, parent_lives)
+        serve(WorldSource(ring, renderer), arguments, clock, parent_alive)
     except AcquireError as error:
         print(error, file=sys.stderr)  # noqa: T201 - this is a program
         return 1
     return 0
 
 
-def _say(document: dict[str, object]) -> None:
+def _print_json(document: dict[str, object]) -> None:
     sys.stdout.write(json.dumps(document) + "\n")
     sys.stdout.flush()
 

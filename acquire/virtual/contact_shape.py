@@ -1,8 +1,9 @@
-"""Where a rounded body can touch the table: the centres of the balls that round it.
+"""Contact spheres of a rounded body on the table.
 
-A convex polyhedron whose edges are rounded with radius rho is the Minkowski sum of the polyhedron inset by rho and a ball of radius rho.
-Against a plane only the inset polyhedron's corners matter, so one sphere per corner has exactly the support function of capsules
-along all edges, flat faces included, at half the contacts. A rim becomes a ring of spheres close enough to be round.
+A convex polyhedron whose edges are rounded with radius rho is the Minkowski sum of the polyhedron inset by
+rho and a ball of radius rho. Against a plane only the inset polyhedron's corners matter, so one sphere per
+corner has exactly the support function of capsules along all edges, flat faces included, with half the
+contacts. A rim becomes a ring of closely spaced spheres.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ if TYPE_CHECKING:
     from acquire.virtual.objects import VirtualObject
 
 RIM_SPHERES = 72
-"""at 36 mm the rim's facets then stand 0.034 mm off the circle"""
+"""number of spheres per rim: at a radius of 36 mm the polygon differs from the circle by 0.034 mm"""
 
 
 def contact_centres(thing: VirtualObject) -> NDArray[np.float64]:
-    """Centres (n, 3) m in O of the spheres, radius `thing.edge_radius_m`, that stand for the body on the table."""
+    """Centres (n, 3) [m, in O] of the spheres of radius `thing.edge_radius_m` that represent the body."""
     cylinder = thing.spec.shape.cylinder
     if cylinder is not None:
         return rim_centres(cylinder.radius_m, cylinder.height_m, thing.edge_radius_m)
@@ -30,7 +31,10 @@ def contact_centres(thing: VirtualObject) -> NDArray[np.float64]:
 
 
 def rim_centres(radius: float, height: float, edge_radius: float) -> NDArray[np.float64]:
-    """Both rims of a cylinder about z, centred: (2 * RIM_SPHERES, 3) m. The polygon's mean radius is the circle's."""
+    """Sphere centres (2 * RIM_SPHERES, 3) [m] of both rims of a centred cylinder about z.
+
+    The polygon's mean radius equals the circle's radius.
+    """
     half_step = np.pi / RIM_SPHERES
     angle = 2 * half_step * np.arange(RIM_SPHERES)
     ring = (radius - edge_radius) * half_step / np.sin(half_step)
@@ -39,7 +43,7 @@ def rim_centres(radius: float, height: float, edge_radius: float) -> NDArray[np.
 
 
 def inset_corners(points: NDArray[np.float64], inset: float) -> NDArray[np.float64]:
-    """Corners (n, 3) of the convex hull of `points` (m, 3) with every face moved inwards by `inset` [m]."""
+    """Corners (n, 3) [m] of the hull of `points` (m, 3) [m], every face moved inwards by `inset` [m]."""
     planes = ConvexHull(points).equations.copy()
     planes = planes[np.unique(np.round(planes, 7), axis=0, return_index=True)[1]]
     planes[:, 3] += inset

@@ -1,8 +1,9 @@
-"""Exact area coverage of polygons: what fraction of each pixel lies inside, to rounding.
+"""Exact area coverage of polygons: the fraction of each pixel that lies inside, to rounding.
 
-Every directed edge adds the signed area between itself and the image's right border; a running sum along the rows turns edges into areas
-(the accumulation buffer of R. Levien's font-rs, 2016). It is linear: a border between two surfaces is one edge whose weight is their
-difference, any number of surfaces and sub-exposures share one buffer, and seams between neighbours vanish exactly.
+Every directed edge adds the signed area between itself and the image's right border; a running sum along the
+rows turns edges into areas (the accumulation buffer of R. Levien's font-rs, 2016). The method is linear: the
+boundary between two surfaces is one edge weighted by their difference, any number of surfaces and
+sub-exposures share one buffer, and seams between neighbours vanish exactly.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Box:
-    """Pixels [left, right) x [top, bottom)."""
+    """Rectangle of pixels [left, right) x [top, bottom)."""
 
     left: int
     top: int
@@ -28,27 +29,31 @@ class Box:
 
     @property
     def empty(self) -> bool:
-        """No pixel inside."""
+        """True if the box contains no pixel."""
         return self.right <= self.left or self.bottom <= self.top
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """Index of an image (height, width)."""
+        """Index of the box in an image (height, width)."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
     def grown(self, margin: int, width: int, height: int) -> Box:
-        """Larger by `margin` px on every side, within an image of width x height."""
+        """Box enlarged by `margin` px on every side, within an image of width x height."""
         return Box(
-            max(self.left - margin, 0), max(self.top - margin, 0), min(self.right + margin, width), min(self.bottom + margin, height)
+            left=max(self.left - margin, 0),
+            top=max(self.top - margin, 0),
+            right=min(self.right + margin, width),
+            bottom=min(self.bottom + margin, height),
         )
 
     def within(self, outer: Box) -> tuple[slice, slice]:
         """Index of this box in an array that covers `outer`."""
-        return slice(self.top - outer.top, self.bottom - outer.top), slice(self.left - outer.left, self.right - outer.left)
+        rows = slice(self.top - outer.top, self.bottom - outer.top)
+        return rows, slice(self.left - outer.left, self.right - outer.left)
 
 
 def box_around(points_px: NDArray[np.float64], width: int, height: int) -> Box:
-    """Pixels that points (n, 2) and what lies between them can touch, within an image of width x height."""
+    """Pixels of an image that the convex hull of points (n, 2) [px] can touch."""
     low, high = np.floor(points_px.min(axis=0) + 0.5), np.ceil(points_px.max(axis=0) + 0.5)
     return Box(max(int(low[0]), 0), max(int(low[1]), 0), min(int(high[0]), width), min(int(high[1]), height))
 
@@ -59,15 +64,15 @@ def coverage(
     weights: NDArray[np.float64],
     box: Box,
 ) -> tuple[NDArray[np.float32], ...]:
-    """Sum of weight times covered area per pixel, for each of c kinds of weight: c images (box height, box width).
+    """Sum of weight times covered area per pixel: c images (box height, box width).
 
     A polygon whose corners run clockwise as seen in the image (x right, y down) covers with its weight.
 
     Args:
-        start: (n, 2) px, integer coordinates at pixel centres (OpenCV).
-        end: (n, 2) px.
-        weights: (c, n).
-        box: the pixels wanted; edges may lie outside.
+        start: (n, 2) start points of the edges [px], integer coordinates at pixel centres (OpenCV).
+        end: (n, 2) end points of the edges [px].
+        weights: (c, n) weights of the edges, for each of c images.
+        box: the pixels to compute; edges may lie outside.
     """
     width, height = box.right - box.left, box.bottom - box.top
     x0, y0 = start[:, 0] - (box.left - 0.5), start[:, 1] - (box.top - 0.5)
@@ -75,18 +80,19 @@ def coverage(
     down = y1 > y0
     slope = (x1 - x0) / np.where(y1 == y0, 1.0, y1 - y0)
     high_x, high_y, low_y = np.where(down, x0, x1), np.minimum(y0, y1), np.maximum(y0, y1)
-    # pieces within one row
+    # Cut the edges into pieces within one row.
     first = np.clip(np.floor(high_y), 0, height).astype(np.int64)
     edge, row = _ragged(first, np.clip(np.ceil(low_y), 0, height).astype(np.int64) - first)
     top, bottom = np.maximum(high_y[edge], row), np.minimum(low_y[edge], row + 1)
     x_top = high_x[edge] + (top - high_y[edge]) * slope[edge]
     x_bottom = x_top + (bottom - top) * slope[edge]
-    # left of a clockwise polygon's rising edges is outside, left of its falling edges is inside
+    # Left of a clockwise polygon's rising edges is outside, left of its falling edges is inside.
     height_of_piece = np.where(down, -1.0, 1.0)[edge] * (bottom - top)
     left, right = np.minimum(x_top, x_bottom), np.maximum(x_top, x_bottom)
     first = np.floor(np.minimum(np.maximum(left, -1.0), width)).astype(np.int64)
     beyond = np.ceil(np.minimum(np.maximum(right, -1.0), width + 1.0)).astype(np.int64)
-    # most pieces of a steep edge lie within one pixel; the others are cut, and the outermost parts carry what lies beyond the box
+    # Most pieces of a steep edge lie within one pixel; the others are cut further. The outermost parts carry
+    # what lies beyond the box.
     long = np.flatnonzero(beyond - first > 1)
     short = np.flatnonzero(beyond - first <= 1)
     cut, column = _ragged(first[long], (beyond - first)[long])
@@ -112,17 +118,25 @@ def _filled(
     width: int,
     height: int,
 ) -> NDArray[np.float32]:
-    """Running sum along the rows of areas put into pixels and their right neighbours. `pixel` counts in rows of width + 1."""
+    """Image (height, width): running sum along the rows of areas put into pixels and their right neighbours.
+
+    `pixel` (n,) counts in rows of width + 1.
+    """
     size = height * (width + 1)
     right = area * right_share
     jumps = np.bincount(pixel, area - right, size) + np.bincount(pixel + 1, right, size)
-    # the difference of an integral image's rows: 10 times faster than numpy's cumsum
+    # The difference of an integral image's rows is 10 times faster than numpy's cumsum.
     total = cv2.integral(jumps.reshape(height, width + 1)[:, :width], sdepth=cv2.CV_64F)
     return np.asarray(cv2.subtract(total[1:, 1:], total[:-1, 1:], dtype=cv2.CV_32F), np.float32)
 
 
-def _ragged(first: NDArray[np.int64], count: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """For each of n things the integers from `first`, `count` (or none) of them: index of the thing, and the integer."""
+def _ragged(
+    first: NDArray[np.int64], count: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Concatenated ranges first, first + 1, ...: index of the range (m,), and the integer (m,).
+
+    `first` (n,) and `count` (n,) are the start and the length of each range.
+    """
     count = np.maximum(count, 0)
-    thing = np.repeat(np.arange(len(count)), count)
-    return thing, np.arange(len(thing)) + np.repeat(first - (np.cumsum(count) - count), count)
+    index = np.repeat(np.arange(len(count)), count)
+    return index, np.arange(len(index)) + np.repeat(first - (np.cumsum(count) - count), count)

@@ -1,4 +1,4 @@
-"""Motor, gear and control loop of an XM430-W210 at 12 V: registers and arm state in, torque at the horn out."""
+"""Motor, gear and control loop of an XM430-W210 at 12 V: torque at the horn from registers and arm state."""
 
 from __future__ import annotations
 
@@ -28,51 +28,58 @@ GEAR_VISCOUS = 0.004
 GEAR_COULOMB = 0.04
 """N m"""
 COULOMB_SPEED = 0.05
-"""rad/s over which Coulomb friction builds up: never reverses an arm of more than GEAR_COULOMB / COULOMB_SPEED * 1 ms = 0.8 g m2"""
+"""speed over which Coulomb friction builds up [rad/s]: it cannot reverse an arm of more than
+GEAR_COULOMB / COULOMB_SPEED * 1 ms = 0.8 g m2"""
 VELOCITY_FILTER_S = 0.003
 FULL_DUTY = 885
 
 
 class Motor:
-    """State of the control loop. One `step` per millisecond."""
+    """State of motor and control loop; `step` is called once per millisecond."""
 
     def __init__(self) -> None:
         self.current = 0.0
-        """A, through the winding; positive drives towards more ticks"""
+        """current through the winding [A]; positive drives towards more ticks"""
         self.velocity = 0.0
-        """rad/s, as the servo's own filter knows it"""
+        """velocity after the servo's own filter [rad/s]"""
         self.reference = 0.0
-        """rad, where the trajectory is"""
+        """current position of the trajectory [rad]"""
         self._reference_velocity = 0.0
         self._integral = 0.0
         self._watchdog_tripped = False
 
     def hold(self, position: float) -> None:
-        """Restart the trajectory at rest here."""
+        """Restart the trajectory at rest at `position` [rad]."""
         self.reference, self._reference_velocity, self._integral = position, 0.0, 0.0
 
     def step(self, registers: Registers, position: float, velocity: float, dt: float) -> float:
         """Torque at the horn [N m] for the next `dt` [s].
 
-        DC motor: torque = stall * duty - (stall / no-load speed) * velocity, capped by current; then gear drag.
+        DC motor: torque = stall * duty - (stall / no-load speed) * velocity, limited by the current; then
+            gear drag.
 
         Args:
-            registers: the servo's; Goal Position in ticks, 2048 = 0 rad.
-            position: rad, of the horn.
-            velocity: rad/s, of the horn.
-            dt: s, since the last step.
+            registers: registers of the servo; Goal Position in ticks, 2048 = 0 rad.
+            position: angle of the horn [rad].
+            velocity: angular velocity of the horn [rad/s].
+            dt: time since the last step [s].
         """
         self.velocity += (velocity - self.velocity) * min(1.0, dt / VELOCITY_FILTER_S)
         tripped = registers["Bus Watchdog"] == WATCHDOG_TRIPPED
         if tripped and not self._watchdog_tripped:
             self.hold(position)
         self._watchdog_tripped = tripped
-        self.current = self._control(registers, position, velocity, dt) / TORQUE_PER_AMPERE if registers["Torque Enable"] else 0.0
-        return TORQUE_PER_AMPERE * self.current - GEAR_VISCOUS * velocity - GEAR_COULOMB * math.tanh(velocity / COULOMB_SPEED)
+        self.current = 0.0
+        if registers["Torque Enable"]:
+            self.current = self._control(registers, position, velocity, dt) / TORQUE_PER_AMPERE
+        coulomb = GEAR_COULOMB * math.tanh(velocity / COULOMB_SPEED)
+        return TORQUE_PER_AMPERE * self.current - GEAR_VISCOUS * velocity - coulomb
 
     def _control(self, registers: Registers, position: float, velocity: float, dt: float) -> float:
         mode = registers["Operating Mode"]
-        cap = CURRENT_UNIT_A * (abs(registers["Goal Current"]) if mode in {0, 5} else registers["Current Limit"])
+        cap = CURRENT_UNIT_A * (
+            abs(registers["Goal Current"]) if mode in {0, 5} else registers["Current Limit"]
+        )
         stopped = self._watchdog_tripped
         if mode == 0:
             wanted = 0.0 if stopped else registers["Goal Current"] * CURRENT_UNIT_A * TORQUE_PER_AMPERE
@@ -80,9 +87,11 @@ class Motor:
         elif mode == 16:
             duty = 0.0 if stopped else registers["Goal PWM"] / FULL_DUTY
         elif mode == 1:
-            duty = self._velocity_duty(registers, 0.0 if stopped else registers["Goal Velocity"] * VELOCITY_UNIT_RAD_S, dt)
+            goal = 0.0 if stopped else registers["Goal Velocity"] * VELOCITY_UNIT_RAD_S
+            duty = self._velocity_duty(registers, goal, dt)
         else:
-            goal = self.reference if stopped else (registers["Goal Position"] - ZERO_TICKS - registers["Homing Offset"]) * TICK_RAD
+            goal_ticks = registers["Goal Position"] - ZERO_TICKS - registers["Homing Offset"]
+            goal = self.reference if stopped else goal_ticks * TICK_RAD
             duty = self._position_duty(registers, goal, position, dt)
         limit = registers["PWM Limit"] / FULL_DUTY
         torque = STALL_TORQUE * max(-limit, min(limit, duty)) - STALL_TORQUE / NO_LOAD_SPEED * velocity
@@ -92,22 +101,26 @@ class Motor:
         slope = registers["Profile Acceleration"] * ACCELERATION_UNIT_RAD_S2 * dt or math.inf
         self._reference_velocity += max(-slope, min(slope, goal - self._reference_velocity))
         error = (self._reference_velocity - self.velocity) / VELOCITY_UNIT_RAD_S
-        self._integral = max(-FULL_DUTY, min(FULL_DUTY, self._integral + registers["Velocity I Gain"] / 65536 * error * dt * 1000))
-        # e-manual: P gain / 128, I gain / 65536; the back EMF is fed forward
-        return self._reference_velocity / NO_LOAD_SPEED + (registers["Velocity P Gain"] / 128 * error + self._integral) / FULL_DUTY
+        step = registers["Velocity I Gain"] / 65536 * error * dt * 1000
+        self._integral = max(-FULL_DUTY, min(FULL_DUTY, self._integral + step))
+        # e-manual: P gain / 128, I gain / 65536; the back EMF is fed forward.
+        feedback = (registers["Velocity P Gain"] / 128 * error + self._integral) / FULL_DUTY
+        return self._reference_velocity / NO_LOAD_SPEED + feedback
 
     def _position_duty(self, registers: Registers, goal: float, position: float, dt: float) -> float:
         self._advance_trajectory(registers, goal, dt)
         error = (self.reference - position) / TICK_RAD
         step = registers["Position I Gain"] / 65536 * error * dt * 1000
         self._integral = max(-FULL_DUTY, min(FULL_DUTY, self._integral + step))
-        damping = registers["Position D Gain"] / 16 * (self._reference_velocity - self.velocity) * 0.001 / TICK_RAD
+        damping = (
+            registers["Position D Gain"] / 16 * (self._reference_velocity - self.velocity) * 0.001 / TICK_RAD
+        )
         forward = registers["Feedforward 1st Gain"] / 4 * self._reference_velocity / VELOCITY_UNIT_RAD_S
-        # e-manual: P gain / 128, I gain / 65536, D gain / 16, feed-forward / 4, all in PWM units
+        # e-manual: P gain / 128, I gain / 65536, D gain / 16, feed-forward / 4, all in PWM units.
         return (registers["Position P Gain"] / 128 * error + self._integral + damping + forward) / FULL_DUTY
 
     def _advance_trajectory(self, registers: Registers, goal: float, dt: float) -> None:
-        """Trapezoid from Profile Velocity and Profile Acceleration; 0 means infinite."""
+        """Advance the trapezoidal trajectory by `dt` [s]; a profile value of 0 means infinite."""
         speed = registers["Profile Velocity"] * VELOCITY_UNIT_RAD_S
         if speed == 0:
             self.reference, self._reference_velocity = goal, 0.0

@@ -1,7 +1,7 @@
-"""Dynamixel protocol 2.0 packets as the *servo* sees them: parse instructions, build status packets.
+"""Dynamixel protocol 2.0 on the servo's side: parse instruction packets, build status packets.
 
-Written from the vendor's e-manual, apart from the SDK that the striker uses, so that a mistake in one is not hidden by the same mistake
-in the other. The example packets of the e-manual are the tests' golden vectors.
+Written from the vendor's e-manual and independent of the SDK that the striker uses, so that no mistake is
+made on both sides. The example packets of the e-manual are the tests' golden vectors.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Instruction(enum.IntEnum):
 
 
 class StatusError(enum.IntEnum):
-    """Error field of a status packet; ALERT is a bit beside the number."""
+    """Error field of a status packet, without its ALERT bit."""
 
     NONE = 0
     RESULT = 1
@@ -54,13 +54,13 @@ ALERT = 0x80
 
 @dataclass(frozen=True)
 class Packet:
-    """One packet from the wire, unstuffed."""
+    """Received packet, unstuffed."""
 
     id: int
     instruction: int
     parameters: bytes
     intact: bool
-    """whether its CRC is right"""
+    """True if the CRC is right"""
 
 
 def _crc_table() -> tuple[int, ...]:
@@ -85,14 +85,14 @@ def crc16(data: bytes) -> int:
 
 
 def encode(servo_id: int, instruction: int, parameters: bytes) -> bytes:
-    """A whole packet: header, stuffed body, CRC."""
+    """Complete packet: header, stuffed body, CRC."""
     body = (bytes([instruction]) + parameters).replace(*_STUFF)
     packet = HEADER + bytes([servo_id]) + struct.pack("<H", len(body) + 2) + body
     return packet + struct.pack("<H", crc16(packet))
 
 
 class Parser:
-    """Bytes in any pieces in, packets out. Rubbish between packets is skipped, as the servo does."""
+    """Parser of a byte stream into packets; bytes that belong to no packet are skipped, as by a servo."""
 
     def __init__(self) -> None:
         self._buffer = b""
@@ -117,4 +117,6 @@ class Parser:
                 return packets
             raw, self._buffer = self._buffer[:size], self._buffer[size:]
             body = raw[7:-2].replace(_STUFF[1], _STUFF[0])
-            packets.append(Packet(raw[4], body[0], body[1:], crc16(raw[:-2]) == int.from_bytes(raw[-2:], "little")))
+            packets.append(
+                Packet(raw[4], body[0], body[1:], crc16(raw[:-2]) == int.from_bytes(raw[-2:], "little"))
+            )

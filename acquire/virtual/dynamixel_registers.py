@@ -1,4 +1,4 @@
-"""Memory of the virtual XM430-W210: defaults, ranges and access rules of its control table (vendor's e-manual)."""
+"""Control table of the virtual XM430-W210: defaults, ranges and access rules (vendor's e-manual)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from acquire.virtual.dynamixel_protocol import StatusError
 MODEL = 1030
 WATCHDOG_TRIPPED = 0xFF
 
-# name: (default, smallest, largest); registers that are not listed start at 0 and take any value.
+# name: (default, smallest, largest); registers that are not listed start at 0 and accept any value.
 _SPECIFICATION: dict[str, tuple[int, int, int]] = {
     "Firmware Version": (47, 0, 255),
     "ID": (1, 0, 252),
@@ -52,20 +52,32 @@ _LIMITED_BY = {
     "Profile Velocity": "Velocity Limit",
 }
 _READ_ONLY = {
-    "Model Number", "Model Information", "Firmware Version", "Registered Instruction", "Hardware Error Status", "Realtime Tick", "Moving",
-    "Moving Status", "Velocity Trajectory", "Position Trajectory",
-}  # fmt: skip
+    "Model Number",
+    "Model Information",
+    "Firmware Version",
+    "Registered Instruction",
+    "Hardware Error Status",
+    "Realtime Tick",
+    "Moving",
+    "Moving Status",
+    "Velocity Trajectory",
+    "Position Trajectory",
+}
 _GOALS = {"Goal PWM", "Goal Current", "Goal Velocity", "Goal Position"}
 _OPERATING_MODES = {0, 1, 3, 4, 5, 16}
 
 
 class Registers:
-    """The control table, by name for the servo and by address for the wire."""
+    """Control table, accessed by name from the servo and by address from the bus."""
 
     def __init__(self, servo_id: int, baud_index: int) -> None:
-        self._table = {name: register for name, register in control_table(MODEL).items() if register.address < 168}
+        self._table = {
+            name: register for name, register in control_table(MODEL).items() if register.address < 168
+        }
         self._at = {register.address: register for register in self._table.values()}
-        self._defined = {register.address + k for register in self._table.values() for k in range(register.size)}
+        self._defined = {
+            register.address + k for register in self._table.values() for k in range(register.size)
+        }
         self._memory = bytearray(168)
         self._values: dict[str, int] = {}
         self.factory_reset(servo_id, baud_index)
@@ -80,13 +92,13 @@ class Registers:
         self._values[name] = register.decode(encoded)
 
     def factory_reset(self, servo_id: int, baud_index: int) -> None:
-        """All registers to their defaults, but for the two given."""
+        """Reset all registers to their defaults, except the two given."""
         for name in self._table:
             self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
         self["Model Number"], self["ID"], self["Baud Rate"] = MODEL, servo_id, baud_index
 
     def reboot(self) -> None:
-        """RAM to its defaults, goals to the limits; EEPROM stays."""
+        """Reset RAM to its defaults and the goals to their limits; EEPROM is unchanged."""
         for name, register in self._table.items():
             if register.address >= EEPROM_END:
                 self[name] = _SPECIFICATION.get(name, (0, 0, 0))[0]
@@ -94,20 +106,20 @@ class Registers:
             self[name] = self[_LIMITED_BY[name]]
 
     def read(self, address: int, size: int) -> tuple[StatusError, bytes]:
-        """Bytes from the wire's side."""
+        """Error, and `size` bytes from `address`, as read over the bus."""
         if size == 0 or address not in self._defined or address + size - 1 not in self._defined:
             return StatusError.ACCESS, b""
         return StatusError.NONE, bytes(self._memory[address : address + size])
 
     def write(self, address: int, data: bytes) -> tuple[StatusError, list[str]]:
-        """Bytes from the wire's side, all or nothing: the error, and the names of what was written."""
+        """Write bytes over the bus, all or none: error, and names of the written registers."""
         written: list[tuple[str, int]] = []
         offset = 0
         while offset < len(data):
             register = self._at.get(address + offset)
             if register is None:
                 if offset and address + offset not in self._defined:
-                    offset += 1  # a hole between two registers
+                    offset += 1  # a gap between two registers
                     continue
                 return StatusError.ACCESS, []
             if len(data) - offset < register.size:
@@ -123,20 +135,27 @@ class Registers:
         return StatusError.NONE, [name for name, _ in written]
 
     def _check(self, name: str, address: int, value: int) -> StatusError:
-        if name in _READ_ONLY or name.startswith("Present"):
-            return StatusError.ACCESS
-        if address < EEPROM_END and self["Torque Enable"]:
+        if (
+            name in _READ_ONLY
+            or name.startswith("Present")
+            or (address < EEPROM_END and self["Torque Enable"])
+        ):
             return StatusError.ACCESS
         low, high = _SPECIFICATION[name][1:] if name in _SPECIFICATION else (-(1 << 31), 1 << 31)
         if not low <= value <= high or (name == "Operating Mode" and value not in _OPERATING_MODES):
             return StatusError.RANGE
-        if name in _LIMITED_BY and abs(value) > self[_LIMITED_BY[name]]:
-            return StatusError.LIMIT
-        single_turn = self["Operating Mode"] == 3  # in mode 5 the position limits do not bind: the client has to
-        if name == "Goal Position" and single_turn and not self["Min Position Limit"] <= value <= self["Max Position Limit"]:
+        if self._exceeds_limit(name, value):
             return StatusError.LIMIT
         if name in _GOALS and self["Bus Watchdog"] == WATCHDOG_TRIPPED:
             return StatusError.RANGE
         if name == "Torque Enable" and value and self["Hardware Error Status"] & self["Shutdown"]:
             return StatusError.RESULT
         return StatusError.NONE
+
+    def _exceeds_limit(self, name: str, value: int) -> bool:
+        if name in _LIMITED_BY:
+            return abs(value) > self[_LIMITED_BY[name]]
+        # In mode 5 the position limits do not bind: the client has to check the goal.
+        if name != "Goal Position" or self["Operating Mode"] != 3:
+            return False
+        return not self["Min Position Limit"] <= value <= self["Max Position Limit"]

@@ -1,8 +1,10 @@
-"""A Dynamixel XM430-W210 behind a pseudo-terminal: protocol 2.0 on one side, torque on the virtual arm on the other.
+"""Virtual Dynamixel XM430-W210 behind a pseudo-terminal: protocol 2.0 in, torque on the arm out.
 
-Not modelled: indirect addressing, homing offset in the goal limits, drive modes (reverse, time-based profile, torque on by goal), secondary
-ID, the overshoot of a real velocity estimate, backlash, cogging, heat (the temperature is what a test sets), voltage sag, noise and
-collisions on the wire. Several servos on one bus: only this one answers, as if the others were silent.
+Not modelled: indirect addressing, homing offset in the goal limits, drive modes (reverse, time-based profile,
+    torque on
+by goal), secondary ID, the overshoot of a real velocity estimate, backlash, cogging, heating (a test sets the
+temperature), voltage sag, noise and collisions on the bus. Of several servos on one bus only this one
+answers.
 """
 
 from __future__ import annotations
@@ -18,8 +20,26 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from acquire.virtual.dynamixel_motor import CURRENT_UNIT_A, FULL_DUTY, STALL_CURRENT, TICK_RAD, VELOCITY_UNIT_RAD_S, ZERO_TICKS, Motor
-from acquire.virtual.dynamixel_protocol import ALERT, BROADCAST, HEADER, Instruction, Packet, Parser, StatusError, crc16, encode
+from acquire.virtual.dynamixel_motor import (
+    CURRENT_UNIT_A,
+    FULL_DUTY,
+    STALL_CURRENT,
+    TICK_RAD,
+    VELOCITY_UNIT_RAD_S,
+    ZERO_TICKS,
+    Motor,
+)
+from acquire.virtual.dynamixel_protocol import (
+    ALERT,
+    BROADCAST,
+    HEADER,
+    Instruction,
+    Packet,
+    Parser,
+    StatusError,
+    crc16,
+    encode,
+)
 from acquire.virtual.dynamixel_registers import MODEL, WATCHDOG_TRIPPED, Registers
 
 if TYPE_CHECKING:
@@ -28,7 +48,9 @@ if TYPE_CHECKING:
 
 BAUD_RATES = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 """bit/s by value of the Baud Rate register"""
-_SPEED_OF_TERMIOS = {getattr(termios, f"B{baud}"): baud for baud in BAUD_RATES if hasattr(termios, f"B{baud}")}
+_SPEED_OF_TERMIOS = {
+    getattr(termios, f"B{baud}"): baud for baud in BAUD_RATES if hasattr(termios, f"B{baud}")
+}
 
 WATCHDOG_UNIT_NS = 20_000_000
 REBOOT_NS = 150_000_000
@@ -36,12 +58,22 @@ OVERLOAD_NS = 1_000_000_000
 POSITION_NOISE_TICKS = 0.15
 CLOCK_DRIFT_MAX = 50e-6
 STEP_NS = 1_000_000
-"""from one call of `torque` to the next; the plant then shows the state at the end of the step"""
+"""time between calls of `torque`; the plant's state is then that at the end of the step"""
 EXTRAPOLATION_MAX_NS = 1_000_000
+_GROUP_INSTRUCTIONS = frozenset(
+    {
+        Instruction.SYNC_READ,
+        Instruction.SYNC_WRITE,
+        Instruction.FAST_SYNC_READ,
+        Instruction.BULK_READ,
+        Instruction.BULK_WRITE,
+        Instruction.FAST_BULK_READ,
+    }
+)
 
 
 class HardwareError:
-    """Bits of Hardware Error Status; those in Shutdown (52 by default) also take the torque off."""
+    """Bits of Hardware Error Status; those in Shutdown (52 by default) also switch the torque off."""
 
     INPUT_VOLTAGE = 0
     OVERHEATING = 2
@@ -52,24 +84,28 @@ class HardwareError:
 
 @dataclass(frozen=True)
 class WireTime:
-    """How long bytes take: by the baud rate and the Return Delay Time register, plus a constant of the adapter."""
+    """Transmission time: by baud rate and Return Delay Time register, plus a constant of the adapter."""
 
     adapter_ns: int = 0
+    """constant delay of the adapter"""
 
 
 class DynamixelServo:
-    """One servo, owned by the loop that also steps the physics.
+    """Virtual servo, owned by the loop that also steps the physics.
 
-    Call `service` as soon as `fd` is readable: the host takes the middle of its read for the instant of the sample, so an answer that
-    waits for the next physics step makes that instant wrong by up to half the wait. Call `torque` once per physics step.
+    Call `service` as soon as `fd` is readable: the host takes the middle of its read as the sample's time, so
+        an answer
+    that waits for the next physics step makes that time wrong by up to half the wait. Call `torque` once per
+    physics step.
 
     Args:
-        plant: position [rad] and velocity [rad/s] of the arm after the last physics step; 0 rad = 2048 ticks, + = direction +1.
-        clock_ns: the world's clock (CLOCK_MONOTONIC), read once, at power-up.
-        link_path: symbolic link to make for the pty, replaced if it is there.
-        seed: of noise and clock drift.
-        baud_rate: as found in the EEPROM.
-        wire: None answers at once.
+        plant: position [rad] and velocity [rad/s] of the arm after the last physics step; 0 rad = 2048 ticks,
+            positive for direction +1.
+        clock_ns: the world's clock (CLOCK_MONOTONIC), read once at power-up.
+        link_path: symbolic link to create for the pty; an existing one is replaced.
+        seed: seed of noise and clock drift.
+        baud_rate: baud rate stored in the EEPROM.
+        wire: transmission time; None to answer at once.
     """
 
     def __init__(
@@ -82,7 +118,7 @@ class DynamixelServo:
         wire: WireTime | None = None,
     ) -> None:
         self._plant = plant
-        self._random = random.Random(seed)  # noqa: S311 - noise, no secret
+        self._random = random.Random(seed)  # noqa: S311 - noise, not a secret
         self._drift = 1.0 + self._random.uniform(-CLOCK_DRIFT_MAX, CLOCK_DRIFT_MAX)
         self._wire = wire
         self.registers = Registers(servo_id=1, baud_index=BAUD_RATES.index(baud_rate))
@@ -92,9 +128,9 @@ class DynamixelServo:
         self._registered: tuple[int, bytes] | None = None
         self._answers: deque[tuple[int, bytes]] = deque()
         now_ns = clock_ns()
-        self._boot_ns = now_ns - self._random.randrange(32_768_000_000)  # it has been on for a while
+        self._boot_ns = now_ns - self._random.randrange(32_768_000_000)  # powered for some time already
         self._online_ns = now_ns
-        self._heard_ns = now_ns
+        self._received_ns = now_ns
         self._stepped_ns, self._arm = now_ns, plant()
         self._overload_since_ns: int | None = None
         self._measure(now_ns)
@@ -103,9 +139,9 @@ class DynamixelServo:
         self.plug_in()
 
     def plug_in(self) -> None:
-        """A pty and its link appear; the servo itself does not notice. For the start, and after `close`."""
+        """Create the pty and its link, at the start and after `close`; the servo itself is not affected."""
         self.fd, self._slave = os.openpty()
-        tty.setraw(self._slave)  # kept open, so that a client may come and go
+        tty.setraw(self._slave)  # kept open, so that clients may connect and disconnect
         os.set_blocking(self.fd, False)
         temporary = self.port_path.with_name(self.port_path.name + f".{os.getpid()}")
         temporary.symlink_to(os.ttyname(self._slave))
@@ -113,11 +149,11 @@ class DynamixelServo:
 
     @property
     def plugged_in(self) -> bool:
-        """Whether the pty is there."""
+        """True while the pty exists."""
         return self.fd >= 0
 
     def close(self) -> None:
-        """Unplug: the pty and its link vanish. May be repeated."""
+        """Unplug: remove the pty and its link. May be repeated."""
         if self.plugged_in:
             for fd in (self.fd, self._slave):
                 os.close(fd)
@@ -125,20 +161,22 @@ class DynamixelServo:
             self._answers.clear()
         self.port_path.unlink(missing_ok=True)
 
-    # --- the arm's side ---------------------------------------------------------------------------------------------
+    # --- arm
+    # ---------------------------------------------------------------------------------------------------
 
     def torque(self, position_rad: float, velocity_rad_s: float, now_ns: int) -> float:
-        """Torque on the arm [N m] for the step that begins now; drag only while torque is off.
+        """Torque on the arm [N m] for the step that begins now; only drag while the torque is off.
 
         Args:
-            position_rad: of the arm at `now_ns`.
-            velocity_rad_s: likewise.
-            now_ns: the world's time of this state; what the servo reports in between is carried on from it.
+            position_rad: angle of the arm at `now_ns`.
+            velocity_rad_s: angular velocity of the arm at `now_ns`.
+            now_ns: world time of this state; positions reported between steps are extrapolated from it.
         """
         dt = min(0.005, max(0.0, (now_ns - self._stepped_ns) * 1e-9)) or 0.001
         self._stepped_ns, self._arm = now_ns, (position_rad, velocity_rad_s)
         watchdog = self.registers["Bus Watchdog"]
-        if 0 < watchdog < WATCHDOG_TRIPPED and self.registers["Torque Enable"] and now_ns - self._heard_ns > watchdog * WATCHDOG_UNIT_NS:
+        guarded = 0 < watchdog < WATCHDOG_TRIPPED and self.registers["Torque Enable"]
+        if guarded and now_ns - self._received_ns > watchdog * WATCHDOG_UNIT_NS:
             self.registers["Bus Watchdog"] = WATCHDOG_TRIPPED
         torque = self._motor.step(self.registers, position_rad, velocity_rad_s, dt)
         self._protect(now_ns)
@@ -161,11 +199,12 @@ class DynamixelServo:
             self.registers["Torque Enable"] = 0
 
     def _position_ticks(self, position: float) -> int:
-        ticks = position / TICK_RAD + ZERO_TICKS + self.registers["Homing Offset"] + self._random.gauss(0.0, POSITION_NOISE_TICKS)
+        offset = self.registers["Homing Offset"]
+        ticks = position / TICK_RAD + ZERO_TICKS + offset + self._random.gauss(0.0, POSITION_NOISE_TICKS)
         return round(ticks) % 4096 if self.registers["Operating Mode"] == 3 else round(ticks)
 
     def _position(self, now_ns: int) -> float:
-        """The arm's angle [rad] now: between the last step's two ends, or carried on from its later end by less than a step or two."""
+        """Angle of the arm now [rad], interpolated within the last step or extrapolated by a step or two."""
         (before, _), (after, velocity) = self._arm, self._plant()
         late_ns = min(EXTRAPOLATION_MAX_NS, now_ns - self._stepped_ns - STEP_NS)
         if late_ns >= 0:
@@ -173,7 +212,7 @@ class DynamixelServo:
         return before + (after - before) * max(0, now_ns - self._stepped_ns) / STEP_NS
 
     def _measure(self, now_ns: int) -> None:
-        """Bring the Present registers up to date."""
+        """Update the Present registers."""
         position = self._position(now_ns)
         registers = self.registers
         registers["Realtime Tick"] = int((now_ns - self._boot_ns) * self._drift / 1e6) & 0x7FFF
@@ -184,20 +223,21 @@ class DynamixelServo:
         registers["Position Trajectory"] = round(self._motor.reference / TICK_RAD) + ZERO_TICKS
         registers["Moving"] = int(abs(registers["Present Velocity"]) > registers["Moving Threshold"])
 
-    # --- the wire's side --------------------------------------------------------------------------------------------
+    # --- bus
+    # ---------------------------------------------------------------------------------------------------
 
     def service(self, now_ns: int) -> None:
-        """Read what came in, act on it, answer. Never blocks."""
+        """Read received packets, execute them and send the answers that are due. Never blocks."""
         with contextlib.suppress(BlockingIOError):
             while data := os.read(self.fd, 4096):
                 self._receive(data, now_ns)
         while self._answers and self._answers[0][0] <= now_ns:
-            with contextlib.suppress(BlockingIOError):  # nobody reads: the bytes are lost, as on a wire
+            with contextlib.suppress(BlockingIOError):  # no reader: the bytes are lost, as on a wire
                 os.write(self.fd, self._answers.popleft()[1])
 
     @property
     def next_answer_ns(self) -> int | None:
-        """When `service` has something to send without being asked; always None without wire time."""
+        """Time at which a delayed answer is due; None if there is none, as always without wire time."""
         return self._answers[0][0] if self._answers else None
 
     def _receive(self, data: bytes, now_ns: int) -> None:
@@ -205,30 +245,29 @@ class DynamixelServo:
         if _SPEED_OF_TERMIOS.get(termios.tcgetattr(self.fd)[5]) != baud or now_ns < self._online_ns:
             return  # noise at another speed, or still booting
         for packet in self._parser.feed(data):
-            self._heard_ns = now_ns
+            self._received_ns = now_ns
             answer = self._handle(packet, now_ns)
             if answer:
                 due_ns = now_ns
                 if self._wire is not None:
+                    transmission_ns = (len(data) + len(answer)) * 10**10 // baud
                     due_ns += (
-                        self._wire.adapter_ns + self.registers["Return Delay Time"] * 2000 + (len(data) + len(answer)) * 10**10 // baud
+                        self._wire.adapter_ns + self.registers["Return Delay Time"] * 2000 + transmission_ns
                     )
                 self._answers.append((due_ns, answer))
 
     def _handle(self, packet: Packet, now_ns: int) -> bytes:
-        own_id = self.registers["ID"]
-        group = packet.instruction in {
-            Instruction.SYNC_READ, Instruction.SYNC_WRITE, Instruction.FAST_SYNC_READ,
-            Instruction.BULK_READ, Instruction.BULK_WRITE, Instruction.FAST_BULK_READ,
-        }  # fmt: skip
-        if group:
+        """Answer to a packet; empty if there is none."""
+        if packet.instruction in _GROUP_INSTRUCTIONS:
             return self._handle_group(packet, now_ns) if packet.intact else b""
-        if packet.id not in {own_id, BROADCAST}:
-            return b""
-        if packet.instruction == Instruction.STATUS:
+        if packet.id not in {self.registers["ID"], BROADCAST} or packet.instruction == Instruction.STATUS:
             return b""
         if not packet.intact:
             return self._status(StatusError.CRC) if packet.id != BROADCAST else b""
+        return self._handle_single(packet, now_ns)
+
+    def _handle_single(self, packet: Packet, now_ns: int) -> bytes:
+        own_id = self.registers["ID"]
         self._measure(now_ns)
         if packet.instruction == Instruction.PING:
             identity = struct.pack("<HB", MODEL, self.registers["Firmware Version"])
@@ -251,47 +290,60 @@ class DynamixelServo:
             self.registers["Registered Instruction"] = 1
             return StatusError.NONE
         if packet.instruction == Instruction.ACTION:
-            if self._registered is None:
-                return StatusError.RESULT
-            registered, self._registered = self._registered, None
-            self.registers["Registered Instruction"] = 0
-            return self._write(*registered)
+            return self._act()
         if packet.instruction == Instruction.FACTORY_RESET and len(parameters) == 1:
             return self._factory_reset(parameters[0], now_ns)
         if packet.instruction == Instruction.CLEAR:
             return StatusError.NONE if parameters == b'\x01DXL"' else StatusError.RESULT
         return StatusError.NONE if packet.instruction == Instruction.REBOOT else StatusError.INSTRUCTION
 
+    def _act(self) -> StatusError:
+        """Execute the registered write."""
+        if self._registered is None:
+            return StatusError.RESULT
+        registered, self._registered = self._registered, None
+        self.registers["Registered Instruction"] = 0
+        return self._write(*registered)
+
     def _handle_group(self, packet: Packet, now_ns: int) -> bytes:
-        """Sync, bulk and fast reads and writes, as far as they concern this servo."""
-        own_id, parameters = self.registers["ID"], packet.parameters
+        """Answer to sync, bulk and fast reads and writes, as far as they concern this servo."""
         if packet.instruction == Instruction.SYNC_WRITE:
-            address, size = struct.unpack_from("<HH", parameters)
-            for k in range(4, len(parameters) - size, size + 1):
-                if parameters[k] == own_id:
-                    self._write(address, parameters[k + 1 : k + 1 + size])
+            self._sync_write(packet.parameters)
             return b""
         if packet.instruction == Instruction.BULK_WRITE:
-            k = 0
-            while k + 5 <= len(parameters):
-                servo_id, address, size = struct.unpack_from("<BHH", parameters, k)
-                if servo_id == own_id:
-                    self._write(address, parameters[k + 5 : k + 5 + size])
-                k += 5 + size
+            self._bulk_write(packet.parameters)
             return b""
+        return self._group_read(packet, now_ns)
+
+    def _sync_write(self, parameters: bytes) -> None:
+        address, size = struct.unpack_from("<HH", parameters)
+        for k in range(4, len(parameters) - size, size + 1):
+            if parameters[k] == self.registers["ID"]:
+                self._write(address, parameters[k + 1 : k + 1 + size])
+
+    def _bulk_write(self, parameters: bytes) -> None:
+        k = 0
+        while k + 5 <= len(parameters):
+            servo_id, address, size = struct.unpack_from("<BHH", parameters, k)
+            if servo_id == self.registers["ID"]:
+                self._write(address, parameters[k + 5 : k + 5 + size])
+            k += 5 + size
+
+    def _group_read(self, packet: Packet, now_ns: int) -> bytes:
+        own_id, parameters = self.registers["ID"], packet.parameters
         if packet.instruction in {Instruction.SYNC_READ, Instruction.FAST_SYNC_READ}:
             address, size = struct.unpack_from("<HH", parameters)
             requests = [(servo_id, address, size) for servo_id in parameters[4:]]
         else:
             requests = [struct.unpack_from("<BHH", parameters, k) for k in range(0, len(parameters) - 4, 5)]
         if not requests or requests[0][0] != own_id:
-            return b""  # servos answer in turn: a silent one silences those after it
+            return b""  # servos answer in turn: one that does not answer silences those after it
         self._measure(now_ns)
         error, data = self.registers.read(*requests[0][1:])
         data = data or bytes(requests[0][2])
         if packet.instruction in {Instruction.SYNC_READ, Instruction.BULK_READ}:
             return self._status(error, data, level=1)
-        # one packet for all: each servo adds error, id, data and the CRC so far; this one alone leaves the rest out
+        # One packet for all servos: each adds error, id, data and the CRC so far. Here only this one does.
         length = 1 + sum(size + 4 for _, _, size in requests)
         answer = HEADER + bytes([BROADCAST]) + struct.pack("<HB", length, Instruction.STATUS)
         answer += bytes([error | self._alert(), own_id]) + data
@@ -300,10 +352,13 @@ class DynamixelServo:
     def _alert(self) -> int:
         return ALERT if self.registers["Hardware Error Status"] else 0
 
-    def _status(self, error: StatusError, data: bytes = b"", *, level: int = 2, servo_id: int | None = None) -> bytes:
+    def _status(
+        self, error: StatusError, data: bytes = b"", *, level: int = 2, servo_id: int | None = None
+    ) -> bytes:
         if self.registers["Status Return Level"] < level:
             return b""
-        return encode(self.registers["ID"] if servo_id is None else servo_id, Instruction.STATUS, bytes([error | self._alert()]) + data)
+        sender = self.registers["ID"] if servo_id is None else servo_id
+        return encode(sender, Instruction.STATUS, bytes([error | self._alert()]) + data)
 
     def _write(self, address: int, data: bytes) -> StatusError:
         was_on = self.registers["Torque Enable"]
@@ -313,7 +368,8 @@ class DynamixelServo:
         if "Torque Enable" in names and self.registers["Torque Enable"] and not was_on:
             position, _ = self._plant()
             self._motor.hold(position)
-            self.registers["Goal Position"] = math.floor(position / TICK_RAD + 0.5) + ZERO_TICKS + self.registers["Homing Offset"]
+            ticks = math.floor(position / TICK_RAD + 0.5) + ZERO_TICKS
+            self.registers["Goal Position"] = ticks + self.registers["Homing Offset"]
         return error
 
     def _reboot(self, now_ns: int) -> None:

@@ -1,9 +1,11 @@
-"""A GigE Vision camera without a camera: Aravis's own fake (real GVCP and GVSP on loopback) that sends our images.
+"""Virtual GigE Vision camera: Aravis's fake (real GVCP and GVSP on loopback) sends rendered images.
 
-Timing. Exposure slot n starts at t0 + n / fps in the camera's own clock. A render thread asks the source for each slot's image
-as soon as the source covers it; the fake's fill callback takes the oldest image that was not sent yet and waits where there is
-none. So the slots set the rate, every slot is sent exactly once, and a slow machine sends late, never less. A source that stalls
-stalls the control channel too, as a camera that hangs would.
+Timing: exposure slot n starts at t0 + n / fps in the camera's own clock. A render thread requests each slot's
+    image as
+soon as the source covers its exposure; the fake's fill callback takes the oldest image that was not sent yet
+and waits if there is none. So the slots set the rate, every slot is sent exactly once, and a slow computer
+sends late but never fewer frames. A source that stalls also stalls the control channel, like a camera that
+hangs.
 """
 
 from __future__ import annotations
@@ -40,20 +42,21 @@ SENSOR_WIDTH, SENSOR_HEIGHT = 656, 492
 DRIFT = 37e-6
 CLOCK_OFFSET_NS = 5_000_000_000
 QUEUE_SLOTS = 32
-"""slots that wait to be sent; the render thread pauses above it, and catches up later"""
+"""slots waiting to be sent at which the render thread pauses; it catches up later"""
 WIRE_BYTES_S = 125e6
-"""a camera that is behind sends no faster than a gigabit wire carries; a burst of all that was late is more than any receiver takes in"""
+"""gigabit data rate, which also limits a camera that is behind: no receiver could take a burst of all late
+frames"""
 _SENSOR_WIDTH, _SENSOR_HEIGHT, _WIDTH, _HEIGHT = 0x11C, 0x118, 0x100, 0x104
 _EXPOSURE_US, _FRAME_PERIOD, _GAIN = 0x120, 0x138, 0x110
 _OFFSET_X, _OFFSET_Y, _ACQUISITION, _PRIVILEGE = 0x130, 0x134, 0x124, 0xA00
 _VENDOR, _MODEL, _OWN_ADDRESS, _CAPABILITY, _RESEND_BIT = 0x48, 0x68, 0x24, 0x934, 4
-# Not "Prosilica": Aravis takes vendor-specific paths for that name.
+# Not "Prosilica": Aravis takes vendor-specific code paths for that name.
 VENDOR, MODEL = "Allied Vision Technologies", "GUPPY-SIM GE656"
 
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """What the client asked for: region of the sensor [px], exposure, gain, rate."""
+    """Settings made by the client: region of the sensor [px], exposure, gain, frame rate."""
 
     width: int
     height: int
@@ -65,28 +68,28 @@ class StreamSettings:
 
 
 class ImageSource(Protocol):
-    """Where the pixels come from. Called from the render thread only."""
+    """Source of the images; called from the render thread only."""
 
     def latest_time_ns(self) -> int:
-        """Host monotonic time up to which the world is known."""
+        """Host monotonic time up to which images can be made."""
         ...
 
     def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
-        """(height, width) image of the exposure that starts at `start_ns`, host monotonic."""
+        """Image (height, width) of the exposure that starts at the host monotonic time `start_ns`."""
         ...
 
 
 @dataclass(frozen=True)
 class CameraStatistics:
-    """What the camera did since it was made."""
+    """Counts and delays since the camera was started."""
 
     frames: int
-    """sent"""
+    """frames sent"""
     render_ms_mean: float
     late: int
-    """slots whose image was ready more than two frame periods after the exposure's end"""
+    """slots whose image was ready more than two frame periods after the end of the exposure"""
     latest_ms: float
-    """greatest delay of an image after its exposure's end"""
+    """largest delay of an image after the end of its exposure"""
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ class _Slot:
 
 
 class DeviceClock:
-    """The camera's own crystal: an offset and a constant rate error against the host's. Does not model temperature."""
+    """Clock of the camera: offset and constant rate error against the host. Does not model temperature."""
 
     def __init__(self, clock: Clock, drift: float = DRIFT, offset_ns: int = CLOCK_OFFSET_NS) -> None:
         self._clock, self._drift, self._offset_ns = clock, drift, offset_ns
@@ -118,12 +121,13 @@ class DeviceClock:
 
 
 class VirtualGigeCamera:
-    """A camera at a loopback address, with a generator of `pulses_hz` at its trigger input (0: nothing is connected).
+    """GigE Vision camera at a loopback address.
 
-    Does not model: optics (the source's part), chunk data, PTP, a trigger's delay and jitter, jumbo-frame limits.
+    With `pulses_hz` > 0 a pulse generator is connected to its trigger input. Does not model: optics (the
+    source does), chunk data, PTP, a trigger's delay and jitter, jumbo-frame limits.
 
     Raises:
-        CameraError: the control port is taken, or libaravis is missing.
+        CameraError: the control port is in use, or libaravis is missing.
     """
 
     def __init__(
@@ -156,9 +160,16 @@ class VirtualGigeCamera:
         self._fake: int = self._library.gv_fake_get_fake(self._gv_fake)
         self._write_registers(packet_loss)
         self._relay = ControlRelay(
-            control, inner, self.device_clock.now_ns, 8333, self._on_acquisition, self._on_claim, has_pulses=pulses_hz > 0.0
+            control,
+            inner,
+            self.device_clock.now_ns,
+            8333,
+            self._on_acquisition,
+            self._on_claim,
+            has_pulses=pulses_hz > 0.0,
         )
-        self._stream = StreamRelay(packet_loss, random.Random(seed)) if packet_loss > 0 else None  # noqa: S311 - packet loss is no secret
+        losses = random.Random(seed)  # noqa: S311 - not a secret
+        self._stream = StreamRelay(packet_loss, losses) if packet_loss > 0 else None
         self._fill_pattern = aravis_ctypes.FILL_PATTERN(self._fill)
         self._library.fake_set_fill_pattern(self._fake, self._fill_pattern, None)
         self._renderer = threading.Thread(target=self._render, name="gige-render")
@@ -173,7 +184,9 @@ class VirtualGigeCamera:
     @property
     def statistics(self) -> CameraStatistics:
         """Counts since the camera was made."""
-        return CameraStatistics(self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6)
+        return CameraStatistics(
+            self._frames, 1e3 * self._render_s / max(self._rendered, 1), self._late, self._latest_ns / 1e6
+        )
 
     def close(self) -> None:
         """Vanish from the network; every thread and socket ends. A client sees the camera die."""
@@ -189,8 +202,9 @@ class VirtualGigeCamera:
             self._stream.close()
 
     def _make_fake(self, serial: str) -> tuple[int, socket.socket]:
-        # The fake is always made on 127.0.0.1 and its sockets are swapped afterwards. While the port there is kept busy it does
-        # not even try it, so that a camera at another address never disturbs the one at 127.0.0.1.
+        # The fake is always created on 127.0.0.1 and its sockets are swapped afterwards. While the port there
+        # is kept busy the fake does not use it, so that a camera at another address never disturbs the one at
+        # 127.0.0.1.
         try:
             guard = udp_socket(LOOPBACK, GVCP_PORT)
         except OSError:
@@ -214,8 +228,8 @@ class VirtualGigeCamera:
             (_SENSOR_HEIGHT, SENSOR_HEIGHT),
             (_WIDTH, SENSOR_WIDTH),
             (_HEIGHT, SENSOR_HEIGHT),
-            # With a period of 1 us the fake polls once between frames (woken by `poke`) and then waits in our callback: a longer
-            # one makes it spin for the last millisecond of each wait.
+            # With a period of 1 us the fake polls once between frames (woken by `poke`) and then waits in the
+            # callback; with a longer one it would spin during the last millisecond of each wait.
             (_FRAME_PERIOD, 1),
             (_OWN_ADDRESS, int.from_bytes(socket.inet_aton(self._address))),
         ):
@@ -233,16 +247,24 @@ class VirtualGigeCamera:
             self._condition.notify_all()
 
     def _on_claim(self) -> None:
-        """Before a client asks for control: where the last one left without a stop, what it had begun has ended with its control."""
+        """End the stream of a client that left without stopping it, before another client takes control."""
         if self._library.read_register(self._fake, _PRIVILEGE) == 0:
             self._library.write_register(self._fake, _ACQUISITION, 0)
             self._on_acquisition(False)
 
     def _settings(self) -> StreamSettings:
-        width, height, offset_x, offset_y, exposure, gain = (
-            self._library.read_register(self._fake, register) for register in (_WIDTH, _HEIGHT, _OFFSET_X, _OFFSET_Y, _EXPOSURE_US, _GAIN)
+        def read(register: int) -> int:
+            return self._library.read_register(self._fake, register)
+
+        return StreamSettings(
+            width=read(_WIDTH),
+            height=read(_HEIGHT),
+            offset_x=read(_OFFSET_X),
+            offset_y=read(_OFFSET_Y),
+            exposure_us=float(read(_EXPOSURE_US)),
+            gain_db=float(read(_GAIN)),
+            frame_rate_hz=1e6 / self._relay.period_us,
         )
-        return StreamSettings(width, height, offset_x, offset_y, float(exposure), float(gain), 1e6 / self._relay.period_us)
 
     def _render(self) -> None:
         while True:
@@ -282,7 +304,7 @@ class VirtualGigeCamera:
             self._late += 1
 
     def _is_wanted(self, run: int) -> bool:
-        """A client that was killed never stops its run: the next client's start ends it."""
+        """True while `run` is the current stream; a killed client's ends when the next one starts."""
         return self._streaming and run == self._run
 
     def _wait_until_covered(self, end_ns: int, run: int) -> bool:
@@ -296,7 +318,7 @@ class VirtualGigeCamera:
         return False
 
     def _fill(self, buffer: int, _data: object, _exposure_us: int, _gain: int, _pixel_format: int) -> None:
-        """Called by the fake's thread, which sends the buffer once we return. Must not raise."""
+        """Fill a buffer; called by the fake's thread, which sends the buffer afterwards. Must not raise."""
         with self._condition:
             self._condition.wait_for(lambda: self._slots or not self._streaming)
             slot = self._slots.popleft() if self._slots else None
@@ -305,12 +327,15 @@ class VirtualGigeCamera:
             now_ns = self._clock.monotonic_ns()
             if self._wire_free_ns > now_ns:
                 self._clock.sleep((self._wire_free_ns - now_ns) * 1e-9)
-            self._wire_free_ns = max(self._wire_free_ns, now_ns) + round(slot.image.nbytes / WIRE_BYTES_S * 1e9)
+            self._wire_free_ns = max(self._wire_free_ns, now_ns) + round(
+                slot.image.nbytes / WIRE_BYTES_S * 1e9
+            )
             self._library.fill(buffer, slot.image)
             self._library.buffer_set_timestamp(buffer, slot.device_time_ns)
             self._frames += 1
         else:
-            # The fake sends what it has begun even when it is stopped, with the wall clock's time: as no exposure, it is told from a frame.
+            # The fake finishes sending a buffer even when it is stopped, stamped with the wall clock's time.
+            # A stamp of 0 distinguishes it from a frame.
             self._library.buffer_set_timestamp(buffer, 0)
         if not self._closed:
             self._relay.poke()

@@ -1,14 +1,17 @@
-"""Stands between a GigE Vision client and Aravis's fake camera, in the same process, and adds what the fake lacks.
+"""Relay between a GigE Vision client and Aravis's fake camera that adds functions the fake lacks.
 
-The interposer owns UDP port 3956 of the camera's address and relays control packets (GVCP) to the fake over loopback, one
-relay socket per client so that the fake still tells its controller from others. On the way it
+The interposer owns UDP port 3956 of the camera's address and relays control packets (GVCP) to the fake, which
+runs in the same process, over loopback, with one relay socket per client so that the fake still distinguishes
+its controller from others. On the way it
 
 - answers the timestamp latch (registers 0x944, 0x948, 0x94c) itself, at once;
-- keeps a shadow of the frame period (0x138), and where pulses come of the trigger mode (0x300): the client reads back what it wrote,
-  the fake runs freely with a period of its own, because our images set the pace;
-- tells when acquisition starts and stops (0x124).
+- keeps a shadow of the frame period (0x138) and, with pulses, of the trigger mode (0x300): the client reads
+back what
+  it wrote, while the fake runs freely with a period of its own, because the rendered images set the pace;
+- reports when acquisition starts and stops (0x124).
 
-With packet loss asked for it relays the stream (GVSP) too, drops packets by a seeded generator, and serves PACKET_RESEND.
+With packet loss it also relays the stream (GVSP), drops packets by a seeded generator, and serves
+PACKET_RESEND.
 
 Packet layout: GigE Vision 2.0, chapters 16 (GVCP) and 25 (GVSP).
 """
@@ -41,8 +44,8 @@ _READMEM, _READMEM_ACK, _WRITEMEM, _WRITEMEM_ACK = 0x84, 0x85, 0x86, 0x87
 _PACKET_RESEND = 0x40
 _ACQUISITION, _FRAME_PERIOD, _TRIGGER_MODE = 0x124, 0x138, 0x300
 _PRIVILEGE = 0x0A00
-_OF_THE_FAKE = {_FRAME_PERIOD: 1, _TRIGGER_MODE: 0}
-"""what the fake gets instead of what the client wrote"""
+_FAKE_VALUES = {_FRAME_PERIOD: 1, _TRIGGER_MODE: 0}
+"""values written to the fake instead of the client's"""
 _LATCH, _LATCH_HIGH, _LATCH_LOW = 0x944, 0x948, 0x94C
 _STREAM_PORT, _STREAM_ADDRESS = 0xD00, 0xD18
 _SO_RCVBUFFORCE = 33
@@ -50,13 +53,13 @@ _RELAYS = 64
 _RESEND_FRAMES = 64
 
 HEARTBEAT_READ = bytes.fromhex("4201008000040001") + struct.pack(">I", 0x938)
-"""READREG of the heartbeat time-out: changes nothing, wakes the fake's poll"""
+"""READREG of the heartbeat time-out: changes nothing, but wakes the fake's poll"""
 
 Address = tuple[str, int]
 
 
 def udp_socket(address: str, port: int = 0) -> socket.socket:
-    """A bound, non-blocking UDP socket."""
+    """Bound, non-blocking UDP socket."""
     result = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         result.bind((address, port))
@@ -70,29 +73,34 @@ def udp_socket(address: str, port: int = 0) -> socket.socket:
 def claim_control_port(address: str, clock: Clock) -> socket.socket:
     """Bind the camera's control port.
 
-    Aravis's fake reports that it runs even when the port was busy, and then answers nobody: so we bind it ourselves.
+    Aravis's fake reports that it runs even if the port was busy, and then answers nobody: so the port is
+    bound here.
 
     Raises:
-        CameraError: another camera holds the port, or the address is not this host's.
+        CameraError: another camera holds the port, or the address does not belong to this host.
     """
     for attempt in range(10):
         try:
             return udp_socket(address, GVCP_PORT)
         except OSError as error:
             if error.errno != errno.EADDRINUSE:
-                raise CameraError(f"virtual camera: cannot bind {address}:{GVCP_PORT}: {error.strerror}: use a 127.x.x.x address") from None
+                place = f"{address}:{GVCP_PORT}"
+                raise CameraError(
+                    f"virtual camera: cannot bind {place}: {error.strerror}: use a 127.x.x.x address"
+                ) from None
             if attempt < 9:
                 clock.sleep(0.05)
     raise CameraError(
-        f"virtual camera: UDP port {GVCP_PORT} of {address} is in use: another virtual camera runs; stop it or give another address"
+        f"virtual camera: UDP port {GVCP_PORT} of {address} is in use: another virtual camera runs; "
+        "stop it or give another address"
     )
 
 
 def adopt_fake_sockets(descriptors_before: set[int], address: str) -> socket.socket:
-    """Replace the fake's own control sockets by one private loopback socket and return our handle of it.
+    """Replace the fake's control sockets by one private loopback socket and return it.
 
-    The fake has no interface to say where it listens, except by a network interface's address; 127.0.0.21 is none.
-    `dup2` swaps the file under the descriptor that its thread polls.
+    The fake's listening address can only be set to that of a network interface, which 127.0.0.21 is not.
+    `dup2` swaps the file behind the descriptor that its thread polls.
     """
     inner = udp_socket(LOOPBACK)
     adopted = False
@@ -109,26 +117,32 @@ def adopt_fake_sockets(descriptors_before: set[int], address: str) -> socket.soc
     if not adopted:
         inner.close()
         raise CameraError(
-            f"virtual camera at {address}: Aravis's fake camera opened no control socket; check that the loopback interface is up"
+            f"virtual camera at {address}: Aravis's fake camera opened no control socket; "
+            "check that the loopback interface is up"
         )
     return inner
 
 
 def descriptors() -> set[int]:
     """Open file descriptors of this process."""
-    return {int(name) for name in os.listdir("/proc/self/fd")}  # noqa: PTH208 - descriptors vanish while iterdir would look at them
+    names = os.listdir("/proc/self/fd")  # noqa: PTH208 - descriptors vanish while iterdir stats them
+    return {int(name) for name in names}
 
 
 def _is_control_socket(descriptor: int) -> bool:
     with contextlib.suppress(OSError):
         if os.readlink(f"/proc/self/fd/{descriptor}").startswith("socket:"):  # noqa: PTH115 - not a path
             with socket.socket(fileno=os.dup(descriptor)) as probe:
-                return probe.family == socket.AF_INET and probe.type == socket.SOCK_DGRAM and probe.getsockname()[1] == GVCP_PORT
+                is_udp = probe.family == socket.AF_INET and probe.type == socket.SOCK_DGRAM
+                return is_udp and probe.getsockname()[1] == GVCP_PORT
     return False
 
 
 class ControlRelay:
-    """Relays GVCP between clients and the fake on a thread of its own. Does not model: write protection of the latch."""
+    """Relay of GVCP between clients and the fake, on its own thread.
+
+    Does not model: write protection of the latch.
+    """
 
     def __init__(
         self,
@@ -159,21 +173,21 @@ class ControlRelay:
 
     @property
     def period_us(self) -> int:
-        """Frame period as the client set it [us]."""
+        """Frame period set by the client [us]."""
         return max(1, self._shadows[_FRAME_PERIOD])
 
     @property
     def triggered(self) -> bool:
-        """Whether there are pulses and the client wants a frame for each."""
+        """True if pulses are connected and the client requests a frame for each."""
         return self._shadows.get(_TRIGGER_MODE, 0) != 0
 
     def start(self, stream: StreamRelay | None) -> None:
-        """Start relaying, through `stream` where packets are to be lost."""
+        """Start relaying; `stream` relays the images if packets are to be lost, else None."""
         self._stream = stream
         self._thread.start()
 
     def close(self) -> None:
-        """Stop and free every socket."""
+        """Stop and close every socket."""
         os.write(self._stop_write, b"x")
         self._thread.join()
         self._epoll.close()
@@ -185,10 +199,10 @@ class ControlRelay:
         self._inner.close()
 
     def poke(self) -> None:
-        """Wake the fake's poll, unless something is there to wake it anyway.
+        """Wake the fake's poll, unless a waiting packet wakes it anyway.
 
-        Aravis 0.8.26 computes its waiting time as an unsigned difference; past the deadline it underflows to a 100 ms stall
-        (fixed upstream in 1ca41a403). A packet that waits makes the poll return at once.
+        Aravis 0.8.26 computes its waiting time as an unsigned difference; past the deadline it underflows to
+        a 100 ms stall (fixed upstream in 1ca41a403). A waiting packet makes the poll return at once.
         """
         if not select.select([self._inner], [], [], 0)[0]:
             with contextlib.suppress(OSError):
@@ -232,7 +246,7 @@ class ControlRelay:
 
     def _rewrite(self, packet: bytearray, register: int) -> None:
         if register in self._shadows:
-            struct.pack_into(">I", packet, 12, _OF_THE_FAKE[register])
+            struct.pack_into(">I", packet, 12, _FAKE_VALUES[register])
         elif register == _STREAM_PORT and self._stream is not None:
             struct.pack_into(">I", packet, 12, self._stream.port)
 
@@ -266,7 +280,8 @@ class ControlRelay:
                 self._latched_ns = self._device_now_ns()
             answer = struct.pack(">HHHHHH", 0, _WRITEREG_ACK, 4, identity, 0, 1)
         else:
-            content = {_LATCH: 0, _LATCH_HIGH: self._latched_ns >> 32, _LATCH_LOW: self._latched_ns & 0xFFFFFFFF}[register]
+            high, low = self._latched_ns >> 32, self._latched_ns & 0xFFFFFFFF
+            content = {_LATCH: 0, _LATCH_HIGH: high, _LATCH_LOW: low}[register]
             answer = struct.pack(">HHHHI", 0, _READREG_ACK, 4, identity, content)
         self._control.sendto(answer, client)
 
@@ -287,7 +302,7 @@ class ControlRelay:
 
 
 class StreamRelay:
-    """Relays GVSP, drops packets with a seeded probability, and keeps the last frames for PACKET_RESEND."""
+    """Relay of GVSP that drops packets at random (seeded) and keeps the last frames for PACKET_RESEND."""
 
     def __init__(self, packet_loss: float, rng: random.Random) -> None:
         self._loss, self._rng = packet_loss, rng
@@ -305,7 +320,7 @@ class StreamRelay:
         self._thread.start()
 
     def send_to(self, destination: Address) -> None:
-        """Where the client listens; port 0: nowhere."""
+        """Set the client's address; port 0 means that no client listens."""
         self._destination = destination if destination[0] and destination[1] else None
 
     def resend(self, frame_id: int, first: int, last: int) -> None:
@@ -318,7 +333,7 @@ class StreamRelay:
                 self._socket.sendto(packet, self._destination)
 
     def close(self) -> None:
-        """Stop and free the socket."""
+        """Stop and close the socket."""
         with udp_socket(LOOPBACK) as waker:
             waker.sendto(b"", (LOOPBACK, self.port))
         self._thread.join()

@@ -1,7 +1,8 @@
-"""The virtual hand: strikes where a manual striker waits for one. It hears the daemon's events over its API, as a person hears a beep.
+"""Virtual hand: strikes the object when a manual striker waits for it; it listens to the daemon's events.
 
-It taps the planned point with the planned impulse, a few per cent off, some tenths of a second after it was told to; harder, or less hard,
-where the session asks for that. What it does not model: a finger that follows the object, a tap at an angle, a second touch.
+It taps the planned point with the planned impulse, a few per cent off, some tenths of a second after the
+request, and harder or less hard if the session asks for that. What it does not model: a finger that follows
+the object, a tap at an angle, a second contact.
 """
 
 from __future__ import annotations
@@ -14,21 +15,30 @@ from pathlib import Path
 
 import numpy as np
 
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError
 from acquire.virtual.operator_link import OperatorLink
 
 REACTION_S = (0.3, 0.8)
 IMPULSE_SD = 0.03
-TOUCH_S = 0.006
+CONTACT_S = 0.006
 HARDER, SOFTER = 1.15, 0.85
-"""of the last impulse, where it was told so"""
+"""factors on the last impulse if the session asks for more or less"""
 
 
 class VirtualHand:
-    """Taps at every release until closed; `impulses_n_s` by the plan's strike ids."""
+    """Thread that taps the object at every release until closed.
 
-    def __init__(self, daemon_socket: Path, world: OperatorLink, impulses_n_s: Mapping[str, float], seed: int) -> None:
+    Args:
+        daemon_socket: socket of the daemon.
+        world: control link of the virtual world.
+        impulses_n_s: impulses by the plan's strike ids.
+        seed: seed of reaction time and impulse.
+    """
+
+    def __init__(
+        self, daemon_socket: Path, world: OperatorLink, impulses_n_s: Mapping[str, float], seed: int
+    ) -> None:
         self._world = world
         self._impulses = dict(impulses_n_s)
         self._rng = np.random.default_rng((seed, 0x4A2D))
@@ -37,7 +47,7 @@ class VirtualHand:
         self._thread.start()
 
     def close(self) -> None:
-        """Take it away."""
+        """Stop tapping."""
         self._listener.close()
         self._thread.join()
 
@@ -47,10 +57,14 @@ class VirtualHand:
             for event in self._listener.events():
                 if event["event"] == "prompt" and event["kind"] == "place":
                     place = event
-                    self._impulses[event["strike_id"]] *= (
-                        SOFTER if "less hard" in event["hint"] else HARDER if "harder" in event["hint"] else 1.0
-                    )
+                    self._impulses[event["strike_id"]] *= _impulse_factor(event["hint"])
                 elif event["event"] == "striker" and event["kind"] == "RELEASED" and place is not None:
                     time.sleep(self._rng.uniform(*REACTION_S))
                     impulse = self._impulses[place["strike_id"]] * (1 + self._rng.normal(0.0, IMPULSE_SD))
-                    self._world.push(place["impact_point_world"], (impulse, 0.0, 0.0), TOUCH_S)
+                    self._world.push(place["impact_point_world"], (impulse, 0.0, 0.0), CONTACT_S)
+
+
+def _impulse_factor(hint: str) -> float:
+    if "less hard" in hint:
+        return SOFTER
+    return HARDER if "harder" in hint else 1.0

@@ -1,8 +1,8 @@
-"""What is hidden in an object: masses of a shell and two interior parts, and from them mass, centre of mass and inertia.
+"""Mass distribution of a virtual object, a shell and two interior parts, and its mass properties.
 
-The body is sampled (jittered grid, seeded); each sample belongs to the shell or to one side of the border plane, and each region's mass
-is spread evenly over its samples, or inside as a given density says. Rounded edges are not cut off the mass. No code is shared with the
-estimators.
+The body is sampled (jittered grid, seeded). Each sample belongs to the shell or to one side of the dividing
+plane, and each region's mass is spread uniformly over its samples, or inside with a given density. Rounded
+edges are not cut off the mass. No code is shared with the estimators.
 """
 
 from __future__ import annotations
@@ -17,30 +17,40 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 SAMPLES = 400_000
-"""over the bounding box: a shell's centre is then off by less than 0.1 mm and its moments by less than 0.2 % from the exact integral"""
+"""samples of the bounding box: a shell's centre of mass is then within 0.1 mm and its moments within 0.2 % of
+the exact integral"""
 
 Depth = Callable[["NDArray[np.float64]"], "NDArray[np.float64]"]
-"""Depth below the surface of points (n, 3) m in O; negative outside. Exact near the surface, a bound deeper in."""
+"""depth (n,) [m] of points (n, 3) [m, in O] below the surface, negative outside; exact near the surface, a
+bound deeper inside"""
 
 
 @dataclass(frozen=True)
 class HiddenBody:
-    """The truth about one object, in O."""
+    """True mass properties of one object, in O."""
 
     mass_kg: float
     com_object: NDArray[np.float64]
-    """(3,) m"""
+    """(3,) centre of mass [m]"""
     inertia_com: NDArray[np.float64]
-    """(3, 3) kg m2, about c, axes of O"""
+    """(3, 3) inertia about the centre of mass, axes of O [kg m2]"""
     region_masses: tuple[float, float, float]
-    """kg: surface (R1), upper (R2), lower (R3)"""
+    """masses of shell (R1), upper (R2) and lower part (R3) [kg]"""
     region_plane: tuple[NDArray[np.float64], float]
-    """unit normal n towards R2, and offset: R2 is the interior where n.x > offset [m]"""
+    """dividing plane: unit normal n towards R2, and offset [m]; R2 is the interior where n.x > offset"""
     shell_thickness_m: float
 
 
-def sample_body(low: NDArray[np.float64], high: NDArray[np.float64], depth: Depth) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points inside the body (n, 3) m and their depth (n,) m, evenly spread over the box `low`..`high` (each (3,) m)."""
+def sample_body(
+    low: NDArray[np.float64], high: NDArray[np.float64], depth: Depth
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points inside the body (n, 3) [m] and their depth (n,) [m], spread uniformly.
+
+    Args:
+        low: (3,) lower corner of the bounding box [m].
+        high: (3,) upper corner of the bounding box [m].
+        depth: depth of points below the body's surface.
+    """
     rng = np.random.default_rng(20070601)
     pitch = (np.prod(high - low) / SAMPLES) ** (1 / 3)
     counts = np.ceil((high - low) / pitch).astype(int)
@@ -59,15 +69,15 @@ def hidden_body(
     shell_thickness_m: float,
     density: NDArray[np.float64] | None = None,
 ) -> HiddenBody:
-    """Integrate mass, centre of mass and inertia over sampled points.
+    """Mass, centre of mass and inertia integrated over sampled points.
 
     Args:
-        points: (n, 3) m, evenly spread inside the body, in O.
-        depths: (n,) m below the surface.
-        region_masses: kg, surface, upper, lower.
-        region_plane: unit normal (3,) and offset [m].
-        shell_thickness_m: the shell is where depth < thickness.
-        density: (n,) relative, of the interior; None: even in each part.
+        points: (n, 3) points spread uniformly inside the body [m, in O].
+        depths: (n,) depths below the surface [m].
+        region_masses: masses of shell, upper and lower part [kg].
+        region_plane: unit normal (3,) and offset [m] of the dividing plane.
+        shell_thickness_m: the shell is where the depth is less than this.
+        density: (n,) relative density of the interior; None if uniform in each part.
     """
     normal, offset = region_plane
     shell = depths < shell_thickness_m
@@ -86,13 +96,15 @@ def hidden_body(
 
 
 def box_depth(half: NDArray[np.float64]) -> Depth:
-    """Depth in a box of the given half edges (3,) m, centred on O."""
+    """Depth in a box with half edges (3,) [m], centred on O's origin."""
     return lambda points: np.min(half - np.abs(points), axis=1)
 
 
 def cylinder_depth(radius: float, half_height: float) -> Depth:
-    """Depth in a cylinder about O's z, centred on O."""
-    return lambda points: np.minimum(radius - np.hypot(points[:, 0], points[:, 1]), half_height - np.abs(points[:, 2]))
+    """Depth in a cylinder about O's z axis, centred on O's origin."""
+    return lambda points: np.minimum(
+        radius - np.hypot(points[:, 0], points[:, 1]), half_height - np.abs(points[:, 2])
+    )
 
 
 def mesh_depth(
@@ -100,12 +112,12 @@ def mesh_depth(
     inside: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
     reach: float,
 ) -> Depth:
-    """Depth in a closed mesh, exact up to `reach` and `reach` deeper in; -1 outside.
+    """Depth in a closed mesh, exact up to `reach`, and `reach` deeper inside; -1 outside.
 
     Args:
-        triangles: (m, 3, 3) m, corners.
-        inside: tells for points (n, 3) whether they lie in the body.
-        reach: m.
+        triangles: (m, 3, 3) corners [m].
+        inside: whether points (n, 3) lie in the body, (n,).
+        reach: largest depth that is computed [m].
     """
 
     def depth(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -116,7 +128,7 @@ def mesh_depth(
         distance = np.full(len(within), reach)
         for corners in triangles:
             low, high = corners.min(axis=0) - reach, corners.max(axis=0) + reach
-            # Of those at its height.
+            # Only points at the triangle's height can be near it.
             first, last = np.searchsorted(within[:, 2], (low[2], high[2]))
             x, y = within[first:last, 0], within[first:last, 1]
             near = first + np.flatnonzero((x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]))
@@ -128,7 +140,10 @@ def mesh_depth(
 
 
 def _distance_to_triangle(points: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance (n,) of points to one triangle: to its plane where the foot lies inside, else to the nearest edge."""
+    """Distance (n,) [m] of points (n, 3) [m] to a triangle with corners (3, 3) [m].
+
+    The distance to its plane if the foot lies inside, else to the nearest edge.
+    """
     normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
     normal /= np.linalg.norm(normal)
     above = np.ones(len(points), dtype=bool)

@@ -1,4 +1,4 @@
-"""Opaque layers, front to back, each with its light and the part of every pixel that it covers."""
+"""Opaque image layers, each with its light and the covered fraction of every pixel."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Layer:
-    """Light and cover within `box`, both (box height, box width)."""
+    """Light and cover within a box."""
 
     box: Box
     light: NDArray[np.float32]
-    """grey levels times cover"""
+    """(box height, box width) grey levels times cover"""
     cover: NDArray[np.float32]
-    """0..1"""
+    """(box height, box width) covered fraction, 0..1"""
 
 
 @dataclass(frozen=True)
 class Outline:
-    """Directed lines in pixels, for k sub-exposures; see `coverage` for their orientation."""
+    """Directed lines in the image, for k sub-exposures; see `coverage` for their orientation."""
 
     start: NDArray[np.float64]
-    """(k, m, 2) px"""
+    """(k, m, 2) start points [px]"""
     end: NDArray[np.float64]
-    """(k, m, 2) px"""
+    """(k, m, 2) end points [px]"""
     value: NDArray[np.float64]
     """(m,) grey levels inside minus outside"""
     cover: NDArray[np.float64]
@@ -41,7 +41,7 @@ class Outline:
 
 
 def layer(outline: Outline, width: int, height: int) -> Layer | None:
-    """Fill an outline, mean over its sub-exposures; None where it lies outside the image of width x height."""
+    """Filled outline, averaged over its sub-exposures; None if it lies outside the image."""
     if outline.start.shape[1] == 0:
         return None
     both = np.concatenate([outline.start.reshape(-1, 2), outline.end.reshape(-1, 2)])
@@ -55,7 +55,7 @@ def layer(outline: Outline, width: int, height: int) -> Layer | None:
 
 
 def bounds(layers: Sequence[Layer]) -> Box:
-    """Smallest box around at least one layer."""
+    """Smallest box around one or more layers."""
     return Box(
         min(item.box.left for item in layers),
         min(item.box.top for item in layers),
@@ -65,11 +65,13 @@ def bounds(layers: Sequence[Layer]) -> Box:
 
 
 def covered(back: Layer, front: Sequence[Layer]) -> Layer:
-    """`back` with small layers over it, each hiding what it covers."""
+    """Layer `back` with small layers in front of it, each hiding the area that it covers."""
     box = bounds([back, *front])
     found = back
     if box != back.box:
-        found = Layer(box, *(np.zeros((box.bottom - box.top, box.right - box.left), np.float32) for _ in range(2)))
+        found = Layer(
+            box, *(np.zeros((box.bottom - box.top, box.right - box.left), np.float32) for _ in range(2))
+        )
         found.light[back.box.within(box)], found.cover[back.box.within(box)] = back.light, back.cover
     for item in front:
         inside, free = item.box.within(box), 1.0 - item.cover
@@ -79,9 +81,10 @@ def covered(back: Layer, front: Sequence[Layer]) -> Layer:
 
 
 def composed(front_to_back: Sequence[Layer]) -> Layer:
-    """One layer from several that hide one another.
+    """Single layer composed of layers that hide one another.
 
-    Where two share a pixel the front one takes its cover first; neighbours that meet at an edge fill it completely, without a seam.
+    In a shared pixel the front layer takes its cover first; neighbours that meet at an edge fill it without a
+    seam.
     """
     if len(front_to_back) == 1:
         return front_to_back[0]
@@ -96,12 +99,12 @@ def composed(front_to_back: Sequence[Layer]) -> Layer:
 
 
 def paint(scene: NDArray[np.float32], item: Layer) -> None:
-    """Draw a layer over `scene` (height, width), in place."""
+    """Draw a layer over `scene` (height, width) in place."""
     target = scene[item.box.slices]
     target *= 1.0 - item.cover
     target += item.light
 
 
 def paint_shadow(scene: NDArray[np.float32], item: Layer, depth: float) -> None:
-    """Darken `scene` (height, width) by `depth` (0..1) where the layer covers it, in place."""
+    """Darken `scene` (height, width) in place by `depth` (0..1) where the layer covers it."""
     scene[item.box.slices] *= 1.0 - np.float32(depth) * item.cover

@@ -1,4 +1,4 @@
-"""World to pixels: pinhole and OpenCV's distortion model, many poses at once."""
+"""Projection from world to pixels: pinhole camera with OpenCV's distortion model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Lens:
-    """A station's camera as a map from W to pixels."""
+    """Projection of a station's camera from W to pixels."""
 
     def __init__(self, station: Station) -> None:
         self.R_camera_world = station.T_world_camera[:3, :3].T.copy()
@@ -22,9 +22,10 @@ class Lens:
         self._k1, self._k2, self._p1, self._p2, self._k3 = (float(d) for d in station.distortion)
 
     def pixels(self, points_world: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(..., 3) m in W to (..., 2) px, integer coordinates at pixel centres.
+        """Pixels (..., 2) of points (..., 3) [m, in W]; integer coordinates at pixel centres.
 
-        x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), y' likewise (OpenCV calib3d, after D. Brown, 1966).
+        x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2), y' likewise (OpenCV calib3d,
+        after D. Brown, 1966).
         """
         camera = (points_world - self.p_world_camera) @ self.R_camera_world.T
         x, y = camera[..., 0] / camera[..., 2], camera[..., 1] / camera[..., 2]
@@ -33,4 +34,5 @@ class Lens:
         xy = 2.0 * x * y
         u = x * radial + self._p1 * xy + self._p2 * (r2 + 2.0 * x * x)
         v = y * radial + self._p1 * (r2 + 2.0 * y * y) + self._p2 * xy
-        return np.stack([self._K[0, 0] * u + self._K[0, 2], self._K[1, 1] * v + self._K[1, 2]], axis=-1)
+        K = self._K
+        return np.stack([K[0, 0] * u + K[0, 2], K[1, 1] * v + K[1, 2]], axis=-1)

@@ -1,6 +1,8 @@
-"""The virtual objects: what the user knows of each (TOML, STL), and what is hidden in it, drawn from a seed.
+"""Virtual objects: the user's description of each (TOML, STL), and its hidden mass distribution.
 
-Four are like the paper's, a shell and two even parts; the parcel is none of these: it holds three lumps.
+The mass distribution is drawn from a seed.
+
+Four are like the paper's, a shell and two uniform parts; the parcel instead holds three lumps.
 """
 
 from __future__ import annotations
@@ -29,23 +31,26 @@ _CYLINDER_SEGMENTS = 96
 
 @dataclass(frozen=True)
 class _Lump:
-    """A ball; a seed moves it by a few millimetres."""
+    """Ball of mass inside the parcel; a seed shifts it by a few millimetres."""
 
     centre_m: tuple[float, float, float]
     radius_m: float
     share: float
-    """of the mass on its side of the border"""
+    """fraction of the mass on its side of the dividing plane"""
 
 
 @dataclass(frozen=True)
 class _Recipe:
-    """Nominal masses (like the paper's Table 2, whose inner mass is always above) and border plane; a seed perturbs both."""
+    """Nominal region masses and dividing plane; a seed perturbs both.
+
+    The masses are like the paper's Table 2, whose inner mass is always in the upper part.
+    """
 
     masses_kg: tuple[float, float, float]
     normal: tuple[float, float, float]
     offset_m: float
     lumps: tuple[_Lump, ...] = ()
-    """that hold what lies inside, in the place of two even parts"""
+    """lumps that hold the interior mass instead of two uniform parts"""
 
 
 _RECIPES = {
@@ -69,36 +74,36 @@ _LUMP_SHIFT_M = 0.003
 
 @dataclass(frozen=True)
 class VirtualObject:
-    """One object of the virtual rig. Lengths in m, in O (the shape file's frame), unless said otherwise."""
+    """Object of the virtual rig; lengths in m, in O (the shape file's frame)."""
 
     spec: ObjectSpec
     spec_toml: str
-    """the file the user would have written"""
+    """object file as a user would write it"""
     shape_file: tuple[str, bytes] | None
-    """name and bytes of the STL (mm), None for a primitive"""
+    """name and bytes of the STL (in mm); None for a primitive"""
     mesh_vertices: NDArray[np.float64]
     """(n, 3)"""
     mesh_faces: NDArray[np.int64]
-    """(m, 3), outward"""
+    """(m, 3) triangles, normals outward"""
     hull_vertices: NDArray[np.float64]
     """(h, 3)"""
     hull_edges: NDArray[np.int64]
-    """(e, 2) indices into hull_vertices; only real edges, not the diagonals of flat faces"""
+    """(e, 2) indices into hull_vertices; real edges only, not the diagonals of flat faces"""
     convex_parts: tuple[NDArray[np.float64], ...]
-    """corners (c, 3) of the parts whose union is the shape"""
+    """corners (c, 3) of the convex parts whose union is the shape"""
     edge_radius_m: float
     friction: float
     body: HiddenBody
 
 
 def load_object(name: str, seed: int) -> VirtualObject:
-    """The object `name` as seed `seed` fills it.
+    """Object with the given name, filled by a seed.
 
-    The seed moves the region masses by up to 5 % (total fixed), the border plane by up to 3 mm and about 3 degrees, and the friction
-    within the table's range.
+    The seed changes the region masses by up to 5 % (total fixed), the dividing plane by up to 3 mm and about
+    3 degrees, and the friction within the table's range.
 
     Raises:
-        AcquireError: no object of that name.
+        AcquireError: there is no object of that name.
     """
     if name not in OBJECT_NAMES:
         raise AcquireError(f"no virtual object '{name}': choose one of {', '.join(OBJECT_NAMES)}")
@@ -111,16 +116,31 @@ def load_object(name: str, seed: int) -> VirtualObject:
     rng = np.random.default_rng((seed, zlib.crc32(name.encode())))
     body = _fill(name, spec, rng)
     friction = float(rng.uniform(*TABLE_FRICTION))
-    return VirtualObject(spec, toml, shape_file, vertices, faces, hull_vertices, hull_edges, parts, spec.edge_radius_m, friction, body)
+    return VirtualObject(
+        spec=spec,
+        spec_toml=toml,
+        shape_file=shape_file,
+        mesh_vertices=vertices,
+        mesh_faces=faces,
+        hull_vertices=hull_vertices,
+        hull_edges=hull_edges,
+        convex_parts=parts,
+        edge_radius_m=spec.edge_radius_m,
+        friction=friction,
+        body=body,
+    )
 
 
 def hull_with_edges(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Convex hull of points (n, 3): its corners (h, 3) and its edges (e, 2), coplanar facets merged."""
+    """Corners (h, 3) and edges (e, 2) of the convex hull of points (n, 3), coplanar facets merged."""
     hull = ConvexHull(points)
     normals = hull.equations[:, :3]
     bent = np.einsum("fi,fki->fk", normals, normals[hull.neighbors]) < np.cos(np.radians(0.5))
     once = hull.neighbors > np.arange(len(normals))[:, None]
-    edges = {tuple(sorted(int(v) for v in np.delete(hull.simplices[facet], opposite))) for facet, opposite in np.argwhere(bent & once)}
+    edges = {
+        tuple(sorted(int(v) for v in np.delete(hull.simplices[facet], opposite)))
+        for facet, opposite in np.argwhere(bent & once)
+    }
     used = sorted({vertex for edge in edges for vertex in edge})
     renumber = {vertex: i for i, vertex in enumerate(used)}
     return points[used], np.array([[renumber[a], renumber[b]] for a, b in sorted(edges)])
@@ -138,15 +158,19 @@ def _fill(name: str, spec: ObjectSpec, rng: np.random.Generator) -> HiddenBody:
     normal /= np.linalg.norm(normal)
     offset = recipe.offset_m + float(rng.uniform(-0.003, 0.003))
     thickness = spec.shell_thickness_m
-    assert thickness is not None  # noqa: S101 - our own file
+    assert thickness is not None  # noqa: S101 - the package's own file
     points, depths = _samples(name)
-    lumps = [replace(lump, centre_m=tuple(np.array(lump.centre_m) + rng.uniform(-1, 1, 3) * _LUMP_SHIFT_M)) for lump in recipe.lumps]
-    density = _lumped(points, lumps) if lumps else None
-    return hidden_body(points, depths, (float(masses[0]), float(masses[1]), float(masses[2])), (normal, offset), thickness, density)
+    lumps = [
+        replace(lump, centre_m=tuple(np.array(lump.centre_m) + rng.uniform(-1, 1, 3) * _LUMP_SHIFT_M))
+        for lump in recipe.lumps
+    ]
+    density = _lump_density(points, lumps) if lumps else None
+    shell, upper, lower = (float(mass) for mass in masses)
+    return hidden_body(points, depths, (shell, upper, lower), (normal, offset), thickness, density)
 
 
-def _lumped(points: NDArray[np.float64], lumps: list[_Lump]) -> NDArray[np.float64]:
-    """Relative density (n,) at points: the lumps' shares, each spread evenly over its ball; nothing between them."""
+def _lump_density(points: NDArray[np.float64], lumps: list[_Lump]) -> NDArray[np.float64]:
+    """Relative density (n,) at points (n, 3) [m]: each lump's share uniform in its ball, else zero."""
     density = np.zeros(len(points))
     for lump in lumps:
         inside = np.linalg.norm(points - lump.centre_m, axis=1) < lump.radius_m
@@ -181,17 +205,19 @@ def _samples(name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         depth = cylinder_depth(spec.shape.cylinder.radius_m, spec.shape.cylinder.height_m / 2)
     else:
         parts = [0.001 * part for part in convex_parts(BOTTLES[name])]
-        depth = mesh_depth(vertices[faces], lambda points: _within(points, parts), reach=2 * (spec.shell_thickness_m or 0.0))
+        reach = 2 * (spec.shell_thickness_m or 0.0)
+        depth = mesh_depth(vertices[faces], lambda points: _in_convex_parts(points, parts), reach=reach)
     return sample_body(vertices.min(axis=0), vertices.max(axis=0), depth)
 
 
-def _within(points: NDArray[np.float64], parts: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Which of `points` (n, 3) lie in one of the convex parts, each given by its corners (k, 3)."""
+def _in_convex_parts(points: NDArray[np.float64], parts: list[NDArray[np.float64]]) -> NDArray[np.bool_]:
+    """Whether points (n, 3) lie in one of the convex parts, given by their corners (k, 3): (n,)."""
     found = np.zeros(len(points), dtype=bool)
     for part in parts:
         planes = ConvexHull(part).equations
-        # A part is a slice of the whole: only what lies at its height is looked at.
-        near = np.flatnonzero((points[:, 2] >= part[:, 2].min() - 1e-9) & (points[:, 2] <= part[:, 2].max() + 1e-9) & ~found)
+        # A part is a horizontal slice of the body: only points at its height are tested.
+        z, low, high = points[:, 2], part[:, 2].min() - 1e-9, part[:, 2].max() + 1e-9
+        near = np.flatnonzero((z >= low) & (z <= high) & ~found)
         found[near] = np.all(points[near] @ planes[:, :3].T + planes[:, 3] <= 0, axis=1)
     return found
 

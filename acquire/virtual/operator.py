@@ -1,7 +1,8 @@
-"""The virtual operator: hears the daemon's questions over its API, like a person would, and places the object in the virtual world.
+"""Virtual operator: answers the daemon's prompts over its API by placing the object in the virtual world.
 
-Places with a hand's accuracy: the object's yaw and position and the striker's stand are off by a little each time. What it does not model:
-a wrong face, a turned strike (it says so), an object that slips from the hand, an operator who forgets.
+It places with a person's accuracy: yaw and position of the object and the striker's stand are off by a little
+each time. What it does not model: a wrong face, a strike turned on the table (it refuses one), an object that
+slips from the hand, an operator who forgets.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError
 from acquire.virtual.operator_link import OperatorLink
 
@@ -23,7 +24,7 @@ STAND_SD_M = 0.0003
 
 
 class VirtualOperator:
-    """Answers `place` until closed."""
+    """Thread that answers `place` prompts until closed."""
 
     def __init__(self, daemon_socket: Path, world: OperatorLink, seed: int) -> None:
         self._daemon_socket = daemon_socket
@@ -43,7 +44,10 @@ class VirtualOperator:
             for event in self._listener.events():
                 if event["event"] == "prompt" and event["kind"] == "place":
                     if event.get("heading_rad"):
-                        text = "the virtual striker stands on one side of the line only: leave turned strikes (plan --gravity) out"
+                        text = (
+                            "the virtual striker stands on one side of the pivot line only: "
+                            "plan without turned strikes (without --gravity)"
+                        )
                         answers.call("prompt.answer", prompt_id=event["prompt_id"], ok=False, text=text)
                         continue
                     self._place(event)
@@ -56,7 +60,9 @@ class VirtualOperator:
         R_world_object = turn @ np.asarray(prompt["R_world_object"])
         p_world_object = turn @ np.asarray(prompt["p_world_object"]) + shift
         impact = turn @ np.asarray(prompt["impact_point_world"]) + shift
-        # The stand is set to the object as it lies: the hanging arm touches the face, a hair off.
-        impact = impact + np.array([-abs(self._rng.normal(0.0, STAND_SD_M)), 0.0, self._rng.normal(0.0, STAND_SD_M)])
+        # The stand is set to the object as it lies: the hanging arm almost touches the face.
+        impact = impact + np.array(
+            [-abs(self._rng.normal(0.0, STAND_SD_M)), 0.0, self._rng.normal(0.0, STAND_SD_M)]
+        )
         impact[1] = 0.0
         self._world.place(R_world_object, p_world_object, impact)

@@ -1,4 +1,7 @@
-"""Client of the virtual world's control socket: put the object down, ask how things are, fetch the truth, quit. One JSON line each way."""
+"""Client of the virtual world's control socket: place or push the object, read state and truth, quit.
+
+The protocol is one JSON line in each direction.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +19,10 @@ TIMEOUT_S = 5.0
 
 
 class OperatorLink:
-    """A connection to `world.sock`; one thread owns it.
+    """Connection to `world.sock`; one thread owns it.
 
     Raises:
-        AcquireError: nobody listens there.
+        AcquireError: no process listens on the socket.
     """
 
     def __init__(self, path: Path) -> None:
@@ -31,20 +34,23 @@ class OperatorLink:
         except OSError as error:
             self._socket.close()
             raise AcquireError(
-                f"{path}: the virtual world does not answer ({error.strerror}): start acquire.virtual.world_process"
+                f"{path}: the virtual world does not answer ({error.strerror}): start "
+                "acquire.virtual.world_process"
             ) from None
         self._lines = self._socket.makefile("rb")
 
-    def place(self, R_world_object: ArrayLike, p_world_object: ArrayLike, impact_point_world: ArrayLike) -> None:
-        """Put the object down and set the striker's stand; returns at once, the object settles within 10 ms.
+    def place(
+        self, R_world_object: ArrayLike, p_world_object: ArrayLike, impact_point_world: ArrayLike
+    ) -> None:
+        """Place the object and set the striker's stand; returns at once, the object settles within 10 ms.
 
         Args:
-            R_world_object: (3, 3).
-            p_world_object: (3,) m; the object is let go just over the table whatever its z.
-            impact_point_world: (3,) m, where the hanging arm's tip touches.
+            R_world_object: (3, 3) rotation.
+            p_world_object: (3,) position [m]; the object is released just over the table whatever its z.
+            impact_point_world: (3,) point that the hanging arm's tip touches [m].
 
         Raises:
-            AcquireError: refused, or the world is gone.
+            AcquireError: the request was refused, or the world does not answer.
         """
         self._call(
             "place",
@@ -54,15 +60,15 @@ class OperatorLink:
         )
 
     def push(self, p_world: ArrayLike, impulse_world: ArrayLike, duration_s: float) -> None:
-        """Push the object with a finger; returns at once.
+        """Push the object like a finger; returns at once.
 
         Args:
-            p_world: (3,) m, where.
-            impulse_world: (3,) N s.
-            duration_s: of the touch.
+            p_world: (3,) point of contact [m].
+            impulse_world: (3,) impulse [N s].
+            duration_s: duration of the contact.
 
         Raises:
-            AcquireError: refused, or the world is gone.
+            AcquireError: the request was refused, or the world does not answer.
         """
         self._call(
             "push",
@@ -72,21 +78,24 @@ class OperatorLink:
         )
 
     def state(self) -> dict[str, Any]:
-        """Now: time_ns, at_rest, arm_angle, arm_velocity, p_world_object, q_world_object_wxyz.
+        """Current state of the world.
 
-        stale_ns: since it was last asked, the worst by which the servo's answers were older than they say; 0 where the computer kept up.
+        Keys: time_ns, at_rest, arm_angle, arm_velocity, p_world_object, q_world_object_wxyz, stale_ns.
+
+        stale_ns is the largest delay of the physics behind the servo's answers since the last call; 0 if the
+        computer kept up.
         """
         return self._call("state")
 
     def truth(self) -> str:
-        """Path of the world's log (see truth_file), complete up to now."""
+        """Path of the world's truth file (see truth_file), complete up to now."""
         return self._call("truth")["path"]
 
     def servo(self, what: str) -> None:
-        """Break the servo or mend it: "unplug", "plug in", "overload" (which a restart of the servo clears).
+        """Cause or end a fault of the servo: "unplug", "plug in", or "overload", which a reboot clears.
 
         Raises:
-            AcquireError: it cannot do that now.
+            AcquireError: this is not possible now.
         """
         self._call("servo", what=what)
 
@@ -95,7 +104,7 @@ class OperatorLink:
         self._call("quit")
 
     def close(self) -> None:
-        """Hang up; the world goes on."""
+        """Close the connection; the world continues."""
         self._lines.close()
         self._socket.close()
 
@@ -104,9 +113,14 @@ class OperatorLink:
             self._socket.sendall(json.dumps({"method": method, **arguments}).encode() + b"\n")
             line = self._lines.readline()
         except OSError as error:
-            raise AcquireError(f"{self._path}: the virtual world does not answer to '{method}' ({error}): start it anew") from None
+            raise AcquireError(
+                f"{self._path}: the virtual world does not answer '{method}' ({error}): start it again"
+            ) from None
         if not line.endswith(b"\n"):
-            raise AcquireError(f"{self._path}: the virtual world hung up on '{method}': look at its standard error")
+            raise AcquireError(
+                f"{self._path}: the virtual world closed the connection during '{method}': see its "
+                "standard error"
+            )
         answer = json.loads(line)
         if "error" in answer:
             raise AcquireError(answer["error"])

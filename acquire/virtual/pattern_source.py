@@ -1,4 +1,4 @@
-"""A test pattern for the virtual camera: known bytes in every frame, no world, no renderer."""
+"""Test pattern for the virtual camera: known bytes in every frame, without world and renderer."""
 
 from __future__ import annotations
 
@@ -16,18 +16,21 @@ _STAMP_BYTES = 16
 
 
 class PatternSource:
-    """Seeded noise, changed with every frame, whose first 16 bytes are its start of exposure (host monotonic ns) and its number."""
+    """Source of seeded noise that changes with every frame.
+
+    The first 16 bytes of a frame are its start of exposure (host monotonic ns) and its number.
+    """
 
     def __init__(self, clock: Clock, seed: int) -> None:
         self._clock, self._seed, self._number = clock, seed, 0
         self._noise = np.zeros((0, 0), np.uint8)
 
     def latest_time_ns(self) -> int:
-        """Always now: there is no world to wait for."""
+        """Current time: there is no world to wait for."""
         return self._clock.monotonic_ns()
 
     def image(self, start_ns: int, settings: StreamSettings) -> NDArray[np.uint8]:
-        """(height, width) pattern of the next frame."""
+        """Pattern (height, width) of the next frame."""
         if self._noise.shape != (settings.height, settings.width):
             self._noise = noise(settings.width, settings.height, self._seed)
         image = stamped(self._noise, start_ns, self._number)
@@ -36,12 +39,12 @@ class PatternSource:
 
 
 def noise(width: int, height: int, seed: int) -> NDArray[np.uint8]:
-    """(height, width) seeded noise that the pattern is made from."""
+    """Seeded noise (height, width) that the pattern is made from."""
     return np.random.default_rng(seed).integers(0, 256, (height, width), dtype=np.uint8)
 
 
 def stamped(pattern: NDArray[np.uint8], start_ns: int, number: int) -> NDArray[np.uint8]:
-    """The image of frame `number`: the pattern exclusive-or the number, with the stamp over its first bytes."""
+    """Image of frame `number`: pattern (height, width) XOR number, with the stamp in its first bytes."""
     image = pattern ^ np.uint8(number & 0xFF)
     image.reshape(-1)[:_STAMP_BYTES] = np.array([start_ns, number], dtype="<i8").view(np.uint8)
     return image

@@ -1,9 +1,11 @@
-"""The world's poses in a memory-mapped file: one process writes, any number read, nobody locks.
+"""Ring buffer of the world's poses in a memory-mapped file: one writer, any number of readers, no locks.
 
-Layout (little-endian, 8-byte cells): magic, capacity, count, 5 spare; then `capacity` stamps (int64 ns); then `capacity` rows of 11
-float64: p_world_object (3), q_world_object wxyz (4), arm angle, arm axis in W (3). Record i stands in slot i mod capacity. The writer
-fills the slot, then raises `count` with one aligned store; a reader takes `count` before and after and reads again when the writer
-could have come round to what it read. Not modelled: reordering on machines with weaker memory order than x86-64 and one writer.
+Layout (little-endian, 8-byte cells): magic, capacity, count, 5 spare; then `capacity` stamps (int64 ns); then
+`capacity` rows of 11 float64: p_world_object (3), q_world_object wxyz (4), arm angle, arm axis in W (3).
+    Record i is in
+slot i mod capacity. The writer fills the slot, then raises `count` with one aligned store; a reader takes
+`count` before and after, and repeats the reading if the writer could have overwritten it meanwhile. Not
+modelled: reordering on machines with a weaker memory order than x86-64.
 """
 
 from __future__ import annotations
@@ -28,35 +30,35 @@ _HEADER_CELLS = 8
 _COLUMNS = 11
 _CAPACITY, _COUNT = 1, 2
 _GUARD = 16
-"""slots next to the writer that readers leave alone"""
-_FIRST_LOOK = 256
-"""records searched before the whole ring is"""
+"""slots next to the writer that readers do not use"""
+_FIRST_SEARCH = 256
+"""newest records, searched before the whole ring"""
 
 
 class PoseRingError(AcquireError):
-    """The ring's file is missing, is not a pose ring, or holds no pose yet."""
+    """The file is missing, is not a pose ring, or holds no pose yet."""
 
 
 @dataclass(frozen=True)
 class PosesAt:
-    """Poses at n times."""
+    """Poses of object and arm at n times."""
 
     p_world_object: NDArray[np.float64]
-    """(n, 3) m"""
+    """(n, 3) position [m]"""
     q_world_object_wxyz: NDArray[np.float64]
-    """(n, 4) unit"""
+    """(n, 4) unit quaternion"""
     arm_angle: NDArray[np.float64]
-    """(n,) rad"""
+    """(n,) angle of the arm [rad]"""
     arm_axis_world: NDArray[np.float64]
-    """(n, 3) m, a point on the arm's hinge"""
+    """(n, 3) point on the arm's hinge [m]"""
 
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
-        """The four arrays in order: `p, q, angle, axis = ring.at(times)`."""
+        """Iterate over the four arrays: `p, q, angle, axis = ring.at(times)`."""
         return iter((self.p_world_object, self.q_world_object_wxyz, self.arm_angle, self.arm_axis_world))
 
 
 class PoseRing:
-    """A ring of time-stamped poses; see the module's docstring for the layout. Make one with `create` or `open`."""
+    """Ring buffer of time-stamped poses, made with `create` or `open`; layout in the module docstring."""
 
     def __init__(self, memory: mmap.mmap, capacity: int) -> None:
         self._memory = memory
@@ -67,7 +69,7 @@ class PoseRing:
 
     @classmethod
     def create(cls, path: Path, capacity: int = 16384) -> PoseRing:
-        """New ring, file mode 0600; an old file of that name is replaced."""
+        """Create a ring with file mode 0600; an existing file is replaced."""
         size = 8 * (_HEADER_CELLS + capacity * (1 + _COLUMNS))
         path.unlink(missing_ok=True)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -82,7 +84,7 @@ class PoseRing:
 
     @classmethod
     def open(cls, path: Path) -> PoseRing:
-        """Attach to a ring for reading.
+        """Open a ring for reading.
 
         Raises:
             PoseRingError: no such file, or it is not a pose ring.
@@ -91,11 +93,15 @@ class PoseRing:
             with path.open("rb") as file:
                 memory = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
         except (OSError, ValueError) as error:
-            raise PoseRingError(f"{path}: cannot be read as a pose ring ({error}): is the virtual world running?") from None
-        header = np.frombuffer(memory, dtype=np.int64, count=_HEADER_CELLS) if len(memory) >= 8 * _HEADER_CELLS else np.zeros(_HEADER_CELLS)
+            raise PoseRingError(
+                f"{path}: cannot be read as a pose ring ({error}): check that the virtual world is running"
+            ) from None
+        header = np.zeros(_HEADER_CELLS)
+        if len(memory) >= 8 * _HEADER_CELLS:
+            header = np.frombuffer(memory, dtype=np.int64, count=_HEADER_CELLS)
         capacity = int(header[_CAPACITY])
         if header[0] != _MAGIC or len(memory) != 8 * (_HEADER_CELLS + capacity * (1 + _COLUMNS)):
-            raise PoseRingError(f"{path}: is not a pose ring: start the virtual world anew")
+            raise PoseRingError(f"{path}: is not a pose ring: start the virtual world again")
         return cls(memory, capacity)
 
     def append(
@@ -106,7 +112,15 @@ class PoseRing:
         arm_angle: float,
         arm_axis_world: ArrayLike,
     ) -> None:
-        """Add a pose; times must not go back. (3,) m, (4,), rad, (3,) m."""
+        """Add a pose; times must not decrease.
+
+        Args:
+            time_ns: host monotonic time.
+            p_world_object: (3,) position [m].
+            q_wxyz: (4,) unit quaternion.
+            arm_angle: angle of the arm [rad].
+            arm_axis_world: (3,) point on the arm's hinge [m].
+        """
         count = int(self._cells[_COUNT])
         slot = count % self._capacity
         row = self._row[slot]
@@ -118,14 +132,14 @@ class PoseRing:
         self._cells[_COUNT] = count + 1
 
     def count(self) -> int:
-        """How many poses were ever appended."""
+        """Number of poses appended since the ring was created."""
         return int(self._cells[_COUNT])
 
     def latest_time_ns(self) -> int:
-        """Time of the newest pose.
+        """Host monotonic time of the newest pose [ns].
 
         Raises:
-            PoseRingError: none yet.
+            PoseRingError: there is no pose yet.
         """
         count = int(self._cells[_COUNT])
         if count == 0:
@@ -133,10 +147,12 @@ class PoseRing:
         return int(self._time[(count - 1) % self._capacity])
 
     def at(self, times_ns: ArrayLike | Sequence[int]) -> PosesAt:
-        """Poses at the given times: linear in position and angle, normalised-linear in rotation; beyond the ends, the end's pose.
+        """Poses interpolated to the given times; beyond the ends, the first or last pose.
+
+        The interpolation is linear in position and angle, and normalised-linear in rotation.
 
         Args:
-            times_ns: (n,) int, any order, in the writer's clock (host monotonic).
+            times_ns: (n,) host monotonic times, in any order.
 
         Raises:
             PoseRingError: the ring is empty.
@@ -149,12 +165,12 @@ class PoseRing:
                 return _interpolate(time, row, wanted)
 
     def _newest(self, oldest_ns: int) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
-        """Copy of the newest records, far enough back to hold `oldest_ns` where the ring does; and the index of the first."""
+        """Times (n,), rows (n, 11) and first index of the newest records, back to `oldest_ns` if held."""
         count = int(self._cells[_COUNT])
         if count == 0:
             raise PoseRingError("the pose ring is empty: the virtual world has not started")
         kept = min(count, self._capacity - _GUARD)
-        length = min(_FIRST_LOOK, kept)
+        length = min(_FIRST_SEARCH, kept)
         if self._time[(count - length) % self._capacity] > oldest_ns:
             length = kept
         slots = np.arange(count - length, count) % self._capacity

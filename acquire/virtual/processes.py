@@ -1,4 +1,4 @@
-"""Processes of the virtual rig: started one after another, ended in the reverse order, none left behind."""
+"""Start and end of the virtual rig's processes."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class _Interruption:
-    """Turns the signals that end a program into KeyboardInterrupt, but not while a process is being born.
+    """Signal handler that raises KeyboardInterrupt, but not while a process is being started.
 
-    An exception between the birth of a process and the keeping of its handle would leave it to itself.
+    An exception between the start of a process and the storing of its handle would leave the process running.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class _Interruption:
 
     @contextlib.contextmanager
     def held(self) -> Iterator[None]:
-        """Let nothing interrupt the block; the caller asks `check` afterwards."""
+        """Hold interruptions back during the block; the caller calls `check` afterwards."""
         self._held = True
         try:
             yield
@@ -44,7 +44,7 @@ class _Interruption:
             self._held = False
 
     def check(self) -> None:
-        """Raise what was held back."""
+        """Raise KeyboardInterrupt if an interruption was held back."""
         if self._pending:
             self._pending = False
             raise KeyboardInterrupt
@@ -55,7 +55,7 @@ _interruption = _Interruption()
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """SIGTERM and SIGHUP end the block as Ctrl-C does: by KeyboardInterrupt, with everything taken down. Main thread only."""
+    """Let SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C does; main thread only."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -69,15 +69,16 @@ def interruptible() -> Iterator[None]:
 
 @contextlib.contextmanager
 def started(name: str, folder: Path, module: str, *arguments: str) -> Iterator[dict[str, Any]]:
-    """A process of the virtual rig, from its ready line to its end.
+    """Run a process of the virtual rig during the block; yields its ready line.
 
-    In a session of its own: a terminal's Ctrl-C is ours to handle, in the right order. It ends by itself when we are gone.
+    It runs in its own terminal session, so that this process handles Ctrl-C and ends the processes in the
+    right order. It ends by itself if this process ends.
 
     Raises:
-        AcquireError: it ended before it was ready; with its last line.
+        AcquireError: the process ended before it was ready; with its last line of output.
     """
-    complaints = folder / f"{name}.err"
-    with _interruption.held(), complaints.open("wb") as errors:
+    error_path = folder / f"{name}.err"
+    with _interruption.held(), error_path.open("wb") as errors:
         process = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
             stdin=subprocess.DEVNULL,
@@ -92,7 +93,7 @@ def started(name: str, folder: Path, module: str, *arguments: str) -> Iterator[d
         assert process.stdout is not None  # noqa: S101 - opened with PIPE
         line = process.stdout.readline()
         if not line:
-            last = [text for text in _text_of(complaints).splitlines() if text.strip()][-1:]
+            last = [text for text in _read_text(error_path).splitlines() if text.strip()][-1:]
             reason = last[0].removeprefix("acquire: ") if last else f"it ended with code {process.wait(5.0)}"
             raise AcquireError(f"the {name} did not start: {reason}")
         ready = True
@@ -100,10 +101,10 @@ def started(name: str, folder: Path, module: str, *arguments: str) -> Iterator[d
     finally:
         _end(process)
         if ready:
-            sys.stderr.write(_text_of(complaints))
+            sys.stderr.write(_read_text(error_path))
 
 
-def _text_of(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8", errors="replace")
     except OSError:
@@ -111,7 +112,7 @@ def _text_of(path: Path) -> str:
 
 
 def _end(process: subprocess.Popen[str], patience_s: float = 10.0) -> None:
-    """Terminate, and read what it still says, so that a last line does not meet a closed pipe."""
+    """Terminate a process and read its remaining output, so that it never writes to a closed pipe."""
     process.terminate()
     try:
         process.communicate(timeout=patience_s)

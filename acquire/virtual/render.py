@@ -1,7 +1,8 @@
-"""The virtual camera's picture: scene, lens, motion blur, sensor.
+"""Renderer of the virtual camera's images: scene, lens, motion blur, sensor.
 
-Polygons are filled by exact area coverage (`coverage`), never by warping an image, so that the tracker meets no operation of its own kind.
-Integer pixel coordinates are pixel centres, as in OpenCV. Not modelled: defocus by depth, reflections, rolling shutter.
+Polygons are filled by exact area coverage (`coverage`), never by warping an image, so that renderer and
+tracker share no operation. Integer pixel coordinates are pixel centres, as in OpenCV. Not modelled: defocus
+by depth, reflections, rolling shutter.
 """
 
 from __future__ import annotations
@@ -30,14 +31,24 @@ PSF_SIGMA_PX = 0.6
 _PSF_REACH = 3
 _SHADOW = 0.38
 _AT_REST = 1e-7
-"""m, rad: below it a picture is the same"""
+"""change of a pose below which the image stays the same [m, rad]"""
 _STILL_PX, _STEP_PX, MOST_SUBEXPOSURES = 0.15, 0.8, 4
 
 
 class Renderer:
-    """Draws frames of one object before one station's camera. Single-threaded: one caller, and OpenCV's threads off in its process."""
+    """Renderer of one object before one station's camera.
 
-    def __init__(self, virtual_object: VirtualObject, station: Station, seed: int, width: int = WIDTH_PX, height: int = HEIGHT_PX) -> None:
+    Not thread-safe; OpenCV's threads should be off in its process.
+    """
+
+    def __init__(
+        self,
+        virtual_object: VirtualObject,
+        station: Station,
+        seed: int,
+        width: int = WIDTH_PX,
+        height: int = HEIGHT_PX,
+    ) -> None:
         self._width, self._height = width, height
         self._lens = Lens(station)
         self._object = ObjectPainter(virtual_object, self._lens, width, height)
@@ -48,7 +59,9 @@ class Renderer:
         self._vignette = vignette(width, height)
         self._noise = NoiseBank(rng, width, height)
         low, high = virtual_object.mesh_vertices.min(axis=0), virtual_object.mesh_vertices.max(axis=0)
-        self._corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        self._corners = np.array(
+            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+        )
         self._scene = self._backdrop.copy()
         self._drawn: list[Box] = []
         self._settings = (np.nan, np.nan)
@@ -66,15 +79,15 @@ class Renderer:
         exposure_us: float,
         gain_db: float,
     ) -> NDArray[np.uint8]:
-        """One frame, (height, width) uint8, the mean of k poses spread evenly over the exposure (k = 1 at rest).
+        """Frame (height, width), the mean of k poses spread uniformly over the exposure (k = 1 at rest).
 
         Args:
-            p_world_object: (k, 3) m.
-            q_wxyz: (k, 4) unit, O to W.
-            arm_angle: (k,) rad.
-            arm_axis_world: (k, 3) m, a point on the arm's hinge.
-            exposure_us: of the whole frame.
-            gain_db: of the sensor.
+            p_world_object: (k, 3) positions [m].
+            q_wxyz: (k, 4) unit quaternions from O to W.
+            arm_angle: (k,) angles of the arm [rad].
+            arm_axis_world: (k, 3) points on the arm's hinge [m].
+            exposure_us: exposure of the whole frame.
+            gain_db: gain of the sensor.
         """
         pose = np.column_stack([p_world_object, q_wxyz, arm_angle, arm_axis_world]).astype(np.float64)
         pose = pose[:1] if np.ptp(pose, axis=0).max() <= _AT_REST else pose
@@ -93,9 +106,13 @@ class Renderer:
         arm_angle: NDArray[np.float64],
         arm_axis_world: NDArray[np.float64],
     ) -> int:
-        """How many poses an exposure needs, at most 0.8 px apart and at most 4.
+        """Number of poses that an exposure needs: at most 0.8 px apart, and at most 4.
 
-        Args: those of `render`, at the start and the end of the exposure: (2, 3), (2, 4), (2,), (2, 3).
+        Args:
+            p_world_object: (2, 3) positions at start and end of the exposure [m].
+            q_wxyz: (2, 4) unit quaternions from O to W.
+            arm_angle: (2,) angles of the arm [rad].
+            arm_axis_world: (2, 3) points on the arm's hinge [m].
         """
         R = _rotations(q_wxyz)
         corners = self._corners @ np.swapaxes(R, 1, 2) + p_world_object[:, None, :]
@@ -107,14 +124,17 @@ class Renderer:
 
     def _set(self, exposure_us: float, gain_db: float) -> None:
         self._settings = (exposure_us, gain_db)
-        self._empty_clean = self._blurred_backdrop * self._vignette * np.float32(brightness(exposure_us, gain_db))
+        self._empty_clean = (
+            self._blurred_backdrop * self._vignette * np.float32(brightness(exposure_us, gain_db))
+        )
         self._empty_sd = noise_sd(self._empty_clean, gain_db)
         self._clean, self._sd = self._empty_clean.copy(), self._empty_sd.copy()
 
     def _draw(self, pose: NDArray[np.float64]) -> None:
         for box in self._drawn:
             area = box.slices
-            self._scene[area], self._clean[area], self._sd[area] = self._backdrop[area], self._empty_clean[area], self._empty_sd[area]
+            self._scene[area] = self._backdrop[area]
+            self._clean[area], self._sd[area] = self._empty_clean[area], self._empty_sd[area]
         body = pose[:1, :7] if np.ptp(pose[:, :7], axis=0).max() <= _AT_REST else pose[:, :7]
         p, R = body[:, :3], _rotations(body[:, 3:7])
         shadow = self._object.shadow(p[len(p) // 2], R[len(p) // 2])
@@ -124,7 +144,8 @@ class Renderer:
         for drawn in (arm, item):
             if drawn is not None:
                 paint(self._scene, drawn)
-        self._drawn = [found.box.grown(_PSF_REACH, self._width, self._height) for found in (shadow, arm, item) if found is not None]
+        layers = [found for found in (shadow, arm, item) if found is not None]
+        self._drawn = [found.box.grown(_PSF_REACH, self._width, self._height) for found in layers]
         for box in _merged(self._drawn):
             self._develop(box)
 
@@ -136,17 +157,20 @@ class Renderer:
         return self._arm_layer
 
     def _develop(self, box: Box) -> None:
-        """Scene to clean grey levels and their noise, within a box."""
+        """Compute noise-free grey levels and noise within a box of the scene."""
         around = box.grown(_PSF_REACH, self._width, self._height)
         exposure_us, gain_db = self._settings
         light = _blur(self._scene[around.slices])[box.within(around)]
-        clean = np.asarray(cv2.multiply(light, self._vignette[box.slices], scale=brightness(exposure_us, gain_db)), np.float32)
+        scale = brightness(exposure_us, gain_db)
+        clean = np.asarray(cv2.multiply(light, self._vignette[box.slices], scale=scale), np.float32)
         self._clean[box.slices] = clean
         self._sd[box.slices] = noise_sd(clean, gain_db)
 
 
 def _blur(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.asarray(cv2.GaussianBlur(image, (2 * _PSF_REACH - 1, 2 * _PSF_REACH - 1), PSF_SIGMA_PX), np.float32)
+    return np.asarray(
+        cv2.GaussianBlur(image, (2 * _PSF_REACH - 1, 2 * _PSF_REACH - 1), PSF_SIGMA_PX), np.float32
+    )
 
 
 def _same(pose: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
@@ -154,7 +178,7 @@ def _same(pose: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
 
 
 def _rotations(q_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(k, 4) to (k, 3, 3)."""
+    """Rotation matrices (k, 3, 3) of quaternions (k, 4)."""
     w, x, y, z = (q_wxyz / np.linalg.norm(q_wxyz, axis=1, keepdims=True)).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -165,9 +189,13 @@ def _rotations(q_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _merged(boxes: list[Box]) -> list[Box]:
-    """Boxes that lie in another are dropped."""
+    """Boxes without those that lie inside another."""
     kept: list[Box] = []
     for box in sorted(boxes, key=lambda b: -(b.right - b.left) * (b.bottom - b.top)):
-        if not any(b.left <= box.left and b.top <= box.top and b.right >= box.right and b.bottom >= box.bottom for b in kept):
+        inside = (
+            b.left <= box.left and b.top <= box.top and b.right >= box.right and b.bottom >= box.bottom
+            for b in kept
+        )
+        if not any(inside):
             kept.append(box)
     return kept

@@ -1,4 +1,4 @@
-"""The striker's arm as layers: a bar, its tip, the hub and the servo behind it, flat in the plane of the swing."""
+"""Layers of the striker's arm: bar, tip, hub and the servo behind it, flat in the plane of the swing."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ if TYPE_CHECKING:
     from acquire.virtual.lens import Lens
 
 _STRIPES = ((-0.0045, -0.0015, 70.0), (-0.0015, 0.001, 105.0), (0.001, 0.0045, 55.0))
-"""m across the bar from, to; grey level"""
+"""stripes of the bar: from, to [m across the bar], grey level"""
 _PIECES = 6
 _ROUND = 28
 
 
-def _loop(corners: NDArray[np.float64], grey: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
-    """Clockwise polygon (n, 2) as starts, ends, weights."""
+def _loop(
+    corners: NDArray[np.float64], grey: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]:
+    """Edges of a clockwise polygon (n, 2): starts (n, 2), ends (n, 2), weights (n,), and the grey level."""
     return corners, np.roll(corners, -1, axis=0), np.ones(len(corners)), grey
 
 
@@ -32,7 +34,9 @@ def _disc(x: float, z: float, radius: float) -> NDArray[np.float64]:
 
 def _strip(left: float, right: float, top: float, bottom: float) -> NDArray[np.float64]:
     z = np.linspace(top, bottom, _PIECES + 1)
-    return np.concatenate([np.stack([np.full_like(z, right), z], 1), np.stack([np.full_like(z, left), z[::-1]], 1)])
+    return np.concatenate(
+        [np.stack([np.full_like(z, right), z], 1), np.stack([np.full_like(z, left), z[::-1]], 1)]
+    )
 
 
 _SHAPES = (
@@ -40,33 +44,42 @@ _SHAPES = (
     (_loop(_disc(0.0, 0.0, 0.011), 120.0),),
     tuple(_loop(_strip(left, right, 0.0, -ARM_LENGTH_M), grey) for left, right, grey in _STRIPES),
 )
-"""front to back; (x, z) m about the hinge, arm hanging"""
+"""shapes from front to back; (x, z) [m] from the hinge, arm hanging"""
 _SERVO = _loop(_strip(-0.0145, 0.0145, 0.0345, -0.0125), 42.0)
 
 
 class ArmPainter:
-    """Draws the arm through one lens. Not modelled: its depth along the hinge, its shadow, the stand."""
+    """Painter of the arm. Not modelled: its depth along the hinge, its shadow, the stand."""
 
     def __init__(self, lens: Lens, width: int, height: int) -> None:
         self._lens, self._width, self._height = lens, width, height
 
     def layer(self, angle: NDArray[np.float64], axis_world: NDArray[np.float64]) -> Layer | None:
-        """The arm at k poses, None where it is out of view. (k,) rad, 0 hangs, + swings to +x; (k, 3) m, a point on the hinge."""
+        """Layer of the arm at k poses; None if it is out of view.
+
+        Args:
+            angle: (k,) angles of the arm [rad], 0 when hanging, positive towards +x.
+            axis_world: (k, 3) points on the hinge [m].
+        """
         found = [self._shape(shape, angle, axis_world) for shape in _SHAPES]
         found.append(self._shape((_SERVO,), np.zeros_like(angle), axis_world))
         layers = [item for item in found if item is not None]
         return composed(layers) if layers else None
 
-    def _shape(self, loops: tuple[tuple, ...], angle: NDArray[np.float64], axis_world: NDArray[np.float64]) -> Layer | None:
+    def _shape(
+        self, loops: tuple[tuple, ...], angle: NDArray[np.float64], axis_world: NDArray[np.float64]
+    ) -> Layer | None:
         start = self._pixels(np.concatenate([loop[0] for loop in loops]), angle, axis_world)
         end = self._pixels(np.concatenate([loop[1] for loop in loops]), angle, axis_world)
         cover = np.concatenate([loop[2] for loop in loops])
         value = np.concatenate([loop[2] * loop[3] for loop in loops])
         return layer(Outline(start, end, value, cover), self._width, self._height)
 
-    def _pixels(self, xz: NDArray[np.float64], angle: NDArray[np.float64], axis_world: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _pixels(
+        self, xz: NDArray[np.float64], angle: NDArray[np.float64], axis_world: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
         x, z = xz[:, 0], xz[:, 1]
-        # angle a takes the hanging tip (0, -L) to (L sin a, -L cos a)
+        # An angle a takes the hanging tip (0, -L) to (L sin a, -L cos a).
         turned = np.stack([c * x - s * z, np.zeros((len(angle), len(x))), s * x + c * z], axis=-1)
         return self._lens.pixels(turned + axis_world[:, None, :])

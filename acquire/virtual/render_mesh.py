@@ -1,4 +1,7 @@
-"""An object's surface prepared for drawing: convex groups of faces, and the borders between faces, cut so that the lens can bend them."""
+"""Object surface prepared for drawing: convex groups of faces, and face boundaries cut into short pieces.
+
+The pieces are short enough for lens distortion to bend the boundaries.
+"""
 
 from __future__ import annotations
 
@@ -13,45 +16,47 @@ if TYPE_CHECKING:
 _PIECE_M = 0.016
 """longest straight piece: at 2.6 px/mm the lens bends it by less than 0.03 px"""
 _FLAT = 1e-7
-"""m, height of a neighbour's corner over a face up to which both count as one plane"""
+"""height of a neighbour's corner over a face up to which both count as one plane [m]"""
 
 
 @dataclass(frozen=True)
 class FaceGroup:
-    """Connected faces without a concave edge among them: seen from anywhere outside, none hides another."""
+    """Connected faces without a concave edge: seen from any point outside, none hides another."""
 
     vertices: NDArray[np.float64]
-    """(v, 3) m in O, the corners of its faces"""
+    """(v, 3) corners of the faces [m, in O]"""
     face_point: NDArray[np.float64]
-    """(f, 3) m, a corner of each face"""
+    """(f, 3) a corner of each face [m]"""
     face_normal: NDArray[np.float64]
-    """(f, 3) unit, outward"""
+    """(f, 3) outward unit normals"""
     points: NDArray[np.float64]
-    """(n, 3) m, along the borders"""
+    """(n, 3) points along the face boundaries [m]"""
     start: NDArray[np.int64]
-    """(m,) indices of points"""
+    """(m,) index of each piece's start point"""
     end: NDArray[np.int64]
-    """(m,)"""
+    """(m,) index of each piece's end point"""
     left_face: NDArray[np.int64]
-    """(m,) the face that has the piece in its own, counter-clockwise direction; f where it is another group's"""
+    """(m,) face that has the piece in its counter-clockwise direction; f if it belongs to another group"""
     right_face: NDArray[np.int64]
-    """(m,) the one across"""
+    """(m,) face on the other side of the piece"""
 
 
 def face_groups(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[FaceGroup, ...]:
-    """Split a closed mesh (n, 3) m, (m, 3) along its concave edges."""
+    """Parts of a closed mesh with vertices (n, 3) [m] and triangles (m, 3), split along its concave edges."""
     corners = vertices[faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     owner = {(int(face[i]), int(face[(i + 1) % 3])): f for f, face in enumerate(faces) for i in range(3)}
     borders = [(a, b, f, owner[b, a]) for (a, b), f in owner.items() if a < b]
-    # two of the neighbour's corners lie on the edge: the sum is the height of its third
+    # Two of the neighbour's corners lie on the edge: the sum is the height of its third.
     height = [float(np.sum((corners[g] - corners[f, 0]) @ normal[f])) for _, _, f, g in borders]
     label = np.arange(len(faces))
     for (_, _, f, g), above in zip(borders, height, strict=True):
         if above <= _FLAT:
             label[label == label[g]] = label[f]
-    return tuple(_group(vertices, corners, normal, borders, height, label == name) for name in np.unique(label))
+    return tuple(
+        _group(vertices, corners, normal, borders, height, label == name) for name in np.unique(label)
+    )
 
 
 def _group(
@@ -77,4 +82,6 @@ def _group(
     index = np.array(start)
     own = corners[member]
     used = np.unique(own.reshape(-1, 3), axis=0)
-    return FaceGroup(used, own[:, 0], normal[member], np.array(points), index, index + 1, np.array(left), np.array(right))
+    return FaceGroup(
+        used, own[:, 0], normal[member], np.array(points), index, index + 1, np.array(left), np.array(right)
+    )

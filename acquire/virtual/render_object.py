@@ -1,4 +1,4 @@
-"""The object and its tags as layers, at k poses."""
+"""Layers of the object and its tags."""
 
 from __future__ import annotations
 
@@ -20,10 +20,11 @@ if TYPE_CHECKING:
     from acquire.virtual.objects import VirtualObject
 
 _ALBEDO = 150.0
-"""grey level of a face that looks along W's -y, where the camera stands"""
+"""grey level of a face whose normal points along W's -y, towards the camera"""
 _AMBIENT = 0.5
 _SHADES = 5.0
-"""grey levels between the shades of faces, about twice the noise: neighbours of one shade need no border, so that a round wall has few"""
+"""step between the grey levels of faces, about twice the noise: neighbours of equal shade need no boundary,
+so that a round wall has few"""
 
 
 @dataclass(frozen=True)
@@ -31,14 +32,14 @@ class _Card:
     group: int
     T_object_marker: NDArray[np.float64]
     points: NDArray[np.float64]
-    """(n, 3) m in O"""
+    """(n, 3) points of the tag's lines [m, in O]"""
     lines: Lines
 
 
 class ObjectPainter:
-    """Draws one object through one lens.
+    """Painter of one object with its tags.
 
-    Not modelled: the rounding of edges, what is printed on the faces, gloss, light from one face on another.
+    Not modelled: the rounding of edges, print on the faces, gloss, light reflected between faces.
     """
 
     def __init__(self, virtual_object: VirtualObject, lens: Lens, width: int, height: int) -> None:
@@ -55,15 +56,26 @@ class ObjectPainter:
         self._vertices = virtual_object.mesh_vertices
 
     def layer(self, p_world_object: NDArray[np.float64], R_world_object: NDArray[np.float64]) -> Layer | None:
-        """Everything of the object, None where it is out of view. (k, 3) m, (k, 3, 3); what is visible is decided at the middle pose."""
+        """Layer of object and tags at k poses; None if out of view. Visibility is decided at the middle pose.
+
+        Args:
+            p_world_object: (k, 3) positions [m].
+            R_world_object: (k, 3, 3) rotations.
+        """
         middle = len(p_world_object) // 2
         R = R_world_object[middle]
         camera_object = (self._lens.p_world_camera - p_world_object[middle]) @ R
         pose = (p_world_object, R_world_object)
-        order = sorted(range(len(self._groups)), key=lambda g: float(np.linalg.norm(self._groups[g].vertices.mean(axis=0) - camera_object)))
+
+        def distance(g: int) -> float:
+            return float(np.linalg.norm(self._groups[g].vertices.mean(axis=0) - camera_object))
+
+        def faces_camera(card: _Card) -> bool:
+            return bool((camera_object - card.T_object_marker[:3, 3]) @ card.T_object_marker[:3, 2] > 0)
+
         drawn: list[Layer] = []
-        for g in order:
-            facing = [c for c in self._cards if c.group == g and (camera_object - c.T_object_marker[:3, 3]) @ c.T_object_marker[:3, 2] > 0]
+        for g in sorted(range(len(self._groups)), key=distance):
+            facing = [card for card in self._cards if card.group == g and faces_camera(card)]
             cards = [item for item in (self._card(card, R, pose) for card in facing) if item is not None]
             surface = self._group(self._groups[g], camera_object, R, pose)
             if surface is not None:
@@ -72,14 +84,25 @@ class ObjectPainter:
                 drawn += cards
         return composed(drawn) if drawn else None
 
-    def shadow(self, p_world_object: NDArray[np.float64], R_world_object: NDArray[np.float64]) -> Layer | None:
-        """What the object shades of the table, one pose (3,), (3, 3); softened by 9 px."""
+    def shadow(
+        self, p_world_object: NDArray[np.float64], R_world_object: NDArray[np.float64]
+    ) -> Layer | None:
+        """Shadow of the object on the table, softened by 9 px; None if out of view.
+
+        Args:
+            p_world_object: (3,) position [m].
+            R_world_object: (3, 3) rotation.
+        """
         points = self._vertices @ R_world_object.T + p_world_object
         points = points - np.maximum(points[:, 2:], 0.0) / LIGHT_WORLD[2] * LIGHT_WORLD
-        # cv2.convexHull runs clockwise in an image whose y points down
-        hull = cv2.convexHull(self._lens.pixels(points).astype(np.float32), clockwise=False)[:, 0].astype(np.float64)
+        # With clockwise=False, cv2.convexHull runs clockwise in an image whose y points down.
+        hull = cv2.convexHull(self._lens.pixels(points).astype(np.float32), clockwise=False)[:, 0].astype(
+            np.float64
+        )
         one = np.ones(len(hull))
-        found = layer(Outline(hull[None], np.roll(hull, -1, axis=0)[None], one, one), self._width, self._height)
+        found = layer(
+            Outline(hull[None], np.roll(hull, -1, axis=0)[None], one, one), self._width, self._height
+        )
         if found is None:
             return None
         box = found.box.grown(6, self._width, self._height)
@@ -89,15 +112,21 @@ class ObjectPainter:
         return Layer(box, cover, cover)
 
     def _nearest_group(self, point: NDArray[np.float64]) -> int:
-        gaps = [np.linalg.norm(np.maximum(0.0, np.maximum(g.vertices.min(0) - point, point - g.vertices.max(0)))) for g in self._groups]
+        boxes = [(group.vertices.min(0), group.vertices.max(0)) for group in self._groups]
+        gaps = [np.linalg.norm(np.maximum(0.0, np.maximum(low - point, point - high))) for low, high in boxes]
         return int(np.argmin(gaps))
 
-    def _pixels(self, points: NDArray[np.float64], pose: tuple[NDArray[np.float64], NDArray[np.float64]]) -> NDArray[np.float64]:
+    def _pixels(
+        self, points: NDArray[np.float64], pose: tuple[NDArray[np.float64], NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
         p, R = pose
         return self._lens.pixels(points @ np.swapaxes(R, 1, 2) + p[:, None, :])
 
     def _card(
-        self, card: _Card, R_world_object: NDArray[np.float64], pose: tuple[NDArray[np.float64], NDArray[np.float64]]
+        self,
+        card: _Card,
+        R_world_object: NDArray[np.float64],
+        pose: tuple[NDArray[np.float64], NDArray[np.float64]],
     ) -> Layer | None:
         brightness = _shade(R_world_object @ card.T_object_marker[:3, 2])
         pixels = self._pixels(card.points, pose)
@@ -115,7 +144,7 @@ class ObjectPainter:
         visible = np.append(np.sum((camera_object - group.face_point) * group.face_normal, axis=1) > 0, False)
         shade = np.round(_ALBEDO * _shade(group.face_normal @ R_world_object.T) / _SHADES) * _SHADES
         value = np.append(shade, 0.0) * visible
-        # counter-clockwise on the surface is counter-clockwise in the image: the inside lies on the left
+        # Counter-clockwise on the surface is counter-clockwise in the image: the inside lies on the left.
         step = value[group.right_face] - value[group.left_face]
         cover = visible[group.right_face].astype(np.float64) - visible[group.left_face]
         used = (step != 0) | (cover != 0)
@@ -125,6 +154,6 @@ class ObjectPainter:
 
 
 def _shade(normal_world: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lambert plus ambient, (..., 3) unit normals to (...) factors; 1 for a face that looks along -y."""
+    """Shading factor (...) of unit normals (..., 3), Lambert plus ambient; 1 for a normal along -y."""
     lit = np.maximum(normal_world @ LIGHT_WORLD, 0.0)
     return (_AMBIENT + (1.0 - _AMBIENT) * lit) / (_AMBIENT + (1.0 - _AMBIENT) * -LIGHT_WORLD[1])

@@ -1,4 +1,4 @@
-"""A printed tag as border lines between black and white, each with the difference it makes."""
+"""Printed tag as boundary lines between black and white areas, each with its step in grey level."""
 
 from __future__ import annotations
 
@@ -23,27 +23,29 @@ RIM_CELLS = 1
 
 @dataclass(frozen=True)
 class Lines:
-    """Directed straight lines; see `coverage` for their orientation."""
+    """Directed straight lines of a tag; see `coverage` for their orientation."""
 
     points: NDArray[np.float64]
-    """(n, 2) cells from the card's centre, x right, y up"""
+    """(n, 2) points in cells from the card's centre, x right, y up"""
     start: NDArray[np.int64]
-    """(m,) indices of points"""
+    """(m,) index of each line's start point"""
     end: NDArray[np.int64]
-    """(m,)"""
+    """(m,) index of each line's end point"""
     value: NDArray[np.float64]
     """(m,) grey levels inside minus outside"""
     cover: NDArray[np.float64]
-    """(m,) 1 on the card's rim, 0 within"""
+    """(m,) 1 on the card's rim, 0 inside it"""
     tag_cells: int
-    """along an edge of the black square"""
+    """number of cells along an edge of the black square"""
 
 
 @cache
 def tag_lines(family: TagFamily, marker_id: int) -> Lines:
-    """Borders of a tag on its card, merged to the longest straight runs, then cut so that lens distortion can bend them.
+    """Boundary lines of a tag on its card, in pieces short enough for lens distortion to bend them.
 
-    Orientation as the detector sees it: the first row of `generateImageMarker` is the top (+y), its first corner the top left (-x, +y).
+    Orientation as in the detector: the first row of `generateImageMarker` is the top (+y), its first corner
+        the top
+    left (-x, +y).
     """
     dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family.opencv))
     tag_cells = dictionary.markerSize + 2
@@ -55,7 +57,8 @@ def tag_lines(family: TagFamily, marker_id: int) -> Lines:
     rows = _runs(np.diff(card, axis=0))
     columns = [(line, a, b, -step) for line, a, b, step in _runs(np.diff(card, axis=1).T)]
     half = cells / 2
-    # row borders run left to right with the inside below them, column borders top to bottom with the inside on their left
+    # Row boundaries run left to right with the inside below them, column boundaries top to bottom with the
+    # inside on their left.
     runs = [((a - half, half - line), (b - half, half - line), step, line) for line, a, b, step in rows]
     runs += [((line - half, half - a), (line - half, half - b), step, line) for line, a, b, step in columns]
     points: list[tuple[float, float]] = []
@@ -71,7 +74,7 @@ def tag_lines(family: TagFamily, marker_id: int) -> Lines:
 
 
 def _runs(steps: NDArray[np.float64]) -> list[tuple[int, int, int, float]]:
-    """(line, from, to, step) for each run of equal non-zero steps; the outermost cells are outside the card."""
+    """Runs (line, from, to, step) of equal non-zero steps; the outermost cells are outside the card."""
     found = []
     for line, row in enumerate(steps):
         edges = np.concatenate([[0], np.flatnonzero(np.diff(row)) + 1, [len(row)]])

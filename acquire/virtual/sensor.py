@@ -1,6 +1,7 @@
-"""From light to grey levels: exposure, gain, vignette, shot and read noise, saturation, 8 bits.
+"""Camera sensor: exposure, gain, vignette, shot and read noise, saturation, 8 bits.
 
-Not modelled: fixed pattern, row noise, hot pixels, black level, rolling shutter (the camera is a global shutter one).
+Not modelled: fixed pattern, row noise, hot pixels, black level, rolling shutter (the camera has a global
+    shutter).
 """
 
 from __future__ import annotations
@@ -14,16 +15,16 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 REFERENCE_EXPOSURE_US = 1500.0
-"""exposure at 0 dB for which the scene's grey levels hold"""
+"""exposure at 0 dB at which the scene's grey levels are defined"""
 FULL_WELL_E = 6000.0
 """electrons at grey level 255 and 0 dB: shot noise of 3.1 levels on white paper"""
 READ_NOISE = 1.5
-"""grey levels, 1 sigma at 0 dB, with quantisation of the converter"""
+"""standard deviation in grey levels at 0 dB, including the converter's quantisation"""
 _BANK = 1 << 22
 
 
 def brightness(exposure_us: float, gain_db: float) -> float:
-    """Factor on the scene's grey levels."""
+    """Factor on the scene's grey levels due to exposure and gain."""
     return exposure_us / REFERENCE_EXPOSURE_US * gain_factor(gain_db)
 
 
@@ -33,21 +34,26 @@ def gain_factor(gain_db: float) -> float:
 
 
 def vignette(width: int, height: int) -> NDArray[np.float32]:
-    """(height, width) factor: 1 in the centre, 0.9 in the corners."""
+    """Vignetting factor (height, width): 1 in the centre, 0.9 in the corners."""
     x = (np.arange(width) - (width - 1) / 2) / (width / 2)
     y = (np.arange(height) - (height - 1) / 2) / (height / 2)
     return (1.0 - 0.05 * (x[None, :] ** 2 + y[:, None] ** 2)).astype(np.float32)
 
 
 def noise_sd(clean: NDArray[np.float32], gain_db: float) -> NDArray[np.float32]:
-    """Standard deviation per pixel: sd^2 = (read * gain)^2 + 255 * gain * level / full well. `clean` in grey levels, any shape."""
+    """Standard deviation per pixel [grey levels]: sd^2 = (read * gain)^2 + 255 * gain * level / full well.
+
+    Args:
+        clean: noise-free grey levels of any shape.
+        gain_db: gain of the sensor.
+    """
     gain = gain_factor(gain_db)
     variance = cv2.addWeighted(clean, 255.0 * gain / FULL_WELL_E, clean, 0.0, (READ_NOISE * gain) ** 2)
     return np.asarray(cv2.sqrt(variance), np.float32)
 
 
 class NoiseBank:
-    """Normal noise drawn once; each frame takes a stretch of it from a random place."""
+    """Store of normal noise drawn once; each frame uses a section of it at a random offset."""
 
     def __init__(self, rng: np.random.Generator, width: int, height: int) -> None:
         self._rng = rng
@@ -56,7 +62,7 @@ class NoiseBank:
         self._work = np.empty(self._shape, np.float32)
 
     def expose(self, clean: NDArray[np.float32], sd: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """A frame: clean + noise, rounded, saturated. Both (height, width)."""
+        """Frame (height, width): clean + noise, rounded and saturated. `clean` and `sd`: (height, width)."""
         size = clean.size
         offset = int(self._rng.integers(0, _BANK - size))
         noise = self._bank[offset : offset + size].reshape(self._shape)

@@ -1,4 +1,4 @@
-"""The virtual station, known exactly to renderer and demo alike: camera, arm, gravity."""
+"""Virtual station: camera, arm and gravity, known exactly to renderer and demo."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 ARM_LENGTH_M = 0.12
-"""hinge to the tip sphere's centre"""
+"""distance from the hinge to the tip sphere's centre"""
 TIP_RADIUS_M = 0.008
 ARM_INERTIA_KG_M2 = 0.0025
-"""about the hinge: 0.12 m arm, 8 mm tip and the reflected rotor of a geared servo"""
+"""inertia about the hinge: 0.12 m arm, 8 mm tip and the reflected rotor of a geared servo"""
 G_M_S2 = 9.81
 TABLE_FRICTION = (0.60, 0.80)
-"""least and greatest coefficient between objects and the strip of fine sandpaper that lies under the pivot line"""
+"""range of the coefficient between objects and the strip of fine sandpaper under the pivot line"""
 WIDTH_PX, HEIGHT_PX = 656, 492
 
 
@@ -25,28 +25,31 @@ class Station:
     """Camera and arm of one virtual rig."""
 
     K: NDArray[np.float64]
-    """(3, 3) px"""
+    """(3, 3) camera matrix [px]"""
     distortion: NDArray[np.float64]
     """(5,) k1, k2, p1, p2, k3 (OpenCV)"""
     T_world_camera: NDArray[np.float64]
-    """(4, 4)"""
+    """(4, 4) pose of the camera"""
 
 
 def station(seed: int) -> Station:
-    """The station that seed `seed` sets up: 2.6 px/mm at the pivot, camera mounted within a few mm and 0.3 degrees of nominal."""
+    """Station for a seed: 2.6 px/mm at the pivot, camera within a few mm and 0.3 degrees of nominal."""
     rng = np.random.default_rng((seed, 0x57A7))
     K = np.array([[1430.0, 0.0, 327.5], [0.0, 1430.0, 245.5], [0.0, 0.0, 1.0]])
     K[:2, 2] += rng.uniform(-4.0, 4.0, 2)
-    distortion = np.array([-0.12, 0.10, 0.0, 0.0, 0.0]) + np.array([0.02, 0.03, 3e-4, 3e-4, 0.0]) * rng.uniform(-1, 1, 5)
+    distortion = np.array([-0.12, 0.10, 0.0, 0.0, 0.0]) + np.array(
+        [0.02, 0.03, 3e-4, 3e-4, 0.0]
+    ) * rng.uniform(-1, 1, 5)
     R_nominal = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     T_world_camera = np.eye(4)
-    T_world_camera[:3, :3] = R_nominal @ Rotation.from_rotvec(np.radians(0.3) * rng.uniform(-1, 1, 3)).as_matrix()
+    turn = Rotation.from_rotvec(np.radians(0.3) * rng.uniform(-1, 1, 3)).as_matrix()
+    T_world_camera[:3, :3] = R_nominal @ turn
     T_world_camera[:3, 3] = np.array([0.03, -0.55, 0.08]) + 0.002 * rng.uniform(-1, 1, 3)
     return Station(K, distortion, T_world_camera)
 
 
 def calibration_sheet(seed: int) -> dict[str, Any]:
-    """What a calibration of this station would say: a CameraCalibrationSpec under `camera`, the arm under `striker`."""
+    """Calibration of this station: a CameraCalibrationSpec under `camera`, the arm under `striker`."""
     rig = station(seed)
     return {
         "camera": {

@@ -1,4 +1,7 @@
-"""Adds what the virtual world knows to a finished recording, under /truth/. The recording's content_id does not change."""
+"""Merge of the virtual world's ground truth into a finished recording, under /truth/.
+
+The recording's content_id does not change.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,10 @@ from schemas.proto import percuss_pb2 as pb
 
 
 def merge_truth(recording: Path, truth_file: Path) -> None:
-    """Append the world's log to the recording; world time is the host's monotonic clock.
+    """Append the truth file to the recording; world time is the host's monotonic clock.
 
     Raises:
-        RecorderError: the recording cannot be rewritten; it is left as it was.
+        RecorderError: the recording cannot be rewritten; it is unchanged.
     """
     anchor = read_manifest(recording).wall_anchor_ns
     append_topics(recording, _messages(truth_file, anchor))

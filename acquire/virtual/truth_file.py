@@ -1,6 +1,8 @@
-"""The world's log: what really happened, beside the recording until it is merged under /truth/.
+"""Truth file of the virtual world: true poses and contacts, later merged into the recording.
 
-Layout: a varint length and a TruthBody; then any number of (kind byte, varint length, message), kind 1 = TruthPose, 2 = TruthContact.
+Layout: a varint length and a TruthBody; then any number of (kind byte, varint length, message), kind 1 =
+    TruthPose,
+2 = TruthContact.
 """
 
 from __future__ import annotations
@@ -21,12 +23,14 @@ _POSE, _CONTACT = 1, 2
 
 
 class TruthWriter:
-    """Writes the log; replaces an old one."""
+    """Writer of a truth file; an existing file is replaced."""
 
     def __init__(self, path: Path, body: pb.TruthBody) -> None:
         self.path = path
         path.unlink(missing_ok=True)
-        self._file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb", buffering=1 << 16)
+        self._file = os.fdopen(
+            os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb", buffering=1 << 16
+        )
         self._file.write(_delimited(body))
 
     def pose(self, message: pb.TruthPose) -> None:
@@ -38,7 +42,7 @@ class TruthWriter:
         self._file.write(bytes([_CONTACT]) + _delimited(message))
 
     def flush(self) -> None:
-        """Everything so far reaches the file."""
+        """Write all buffered messages to the file."""
         self._file.flush()
 
     def close(self) -> None:
@@ -47,15 +51,16 @@ class TruthWriter:
 
 
 def read_truth_file(path: Path) -> Iterator[TruthMessage]:
-    """All messages in order, the body first.
+    """Yield all messages in order, the body first.
 
     Raises:
-        AcquireError: no such file, or it ends within a message.
+        AcquireError: the file cannot be read, or ends within a message.
     """
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise AcquireError(f"{path}: cannot be read ({error.strerror}): did the virtual world start?") from None
+        problem = f"{path}: cannot be read ({error.strerror}): check that the virtual world started"
+        raise AcquireError(problem) from None
     try:
         body, at = _read(data, 0)
         yield pb.TruthBody.FromString(body)
@@ -64,7 +69,9 @@ def read_truth_file(path: Path) -> Iterator[TruthMessage]:
             message, at = _read(data, at + 1)
             yield kind.FromString(message)
     except (IndexError, KeyError, ValueError):
-        raise AcquireError(f"{path}: ends within a message or is no log of the virtual world: run the demo again") from None
+        raise AcquireError(
+            f"{path}: ends within a message or is not a truth file of the virtual world: run the demo again"
+        ) from None
 
 
 def _read(data: bytes, at: int) -> tuple[bytes, int]:

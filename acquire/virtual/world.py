@@ -1,9 +1,9 @@
-"""The physics world: one object on a table and the striker's arm, in steps of the world clock (host monotonic ns).
+"""Simulated world: one object on a table and the striker's arm, stepped by the host's monotonic clock.
 
-The arm's motor is asked for a torque once per millisecond. While the object lies at rest out of the striker's reach only the arm is
-integrated, so that an idle world costs next to nothing and nothing creeps.
+The arm's motor is called for a torque once per millisecond. While the object is at rest out of the striker's
+reach only the arm is integrated, so that an idle world costs almost nothing and nothing creeps.
 """
-# mujoco takes its names from a compiled module that pyright cannot see into.
+# mujoco takes its names from a compiled module that pyright cannot analyse.
 # pyright: reportAttributeAccessIssue=false
 
 from __future__ import annotations
@@ -30,63 +30,66 @@ if TYPE_CHECKING:
     from acquire.virtual.objects import VirtualObject
 
 Motor = Callable[[float, float, int], float]
-"""torque on the arm [N m] from its angle [rad], velocity [rad/s] and the world's time [ns]"""
+"""torque on the arm [N m] as a function of its angle [rad], velocity [rad/s] and the world time [ns]"""
 
 TICK_NS = 1_000_000
 _SUBSTEPS = round(TICK_NS * 1e-9 / TIMESTEP_S)
 _NEAR_M = 0.002
-"""clearance below which the striker and the object are stepped one by one"""
+"""clearance below which every time step is examined for contact"""
 _REST_SPEED, _REST_RATE, _REST_TICKS = 2e-4, 2e-3, 200
-"""m/s, rad/s and ms: slower than both for this long is rest"""
+"""an object slower than both [m/s, rad/s] for this time [ms] is at rest"""
 _CONTACT_GAP_NS = 2_000_000
-"""a shorter gap belongs to the same contact"""
+"""longest gap within one contact"""
 _DROP_M = 0.0001
-"""an object is put down from this height"""
+"""height from which an object is released"""
 
 
 @dataclass(frozen=True)
 class WorldState:
-    """The world at one instant."""
+    """State of object and arm at one instant."""
 
     time_ns: int
     p_world_object: NDArray[np.float64]
-    """(3,) m"""
+    """(3,) position [m]"""
     q_world_object_wxyz: NDArray[np.float64]
-    """(4,)"""
+    """(4,) unit quaternion"""
     linear_velocity: NDArray[np.float64]
-    """(3,) m/s, of O's origin, in W"""
+    """(3,) velocity of O's origin in W [m/s]"""
     angular_velocity: NDArray[np.float64]
-    """(3,) rad/s, in W"""
+    """(3,) angular velocity in W [rad/s]"""
     arm_angle: float
+    """[rad]"""
     arm_velocity: float
+    """[rad/s]"""
     p_world_hinge: NDArray[np.float64]
-    """(3,) m, where the arm's hinge stands"""
+    """(3,) position of the arm's hinge [m]"""
     at_rest: bool
+    """True if the object is at rest"""
 
 
 @dataclass(frozen=True)
 class StrikerContact:
-    """One contact between tip and object, complete."""
+    """Completed contact between tip and object."""
 
     time_ns: int
-    """first touch"""
+    """time of first contact"""
     impulse_n_s: float
     p_world_contact: NDArray[np.float64]
-    """(3,) m, at first touch"""
+    """(3,) point of first contact [m]"""
     duration_s: float
 
 
 class World:
-    """Object, table, arm. Not thread-safe: one loop owns it.
+    """Physics of object, table and arm. Not thread-safe: one loop owns it.
 
     Args:
         thing: the object.
-        motor: torque of the arm's motor, asked once per millisecond.
-        start_ns: the world clock now.
-        on_tick: hears the state after every millisecond.
-        on_contact: hears every finished contact of the striker with the object.
-        table_tilt: (2,) rad, gravity turned against the table's normal about W's x and y.
-        arm_angle: rad, where the arm starts.
+        motor: torque of the arm's motor, called once per millisecond.
+        start_ns: world time at the start.
+        on_tick: called with the state after every millisecond.
+        on_contact: called with every completed contact of the striker with the object.
+        table_tilt: (2,) rotation of gravity against the table's normal about W's x and y [rad].
+        arm_angle: initial angle of the arm [rad].
     """
 
     def __init__(
@@ -124,27 +127,35 @@ class World:
         low = self._thing.hull_vertices.min(axis=0)
         self.place(np.eye(3), -np.array([0.0, 0.0, low[2]]), np.array([low[0], 0.0, -0.5 * low[2]]))
 
-    # --- what the operator does --------------------------------------------------------------------------------------
+    # --- operator
+    # ----------------------------------------------------------------------------------------------
 
     def place(
-        self, R_world_object: NDArray[np.float64], p_world_object: NDArray[np.float64], impact_point_world: NDArray[np.float64]
+        self,
+        R_world_object: NDArray[np.float64],
+        p_world_object: NDArray[np.float64],
+        impact_point_world: NDArray[np.float64],
     ) -> None:
-        """Put the object down and set the arm's stand so that the hanging arm's tip touches the impact point.
+        """Place the object, and set the arm's stand so that the hanging arm's tip touches the impact point.
 
-        The object is let go a tenth of a millimetre over the table, whatever height is given. Until the tip has once been clear of the
-        object it passes through: the stand is moved in after the object.
+        The object is released a tenth of a millimetre over the table, whatever height is given. The tip
+        passes through the object until it has once been clear of it, because the stand is moved in after the
+        object.
 
         Args:
-            R_world_object: (3, 3).
-            p_world_object: (3,) m.
-            impact_point_world: (3,) m, on the object's surface; the tip moves along +x there.
+            R_world_object: (3, 3) rotation.
+            p_world_object: (3,) position [m].
+            impact_point_world: (3,) point on the object's surface [m]; the tip moves along +x there.
 
         Raises:
-            AcquireError: not a rotation.
+            AcquireError: R_world_object is not a rotation.
         """
         R = np.asarray(R_world_object, dtype=float)
         if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-4) or np.linalg.det(R) < 0:
-            raise AcquireError("virtual world: R_world_object is no rotation matrix: give an orthonormal 3 x 3 with determinant +1")
+            raise AcquireError(
+                "virtual world: R_world_object is not a rotation matrix: "
+                "give an orthonormal 3 x 3 matrix with determinant +1"
+            )
         data = self._data
         x, y, z, w = Rotation.from_matrix(R).as_quat()
         lowest = float((self._centres @ R[2]).min()) - self._thing.edge_radius_m
@@ -159,36 +170,51 @@ class World:
         self._at_rest, self._slow_ticks, self._contact = False, 0, None
         mujoco.mj_forward(self._model, data)
 
-    def push(self, p_world: NDArray[np.float64], impulse_world: NDArray[np.float64], duration_s: float) -> None:
-        """Push the object from now on, as a finger does: a half-sine of force, in steps of 1 ms, at a point that goes with the object.
+    def push(
+        self, p_world: NDArray[np.float64], impulse_world: NDArray[np.float64], duration_s: float
+    ) -> None:
+        """Push the object like a finger, from now on: a half-sine of force in steps of 1 ms.
+
+        The force acts at a point that moves with the object.
 
         Args:
-            p_world: (3,) m, where.
-            impulse_world: (3,) N s.
-            duration_s: 0.002 to 0.1.
+            p_world: (3,) point of contact [m].
+            impulse_world: (3,) impulse [N s].
+            duration_s: duration of the contact, 0.002 to 0.1.
 
         Raises:
-            AcquireError: no such duration, or a push goes on.
+            AcquireError: the duration is out of range, or another push is under way.
         """
         ticks = round(duration_s * 1e9 / TICK_NS)
         if not 2 <= ticks <= 100 or self._push is not None:
-            raise AcquireError(f"virtual world: a push of {duration_s} s cannot begin now: give 0.002 to 0.1 s, one at a time")
+            raise AcquireError(
+                f"virtual world: a push of {duration_s} s cannot begin now: give 0.002 to 0.1 s, "
+                "one at a time"
+            )
         weights = np.sin(np.pi * (np.arange(ticks) + 0.5) / ticks)
         impulse = np.array(impulse_world, dtype=float)
         forces = impulse * (weights / (weights.sum() * TICK_NS * 1e-9))[:, None]
-        point = _rotate(self._qpos[3:7] * (1, -1, -1, -1), np.array(p_world, dtype=float) - self._qpos[0:3])
-        self._push = _Push(self.time_ns, deque(forces), point, np.array(p_world, dtype=float), float(np.linalg.norm(impulse)), duration_s)
+        position = np.array(p_world, dtype=float)
+        self._push = _Push(
+            first_ns=self.time_ns,
+            forces=deque(forces),
+            p_object=_rotate(self._qpos[3:7] * (1, -1, -1, -1), position - self._qpos[0:3]),
+            position=position,
+            impulse=float(np.linalg.norm(impulse)),
+            duration_s=duration_s,
+        )
 
-    # --- time ----------------------------------------------------------------------------------------------------------
+    # --- time
+    # --------------------------------------------------------------------------------------------------
 
     def step_to(self, time_ns: int) -> None:
-        """Step whole milliseconds up to `time_ns`."""
+        """Step by whole milliseconds up to `time_ns`."""
         while self.time_ns + TICK_NS <= time_ns:
             self._tick()
 
     @property
     def at_rest(self) -> bool:
-        """The object lies still; the arm may move."""
+        """True if the object is at rest; the arm may move."""
         return self._at_rest
 
     def arm(self) -> tuple[float, float]:
@@ -196,7 +222,7 @@ class World:
         return float(self._qpos[7]), float(self._qvel[6])
 
     def state(self) -> WorldState:
-        """Everything that moves, now."""
+        """Current state of object and arm."""
         q = self._qpos[3:7].copy()
         return WorldState(
             self.time_ns,
@@ -214,7 +240,8 @@ class World:
         angle, velocity = self.arm()
         torque = self._motor(angle, velocity, self.time_ns)
         reach = _NEAR_M + 2e-3 * ARM_LENGTH_M * abs(velocity)
-        if self._push is None and self._at_rest and self._gap_at_rest[1] - ARM_LENGTH_M * abs(angle - self._gap_at_rest[0]) > reach:
+        gap = self._gap_at_rest[1] - ARM_LENGTH_M * abs(angle - self._gap_at_rest[0])
+        if self._push is None and self._at_rest and gap > reach:
             self._swing(torque)
         else:
             self._tick_near(torque, reach)
@@ -223,7 +250,7 @@ class World:
         self._on_tick(self.state())
 
     def _tick_near(self, torque: float, reach: float) -> None:
-        """A tick in which the object moves or the tip may be within `reach` [m] of it."""
+        """Step one tick in which the object moves or the tip may be within `reach` [m] of it."""
         data = self._data
         clearance = self._clearance()
         if self._model.geom_contype[self._tip] == 0 and clearance > _NEAR_M:
@@ -239,13 +266,13 @@ class World:
         if near:
             for i in range(_SUBSTEPS):
                 mujoco.mj_step(self._model, data)
-                self._feel(self.time_ns + (i + 1) * (TICK_NS // _SUBSTEPS))
+                self._accumulate_contact(self.time_ns + (i + 1) * (TICK_NS // _SUBSTEPS))
         else:
             mujoco.mj_step(self._model, data, nstep=_SUBSTEPS)
-        self._notice_rest(near=near or pushed)
+        self._update_rest(near=near or pushed)
 
     def _apply_push(self) -> bool:
-        """The push's force of this millisecond; whether there is one."""
+        """Apply the push's force of this millisecond; True if there is one."""
         push = self._push
         applied = self._data.xfrc_applied[self._object_body]
         applied[:] = 0.0
@@ -261,22 +288,25 @@ class World:
         return True
 
     def _swing(self, torque: float) -> None:
-        """The arm alone: I a'' = torque - damping a' - m g l/2 sin a, semi-implicit."""
+        """Integrate the arm alone over a tick: I a'' = torque - damping a' - m g l/2 sin a, semi-implicit."""
         angle, velocity = self.arm()
         for _ in range(_SUBSTEPS):
             acceleration = (torque - self._arm_gravity * math.sin(angle)) / ARM_INERTIA_KG_M2
-            velocity = (velocity + TIMESTEP_S * acceleration) / (1 + TIMESTEP_S * ARM_DAMPING / ARM_INERTIA_KG_M2)
+            velocity = (velocity + TIMESTEP_S * acceleration) / (
+                1 + TIMESTEP_S * ARM_DAMPING / ARM_INERTIA_KG_M2
+            )
             angle += TIMESTEP_S * velocity
         self._qpos[7], self._qvel[6] = angle, velocity
 
     def _clearance(self) -> float:
-        """Lower bound [m] of the gap between tip and object."""
+        """Lower bound of the gap between tip and object [m]."""
         angle = float(self._qpos[7])
-        centre = self._model.body_pos[self._arm_body] + ARM_LENGTH_M * np.array([math.sin(angle), 0.0, -math.cos(angle)])
+        hanging = np.array([math.sin(angle), 0.0, -math.cos(angle)])
+        centre = self._model.body_pos[self._arm_body] + ARM_LENGTH_M * hanging
         in_object = _rotate(self._qpos[3:7] * (1, -1, -1, -1), centre - self._qpos[0:3])
         return float((self._planes[:, :3] @ in_object + self._planes[:, 3]).max()) - TIP_RADIUS_M
 
-    def _notice_rest(self, *, near: bool) -> None:
+    def _update_rest(self, *, near: bool) -> None:
         velocity = self._data.qvel
         slow = np.abs(velocity[0:3]).max() < _REST_SPEED and np.abs(velocity[3:6]).max() < _REST_RATE
         self._slow_ticks = self._slow_ticks + 1 if slow and not near else 0
@@ -285,8 +315,8 @@ class World:
             self._gap_at_rest = (0.0, -np.inf)
             self._data.qvel[0:6] = 0.0
 
-    def _feel(self, now_ns: int) -> None:
-        """Add up the striker's force over the step that ended now."""
+    def _accumulate_contact(self, now_ns: int) -> None:
+        """Add the striker's force over the step that ended now to the contact's impulse."""
         data = self._data
         for i in range(data.ncon):
             contact = data.contact[i]
@@ -296,12 +326,13 @@ class World:
             if self._force[0] <= 0:
                 continue
             if self._contact is None:
-                self._contact = _OpenContact(now_ns - self._age_ns(float(contact.dist)), 0.0, contact.pos.copy(), now_ns)
+                first_ns = now_ns - self._contact_age_ns(float(contact.dist))
+                self._contact = _OpenContact(first_ns, 0.0, contact.pos.copy(), now_ns)
             self._contact.impulse += float(self._force[0]) * TIMESTEP_S
             self._contact.last_ns = now_ns
 
-    def _age_ns(self, distance: float) -> int:
-        """How long before the end of this step the tip met the face: it stood `distance` [m] (negative) deep at the step's beginning."""
+    def _contact_age_ns(self, distance: float) -> int:
+        """Time from first contact to the end of this step; `distance` [m] < 0 at the step's beginning."""
         speed = ARM_LENGTH_M * abs(float(self._qvel[6]))
         return round(1e9 * (TIMESTEP_S + min(TIMESTEP_S, -distance / speed if speed > 0 else 0.0)))
 
@@ -315,7 +346,7 @@ class World:
 
 @dataclass
 class _OpenContact:
-    """A contact that goes on."""
+    """Contact in progress."""
 
     first_ns: int
     impulse: float
@@ -325,20 +356,20 @@ class _OpenContact:
 
 @dataclass
 class _Push:
-    """A push that goes on."""
+    """Push in progress."""
 
     first_ns: int
     forces: deque[NDArray[np.float64]]
-    """(3,) N, one for each millisecond to come"""
+    """forces (3,) [N] of the remaining milliseconds"""
     p_object: NDArray[np.float64]
-    """(3,) m"""
+    """(3,) point of contact in O [m]"""
     position: NDArray[np.float64]
     impulse: float
     duration_s: float
 
 
 def _rotate(q_wxyz: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The vector (3,) turned by the quaternion."""
+    """Vector (3,) rotated by the quaternion (4,)."""
     result = np.zeros(3)
     mujoco.mju_rotVecQuat(result, vector, q_wxyz)
     return result

@@ -1,8 +1,9 @@
-"""The MuJoCo model of one object on the table and the striker's arm.
+"""MuJoCo model of one object on the table and the striker's arm.
 
-The object's mass properties are given explicitly. It meets the table through the spheres of `contact_shape` and the striker's tip through
-its own shape (a primitive, or convex parts loaded as meshes). What the model leaves out: air, an elastic shell, a rough table, cards
-that stand off the surface, play and bending of the arm.
+The object's mass properties are given explicitly. It touches the table with the spheres of `contact_shape`,
+and the striker's tip with its own shape (a primitive, or convex parts loaded as meshes). What the model
+leaves out: air, an elastic shell, a rough table, cards that stand off the surface, play and bending of the
+    arm.
 """
 
 from __future__ import annotations
@@ -21,41 +22,40 @@ if TYPE_CHECKING:
 
 TIMESTEP_S = 0.0002
 ARM_MASS_KG = 0.05
-"""at half the arm's length"""
+"""mass of the arm, at half its length"""
 ARM_DAMPING = 0.0005
-"""N m s/rad, of the hinge; the gear's drag comes with the motor's torque"""
+"""damping of the hinge [N m s/rad]; the gear's drag is part of the motor's torque"""
 TABLE_CONTACT = 'solref="0.001 1" solimp="0.995 0.9995 0.0001"'
-"""stiff and without restitution: 10 um deep at rest"""
+"""stiff contact without restitution; 10 um deep at rest"""
 STRIKER_CONTACT = 'solref="0.0035 0.36" solimp="0.99 0.99 0.001"'
-"""800 rad/s and a damping ratio of 0.36: 3 ms long, restitution about 0.4"""
+"""800 rad/s with a damping ratio of 0.36: duration 3 ms, restitution about 0.4"""
 STRIKER_FRICTION = 0.1
-"""a polished tip; at 0.3 a fifth of the impulse would go into rubbing the rising face down"""
+"""polished tip; at 0.3 a fifth of the impulse would be lost in friction against the rising face"""
 
 
 def model_xml(thing: VirtualObject, gravity_world: NDArray[np.float64]) -> str:
-    """MJCF of the world.
+    """MuJoCo XML of the world.
 
     Args:
         thing: the object.
-        gravity_world: (3,) m/s2; not along -z where the table is tilted.
+        gravity_world: (3,) gravity [m/s2]; not along -z if the table is tilted.
     """
     body = thing.body
     I = body.inertia_com  # noqa: E741 - the field's name
     inertia = _numbers([I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]])
     friction = f'friction="{thing.friction:.9g} 0.005 0.0001"'
-    spheres = "\n".join(
-        f'<geom type="sphere" size="{thing.edge_radius_m:.9g}" pos="{_numbers(centre)}" contype="0" conaffinity="1" {friction}/>'
-        for centre in contact_centres(thing)
-    )
+    sphere = f'type="sphere" size="{thing.edge_radius_m:.9g}" contype="0" conaffinity="1" {friction}'
+    spheres = "\n".join(f'<geom {sphere} pos="{_numbers(centre)}"/>' for centre in contact_centres(thing))
     meshes, shapes = _striker_shapes(thing)
     arm_armature = ARM_INERTIA_KG_M2 - ARM_MASS_KG * (ARM_LENGTH_M / 2) ** 2
     return f"""<mujoco>
-<option timestep="{TIMESTEP_S}" integrator="implicitfast" cone="elliptic" impratio="100" gravity="{_numbers(gravity_world)}"
-        tolerance="1e-12" iterations="50"/>
+<option timestep="{TIMESTEP_S}" integrator="implicitfast" cone="elliptic" impratio="100"
+        gravity="{_numbers(gravity_world)}" tolerance="1e-12" iterations="50"/>
 <compiler balanceinertia="false"/>
 <asset>{meshes}</asset>
 <worldbody>
-<geom name="table" type="plane" size="2 2 0.1" contype="1" conaffinity="0" priority="1" {friction} {TABLE_CONTACT}/>
+<geom name="table" type="plane" size="2 2 0.1" contype="1" conaffinity="0" priority="1"
+      {friction} {TABLE_CONTACT}/>
 <body name="object" pos="0 0 0">
 <freejoint name="object"/>
 <inertial pos="{_numbers(body.com_object)}" mass="{body.mass_kg:.12g}" fullinertia="{inertia}"/>
@@ -65,24 +65,29 @@ def model_xml(thing: VirtualObject, gravity_world: NDArray[np.float64]) -> str:
 <body name="arm" pos="0 0 1">
 <joint name="arm" type="hinge" axis="0 -1 0" armature="{arm_armature:.9g}" damping="{ARM_DAMPING}"/>
 <inertial pos="0 0 {-ARM_LENGTH_M / 2}" mass="{ARM_MASS_KG}" diaginertia="1e-7 1e-7 1e-7"/>
-<geom name="tip" type="sphere" size="{TIP_RADIUS_M}" pos="0 0 {-ARM_LENGTH_M}" contype="2" conaffinity="0" priority="1"
-      friction="{STRIKER_FRICTION} 0.005 0.0001" {STRIKER_CONTACT}/>
+<geom name="tip" type="sphere" size="{TIP_RADIUS_M}" pos="0 0 {-ARM_LENGTH_M}"
+      contype="2" conaffinity="0" priority="1" friction="{STRIKER_FRICTION} 0.005 0.0001" {STRIKER_CONTACT}/>
 </body>
 </worldbody>
 </mujoco>"""
 
 
 def _striker_shapes(thing: VirtualObject) -> tuple[str, str]:
-    """Assets and geoms that the tip collides with."""
+    """Assets and geoms for collisions with the tip."""
     shape = thing.spec.shape
     collide = 'contype="0" conaffinity="2"'
     if shape.box is not None:
         return "", f'<geom type="box" size="{_numbers(np.array(shape.box.size_m) / 2)}" {collide}/>'
     if shape.cylinder is not None:
-        return "", f'<geom type="cylinder" size="{shape.cylinder.radius_m} {shape.cylinder.height_m / 2}" {collide}/>'
-    assets = "".join(f'<mesh name="part{i}" vertex="{_numbers(part.ravel())}"/>' for i, part in enumerate(thing.convex_parts))
-    # MuJoCo moves a mesh into its own principal frame; the geom's pose is corrected for that, so pos stays that of O.
-    return assets, "".join(f'<geom type="mesh" mesh="part{i}" {collide}/>' for i in range(len(thing.convex_parts)))
+        size = f"{shape.cylinder.radius_m} {shape.cylinder.height_m / 2}"
+        return "", f'<geom type="cylinder" size="{size}" {collide}/>'
+    parts = thing.convex_parts
+    assets = "".join(
+        f'<mesh name="part{i}" vertex="{_numbers(part.ravel())}"/>' for i, part in enumerate(parts)
+    )
+    # MuJoCo moves a mesh into its own principal frame and corrects the geom's pose for that, so pos is that
+    # of O.
+    return assets, "".join(f'<geom type="mesh" mesh="part{i}" {collide}/>' for i in range(len(parts)))
 
 
 def _numbers(values: NDArray[np.float64] | list[float]) -> str:

@@ -1,8 +1,8 @@
-"""Process of the virtual world: physics and servo in one real-time loop.
+"""World process of the virtual rig: physics and servo in one real-time loop.
 
-`python -m acquire.virtual.world_process --object carton --seed 1 --dir RUN` makes in RUN: `ttyDXL` (the servo), `pose.ring` (poses),
-`world.sock` (control, see OperatorLink) and `truth.bin`. Prints one JSON line when it is up. Ends on SIGTERM, on "quit" and when its
-parent ends.
+`python -m acquire.virtual.world_process --object carton --seed 1 --dir RUN` creates in RUN: `ttyDXL` (the
+servo), `pose.ring` (poses), `world.sock` (control, see OperatorLink) and `truth.bin`. Prints one JSON line
+when it is ready. Ends on SIGTERM, on "quit" and when its parent ends.
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ from acquire.virtual.world import TICK_NS, StrikerContact, World, WorldState
 from schemas.proto import percuss_pb2 as pb
 
 _IDLE_NS = 4_000_000
-"""between wake-ups while nothing moves"""
+"""interval between wake-ups while nothing moves"""
 _SLICE_NS = 10_000_000
-"""of physics between two looks at the bus, where the world has fallen behind"""
+"""physics time between two readings of the bus if the world has fallen behind"""
 _STILL_RAD_S = 0.02
 _RESTING_POSE_TICKS = 50
-"""truth holds every pose while the object moves, one in this many while it rests"""
+"""the truth file holds every pose while the object moves, and one in this many while it rests"""
 _PARENT_CHECK_NS = 500_000_000
 _REQUEST_BYTES = 1 << 16
 
 
 class WorldProcess:
-    """World, servo, ring, log and control socket, stepped together.
+    """World, servo, pose ring, truth file and control socket, stepped together.
 
     Args:
         thing: the object.
-        seed: of station, servo noise and, in the log, the whole world.
-        folder: where the files and sockets appear.
+        seed: seed of station and servo noise, also written to the truth file.
+        folder: folder for files and sockets.
         clock_ns: the world clock, CLOCK_MONOTONIC.
-        table_tilt: (2,) rad.
+        table_tilt: (2,) rotation of gravity about W's x and y [rad].
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class WorldProcess:
         self._truth = TruthWriter(folder / "truth.bin", truth_body(thing, seed, table_tilt))
         self._ticks = 0
         self._stale_ns = 0
-        """by how much what the servo tells may be older than a servo's answer is; the worst since somebody asked"""
+        """largest delay of the physics behind the servo's answers since the last request of the state"""
         self.world = World(
             thing,
             self._torque,
@@ -88,7 +88,7 @@ class WorldProcess:
         self.stopped = False
 
     def close(self) -> None:
-        """Take everything down; the log stays."""
+        """Close everything; the truth file stays."""
         for client in self._clients:
             client.close()
         self._listener.close()
@@ -96,19 +96,19 @@ class WorldProcess:
         self.servo.close()
         self._truth.close()
 
-    def run(self, goes_on: Callable[[], bool]) -> None:
-        """Step in real time until told to quit, or `goes_on` (asked twice a second) says no."""
+    def run(self, parent_alive: Callable[[], bool]) -> None:
+        """Step in real time until asked to quit, or until `parent_alive` returns False."""
         next_check_ns = 0
         while not self.stopped:
             now_ns = self._clock_ns()
             if now_ns >= next_check_ns:
-                if not goes_on():
+                if not parent_alive():
                     return
                 next_check_ns = now_ns + _PARENT_CHECK_NS
             self.step(now_ns)
 
     def step(self, now_ns: int) -> None:
-        """Bring the world to now, then wait until the next tick is due, answering the servo's bus at once."""
+        """Step the world to now, then wait until the next tick is due, answering the servo's bus at once."""
         self._catch_up(now_ns)
         still = self.world.at_rest and abs(self.world.arm()[1]) < _STILL_RAD_S
         due_ns = self.world.time_ns + (_IDLE_NS if still else TICK_NS)
@@ -127,10 +127,10 @@ class WorldProcess:
                 client.setblocking(False)
                 self._clients[client] = b""
             elif isinstance(source, socket.socket):
-                self._hear(source)
+                self._receive(source)
 
     def _catch_up(self, now_ns: int) -> None:
-        """Step the world to now; a servo answers in good time even where physics is behind, as a chip of its own would."""
+        """Step the world to now; the servo answers in time even if the physics is behind."""
         while now_ns - self.world.time_ns > _SLICE_NS:
             self.world.step_to(self.world.time_ns + _SLICE_NS)
             if self.servo.plugged_in:
@@ -142,9 +142,10 @@ class WorldProcess:
     def _torque(self, position_rad: float, velocity_rad_s: float, time_ns: int) -> float:
         return self.servo.torque(position_rad, velocity_rad_s, time_ns)
 
-    # --- control -------------------------------------------------------------------------------------------------------
+    # --- control
+    # -----------------------------------------------------------------------------------------------
 
-    def _hear(self, client: socket.socket) -> None:
+    def _receive(self, client: socket.socket) -> None:
         try:
             data = client.recv(_REQUEST_BYTES)
         except OSError:
@@ -156,51 +157,69 @@ class WorldProcess:
             return
         self._clients[client] = rest
         for line in lines:
-            with contextlib.suppress(OSError):  # a client that left gets no answer
+            with contextlib.suppress(OSError):  # the client has disconnected
                 client.sendall(json.dumps(self._answer(line)).encode() + b"\n")
 
     def _answer(self, line: bytes) -> dict[str, Any]:
         try:
-            request = json.loads(line)
-            match request["method"]:
-                case "place":
-                    wanted = [np.array(request[key], dtype=float) for key in ("R_world_object", "p_world_object", "impact_point_world")]
-                    self.world.place(*wanted)
-                    return {"ok": True}
-                case "push":
-                    where, impulse = (np.array(request[key], dtype=float).reshape(3) for key in ("p_world", "impulse_world"))
-                    self.world.push(where, impulse, float(request["duration_s"]))
-                    return {"ok": True}
-                case "truth":
-                    self._truth.flush()
-                    return {"path": str(self._truth.path)}
-                case "state":
-                    return self._state()
-                case "servo":
-                    return self._break_servo(request["what"])
-                case "quit":
-                    self.stopped = True
-                    return {"ok": True}
-                case other:
-                    return {"error": f"virtual world: no method '{other}': place, push, truth, state, servo and quit exist"}
+            return self._call(json.loads(line))
         except AcquireError as error:
             return {"error": str(error)}
         except (ValueError, KeyError, TypeError, RecursionError) as error:
             return {"error": f"virtual world: request cannot be understood ({type(error).__name__}: {error})"}
 
-    def _break_servo(self, what: str) -> dict[str, Any]:
-        match what:
+    def _call(self, request: dict[str, Any]) -> dict[str, Any]:
+        methods = {
+            "place": self._place,
+            "push": self._push,
+            "truth": self._flush_truth,
+            "state": self._state,
+            "servo": self._change_servo,
+            "quit": self._quit,
+        }
+        method = methods.get(request["method"])
+        if method is None:
+            return {
+                "error": f"virtual world: no method '{request['method']}': choose one of {', '.join(methods)}"
+            }
+        return method(request)
+
+    def _place(self, request: dict[str, Any]) -> dict[str, Any]:
+        keys = ("R_world_object", "p_world_object", "impact_point_world")
+        self.world.place(*(np.array(request[key], dtype=float) for key in keys))
+        return {"ok": True}
+
+    def _push(self, request: dict[str, Any]) -> dict[str, Any]:
+        p_world, impulse = (
+            np.array(request[key], dtype=float).reshape(3) for key in ("p_world", "impulse_world")
+        )
+        self.world.push(p_world, impulse, float(request["duration_s"]))
+        return {"ok": True}
+
+    def _flush_truth(self, _request: dict[str, Any]) -> dict[str, Any]:
+        self._truth.flush()
+        return {"path": str(self._truth.path)}
+
+    def _quit(self, _request: dict[str, Any]) -> dict[str, Any]:
+        self.stopped = True
+        return {"ok": True}
+
+    def _change_servo(self, request: dict[str, Any]) -> dict[str, Any]:
+        match request["what"]:
             case "unplug":
                 self.servo.close()
             case "plug in" if not self.servo.plugged_in:
                 self.servo.plug_in()
             case "overload":
                 self.servo.fail(HardwareError.OVERLOAD)
-            case _:
-                return {"error": f"virtual world: the servo cannot '{what}' now: unplug, plug in (an unplugged one) and overload exist"}
+            case other:
+                return {
+                    "error": f"virtual world: the servo cannot '{other}' now: "
+                    "choose unplug, plug in (if unplugged) or overload"
+                }
         return {"ok": True}
 
-    def _state(self) -> dict[str, Any]:
+    def _state(self, _request: dict[str, Any]) -> dict[str, Any]:
         state = self.world.state()
         stale_ns, self._stale_ns = self._stale_ns, 0
         return {
@@ -213,10 +232,17 @@ class WorldProcess:
             "q_world_object_wxyz": state.q_world_object_wxyz.tolist(),
         }
 
-    # --- logs ----------------------------------------------------------------------------------------------------------
+    # --- output
+    # ------------------------------------------------------------------------------------------------
 
     def _log_pose(self, state: WorldState) -> None:
-        self._ring.append(state.time_ns, state.p_world_object, state.q_world_object_wxyz, state.arm_angle, state.p_world_hinge)
+        self._ring.append(
+            state.time_ns,
+            state.p_world_object,
+            state.q_world_object_wxyz,
+            state.arm_angle,
+            state.p_world_hinge,
+        )
         self._ticks += 1
         if state.at_rest and self._ticks % _RESTING_POSE_TICKS:
             return
@@ -244,7 +270,7 @@ class WorldProcess:
 
 
 def truth_body(thing: VirtualObject, seed: int, table_tilt: tuple[float, float]) -> pb.TruthBody:
-    """What is hidden in the object and the station."""
+    """True mass properties of the object, and true parameters of the station."""
     body = thing.body
     normal, offset = body.region_plane
     return pb.TruthBody(
@@ -264,18 +290,23 @@ def truth_body(thing: VirtualObject, seed: int, table_tilt: tuple[float, float])
 
 
 def main() -> None:
-    """Entry point."""
+    """Run the world process."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--object", choices=OBJECT_NAMES, required=True)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--dir", type=Path, required=True)
-    parser.add_argument("--tilt-deg", type=float, nargs=2, default=(0.0, 0.0), help="gravity against the table, about W's x and y")
-    parser.add_argument("--parent", type=int, help="process id whose end is ours; default: who started us")
+    parser.add_argument(
+        "--tilt-deg", type=float, nargs=2, default=(0.0, 0.0), help="rotation of gravity about W's x and y"
+    )
+    parser.add_argument("--parent", type=int, help="end when this process ends; default: the parent process")
     arguments = parser.parse_args()
     tilt_x, tilt_y = np.radians(arguments.tilt_deg)
-    parent = arguments.parent or os.getppid()  # who started us may be gone before we have come so far
+    parent = arguments.parent or os.getppid()  # wrong if the parent has ended by now, hence --parent
     process = WorldProcess(
-        load_object(arguments.object, arguments.seed), arguments.seed, arguments.dir, table_tilt=(float(tilt_x), float(tilt_y))
+        load_object(arguments.object, arguments.seed),
+        arguments.seed,
+        arguments.dir,
+        table_tilt=(float(tilt_x), float(tilt_y)),
     )
 
     def stop(_signal: int, _frame: object) -> None:
@@ -284,12 +315,13 @@ def main() -> None:
     signal.signal(signal.SIGTERM, stop)
     signal.signal(signal.SIGINT, stop)
     gc.freeze()
-    with contextlib.suppress(OSError):  # the physical world does not wait for the programs that watch it; an ordinary user may not ask
+    # A real world does not wait for the programs that watch it. An ordinary user may not raise the priority.
+    with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, -10)
     try:
         sys.stdout.write(json.dumps({"ready": True, "port": str(process.servo.port_path)}) + "\n")
         sys.stdout.flush()
-        process.run(goes_on=lambda: os.getppid() == parent)
+        process.run(parent_alive=lambda: os.getppid() == parent)
     finally:
         process.close()
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from acquire.virtual.hand import TOUCH_S, VirtualHand
+from acquire.virtual.hand import CONTACT_S, VirtualHand
 from acquire.virtual.truth import merge_truth
 from analyze.cli import main as analyze
 from analyze.reading.recording import open_recording, read_truth
@@ -35,10 +35,12 @@ def test_a_session_of_three_taps_from_the_first_to_the_answer() -> None:
             assert len(good) >= 3, rig.said
             for record in good:
                 # The images tell the middle of the touch; the sd is that of its beginning.
-                nearest = min(truth.contact_time_ns.tolist(), key=lambda time: abs(time - record.contact_time_ns))
+                nearest = min(
+                    truth.contact_time_ns.tolist(), key=lambda time: abs(time - record.contact_time_ns)
+                )
                 off_s, sd_s = (record.contact_time_ns - nearest) * 1e-9, record.contact_time_sd_ns * 1e-9
                 assert 0.002 < sd_s < 0.003
-                assert abs(off_s - TOUCH_S / 2) < 0.001
+                assert abs(off_s - CONTACT_S / 2) < 0.001
                 assert abs(off_s) < 3 * sd_s
         done = CliRunner().invoke(analyze, ["estimate", str(report.path), "--json"], catch_exceptions=False)
         assert done.exit_code == 0, done.stderr

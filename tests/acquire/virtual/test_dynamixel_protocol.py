@@ -20,7 +20,13 @@ GOLDEN = [
     ("clear", 1, 0x10, "0144584C22", "FFFFFD00010800100144584C22B1DC"),
     ("sync read", 0xFE, 0x82, "840004000102", "FFFFFD00FE090082840004000102CEFA"),
     ("sync read status", 2, 0x55, "001F080000", "FFFFFD0002080055001F080000BABE"),
-    ("sync write", 0xFE, 0x83, "74000400019600000002AA000000", "FFFFFD00FE11008374000400019600000002AA0000008287"),
+    (
+        "sync write",
+        0xFE,
+        0x83,
+        "74000400019600000002AA000000",
+        "FFFFFD00FE11008374000400019600000002AA0000008287",
+    ),
 ]
 
 
@@ -28,15 +34,28 @@ GOLDEN = [
 def test_the_manuals_packets(name: str, servo_id: int, instruction: int, parameters: str, wire: str) -> None:
     assert encode(servo_id, instruction, bytes.fromhex(parameters)).hex().upper() == wire
     (packet,) = Parser().feed(bytes.fromhex(wire))
-    assert (packet.id, packet.instruction, packet.parameters.hex().upper(), packet.intact) == (servo_id, instruction, parameters, True)
+    assert (packet.id, packet.instruction, packet.parameters.hex().upper(), packet.intact) == (
+        servo_id,
+        instruction,
+        parameters,
+        True,
+    )
 
 
 def test_the_crc_is_the_buypass_one() -> None:
-    assert crc16(b"123456789") == 0xFEE8  # check value of CRC-16/BUYPASS in the catalogue of parametrised CRC algorithms
+    assert (
+        crc16(b"123456789") == 0xFEE8
+    )  # check value of CRC-16/BUYPASS in the catalogue of parametrised CRC algorithms
 
 
-@given(st.lists(st.sampled_from([0x00, 0x01, 0xFC, 0xFD, 0xFE, 0xFF]), max_size=24).map(bytes), st.binary(max_size=6), st.integers(1, 7))
-def test_any_payload_survives_stuffing_rubbish_and_any_cut(payload: bytes, rubbish: bytes, piece: int) -> None:
+@given(
+    st.lists(st.sampled_from([0x00, 0x01, 0xFC, 0xFD, 0xFE, 0xFF]), max_size=24).map(bytes),
+    st.binary(max_size=6),
+    st.integers(1, 7),
+)
+def test_any_payload_survives_stuffing_rubbish_and_any_cut(
+    payload: bytes, rubbish: bytes, piece: int
+) -> None:
     wire = encode(1, 0x03, payload)
     parser = Parser()
     stream = rubbish.replace(b"\xff", b"\x00") + wire

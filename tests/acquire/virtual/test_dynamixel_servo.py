@@ -11,7 +11,13 @@ from pathlib import Path
 import pytest
 
 from acquire.striker.control_table import control_table
-from acquire.virtual.dynamixel_motor import CURRENT_UNIT_A, NO_LOAD_SPEED, TICK_RAD, TORQUE_PER_AMPERE, VELOCITY_UNIT_RAD_S
+from acquire.virtual.dynamixel_motor import (
+    CURRENT_UNIT_A,
+    NO_LOAD_SPEED,
+    TICK_RAD,
+    TORQUE_PER_AMPERE,
+    VELOCITY_UNIT_RAD_S,
+)
 from acquire.virtual.dynamixel_protocol import ALERT, Instruction, Parser, StatusError, encode
 from acquire.virtual.dynamixel_servo import DynamixelServo, HardwareError, WireTime
 
@@ -25,7 +31,9 @@ class Bench:
     def __init__(self, folder: Path, wire: WireTime | None = None) -> None:
         self.now_ns = 10**12
         self.angle = self.omega = 0.0
-        self.servo = DynamixelServo(lambda: (self.angle, self.omega), lambda: self.now_ns, folder / "tty", seed=3, wire=wire)
+        self.servo = DynamixelServo(
+            lambda: (self.angle, self.omega), lambda: self.now_ns, folder / "tty", seed=3, wire=wire
+        )
         self.host = os.open(self.servo.port_path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         self.set_speed(termios.B1000000)
         self.parser = Parser()
@@ -50,13 +58,17 @@ class Bench:
 
     def read(self, name: str) -> int:
         register = TABLE[name]
-        ((error, data),) = self.send(encode(1, Instruction.READ, struct.pack("<HH", register.address, register.size)))
+        ((error, data),) = self.send(
+            encode(1, Instruction.READ, struct.pack("<HH", register.address, register.size))
+        )
         assert error & ~ALERT == 0
         return register.decode(data)
 
     def write(self, name: str, value: int) -> int:
         register = TABLE[name]
-        ((error, _),) = self.send(encode(1, Instruction.WRITE, struct.pack("<H", register.address) + register.encode(value)))
+        ((error, _),) = self.send(
+            encode(1, Instruction.WRITE, struct.pack("<H", register.address) + register.encode(value))
+        )
         return error
 
     def set(self, **values: int) -> None:
@@ -115,7 +127,9 @@ def test_group_reads_and_registered_writes(bench: Bench) -> None:
     assert (error, data) == (0, b"\x34")
     ((error, data),) = bench.send(encode(0xFE, Instruction.FAST_SYNC_READ, struct.pack("<HHB", 38, 2, 1)))
     assert data == b"\x01" + struct.pack("<H", 1193)
-    assert bench.send(encode(0xFE, Instruction.SYNC_READ, struct.pack("<HHBB", 38, 2, 9, 1))) == []  # 9 is silent, so 1 never speaks
+    assert (
+        bench.send(encode(0xFE, Instruction.SYNC_READ, struct.pack("<HHBB", 38, 2, 9, 1))) == []
+    )  # 9 is silent, so 1 never speaks
     assert bench.send(encode(0xFE, Instruction.SYNC_WRITE, struct.pack("<HHBB", 65, 1, 1, 1))) == []
     assert bench.read("LED") == 1
     bench.send(encode(1, Instruction.REG_WRITE, struct.pack("<HB", 65, 0)))
@@ -146,7 +160,13 @@ def test_without_a_watchdog_it_keeps_turning(bench: Bench) -> None:
 
 
 def test_position_modes_follow_their_profile(bench: Bench) -> None:
-    bench.set(Operating_Mode=5, Torque_Enable=1, Profile_Velocity=50, Profile_Acceleration=5, Goal_Position=2048 + 652)
+    bench.set(
+        Operating_Mode=5,
+        Torque_Enable=1,
+        Profile_Velocity=50,
+        Profile_Acceleration=5,
+        Goal_Position=2048 + 652,
+    )
     fastest = 0.0
     for _ in range(30):
         bench.run(0.05)
@@ -207,7 +227,11 @@ def test_a_read_between_two_steps_is_carried_on(bench: Bench) -> None:
     bench.servo.torque(bench.angle, bench.omega, bench.now_ns)
     start, begin_ns = bench.angle, bench.now_ns
     bench.angle += bench.omega * 1e-3
-    for late_ns in (400_000, 900_000, 1_700_000):  # within the step, and after it while the next is not taken yet
+    for late_ns in (
+        400_000,
+        900_000,
+        1_700_000,
+    ):  # within the step, and after it while the next is not taken yet
         bench.now_ns = begin_ns + late_ns
         expected = (start + bench.omega * late_ns * 1e-9) / TICK_RAD + 2048
         assert bench.read("Present Position") == pytest.approx(expected, abs=1.2)
@@ -219,7 +243,9 @@ def test_wire_time_delays_the_answer(tmp_path: Path) -> None:
         assert bench.send(encode(1, Instruction.PING, b"")) == []
         due = bench.servo.next_answer_ns
         assert due is not None
-        assert due - bench.now_ns == 1_000_000 + 500_000 + (10 + 14) * 10_000  # adapter, Return Delay Time 250, 24 bytes at 1 Mbit/s
+        assert (
+            due - bench.now_ns == 1_000_000 + 500_000 + (10 + 14) * 10_000
+        )  # adapter, Return Delay Time 250, 24 bytes at 1 Mbit/s
         bench.now_ns = due
         bench.servo.service(bench.now_ns)
         assert len(bench.receive()) == 1

@@ -97,13 +97,17 @@ class Recorder:
 
 
 @pytest.mark.parametrize(("needed", "expected_ms"), [(1, [0.0]), (4, [0.25, 0.75, 1.25, 1.75])])
-def test_an_exposure_is_made_of_poses_spread_over_it(tmp_path: Path, needed: int, expected_ms: list[float]) -> None:
+def test_an_exposure_is_made_of_poses_spread_over_it(
+    tmp_path: Path, needed: int, expected_ms: list[float]
+) -> None:
     ring = PoseRing.create(tmp_path / "pose.ring", capacity=64)
     for step in range(11):  # 1 m/s along x
         ring.append(10**9 + step * 10**6, [step * 1e-3, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], 0.0, [0.0, 0.0, 0.2])
     renderer = Recorder(needed)
     source = WorldSource(ring, renderer)
-    settings = StreamSettings(width=100, height=50, offset_x=8, offset_y=20, exposure_us=2000.0, gain_db=0.0, frame_rate_hz=120.0)
+    settings = StreamSettings(
+        width=100, height=50, offset_x=8, offset_y=20, exposure_us=2000.0, gain_db=0.0, frame_rate_hz=120.0
+    )
     image = source.image(10**9 + 3_000_000, settings)
     assert renderer.ends[:, 0] == pytest.approx([3e-3, 5e-3], abs=1e-9)
     assert renderer.poses[:, 0] == pytest.approx([3e-3 + ms * 1e-3 for ms in expected_ms], abs=1e-9)

@@ -32,7 +32,9 @@ def one_thread():
 
 def tipped(virtual_object, theta, k=1, span=0.0):
     """k poses of the object standing on its base, tipped by theta +- span / 2 about W's y through the origin."""
-    p_rest = np.array([-virtual_object.mesh_vertices[:, 0].max(), 0.0, -virtual_object.mesh_vertices[:, 2].min()])
+    p_rest = np.array(
+        [-virtual_object.mesh_vertices[:, 0].max(), 0.0, -virtual_object.mesh_vertices[:, 2].min()]
+    )
     angles = theta + span * ((np.arange(k) + 0.5) / k - 0.5)
     R = Rotation.from_rotvec(np.outer(angles, [0.0, 1.0, 0.0]))
     return R.apply(p_rest), R.as_quat()[:, [3, 0, 1, 2]], np.zeros(k), np.tile(AXIS, (k, 1))
@@ -59,7 +61,9 @@ def square_px(virtual_object, marker_id, poses):
 def opencv_pixels(points_world):
     R = STATION.T_world_camera[:3, :3].T
     t = -R @ STATION.T_world_camera[:3, 3]
-    return cv2.projectPoints(points_world, cv2.Rodrigues(R)[0], t, STATION.K, STATION.distortion)[0].reshape(-1, 2)
+    return cv2.projectPoints(points_world, cv2.Rodrigues(R)[0], t, STATION.K, STATION.distortion)[0].reshape(
+        -1, 2
+    )
 
 
 # --- filling ------------------------------------------------------------------------------------------------------
@@ -70,10 +74,14 @@ def test_coverage_is_the_exact_area_and_never_outside_zero_to_one():
     box = Box(10, 5, 80, 70)
     for _ in range(20):
         centre, angle = rng.uniform(35, 45, 2), rng.uniform(0, 7)
-        corner = centre + rng.uniform(5, 20) * np.stack([np.cos(angle + np.arange(3) * 2.1), np.sin(angle + np.arange(3) * 2.1)], axis=1)
+        corner = centre + rng.uniform(5, 20) * np.stack(
+            [np.cos(angle + np.arange(3) * 2.1), np.sin(angle + np.arange(3) * 2.1)], axis=1
+        )
         (found,) = coverage(corner, np.roll(corner, -1, axis=0), np.ones((1, 3)), box)
         x, y = corner.T
-        assert found.sum() == pytest.approx(0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))), abs=1e-3)
+        assert found.sum() == pytest.approx(
+            0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))), abs=1e-3
+        )
         assert found.min() > -1e-6
         assert found.max() < 1 + 1e-6
 
@@ -82,7 +90,9 @@ def test_what_lies_beyond_the_box_changes_nothing_inside():
     corner = np.array([[0.0, 0.0], [100.0, 3.0], [90.0, 100.0], [-20.0, 60.0]])
     edges = (corner, np.roll(corner, -1, axis=0), np.ones((1, 4)))
     small, large = Box(10, 5, 60, 50), Box(-30, -10, 110, 110)
-    np.testing.assert_allclose(coverage(*edges, small)[0], coverage(*edges, large)[0][small.within(large)], atol=1e-6)
+    np.testing.assert_allclose(
+        coverage(*edges, small)[0], coverage(*edges, large)[0][small.within(large)], atol=1e-6
+    )
 
 
 def test_pixel_centres_have_integer_coordinates():
@@ -143,21 +153,27 @@ def test_tags_of_other_families_are_drawn_as_large_and_as_they_are(name, family)
     poses = tipped(shape, 0.2)
     image = picture(Renderer(shape, STATION, SEED), poses)
     facing = max(shape.spec.marker, key=lambda m: -np.array(m.T_object_marker)[1, 2])
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, TagFamily(family).opencv)))
+    detector = cv2.aruco.ArucoDetector(
+        cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, TagFamily(family).opencv))
+    )
     corners, ids, _ = detector.detectMarkers(image)
     assert facing.id in ids.ravel()
     found = corners[list(ids.ravel()).index(facing.id)].reshape(4, 2)
     np.testing.assert_allclose(found, square_px(shape, facing.id, poses), atol=1.0)
 
 
-@pytest.mark.parametrize(("name", "theta"), [("carton", 0.0), ("carton", 0.35), ("juice", 0.2), ("salt", 0.1), ("spray", 0.25)])
+@pytest.mark.parametrize(
+    ("name", "theta"), [("carton", 0.0), ("carton", 0.35), ("juice", 0.2), ("salt", 0.1), ("spray", 0.25)]
+)
 def test_the_detector_finds_the_pose_that_was_drawn(name, theta):
     shape = load_object(name, SEED)
     poses = tipped(shape, theta)
     image = picture(Renderer(shape, STATION, SEED), poses)
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), parameters)
+    detector = cv2.aruco.ArucoDetector(
+        cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), parameters
+    )
     corners, ids, _ = detector.detectMarkers(image)
     facing = max(shape.spec.marker, key=lambda m: -np.array(m.T_object_marker)[1, 2])
     assert ids is not None
@@ -166,7 +182,9 @@ def test_the_detector_finds_the_pose_that_was_drawn(name, theta):
     np.testing.assert_allclose(found, square_px(shape, facing.id, poses), atol=0.5)
     h = facing.size_m / 2
     model = np.array([[-h, h, 0], [h, h, 0], [h, -h, 0], [-h, -h, 0]])
-    _, rotation, position = cv2.solvePnP(model, found, STATION.K, STATION.distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE)
+    _, rotation, position = cv2.solvePnP(
+        model, found, STATION.K, STATION.distortion, flags=cv2.SOLVEPNP_IPPE_SQUARE
+    )
     T = np.array(facing.T_object_marker)
     R_object = Rotation.from_quat(poses[1][0][[1, 2, 3, 0]]).as_matrix()
     R_camera_world = STATION.T_world_camera[:3, :3].T
@@ -175,7 +193,9 @@ def test_the_detector_finds_the_pose_that_was_drawn(name, theta):
     assert abs(np.degrees(turned[2])) < 0.3  # along the camera's axis, the direction that matters
     assert np.degrees(np.linalg.norm(turned)) < 6.0
     where = R_camera_world @ (R_object @ T[:3, 3] + poses[0][0] - STATION.T_world_camera[:3, 3])
-    np.testing.assert_allclose(position.ravel()[:2] / position[2, 0], where[:2] / where[2], atol=2e-4)  # 0.3 px
+    np.testing.assert_allclose(
+        position.ravel()[:2] / position[2, 0], where[:2] / where[2], atol=2e-4
+    )  # 0.3 px
     assert position[2, 0] == pytest.approx(where[2], rel=0.02)
 
 
@@ -187,7 +207,9 @@ def test_motion_blur_is_the_mean_of_the_poses():
     poses = tipped(carton, 0.3, k=3, span=0.02)
     renderer = Renderer(carton, STATION, SEED)
     blurred = mean_picture(renderer, poses, 30)
-    singles = np.mean([mean_picture(renderer, tuple(x[i : i + 1] for x in poses), 30) for i in range(3)], axis=0)
+    singles = np.mean(
+        [mean_picture(renderer, tuple(x[i : i + 1] for x in poses), 30) for i in range(3)], axis=0
+    )
     assert np.abs(blurred - singles).mean() < 1.0
     assert np.abs(cv2.blur(blurred - singles, (5, 5))).max() < 6.0
 
@@ -199,7 +221,9 @@ def test_subexposures_grow_with_the_motion():
     assert renderer.subexposures_needed(*tipped(carton, 0.2, k=2, span=0.006)) == 2
     assert renderer.subexposures_needed(*tipped(carton, 0.2, k=2, span=0.2)) == MOST_SUBEXPOSURES
     swing = tipped(carton, 0.0, k=2)
-    assert renderer.subexposures_needed(swing[0], swing[1], np.array([-0.1, 0.0]), swing[3]) == MOST_SUBEXPOSURES
+    assert (
+        renderer.subexposures_needed(swing[0], swing[1], np.array([-0.1, 0.0]), swing[3]) == MOST_SUBEXPOSURES
+    )
 
 
 def test_what_was_drawn_before_leaves_no_trace():
@@ -220,7 +244,14 @@ def test_noise_is_new_in_each_frame_and_as_large_as_the_model_says():
     assert not np.array_equal(frames[0], frames[1])
     sd = frames.std(axis=0)
     assert 1.5 < np.percentile(sd, 5) < np.percentile(sd, 95) < 4.0
-    assert abs(np.corrcoef(frames[0].ravel() - frames.mean(0).ravel(), frames[1].ravel() - frames.mean(0).ravel())[0, 1]) < 0.05
+    assert (
+        abs(
+            np.corrcoef(
+                frames[0].ravel() - frames.mean(0).ravel(), frames[1].ravel() - frames.mean(0).ravel()
+            )[0, 1]
+        )
+        < 0.05
+    )
 
 
 def test_exposure_and_gain_scale_the_light_up_to_saturation():

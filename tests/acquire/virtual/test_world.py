@@ -81,7 +81,9 @@ def tip(thing, R=UPRIGHT, energy_ratio=1.1, seconds=1.0):
     path = np.array([state.p_world_object + A @ R.T @ edge for state, A in zip(states, turns, strict=True)])
     time = np.array([state.time_ns for state in states]) * 1e-9
     end = int(np.argmax(theta > phi + 0.35)) or len(theta)
-    return Tip(phi, k, gain, body.mass_kg * G * (reach + rho), time[3:end], theta[3:end], states[3:end], path[3:end])
+    return Tip(
+        phi, k, gain, body.mass_kg * G * (reach + rho), time[3:end], theta[3:end], states[3:end], path[3:end]
+    )
 
 
 def rotation_of(state):
@@ -94,7 +96,14 @@ def fitted(tip):
     t, theta = tip.time[::5], tip.theta[::5]
 
     def residual(p):
-        solution = solve_ivp(lambda _t, y: [y[1], -p[1] * np.sin(p[0] - y[0])], (t[0], t[-1]), p[2:4], t_eval=t, rtol=1e-8, atol=1e-10)
+        solution = solve_ivp(
+            lambda _t, y: [y[1], -p[1] * np.sin(p[0] - y[0])],
+            (t[0], t[-1]),
+            p[2:4],
+            t_eval=t,
+            rtol=1e-8,
+            atol=1e-10,
+        )
         return solution.y[0] - theta
 
     rate = (theta[1] - theta[0]) / (t[1] - t[0])
@@ -111,7 +120,8 @@ def energy(thing, state):
 
 
 @pytest.mark.parametrize(
-    ("name", "R"), [("carton", UPRIGHT), ("carton", ON_SIDE_X), ("spray", UPRIGHT), ("juice", UPRIGHT), ("salt", UPRIGHT)]
+    ("name", "R"),
+    [("carton", UPRIGHT), ("carton", ON_SIDE_X), ("spray", UPRIGHT), ("juice", UPRIGHT), ("salt", UPRIGHT)],
 )
 def test_tip_follows_the_pendulum_about_the_roundings_centre_line(name, R):
     thing = object_of(name, friction=2.0)
@@ -164,7 +174,9 @@ def test_it_slides_where_friction_cannot_hold_it():
     place(world, thing, UPRIGHT)
     world.step_to(500_000_000)
     acceleration = G * (np.sin(0.1) - 0.05 * np.cos(0.1))
-    assert states[-1].p_world_object[0] - states[99].p_world_object[0] == pytest.approx(0.5 * acceleration * (0.5**2 - 0.1**2), rel=0.05)
+    assert states[-1].p_world_object[0] - states[99].p_world_object[0] == pytest.approx(
+        0.5 * acceleration * (0.5**2 - 0.1**2), rel=0.05
+    )
 
 
 class Swing:
@@ -196,7 +208,9 @@ def test_one_strike_is_one_contact_with_the_impulse_that_the_arm_lost(name, heig
     contact = contacts[0]
     assert 0.001 < contact.duration_s < 0.008
     i = next(i for i, state in enumerate(states) if state.time_ns > contact.time_ns) - 2
-    j = next(i for i, state in enumerate(states) if state.time_ns >= contact.time_ns + contact.duration_s * 1e9)
+    j = next(
+        i for i, state in enumerate(states) if state.time_ns >= contact.time_ns + contact.duration_s * 1e9
+    )
     arm_speed = [world_module.ARM_LENGTH_M * states[n].arm_velocity for n in (i, j)]
     assert contact.impulse_n_s == pytest.approx(
         world_module.ARM_INERTIA_KG_M2 / world_module.ARM_LENGTH_M**2 * -np.diff(arm_speed)[0], rel=0.05
@@ -222,7 +236,9 @@ def test_a_push_gives_the_object_its_impulse():
         world.push(touched, impulse, 0.006)
     world.step_to(begun_ns + 8_000_000)
     state = world.state()
-    of_com = state.linear_velocity + np.cross(state.angular_velocity, rotation_of(state) @ thing.body.com_object)
+    of_com = state.linear_velocity + np.cross(
+        state.angular_velocity, rotation_of(state) @ thing.body.com_object
+    )
     np.testing.assert_allclose(of_com[:2] * thing.body.mass_kg, impulse[:2], rtol=0.01)
     assert np.abs(state.angular_velocity).max() < 0.05
     (contact,) = contacts

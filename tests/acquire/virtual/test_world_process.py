@@ -24,7 +24,17 @@ PING = bytes.fromhex("FFFFFD00010300 01 194E")
 
 @pytest.fixture
 def world(tmp_path):
-    command = [sys.executable, "-m", "acquire.virtual.world_process", "--object", "carton", "--seed", "1", "--dir", str(tmp_path)]
+    command = [
+        sys.executable,
+        "-m",
+        "acquire.virtual.world_process",
+        "--object",
+        "carton",
+        "--seed",
+        "1",
+        "--dir",
+        str(tmp_path),
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         ready = json.loads(process.stdout.readline())
         try:
