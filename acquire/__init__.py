@@ -1,1 +1,49 @@
-"""The hardware daemon: drives striker and camera, stamps frames and strikes, writes the recording."""
+"""The hardware daemon: drives striker and camera, stamps frames and strikes, writes the recording.
+
+Scripts reach a running daemon through `acquire.connect()`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from acquire.daemon.client import DaemonClient
+
+__all__ = ["connect"]
+
+
+def connect(socket: Path | str | None = None) -> DaemonClient:
+    """Connect to the running daemon.
+
+    A script can read the state, listen to events, strike and stop::
+
+        with acquire.connect() as daemon:
+            print(daemon.call("status")["striker"])
+            for method in ("striker.home", "striker.arm", "striker.cock"):
+                daemon.call(method)
+            print(daemon.call("striker.strike", strike_id="1", tip_speed_m_s=0.3))
+
+        with acquire.connect() as listener:
+            for event in listener.events():  # subscribes: prompts, states, verdicts, troubles
+                print(event)
+
+    `call("striker.stop")` stops the striker at any time, also from another client. While a session is open,
+    its client alone gives orders. `close`, or the end of the `with` block, ends the connection.
+
+    Args:
+        socket: path of the daemon's socket; None for the default, as in a rig file without [daemon] socket.
+
+    Raises:
+        DaemonNotRunning: no daemon listens there.
+        DaemonSilent: the daemon does not answer.
+        DaemonError: the socket belongs to another user.
+    """
+    from pathlib import Path
+
+    from acquire.config import DaemonConfig
+    from acquire.daemon.client import DaemonClient
+
+    return DaemonClient(Path(socket) if socket is not None else DaemonConfig().socket_path())

@@ -111,7 +111,7 @@ class CaptureProcess:
 
     @property
     def end(self) -> str:
-        """How the ended process ended, as part of a sentence."""
+        """Reason why the process ended, as part of a sentence."""
         if self._hung:
             return f"gave no sign of life for {SILENCE_S:g} s and was ended"
         code = None

@@ -1,8 +1,8 @@
-"""The daemon: owns camera, striker and recorder, and does what its clients ask over the local socket (api.py).
+"""The daemon: owns camera, striker and recorder, and serves its clients over the local socket (server.py).
 
-Capture (camera and file) is a process of its own; striker, API and watcher live here and can fail without losing a frame. What dies
-of the child processes, or hangs and is ended, is started again, and said: as an event, in the recording's log, on standard error and in
-`status`. The recording itself is in live_recording.py.
+Capture (camera and file) is a process of its own; striker, API and watcher run here and can fail without
+losing a frame. A child process that dies, or hangs and is killed, is started again and reported: as an event,
+in the recording's log, on standard error and in `status`. The recording itself is in live_recording.py.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import SystemClock
 from acquire.config import RigConfig
-from acquire.daemon.api import ApiServer, Connection
 from acquire.daemon.live_recording import LiveRecording
 from acquire.daemon.prompts import Prompts
+from acquire.daemon.server import ApiServer, Connection
 from acquire.daemon.service import ServiceManager
-from acquire.errors import AcquireError, SessionError, StrikerRefused, StrikerStopped
+from acquire.daemon.striker_control import StrikerControl
+from acquire.errors import AcquireError, SessionError
 from acquire.session.plan_fit import RigLimits
 from acquire.striker.base import Striker
 from acquire.striker.dynamixel import DynamixelStriker
@@ -36,44 +37,38 @@ from schemas.proto import percuss_pb2 as pb
 from schemas.watch_lines import JudgeRequest, WatchEvent
 
 TICK_S = 0.1
-"""how often signals, the parent and the child processes are looked after"""
+"""interval between checks of signals, the parent and the child processes [s]"""
 CAPTURE_RETRY_S = 1.0
 
 
 class Daemon:
-    """One rig. `run` blocks until a signal or a client asks it to stop; everything is released on the way out."""
+    """Daemon of one rig. `run` blocks until a signal or a client stops it, then releases everything."""
 
     def __init__(self, config: RigConfig, rig_toml: str, capture: CaptureProcess | None = None) -> None:
         self._config = config
         self._clock = SystemClock()
-        self._stop_asked = False  # a plain flag: a signal handler that took a lock could wait for the very code it interrupts
+        # A plain flag: a signal handler that took a lock could wait for the very code that it interrupts.
+        self._stop_requested = False
         self._ending = False
         self._capture = capture or CaptureProcess(config)
         self._recording = LiveRecording(
             config, rig_toml, self._capture, self._clock, self._on_watch, self._complain
         )
-        self._striker = self._make_striker()
-        self._striker_lock = threading.Lock()
-        self._stops = 0
-        """how often somebody said stop"""
-        self._stops_over = 0
-        """of them, those after which a person had it homed again; while there are others nothing moves"""
-        self._striker_trouble = ""
-        """why it is in its fault"""
+        self._control = StrikerControl(self._make_striker(), self._recording.require_space)
         self._prompts = Prompts(self._publish)
         self._server: ApiServer | None = None
         self._stopped_for: Connection | None = None
         self._reviver: threading.Thread | None = None
 
     def run(self, on_ready: Any = None, goes_on: Callable[[], bool] = lambda: True) -> None:
-        """Start everything, serve until asked to stop or `goes_on`, asked ten times a second, says no; release everything.
+        """Start everything, serve until a stop request or until `goes_on()` is false, release everything.
 
         Raises:
-            AcquireError: a device or the socket cannot be had; nothing is left behind.
+            AcquireError: a device or the socket is not available; everything is released.
         """
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-            signal.signal(number, self._ask_to_stop)
-        service = ServiceManager.of_this_process()  # before there are children
+            signal.signal(number, self._request_stop)
+        service = ServiceManager.from_environment()  # before there are child processes
         with contextlib.ExitStack() as cleanup:
             self._server = ApiServer(self._config.daemon.socket_path(), self._handlers())
             cleanup.callback(self._server.close)
@@ -84,22 +79,22 @@ class Daemon:
             cleanup.callback(self._end_recording)
             cleanup.callback(
                 self._release_striker
-            )  # before all else: a file may take its time, a torque may not
-            self._striker.open()
+            )  # first of all: finishing a file may take long, releasing the torque must not
+            self._control.striker.open()
             if on_ready is not None:
                 on_ready(self._status(None, {}))
-            say_alive = cleanup.enter_context(
-                service.serving(f"{self._camera.model} at {self._config.camera.address}")
+            report_alive = cleanup.enter_context(
+                service.running(f"{self._camera.model} at {self._config.camera.address}")
             )
-            while not self._stop_asked and goes_on():
+            while not self._stop_requested and goes_on():
                 time.sleep(TICK_S)
                 self._supervise()
-                say_alive()
+                report_alive()
 
-    def _ask_to_stop(self, *_: object) -> None:
-        self._stop_asked = True
+    def _request_stop(self, *_: object) -> None:
+        self._stop_requested = True
 
-    # --- composition ----------------------------------------------------------------------------------------------
+    # --- composition ---
 
     def _make_striker(self) -> Striker:
         arguments = (self._config.striker, self._on_sample, self._on_event, self._on_clock, self._clock)
@@ -115,10 +110,10 @@ class Daemon:
             "recording.strike": self._write_strike,
             "window.open": self._open_window,
             "window.close": self._close_window,
-            "striker.home": self._home,
-            "striker.arm": self._arm,
-            "striker.cock": self._cock,
-            "striker.strike": self._strike,
+            "striker.home": lambda _, params: self._control.home(params),
+            "striker.arm": lambda *_: self._control.arm(),
+            "striker.cock": lambda *_: self._control.cock(),
+            "striker.strike": lambda _, params: self._control.strike(params),
             "watch.expect": self._expect,
             "watch.judge": self._judge,
             "prompt": self._prompts.ask,
@@ -135,7 +130,10 @@ class Daemon:
         }
 
     def _for_owner(self, handler: Callable[[Connection, dict[str, Any]], dict[str, Any]]) -> Any:
-        """While a recording is open its client alone gives orders; whoever else is connected may look, stop the arm, and end it."""
+        """Restrict a handler to the recording's client while a recording is open.
+
+        Other clients may look, stop the arm, and end the recording.
+        """
 
         def call(connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
             owner = self._recording.owner
@@ -147,14 +145,12 @@ class Daemon:
 
         return call
 
-    # --- recording ------------------------------------------------------------------------------------------------
+    # --- recording ---
 
     def _open_recording(self, connection: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        stops = self._stops
+        stops = self._control.stops
         manifest = self._recording.open(connection, params, self._camera)
-        self._stops_over = max(
-            stops, self._stops_over
-        )  # a person starts anew; what is said from here on holds
+        self._control.clear_stops(stops)  # a person starts again
         connection.on_close.append(lambda: self._owner_left(connection))
         return {"recording_id": manifest.recording_id, "wall_anchor_ns": manifest.wall_anchor_ns}
 
@@ -163,13 +159,13 @@ class Daemon:
 
     def _end_recording(self) -> None:
         if self._recording.owner is not None:
-            with contextlib.suppress(SessionError):  # its client was faster
+            with contextlib.suppress(SessionError):  # its client closed it first
                 self._recording.close()
 
     def _owner_left(self, connection: Connection) -> None:
-        """The session's client is gone: nothing moves any more, and what was recorded is kept."""
+        """Stop the striker and close the recording: the session's client is gone."""
         if self._recording.owner is connection:
-            self._striker.stop()
+            self._control.striker.stop()
             with contextlib.suppress(AcquireError):
                 self._recording.close()
 
@@ -180,7 +176,7 @@ class Daemon:
         return self._recording.close_window(int(params.get("end_ns", 0)))
 
     def _write_state(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        self._recording.present()
+        self._recording.wait_until_recording()
         message = pb.SessionState(**params)
         self._recording.write(topics.SESSION_STATE, message)
         name = pb.SessionState.State.Name(message.state)
@@ -195,82 +191,17 @@ class Daemon:
         self._recording.write_strike(pb.StrikeRecord(**params))
         return {}
 
-    # --- striker --------------------------------------------------------------------------------------------------
-
-    def _home(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        """Home the arm, which is also how a person starts anew after a stop.
-
-        `after_stop` (True): a person does; a program that goes on by itself says False, and is refused after a stop. `stops_seen`: how many
-        stops `status` told before that person was asked; one that came since then was meant for what they said yes to.
-        """
-        stops = int(params.get("stops_seen", self._stops))
-        with self._striker_lock:
-            self._refuse_at_the_end()
-            if self._stops != stops:
-                raise StrikerStopped
-            if not params.get("after_stop", True):
-                self._refuse_when_stopped()
-            self._striker.home(lambda: self._stops != stops)
-            self._stops_over = max(stops, self._stops_over)
-            self._striker_trouble = ""
-        return {"state": self._striker.state.value}
-
-    def _arm(self, *_: object) -> dict[str, Any]:
-        self._refuse_when_stopped()
-        self._recording.require_space()  # no strike without room to record it; a capture process that was lost is waited for
-        with self._striker_lock:
-            self._refuse_when_stopped()
-            self._striker.arm()
-            if self._stopped:  # meanwhile
-                self._striker.stop()
-                raise StrikerStopped
-        return {"state": self._striker.state.value}
-
-    def _cock(self, *_: object) -> dict[str, Any]:
-        with self._striker_lock:
-            self._refuse_when_stopped()
-            self._striker.cock()
-        return {"state": self._striker.state.value}
-
-    @property
-    def _stopped(self) -> bool:
-        return self._stops > self._stops_over
-
-    def _refuse_when_stopped(self) -> None:
-        self._refuse_at_the_end()
-        if self._stopped:
-            raise StrikerStopped
-
-    def _refuse_at_the_end(self) -> None:
-        if self._ending:
-            raise StrikerRefused("the daemon is stopping: the striker takes no more orders")
-
-    def _release_striker(self) -> None:
-        """End what moves, torque off, and let nobody move it any more."""
-        self._ending = True
-        while not self._striker_lock.acquire(timeout=0.02):
-            self._striker.stop()
-        try:
-            self._striker.close()
-        finally:
-            self._striker_lock.release()
-
-    def _strike(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        if not self._striker_lock.acquire(timeout=0.1):
-            raise StrikerRefused("the striker is busy with another order")
-        try:
-            self._refuse_when_stopped()
-            outcome = self._striker.strike(str(params["strike_id"]), float(params["tip_speed_m_s"]))
-        finally:
-            self._striker_lock.release()
-        return asdict(outcome)
+    # --- striker ---
 
     def _stop_striker(self, *_: object) -> dict[str, Any]:
-        self._stops += 1  # before all else: whoever is about to move the arm looks here
-        self._striker.stop()
+        state = self._control.stop()
         self._prompts.stop()
         self._recording.log("striker stopped on request", Log.Level.WARNING)
-        return {"state": self._striker.state.value}
+        return state
+
+    def _release_striker(self) -> None:
+        self._ending = True
+        self._control.release()
 
     def _on_sample(self, message: pb.StrikerSample) -> None:
         self._recording.write(
@@ -281,7 +212,7 @@ class Daemon:
         self._recording.write(topics.STRIKER_EVENT, message, message.host_time_ns)
         self._publish("striker", {"kind": pb.StrikerEvent.Kind.Name(message.kind), "text": message.text})
         if message.kind == pb.StrikerEvent.FAULT:
-            self._striker_trouble = message.text
+            self._control.note_fault(message.text)
             self._complain(f"the striker is in a fault: {message.text}")
 
     def _on_clock(self, message: pb.ClockSample) -> None:
@@ -289,7 +220,7 @@ class Daemon:
             topics.CLOCK_SAMPLE, message, (message.host_before_ns + message.host_after_ns) // 2
         )
 
-    # --- watch ----------------------------------------------------------------------------------------------------
+    # --- watch ---
 
     def _on_watch(self, event: WatchEvent) -> None:
         self._publish("watch", event.model_dump(mode="json"))
@@ -314,35 +245,36 @@ class Daemon:
         )
         return {"verdict": verdict.model_dump(mode="json") if verdict else None}
 
-    # --- clients and child processes that are gone ------------------------------------------------------------------
+    # --- clients and child processes that ended ---
 
     def _supervise(self) -> None:
         owner = self._recording.owner
         if isinstance(owner, Connection) and owner is not self._stopped_for and owner.gone:
             self._stopped_for = owner
-            self._striker.stop()  # a strike under way keeps the owner's own thread; the rest is done by _owner_left
+            # A strike in progress occupies the owner's own thread; _owner_left does the rest.
+            self._control.striker.stop()
         if self._capture.alive:
             self._recording.revive_watcher()
         elif self._reviver is None or not self._reviver.is_alive():
             self._reviver = threading.Thread(target=self._revive_capture, name="revive-capture")
-            self._reviver.start()  # a camera that is away takes its time, and so does one whose last client died
+            self._reviver.start()  # an absent camera takes long, and so does one whose last client died
 
     def _revive_capture(self) -> None:
         ended = self._capture.end
-        self._recording.broke_off(ended)
-        said = ""
+        self._recording.interrupt(ended)
+        reported = ""
         while not self._ending:
             self._capture.stop()
             try:
                 self._camera = self._capture.start()
             except AcquireError as error:
-                if str(error) != said:
-                    said = str(error)
-                    self._complain(f"the capture process does not start: {said}")
+                if str(error) != reported:
+                    reported = str(error)
+                    self._complain(f"the capture process does not start: {reported}")
                 time.sleep(CAPTURE_RETRY_S)
             else:
                 self._complain(f"the capture process {ended}; it was started again")
-                self._recording.go_on()
+                self._recording.resume()
                 return
 
     def _join_reviver(self) -> None:
@@ -350,13 +282,13 @@ class Daemon:
             self._reviver.join()
 
     def _complain(self, text: str) -> None:
-        """Tell everybody who may listen."""
+        """Report a problem: in the recording's log, to subscribers and on standard error."""
         self._recording.log(text, Log.Level.WARNING)
         self._publish("trouble", {"text": text})
         with contextlib.suppress(OSError):
             sys.stderr.write(f"acquire: {text}\n")
 
-    # --- the rest -------------------------------------------------------------------------------------------------
+    # --- status ---
 
     def _publish(self, event: str, data: dict[str, Any]) -> None:
         if self._server is not None:
@@ -380,10 +312,10 @@ class Daemon:
             "rig": self._config.name,
             "pid": os.getpid(),
             "socket": str(self._config.daemon.socket_path()),
-            "striker": self._striker.state.value,
-            "stops": self._stops,
-            "striker_trouble": "stopped on request" if self._stopped else self._striker_trouble,
-            "servo": asdict(health) if (health := self._striker.health) is not None else None,
+            "striker": self._control.striker.state.value,
+            "stops": self._control.stops,
+            "striker_trouble": self._control.trouble,
+            "servo": asdict(health) if (health := self._control.striker.health) is not None else None,
             **{name: capture.get(name, 0) for name in numbers},
             "recording": str(capture["recording"]) if capture.get("recording") else None,
             "camera": {
@@ -398,5 +330,5 @@ class Daemon:
         }
 
     def _shutdown(self, *_: object) -> dict[str, Any]:
-        self._stop_asked = True
+        self._stop_requested = True
         return {}

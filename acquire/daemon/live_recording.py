@@ -1,8 +1,9 @@
-"""The recording that the daemon has open: one file, or more where the capture process died on the way.
+"""The recording that the daemon has open: one file, or several if the capture process died meanwhile.
 
-A capture process that dies, or hangs and is ended, takes its file with it. The daemon starts another, the recording goes on in the next
-numbered file with the same id and anchor, what the dead one left is rebuilt beside it, and what lies between is said: in the log of the
-next file, to every subscriber and on standard error. What was in the making then (an open window) is answered with RecordingBroken.
+A capture process that dies, or hangs and is killed, takes its file with it. The daemon starts another one,
+and the recording continues in the next numbered file with the same id and anchor. The file of the dead
+process is rebuilt beside it, and the loss in between is reported: in the log of the next file, to every
+subscriber and on standard error. Requests about what broke off (an open window) raise RecordingBroken.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,61 +22,41 @@ from acquire.camera.base import CameraInfo
 from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import Clock
 from acquire.config import RigConfig
-from acquire.daemon.manifest import CameraAtHand, calibration_message, session_files, session_manifest
+from acquire.daemon.manifest import OpenCamera, calibration_message, session_files, session_manifest
+from acquire.daemon.recording_state import RecordingState
 from acquire.daemon.salvage import Salvage
+from acquire.daemon.watch_supervisor import WatchSupervisor
 from acquire.daemon.watcher import Watcher
 from acquire.errors import AcquireError, CaptureGone, DaemonBusy, RecorderError, RecordingBroken, SessionError
-from acquire.recorder.file_series import part_path
-from acquire.recorder.writer import PART_SUFFIX
+from acquire.recorder.file_series import newest_part, part_path
 from schemas import topics
 from schemas.session_manifest import SessionManifest
 from schemas.watch_lines import WatchEvent
 
 T = TypeVar("T")
 
-GO_ON_S = 30.0
-"""how long a client waits for a capture process that is started again; a camera gives control back 3 s after a client's sudden death"""
-FIRST_FRAME_S = 10.0
-WATCHER_LIVES = 3
-"""an `analyze watch` that died this often in one recording is not started again"""
-
-
-@dataclass
-class _Open:
-    """A recording that is open."""
-
-    path: Path
-    manifest: SessionManifest
-    attachments: list[tuple[str, str, bytes]]
-    owner: object
-    part: int = 1
-    began_ns: int = 0
-    """log time at which the present file began"""
-    window_part: int | None = None
-    """file in which the open window was opened"""
-    broken: str = ""
-    """why nothing is recorded now"""
-    waiting: list[tuple[topics.Topic, int, bytes]] = field(default_factory=list)
-    """small messages for the next file"""
-    salvages: list[Salvage] = field(default_factory=list)
-    watcher: Watcher | None = None
-    watcher_lives: int = WATCHER_LIVES
-    expected: str = ""
+CONTINUE_TIMEOUT_S = 30.0
+"""longest wait for a restarted capture process [s]; a camera gives control back 3 s after a client's sudden
+death"""
+FIRST_FRAME_TIMEOUT_S = 10.0
 
 
 class LiveRecording:
-    """At most one recording at a time. Methods may be called from any thread; `write` and `log` never wait.
+    """The daemon's recording, at most one at a time.
+
+    Methods may be called from any thread; `write` and `log` never wait.
 
     Args:
-        config, rig_toml: the rig, and the file that describes it.
-        capture: the process that records.
-        clock: of the host.
-        on_watch: hears what `analyze watch` sees.
-        complain: tells people that something went wrong; calls `log` itself.
+        config: the rig.
+        rig_toml: text of the rig file.
+        capture: capture process.
+        clock: host clock.
+        on_watch: called with each event of `analyze watch`.
+        complain: reports a problem to people; calls `log` itself.
 
-    Raises (where it says nothing else):
+    Raises (unless a method documents others):
         SessionError: no recording is open.
-        RecorderError: it could not go on.
+        RecorderError: the recording could not continue.
     """
 
     def __init__(
@@ -93,63 +74,76 @@ class LiveRecording:
         self._clock = clock
         self._on_watch = on_watch
         self._complain = complain
-        self._open: _Open | None = None
+        self._open: RecordingState | None = None
         self._ended_by = ""
-        """why the last recording ended, where nobody asked for its end"""
+        """reason why the last recording ended without a request; empty otherwise"""
         self._changed = threading.Condition(threading.RLock())
 
-    # --- from beginning to end ------------------------------------------------------------------------------------
+    # --- open and close ---
 
     def open(self, owner: object, params: dict[str, Any], camera: CameraInfo) -> SessionManifest:
-        """Begin; `params` are those of the request `recording.open`.
+        """Open a recording; `params` are those of the request `recording.open`.
 
         Raises:
-            DaemonBusy: one is open.
+            DaemonBusy: a recording is open already.
             AcquireError: object, plan or path cannot be used.
         """
-        latched = self._patiently(self._capture.status).clock_latched
+        latched = self._retry(self._capture.status).clock_latched
         with self._changed:
             if self._open is not None:
-                raise DaemonBusy("a recording is open already: end that session first, or see `acquire status`")
+                raise DaemonBusy(
+                    "a recording is open already: end that session first, or see `acquire status`"
+                )
             files = session_files(params, self._rig_toml)
             anchor = self._clock.wall_ns() - self._clock.monotonic_ns()
-            manifest = session_manifest(self._config, CameraAtHand(camera, latched), files, anchor)
-            opened = _Open(Path(params["path"]), manifest, list(files.attachments), owner)
+            manifest = session_manifest(self._config, OpenCamera(camera, latched), files, anchor)
+            opened = RecordingState(
+                Path(params["path"]),
+                manifest,
+                list(files.attachments),
+                owner,
+                WatchSupervisor(self._on_watch),
+            )
             self._begin(opened)
             self._open, self._ended_by = opened, ""
             return manifest
 
     @property
     def owner(self) -> object | None:
-        """Who opened it; None where none is open."""
+        """Client that opened the recording; None if none is open."""
         opened = self._open
         return opened.owner if opened is not None else None
 
     @property
     def anchor_ns(self) -> int | None:
-        """Log time minus host monotonic time; None where none is open."""
+        """Log time minus host monotonic time [ns]; None if no recording is open."""
         opened = self._open
         return opened.manifest.wall_anchor_ns if opened is not None else None
 
     def close(self) -> dict[str, Any]:
-        """End it. What is answered counts every file of it."""
+        """Close the recording. The answer counts the frames of all its files."""
         if (opened := self._open) is not None:
             for salvage in list(opened.salvages):
-                salvage.result()  # what it finds out is for this recording's log
+                salvage.result()  # its report belongs to this recording's log
         with self._changed:
             opened = self._open
             if opened is None:
-                raise self._none()
+                raise self._not_open_error()
             self._forget(opened)
             path, frames, lost, content_id = None, 0, 0, ""
             if not opened.broken:
                 try:
                     report = self._capture.close_recording()
-                    path, frames, lost, content_id = report.path, report.frames, report.lost, report.content_id
+                    path, frames, lost, content_id = (
+                        report.path,
+                        report.frames,
+                        report.lost,
+                        report.content_id,
+                    )
                 except CaptureGone:
                     opened.broken = f"the capture process {self._capture.end}"
             if opened.broken:
-                before, opened.part = opened.part, _newest_part(opened.path) + 1
+                before, opened.part = opened.part, newest_part(opened.path) + 1
                 self._salvage_parts(opened, before, lambda: None)
             self._changed.notify_all()
         earlier = [salvage.result() for salvage in opened.salvages]
@@ -162,10 +156,10 @@ class LiveRecording:
             "content_id": content_id,
         }
 
-    # --- messages and windows -------------------------------------------------------------------------------------
+    # --- messages and windows ---
 
     def write(self, topic: topics.Topic, message: Any, host_time_ns: int | None = None) -> None:
-        """Record a small message, if a recording is open; while it is broken off, the next file takes it."""
+        """Record a small message if a recording is open; during an interruption the next file gets it."""
         opened = self._open
         if opened is None:
             return
@@ -185,18 +179,18 @@ class LiveRecording:
         message.timestamp.FromNanoseconds((self.anchor_ns or 0) + now)
         self.write(topics.LOG, message, now)
 
-    def present(self) -> None:
-        """Wait until the recording is, or goes on."""
-        self._present()
+    def wait_until_recording(self) -> None:
+        """Wait while the recording is interrupted."""
+        self._uninterrupted()
 
     def write_strike(self, message: Any) -> None:
-        """Record a strike; it is in the process that writes when this returns.
+        """Record a strike; on return the capture process has it.
 
         Raises:
-            RecordingBroken: its images lie in a file that broke off, or it came to nothing with the process.
+            RecordingBroken: its images are in a file that broke off, or the capture process died with it.
         """
-        opened = self._present()
-        self._refuse_earlier(opened, message.window_start_ns)
+        opened = self._uninterrupted()
+        opened.refuse_earlier_file(message.window_start_ns)
         self.write(topics.SESSION_STRIKE, message)
         try:
             self._capture.status()
@@ -204,27 +198,28 @@ class LiveRecording:
             raise RecordingBroken(str(error)) from None
 
     def require_space(self) -> None:
-        """Raise RecorderError where the disk has no room for a window; nothing is asked where no recording is open."""
+        """Raise RecorderError if a recording is open and the disk has no room for a window."""
         if self._open is not None:
-            self._asked(self._capture.require_space)
+            self._ask(self._capture.require_space)
 
     def open_window(self) -> int:
-        """From now on, and from the pre-trigger time before, every image is kept. Its start as a log time."""
-        start_ns = self._asked(self._capture.open_window)
-        opened = self._present()
+        """Record every image from the pre-trigger time before now on. Returns the start as a log time."""
+        start_ns = self._ask(self._capture.open_window)
+        opened = self._uninterrupted()
         opened.window_part = opened.part
         return start_ns
 
     def close_window(self, end_ns: int = 0) -> dict[str, Any]:
-        """What the window holds.
+        """Close the window and report its content.
 
         Args:
-            end_ns: log time at which it may end where that has passed; 0 for now. Late images that nobody needs are not waited for.
+            end_ns: log time at which the window may end if that has passed; 0: now. Later images are not
+                waited for.
 
         Raises:
-            RecordingBroken: it was opened in a file that broke off.
+            RecordingBroken: the window was opened in a file that broke off.
         """
-        opened = self._present()
+        opened = self._uninterrupted()
         part, opened.window_part = opened.window_part, None
         if part is not None and part != opened.part:
             raise RecordingBroken(f"the window was cut off: {part_path(opened.path, part).name} ends in it")
@@ -233,49 +228,61 @@ class LiveRecording:
         except CaptureGone as error:
             raise RecordingBroken(f"the window was cut off: {error}") from None
 
-    # --- the capture process died ---------------------------------------------------------------------------------
+    # --- death of the capture process ---
 
-    def broke_off(self, why: str) -> None:
-        """The capture process died; `why` it did."""
+    def interrupt(self, reason: str) -> None:
+        """Note the death of the capture process, for `reason`."""
         with self._changed:
             opened = self._open
             if opened is None or opened.broken:
                 return
-            opened.broken = why
-            self._drop_watcher(opened)
-        self._complain(f"the recording broke off: the capture process {why}")
+            opened.broken = reason
+            opened.watch.stop()
+        self._complain(f"the recording broke off: the capture process {reason}")
 
-    def go_on(self) -> None:
-        """The capture process is there again: begin the next file."""
+    def resume(self) -> None:
+        """Begin the next file: the capture process runs again."""
         with self._changed:
             opened = self._open
             if opened is None or not opened.broken:
                 return
             before, broken = opened.part, opened.broken
-            opened.part = _newest_part(opened.path) + 1
+            opened.part = newest_part(opened.path) + 1
             try:
                 self._begin(opened)
             except AcquireError as error:
                 opened.part = before
-                self._ended_by = f"the recording ended: the capture process {broken}, and it could not go on: {error}"
+                self._ended_by = (
+                    f"the recording ended: the capture process {broken}, and it could not go on: {error}"
+                )
                 self._forget(opened)
                 said = self._ended_by
             else:
                 opened.broken = ""
                 file = part_path(opened.path, opened.part)
                 said = f"the recording goes on in {file.name}"
-                self._salvage_parts(opened, before, lambda: self._first_frame_ns(file))
+                self._salvage_parts(opened, before, lambda: self._wait_for_first_frame(file))
             self._changed.notify_all()
         self._complain(said)
 
-    def _salvage_parts(self, opened: _Open, first: int, next_frame_ns: Callable[[], int | None]) -> None:
-        """Of the files that the dead process wrote, from number `first` to the one before the present."""
+    def _salvage_parts(
+        self, opened: RecordingState, first: int, next_frame_ns: Callable[[], int | None]
+    ) -> None:
+        """Rebuild the files of the dead process, from number `first` to the one before the current file."""
         camera = self._config.camera
         files = [part_path(opened.path, number) for number in range(first, opened.part)]
-        opened.salvages.append(Salvage(files, camera.name, camera.frame_rate_hz, next_frame_ns, lambda found: self._complain(found.text)))
+        opened.salvages.append(
+            Salvage(
+                files,
+                camera.name,
+                camera.frame_rate_hz,
+                next_frame_ns,
+                lambda found: self._complain(found.text),
+            )
+        )
 
-    def _first_frame_ns(self, file: Path) -> int | None:
-        end = time.monotonic() + FIRST_FRAME_S
+    def _wait_for_first_frame(self, file: Path) -> int | None:
+        end = time.monotonic() + FIRST_FRAME_TIMEOUT_S
         while time.monotonic() < end:
             with contextlib.suppress(AcquireError):
                 status = self._capture.status()
@@ -286,47 +293,40 @@ class LiveRecording:
             time.sleep(0.1)
         return None
 
-    # --- watch ----------------------------------------------------------------------------------------------------
+    # --- watch ---
 
     @property
     def watcher(self) -> Watcher | None:
-        """The child that looks at it; None where there is none."""
+        """Child process that watches the recording; None if there is none."""
         opened = self._open
-        return opened.watcher if opened is not None else None
+        return opened.watch.watcher if opened is not None else None
 
     def expect(self, plan_strike_id: str) -> None:
         """Compare placements with this planned strike from now on."""
-        opened = self._present()
-        opened.expected = plan_strike_id
-        if (watcher := opened.watcher) is not None:
-            watcher.expect(plan_strike_id)
+        opened = self._uninterrupted()
+        opened.watch.expect(plan_strike_id)
 
     def revive_watcher(self) -> None:
-        """Start an `analyze watch` that died again, within reason. Returns at once where something else goes on."""
+        """Restart an `analyze watch` that ended, a limited number of times. Never waits."""
         if not self._changed.acquire(blocking=False):
             return
         try:
             opened = self._open
-            if opened is None or (watcher := opened.watcher) is None or watcher.alive or opened.watcher_lives == 0:
-                return
-            opened.watcher_lives -= 1
-            watcher.close()
-            if opened.watcher_lives == 0:
-                said = "analyze watch keeps ending: the recording goes on without verdicts"
-            else:
-                self._watch(opened)
-                said = "analyze watch ended and was started again"
+            report = opened.restart_watching_if_ended() if opened is not None else ""
         finally:
             self._changed.release()
-        self._complain(said)
+        if report:
+            self._complain(report)
 
-    # --- under the lock -------------------------------------------------------------------------------------------
+    # --- under the lock ---
 
-    def _begin(self, opened: _Open) -> None:
-        """The next file, its head, and the process that looks at it."""
+    def _begin(self, opened: RecordingState) -> None:
+        """Begin the next file, with its head, and watch it."""
         now = self._clock.monotonic_ns()
         anchor = opened.manifest.wall_anchor_ns
-        self._capture.open_recording(opened.path, opened.manifest.model_copy(update={"part": opened.part}), opened.attachments)
+        self._capture.open_recording(
+            opened.path, opened.manifest.model_copy(update={"part": opened.part}), opened.attachments
+        )
         opened.began_ns = anchor + now
         camera = self._config.camera
         calibration = calibration_message(camera.calibration).SerializeToString()
@@ -334,74 +334,49 @@ class LiveRecording:
         for topic, log_time_ns, data in opened.waiting:
             self._capture.write(topic.name, log_time_ns, data)
         opened.waiting.clear()
-        self._watch(opened)
+        opened.start_watching()
 
-    def _watch(self, opened: _Open) -> None:
-        # It follows the row of files; the one before the newest is there for sure, and holds what a strike began in.
-        number = max(opened.part, _newest_part(opened.path) - 1)
-        opened.watcher = Watcher(Path(f"{part_path(opened.path, number)}{PART_SUFFIX}"), self._on_watch)
-        if opened.expected:
-            opened.watcher.expect(opened.expected)
-
-    def _drop_watcher(self, opened: _Open) -> None:
-        watcher, opened.watcher = opened.watcher, None
-        if watcher is not None:
-            watcher.close()
-
-    def _forget(self, opened: _Open) -> None:
+    def _forget(self, opened: RecordingState) -> None:
         self._open = None
-        self._drop_watcher(opened)
+        opened.watch.stop()
 
-    # --- waiting --------------------------------------------------------------------------------------------------
+    # --- waiting ---
 
-    def _none(self) -> AcquireError:
+    def _not_open_error(self) -> AcquireError:
         return RecorderError(self._ended_by) if self._ended_by else SessionError("no recording is open")
 
-    def _present(self) -> _Open:
-        """The recording, once it has a file."""
+    def _uninterrupted(self) -> RecordingState:
+        """The open recording, as soon as it is not interrupted."""
         with self._changed:
             opened = self._open
             if opened is None:
-                raise self._none()
-            self._changed.wait_for(lambda: not opened.broken or self._open is not opened, GO_ON_S)
+                raise self._not_open_error()
+            self._changed.wait_for(lambda: not opened.broken or self._open is not opened, CONTINUE_TIMEOUT_S)
             if self._open is not opened:
-                raise self._none()
+                raise self._not_open_error()
             if opened.broken:
                 raise RecorderError(
-                    f"the recording broke off, and does not go on: the capture process {opened.broken}: see `acquire status`"
+                    f"the recording broke off, and does not go on: "
+                    f"the capture process {opened.broken}: see `acquire status`"
                 )
             return opened
 
-    def _asked(self, ask: Callable[[], T]) -> T:
-        """What the capture process answers about the recording, once that is or goes on."""
+    def _ask(self, ask: Callable[[], T]) -> T:
+        """Ask the capture process about the recording, as soon as it is not interrupted."""
 
-        def asked() -> T:
-            self._present()
+        def attempt() -> T:
+            self._uninterrupted()
             return ask()
 
-        return self._patiently(asked)
+        return self._retry(attempt)
 
-    def _patiently(self, ask: Callable[[], T]) -> T:
-        """What the capture process answers; the next one, where the one that was asked died."""
-        end = time.monotonic() + GO_ON_S
+    def _retry(self, ask: Callable[[], T]) -> T:
+        """Ask the capture process; the next one if it died."""
+        end = time.monotonic() + CONTINUE_TIMEOUT_S
         while True:
             try:
                 return ask()
             except CaptureGone:
                 if time.monotonic() > end:
                     raise
-                time.sleep(0.1)  # the daemon notices as soon
-
-    def _refuse_earlier(self, opened: _Open, window_start_ns: int) -> None:
-        if opened.part > 1 and 0 < window_start_ns < opened.began_ns and opened.salvages:
-            raise RecordingBroken(f"the strike's images lie in a file that broke off, before {part_path(opened.path, opened.part).name}")
-
-
-def _newest_part(path: Path) -> int:
-    """Number of the newest file in the row that begins with `path`, whole or not."""
-    newest = 1
-    for found in path.parent.glob(f"{path.stem}-????{path.suffix}*"):
-        number = found.name.removesuffix(PART_SUFFIX).removeprefix(f"{path.stem}-").removesuffix(path.suffix)
-        if number.isdecimal():
-            newest = max(newest, int(number))
-    return newest
+                time.sleep(0.1)  # the daemon notices the death as soon

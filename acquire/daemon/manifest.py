@@ -1,4 +1,4 @@
-"""The manifest of a recording: what the rig, its camera and its clock were when it began."""
+"""Manifest of a recording: rig, camera and clock at its beginning."""
 
 from __future__ import annotations
 
@@ -32,40 +32,40 @@ from schemas.software import software_version
 from schemas.strike_plan import parse_strike_plan
 
 MAPPING_SD_NS = 30_000
-"""1 sigma of the camera-to-host clock mapping with a latched clock (docs/hardware.md)"""
+"""1 sigma [ns] of the camera-to-host clock mapping with a latched clock (docs/how-to/hardware.md)"""
 ARRIVAL_SD_NS = 500_000
-"""1 sigma of arrival times, for cameras whose clock cannot be latched"""
+"""1 sigma [ns] of arrival times, for cameras whose clock cannot be latched"""
 
 
 @dataclass(frozen=True)
-class CameraAtHand:
-    """The camera that is open."""
+class OpenCamera:
+    """Identity and clock of the open camera."""
 
     info: CameraInfo
     clock_latched: bool
-    """frame times are mapped from the camera's clock; else they are arrival times"""
+    """True if frame times are mapped from the camera's clock; False: they are arrival times"""
 
 
 @dataclass(frozen=True)
 class SessionFiles:
-    """What a session is about, and the files that its recording carries."""
+    """Object and plan of a session, and the files that its recording carries."""
 
     spec: ObjectSpec
     object_sha256: str
-    """of the object and its shape"""
+    """hash of the object and its shape"""
     plan_sha256: str
-    """of the plan's text"""
+    """hash of the plan's text"""
     attachments: tuple[tuple[str, str, bytes], ...]
     """(name, media type, content)"""
 
     @property
     def hashes(self) -> dict[str, str]:
-        """Of the attachments, by name."""
+        """SHA-256 of the attachments, by name."""
         return {name: hashlib.sha256(content).hexdigest() for name, _, content in self.attachments}
 
 
 def session_files(request: dict[str, Any], rig_toml: str) -> SessionFiles:
-    """From the parameters of `recording.open`.
+    """Check and pack the files of a session from the parameters of `recording.open`.
 
     Raises:
         SessionError: object or plan cannot be used, or do not belong together.
@@ -78,19 +78,25 @@ def session_files(request: dict[str, Any], rig_toml: str) -> SessionFiles:
     shape = base64.b64decode(request["shape_base64"]) if request.get("shape_base64") else None
     digest = object_sha256(spec, shape)
     if plan.object_sha256 != digest:
-        raise SessionError(f"the plan was made for another object than {spec.name!r}: make it anew with `analyze plan`")
+        raise SessionError(
+            f"the plan was made for another object than {spec.name!r}: make it anew with `analyze plan`"
+        )
     attachments = [
         (OBJECT_ATTACHMENT, "application/toml", request["object_toml"].encode()),
         (PLAN_ATTACHMENT, "application/json", request["plan_json"].encode()),
         (RIG_ATTACHMENT, "application/toml", rig_toml.encode()),
     ]
     if shape is not None:
-        attachments.append((SHAPE_ATTACHMENT_PREFIX + Path(request["shape_name"]).name, "application/octet-stream", shape))
+        attachments.append(
+            (SHAPE_ATTACHMENT_PREFIX + Path(request["shape_name"]).name, "application/octet-stream", shape)
+        )
     return SessionFiles(spec, digest, sha256_text(request["plan_json"]), tuple(attachments))
 
 
-def session_manifest(config: RigConfig, camera: CameraAtHand, files: SessionFiles, anchor_ns: int) -> SessionManifest:
-    """Manifest of a session that begins now; `anchor_ns` is wall clock minus host monotonic."""
+def session_manifest(
+    config: RigConfig, camera: OpenCamera, files: SessionFiles, anchor_ns: int
+) -> SessionManifest:
+    """Manifest of a session that begins now; `anchor_ns` is wall clock minus host monotonic time."""
     return SessionManifest(
         recording_id=str(uuid.uuid4()),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -123,7 +129,7 @@ def session_manifest(config: RigConfig, camera: CameraAtHand, files: SessionFile
 
 
 def calibration_message(spec: CameraCalibrationSpec) -> CameraCalibration:
-    """What viewers need to draw over the images."""
+    """Camera calibration as Foxglove's message, for viewers that draw over the images."""
     message = CameraCalibration(frame_id="camera", width=spec.width, height=spec.height)
     message.distortion_model = "kannala_brandt" if spec.model is LensModel.FISHEYE else "plumb_bob"
     message.D.extend(spec.distortion)

@@ -1,4 +1,4 @@
-"""Questions to the person at the rig: a client asks, every subscriber hears it, whoever answers first has answered."""
+"""Questions to the person at the rig: one client asks, all subscribers see it, the first answer counts."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from acquire.daemon.api import Connection
+from acquire.daemon.server import Connection
 from acquire.errors import SessionError
 
 
 class Prompts:
-    """Open questions by number."""
+    """Open questions, by number."""
 
     def __init__(self, publish: Callable[[str, dict[str, Any]], None]) -> None:
         self._publish = publish
@@ -26,7 +26,7 @@ class Prompts:
         """Publish a question and wait for its answer.
 
         Raises:
-            SessionError: the daemon stops, or the asking client leaves, before anybody answers.
+            SessionError: the daemon stops, or the asking client leaves, before an answer.
         """
         with self._changed:
             number = next(self._numbers)
@@ -36,13 +36,16 @@ class Prompts:
             while number not in self._answers:
                 if self._closed or connection.gone:
                     self._open.pop(number, None)
-                    raise SessionError("the question was not answered: the daemon is stopping, or who asked has left")
+                    raise SessionError(
+                        "the question was not answered: "
+                        "the daemon is stopping, or the client that asked has left"
+                    )
                 self._changed.wait(0.5)
             self._open.pop(number, None)
             return self._answers.pop(number)
 
     def answer(self, _: Connection, params: dict[str, Any]) -> dict[str, Any]:
-        """Answer a question; `{"prompt_id": n, "ok": true}` or with `"text"`.
+        """Answer a question: `{"prompt_id": n, "ok": true}`, optionally with `"text"`.
 
         Raises:
             SessionError: no such question is open.
@@ -56,14 +59,14 @@ class Prompts:
         return {}
 
     def stop(self) -> None:
-        """Somebody said stop: every open question is answered with no."""
+        """Answer every open question with no, on a stop request."""
         with self._changed:
             for number in self._open:
                 self._answers.setdefault(number, {"ok": False, "text": "stopped on request"})
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Release everybody who waits."""
+        """End all waiting for answers."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

@@ -1,4 +1,4 @@
-"""Makes a whole file of what a dead capture process left, while the recording goes on in the next one, and says what is lost between."""
+"""Recovery of the files of a dead capture process, while the recording continues in the next file."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from acquire.recorder.frame_times import FrameTimes
 from acquire.recorder.writer import PART_SUFFIX
 
 _NICENESS = 10
-"""below the camera's process, which it may share a core with"""
+"""niceness of the recovery, below the capture process, with which it may share a core"""
 
 
 @dataclass(frozen=True)
 class Salvaged:
-    """What became of the files of a dead process."""
+    """Result of recovering the files of a dead process."""
 
     files: tuple[Path, ...]
-    """whole; of one that could not be rebuilt, the `.part`"""
+    """complete files; the `.part` file where one could not be rebuilt"""
     frames: int
     lost: int
-    """in them, and up to the first frame of the next file"""
+    """frames lost in them, and up to the first frame of the next file"""
     text: str
-    """for the log and for people"""
+    """report for the log and for people"""
 
 
 class Salvage:
-    """The `.part` files of a dead process, in a process and a thread of its own.
+    """Recovery of the `.part` files of a dead process, in a process and a thread of its own.
 
     Args:
-        files: what it wrote, in order, by the names that they have when they are whole; those that are need nothing but to be counted.
-        camera: whose frames are counted.
-        frame_rate_hz: to tell from a gap how many frames it is.
-        next_frame_ns: waits for the next file's first frame, gives its log time; None where none comes.
-        on_end: hears what became of it.
+        files: final paths of its files, in order; complete ones are only counted.
+        camera: camera whose frames are counted.
+        frame_rate_hz: frame rate, to convert a gap into a number of frames.
+        next_frame_ns: waits for the next file's first frame and returns its log time; None if there is none.
+        on_end: called with the result.
     """
 
     def __init__(
@@ -62,29 +62,29 @@ class Salvage:
         self._thread.start()
 
     def result(self) -> Salvaged:
-        """Waits for it."""
+        """Wait for the result."""
         self._thread.join()
         return self._found
 
     def _run(self) -> None:
-        next_ns = self._next_frame_ns()  # now: the next file may be closed when these are rebuilt
+        next_ns = self._next_frame_ns()  # first: the next file may be closed when these are rebuilt
         frames = lost = 0
         last_ns: int | None = None
         kept: list[Path] = []
-        said: list[str] = []
+        reports: list[str] = []
         for whole in self._files:
             part = Path(f"{whole}{PART_SUFFIX}")
             if not part.exists() and not whole.exists():
-                continue  # deleted, as the oldest of a ring
+                continue  # deleted, as the oldest of a limited series
             try:
                 more = self._recover(part, whole) if part.exists() else ""
-                times = FrameTimes.of(whole, self._camera)
+                times = FrameTimes.read(whole, self._camera)
             except (RecorderError, OSError) as error:
                 kept.append(part)
-                said.append(f"{part.name} could not be rebuilt: {error}")
+                reports.append(f"{part.name} could not be rebuilt: {error}")
                 continue
             kept.append(whole)
-            said.append(f"{whole.name} is whole: {times.frames} frames{more}")
+            reports.append(f"{whole.name} is whole: {times.frames} frames{more}")
             frames += times.frames
             lost += times.lost
             last_ns = times.last_ns or last_ns
@@ -92,22 +92,29 @@ class Salvage:
             gap_s = (next_ns - last_ns) * 1e-9
             missing = max(0, round(gap_s * self._rate) - 1)
             lost += missing
-            said.append(f"after it {gap_s:.1f} s are lost, {missing} frames")
-        self._found = Salvaged(tuple(kept), frames, lost, "; ".join(said) or self._found.text)
+            reports.append(f"after it {gap_s:.1f} s are lost, {missing} frames")
+        self._found = Salvaged(tuple(kept), frames, lost, "; ".join(reports) or self._found.text)
         self._on_end(self._found)
 
     def _recover(self, part: Path, whole: Path) -> str:
-        """Run `acquire recover`; what it could not save of the bytes that are there, in words. That they end early is known."""
+        """Run `acquire recover`; returns a text about damaged bytes, empty if the file only ends early."""
         command = [sys.executable, "-m", "acquire", "recover", str(part), "-o", str(whole), "--json"]
-        with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as process:
             with contextlib.suppress(ProcessLookupError):  # it is done already
                 os.setpriority(os.PRIO_PROCESS, process.pid, _NICENESS)
             output, complaint = process.communicate()
         if process.returncode not in {0, 3}:
-            raise RecorderError(complaint.strip().removeprefix("acquire: ") or f"`acquire recover` ended with {process.returncode}")
+            raise RecorderError(
+                complaint.strip().removeprefix("acquire: ")
+                or f"`acquire recover` ended with {process.returncode}"
+            )
         report = json.loads(output)
         if report["anything_damaged"]:
-            damaged = f"{report['damaged_records']} damaged records and {report['skipped_bytes']} bytes of none"
+            damaged = (
+                f"{report['damaged_records']} damaged records and {report['skipped_bytes']} bytes of none"
+            )
             return f", {part.name} is kept: it holds {damaged}"
         part.unlink()
         return ""

@@ -1,4 +1,7 @@
-"""The daemon's side of `analyze watch`: a child process that looks at the growing recording. Recording goes on without it."""
+"""The daemon's side of `analyze watch`, a child process that follows the growing recording.
+
+Recording continues without it.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from schemas.watch_lines import JudgeRequest, StrikeVerdict, WatchEvent
 
 
 class Watcher:
-    """Starts `analyze watch FILE`, keeps its newest WatchEvent, and asks it for verdicts."""
+    """Child process `analyze watch FILE`: keeps its newest WatchEvent and requests verdicts."""
 
     def __init__(self, recording: Path, on_event: Callable[[WatchEvent], None]) -> None:
         self.recording = recording
@@ -29,19 +32,19 @@ class Watcher:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
-            start_new_session=True,  # a terminal's Ctrl-C is the daemon's to handle
+            start_new_session=True,  # only the daemon handles a terminal's Ctrl-C
         )
         self._reader = threading.Thread(target=self._read, name="watcher")
         self._reader.start()
 
     @property
     def alive(self) -> bool:
-        """Whether the child still runs."""
+        """True while the child runs."""
         return self._process.poll() is None
 
     @property
     def latest(self) -> WatchEvent | None:
-        """Newest event, None before the first."""
+        """Newest event; None before the first."""
         return self._latest
 
     def expect(self, plan_strike_id: str) -> None:
@@ -49,7 +52,7 @@ class Watcher:
         self._send(JudgeRequest(kind="expect", plan_strike_id=plan_strike_id))
 
     def judge(self, request: JudgeRequest, timeout_s: float) -> StrikeVerdict | None:
-        """Verdict on a window, None when the child is dead or silent."""
+        """Request the verdict on a window; None if the child is dead or silent."""
         self._send(request)
         end = time.monotonic() + timeout_s
         with self._changed:
@@ -61,7 +64,7 @@ class Watcher:
             return self._verdicts[request.strike_id]
 
     def close(self) -> None:
-        """End the child and its reader, at once: it has nothing to lose."""
+        """Terminate the child, which has nothing to save, and its reader."""
         self._process.terminate()
         with contextlib.suppress(OSError):
             if self._process.stdin is not None:
@@ -95,6 +98,6 @@ class Watcher:
                     self._latest = WatchEvent.model_validate(data)
                     self._on_event(self._latest)
             except (ValueError, RecursionError):
-                continue  # a line that is not for us
+                continue  # not a line of the protocol
         with self._changed:
             self._changed.notify_all()

@@ -20,7 +20,7 @@ from acquire.errors import RecorderError
 from acquire.recorder.direct.block_memory import BlockMemory
 from acquire.recorder.disk_space import DiskSpace
 from acquire.recorder.messages import BorrowedImage, ImageMessage, SmallMessage
-from acquire.recorder.writer import Channel, McapWriter, Seal
+from acquire.recorder.writer import PART_SUFFIX, Channel, McapWriter, Seal
 from schemas.mcap.records import Buffer
 from schemas.topics import Topic
 
@@ -38,6 +38,17 @@ class Rotation:
 def part_path(path: Path, part: int) -> Path:
     """Path of file number `part` in the series that begins with `path`."""
     return path if part == 1 else path.with_name(f"{path.stem}-{part:04d}{path.suffix}")
+
+
+def newest_part(path: Path) -> int:
+    """Number of the newest file in the series that begins with `path`, complete or not."""
+    newest = 1
+    for found in path.parent.glob(f"{path.stem}-????{path.suffix}*"):
+        name = found.name.removesuffix(PART_SUFFIX)
+        number = name.removeprefix(f"{path.stem}-").removesuffix(path.suffix)
+        if number.isdecimal():
+            newest = max(newest, int(number))
+    return newest
 
 
 class FileSeries:

@@ -17,20 +17,33 @@ from hypothesis import strategies as st
 from acquire.capture import wire
 from acquire.capture.process import Capture
 from acquire.clock.clock import SystemClock
-from acquire.daemon.api import ApiServer, DaemonClient
+from acquire.daemon.client import DaemonClient
+from acquire.daemon.server import ApiServer
 from acquire.errors import AcquireError, DaemonError
 
-QUICK = settings(max_examples=60, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+QUICK = settings(
+    max_examples=60,
+    derandomize=True,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
     max_leaves=8,
 )
 PARAMS = st.dictionaries(
-    st.sampled_from(["path", "plan_json", "object_toml", "shape_base64", "state", "strike_id", "timeout_s"]), JSON, max_size=4
+    st.sampled_from(["path", "plan_json", "object_toml", "shape_base64", "state", "strike_id", "timeout_s"]),
+    JSON,
+    max_size=4,
 )
 REQUESTS = st.fixed_dictionaries(
-    {}, optional={"id": JSON, "method": JSON | st.sampled_from(["echo", "float", "nan"]), "params": JSON | PARAMS}
+    {},
+    optional={
+        "id": JSON,
+        "method": JSON | st.sampled_from(["echo", "float", "nan"]),
+        "params": JSON | PARAMS,
+    },
 )
 LINES = st.one_of(
     JSON.map(lambda value: json.dumps(value).encode()),
@@ -68,7 +81,10 @@ def test_every_line_is_answered_and_the_connection_lives(server: Path, line: byt
 
 
 @QUICK
-@given(line=st.binary(max_size=40).map(lambda data: data.replace(b"\n", b" ")) | JSON.map(lambda value: json.dumps(value).encode()))
+@given(
+    line=st.binary(max_size=40).map(lambda data: data.replace(b"\n", b" "))
+    | JSON.map(lambda value: json.dumps(value).encode())
+)
 def test_a_server_that_is_no_daemon_raises_only_a_daemon_error(line: bytes, tmp_path: Path) -> None:
     path = tmp_path / "other.sock"
     path.unlink(missing_ok=True)
@@ -97,7 +113,10 @@ def test_an_error_of_a_name_that_is_none_of_ours_is_a_daemon_error(tmp_path: Pat
 
     api = ApiServer(tmp_path / "p" / "d.sock", {"refuse": refuse})
     try:
-        with DaemonClient(tmp_path / "p" / "d.sock") as client, pytest.raises(DaemonError, match="ZeroDivisionError"):
+        with (
+            DaemonClient(tmp_path / "p" / "d.sock") as client,
+            pytest.raises(DaemonError, match="ZeroDivisionError"),
+        ):
             client.call("refuse")
     finally:
         api.close()
@@ -117,7 +136,9 @@ def test_a_frame_is_whole_or_refused(data: bytes) -> None:
 
 
 @QUICK
-@given(text=JSON.map(lambda value: json.dumps(value).encode()) | st.binary(max_size=30) | st.just(b"[" * 50_000))
+@given(
+    text=JSON.map(lambda value: json.dumps(value).encode()) | st.binary(max_size=30) | st.just(b"[" * 50_000)
+)
 def test_a_frame_whose_header_is_no_object_is_refused(text: bytes) -> None:
     here, there = socket.socketpair()
     with here, there:
@@ -128,7 +149,10 @@ def test_a_frame_whose_header_is_no_object_is_refused(text: bytes) -> None:
 
 
 @QUICK
-@given(messages=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 1 << 63), st.binary(max_size=9))), cut=st.integers(0, 30))
+@given(
+    messages=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 1 << 63), st.binary(max_size=9))),
+    cut=st.integers(0, 30),
+)
 def test_a_batch_comes_back_whole_or_is_refused(messages: list[tuple[int, int, bytes]], cut: int) -> None:
     batch = b"".join(wire.pack_message(*message) for message in messages)
     assert list(wire.unpack_messages(batch)) == messages

@@ -44,7 +44,9 @@ def session(tmp_path_factory) -> Session:
         str(path),
         "--json",
     ]
-    with subprocess.Popen([sys.executable, "-m", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as demo:
+    with subprocess.Popen(
+        [sys.executable, "-m", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as demo:
         try:
             out, told = demo.communicate(timeout=HANG_S)
         except subprocess.TimeoutExpired:
@@ -58,4 +60,6 @@ def session(tmp_path_factory) -> Session:
 def nothing_left(tmp_path: Path) -> Iterator[None]:
     """No file with a temporary name outlives a complaint."""
     yield
-    assert [path for path in tmp_path.rglob("*") if path.name.endswith(".part") or path.name.startswith(".")] == []
+    assert [
+        path for path in tmp_path.rglob("*") if path.name.endswith(".part") or path.name.startswith(".")
+    ] == []

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from mcap.reader import make_reader
 
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError, StrikerLost
 from schemas import topics
 from schemas.document import canonical_json
@@ -42,7 +42,7 @@ ADDRESS, OTHER_ADDRESS = loopback(121), loopback(122)
 
 
 def add_row(fault: str, lost: str, again: str) -> None:
-    """One row of docs/faults.md, if somebody collects them."""
+    """One row of docs/reference/faults.md, if somebody collects them."""
     if path := os.environ.get(TABLE_VARIABLE):
         with Path(path).open("a", encoding="utf-8") as file:
             file.write(json.dumps({"fault": fault, "lost": lost, "again": again}) + "\n")
@@ -79,7 +79,10 @@ def messages(path: Path, topic: topics.Topic) -> list[tuple[int, Any]]:
     """(log time, message) of one topic, from a whole file whose checksums are right."""
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
-        return [(m.log_time, topic.message.FromString(m.data)) for _, _, m in reader.iter_messages(topics=[topic.name])]
+        return [
+            (m.log_time, topic.message.FromString(m.data))
+            for _, _, m in reader.iter_messages(topics=[topic.name])
+        ]
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,10 @@ class Camera:
 
     def __init__(self, address: str = ADDRESS, packet_loss: float = 0.0) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, str(PATTERN_CAMERA), address, str(packet_loss)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, str(PATTERN_CAMERA), address, str(packet_loss)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         )
         self._counts: dict[str, int] | None = None
         assert self.process.stdout is not None
@@ -194,8 +200,13 @@ class FaultRig:
         self._cleanup.callback(camera.finish)
         return camera
 
-    def rig_file(self, name: str = "d", address: str = ADDRESS, striker: str | None = None, recorder: str = "") -> Path:
-        port = striker or f'port = "{self.plant.servo.port_path}"\neffective_mass_kg = {EFFECTIVE_MASS}\neffective_mass_sd_kg = 0.01'
+    def rig_file(
+        self, name: str = "d", address: str = ADDRESS, striker: str | None = None, recorder: str = ""
+    ) -> Path:
+        port = (
+            striker
+            or f'port = "{self.plant.servo.port_path}"\neffective_mass_kg = {EFFECTIVE_MASS}\neffective_mass_sd_kg = 0.01'
+        )
         path = self.folder / f"{name}.toml"
         path.write_text(
             f"""[camera]
@@ -213,7 +224,9 @@ socket = "{path.with_suffix("") / "d.sock"}"
         )
         return path
 
-    def daemon(self, rig_file: Path | None = None, before: tuple[str, ...] = (), **environment: str) -> Daemon:
+    def daemon(
+        self, rig_file: Path | None = None, before: tuple[str, ...] = (), **environment: str
+    ) -> Daemon:
         """Started; `before` is a command that starts it in its own place."""
         daemon = Daemon(rig_file or self.rig_file(), before, **environment)
         self._cleanup.callback(daemon.end)
@@ -231,7 +244,9 @@ socket = "{path.with_suffix("") / "d.sock"}"
 
     def open_recording(self, client: DaemonClient, path: Path | None = None) -> int:
         """Open a recording; its wall anchor."""
-        return int(client.call("recording.open", **recording_request(path or self.recording))["wall_anchor_ns"])
+        return int(
+            client.call("recording.open", **recording_request(path or self.recording))["wall_anchor_ns"]
+        )
 
     def cocked(self, client: DaemonClient) -> None:
         """The object stands there, the arm is settled. Once more where a busy host let the virtual servo miss its answers."""
@@ -291,7 +306,9 @@ def fault_rig() -> Iterator[FaultRig]:
 
 def contact_event(path: Path) -> pb.StrikerEvent | None:
     """The recorded contact."""
-    found = [event for _, event in messages(path, topics.STRIKER_EVENT) if event.kind == pb.StrikerEvent.CONTACT]
+    found = [
+        event for _, event in messages(path, topics.STRIKER_EVENT) if event.kind == pb.StrikerEvent.CONTACT
+    ]
     return found[0] if found else None
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.demo import rig_toml
 from acquire.session.runner import Progress, SessionReport, SessionRunner
 from acquire.session.session_input import SessionInput

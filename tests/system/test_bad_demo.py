@@ -52,7 +52,14 @@ def short_folder() -> Iterator[Path]:
 def start_demo(folder: Path, *more: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "acquire", "demo", "-o", str(folder / "r.mcap"), *more]
     environment = os.environ | {"TMPDIR": str(folder)}
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True)
+    return subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+    )
 
 
 def processes_of(folder: Path) -> list[str]:
@@ -123,7 +130,11 @@ def test_a_killed_demo_leaves_no_process(short_folder: Path) -> None:
 
 def test_wrong_usage_is_one_line_and_code_2() -> None:
     for command, arguments, line in (
-        (acquire, ["demo", "--object", "teapot", "-o", "x.mcap"], r"acquire: .*'teapot' is not one of .* \(see acquire demo --help\)"),
+        (
+            acquire,
+            ["demo", "--object", "teapot", "-o", "x.mcap"],
+            r"acquire: .*'teapot' is not one of .* \(see acquire demo --help\)",
+        ),
         (acquire, ["demo"], r"acquire: Missing option '-o' / '--output' \(see acquire demo --help\)"),
         (
             acquire,
@@ -131,10 +142,22 @@ def test_wrong_usage_is_one_line_and_code_2() -> None:
             r"acquire: .*'--strikes': 2 is not in the range .* \(see acquire demo --help\)",
         ),
         (acquire, ["--loud"], r"acquire: No such option.*--loud.* \(see acquire --help\)"),
-        (acquire, ["strike", "--speed", "1", "--plan", "p"], r"acquire: give --speed, or --plan .* \(see acquire strike --help\)"),
+        (
+            acquire,
+            ["strike", "--speed", "1", "--plan", "p"],
+            r"acquire: give --speed, or --plan .* \(see acquire strike --help\)",
+        ),
         (analyze, ["estimate"], r"analyze: Missing argument 'FILE\.\.\.' \(see analyze estimate --help\)"),
-        (analyze, ["plan", "x.toml", "--strikes", "0"], r"analyze: .*'--strikes'.* \(see analyze plan --help\)"),
-        (analyze, ["plan", "x.toml", "--methd", "ours"], r"analyze: No such option.*--methd.*--method.* \(see analyze plan --help\)"),
+        (
+            analyze,
+            ["plan", "x.toml", "--strikes", "0"],
+            r"analyze: .*'--strikes'.* \(see analyze plan --help\)",
+        ),
+        (
+            analyze,
+            ["plan", "x.toml", "--methd", "ours"],
+            r"analyze: No such option.*--methd.*--method.* \(see analyze plan --help\)",
+        ),
         (analyze, ["divine", "x.mcap"], r"analyze: No such command.*divine.* \(see analyze --help\)"),
     ):
         result = CliRunner().invoke(command, arguments)

@@ -1,6 +1,6 @@
 """The capture process dies, hangs, or its camera's thread does: the recording goes on in the next file, and what is lost is said.
 
-Rows of docs/faults.md (`make bench-faults`).
+Rows of docs/reference/faults.md (`make bench-faults`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,23 @@ import pytest
 
 from acquire.capture.heartbeat import SILENCE_S
 from acquire.config import RecorderConfig
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import DaemonSilent, RecordingBroken
 from acquire.recorder.recover.edit import read_manifest
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb
-from tests.system.fault_rig import FAST_M_S, RATE_HZ, FaultRig, Frames, add_row, fault_rig, messages, milliseconds, wait_until, works_again
+from tests.system.fault_rig import (
+    FAST_M_S,
+    RATE_HZ,
+    FaultRig,
+    Frames,
+    add_row,
+    fault_rig,
+    messages,
+    milliseconds,
+    wait_until,
+    works_again,
+)
 from tests.system.test_faults import wait_for_frames
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
@@ -43,7 +54,11 @@ def strike(rig: FaultRig, client: DaemonClient, strike_id: str) -> pb.StrikeReco
     assert client.call("striker.strike", strike_id=strike_id, tip_speed_m_s=FAST_M_S)["contacts"]
     window = client.call("window.close")
     assert window["frames"] > 10
-    record = {"strike_id": strike_id, "window_start_ns": window["start_ns"], "window_end_ns": window["end_ns"]}
+    record = {
+        "strike_id": strike_id,
+        "window_start_ns": window["start_ns"],
+        "window_end_ns": window["end_ns"],
+    }
     client.call("recording.strike", **record)
     return pb.StrikeRecord(**record)
 
@@ -78,16 +93,25 @@ def test_capture_process_fails_between_strikes(rig: FaultRig, how: signal.Signal
     os.kill(daemon.capture, how)
     failed_ns = time.monotonic_ns()
     said = "gave no sign of life for 3 s and was ended" if how is signal.SIGSTOP else "ended (exit code -9)"
-    told_s = wait_until(lambda: f"the recording broke off: the capture process {said}" in daemon.complaints, SILENCE_S + 5.0, 0.01)
+    told_s = wait_until(
+        lambda: f"the recording broke off: the capture process {said}" in daemon.complaints,
+        SILENCE_S + 5.0,
+        0.01,
+    )
     client.call("recording.state", state=1, strike_id="s2", attempt=1, text="")  # waits
     back_s = (time.monotonic_ns() - failed_ns) * 1e-9
     assert "the recording goes on in r-0002.mcap" in daemon.complaints
     after = strike(rig, client, "s2.1")
     report = client.call("recording.close")
     gap_s = check_files(rig, report, anchor + failed_ns, anchor + failed_ns + round(back_s * 1e9))
-    records = [[record for _, record in messages(path, topics.SESSION_STRIKE)] for path in (rig.recording, second(rig))]
+    records = [
+        [record for _, record in messages(path, topics.SESSION_STRIKE)]
+        for path in (rig.recording, second(rig))
+    ]
     assert records == [[before], [after]]
-    assert any(event.kind == pb.StrikerEvent.CONTACT for _, event in messages(second(rig), topics.STRIKER_EVENT))
+    assert any(
+        event.kind == pb.StrikerEvent.CONTACT for _, event in messages(second(rig), topics.STRIKER_EVENT)
+    )
     works_again(rig, daemon)
     what = "hangs (SIGSTOP)" if how is signal.SIGSTOP else "killed (kill -9)"
     add_row(
@@ -110,7 +134,9 @@ def test_capture_process_fails_in_a_window(rig: FaultRig, how: signal.Signals) -
     time.sleep(0.5)
     os.kill(capture, how)
     failed_ns = time.monotonic_ns()
-    assert client.call("striker.strike", strike_id="s1.1", tip_speed_m_s=FAST_M_S)["contacts"]  # the arm is nobody's hostage
+    assert client.call("striker.strike", strike_id="s1.1", tip_speed_m_s=FAST_M_S)[
+        "contacts"
+    ]  # the arm is nobody's hostage
     with pytest.raises(RecordingBroken, match="the window was cut off"):
         client.call("window.close")
     again = strike(rig, client, "s1.1")
@@ -157,7 +183,9 @@ def test_camera_and_capture_process_killed(rig: FaultRig) -> None:
     rig.cocked(client)
     camera.kill()
     os.kill(daemon.capture, signal.SIGKILL)
-    wait_until(lambda: "the capture process does not start: no camera answers" in daemon.complaints, 20.0, 0.05)
+    wait_until(
+        lambda: "the capture process does not start: no camera answers" in daemon.complaints, 20.0, 0.05
+    )
     rig.camera()
     back_s = wait_until(lambda: "it was started again" in daemon.complaints, 20.0, 0.05)
     assert len(daemon.complaints.splitlines()) == 2, daemon.complaints
@@ -201,7 +229,10 @@ def test_the_daemon_hangs(rig: FaultRig) -> None:
     daemon.process.send_signal(signal.SIGSTOP)
     start = time.monotonic()
     try:
-        with daemon.client() as other, pytest.raises(DaemonSilent, match=rf"process {daemon.pid}.* it hangs: end it with `kill -9"):
+        with (
+            daemon.client() as other,
+            pytest.raises(DaemonSilent, match=rf"process {daemon.pid}.* it hangs: end it with `kill -9"),
+        ):
             other.call("status")
         told_s = time.monotonic() - start
     finally:

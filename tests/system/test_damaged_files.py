@@ -1,4 +1,4 @@
-"""`acquire recover` on recordings that were cut anywhere, or have a wrong byte anywhere. Its rows stand in docs/faults.md."""
+"""`acquire recover` on recordings that were cut anywhere, or have a wrong byte anywhere. Its rows stand in docs/reference/faults.md."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 
 from acquire.cli import main as acquire
 from schemas.mcap import records as container
+from schemas.mcap.walk import walk
 from tests import small_recording as small
 from tests.system.fault_rig import add_row
 
@@ -48,7 +49,9 @@ def recovered(data: bytes, folder: Path) -> tuple[int, list[int], dict]:
     assert report["anything_lost"] == (result.exit_code == LOST)
     numbers = []
     with output.open("rb") as file:
-        for _, _, message in make_reader(file, validate_crcs=True).iter_messages(topics=["/camera/main/image"]):
+        for _, _, message in make_reader(file, validate_crcs=True).iter_messages(
+            topics=["/camera/main/image"]
+        ):
             assert small.image(message.sequence).tobytes() in message.data
             numbers.append(message.sequence)
     assert source.read_bytes() == data
@@ -65,7 +68,9 @@ def test_a_file_cut_anywhere(whole: bytes, tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     places = np.concatenate([rng.integers(1, len(whole), CASES - EARLY), rng.integers(1, EARLY_BYTES, EARLY)])
     image_ends, refused, harmless = ends(whole), 0, 0
-    (data_end,) = (at for opcode, at, _ in container.walk(memoryview(whole), len(container.MAGIC)) if opcode == container.DATA_END)
+    (data_end,) = (
+        at for opcode, at, _ in walk(memoryview(whole), len(container.MAGIC)) if opcode == container.DATA_END
+    )
     data_end += container.RECORD_HEAD + 4
     for place in places.tolist():
         code, numbers, report = recovered(whole[:place], tmp_path)

@@ -27,8 +27,22 @@ def test_every_frame_of_the_session_is_there_or_counted_and_every_topic(session)
     """The camera makes 120 frames a second; where other tests leave it or the client no time, the recording says how many are missing."""
     found = json.loads(run("inspect", session.path, "--json"))
     names = {topic["name"] for topic in found["topics"]}
-    assert {"/camera/main/image", "/camera/main/meta", "/camera/main/calibration", "/striker/sample", "/striker/event"} <= names
-    assert {"/clock/sample", "/session/state", "/session/strike", "/log", "/truth/pose", "/truth/contact", "/truth/body"} <= names
+    assert {
+        "/camera/main/image",
+        "/camera/main/meta",
+        "/camera/main/calibration",
+        "/striker/sample",
+        "/striker/event",
+    } <= names
+    assert {
+        "/clock/sample",
+        "/session/state",
+        "/session/strike",
+        "/log",
+        "/truth/pose",
+        "/truth/contact",
+        "/truth/body",
+    } <= names
     rate = next(topic["rate_hz"] for topic in found["topics"] if topic["name"] == "/camera/main/meta")
     frames, lost = session.report["frames"], session.report["lost"]
     assert rate * (frames + lost) / frames == pytest.approx(120.0, abs=0.5)

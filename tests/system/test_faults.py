@@ -1,6 +1,6 @@
 """Whatever dies, is paused, unplugged or asked to end while the daemon records: what is lost, and how long until it works again.
 
-Rows of docs/faults.md (`make bench-faults`). The daemon's own end, in every state of the striker, is in test_striker_faults.py; the servo's
+Rows of docs/reference/faults.md (`make bench-faults`). The daemon's own end, in every state of the striker, is in test_striker_faults.py; the servo's
 faults are in test_servo_faults.py and test_session_servo_faults.py, damaged files in test_recover.py.
 """
 
@@ -19,7 +19,7 @@ from pathlib import Path
 
 import pytest
 
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError, RecorderError
 from schemas import topics
 from tests.system.fault_rig import (
@@ -52,13 +52,21 @@ def rig() -> Iterator[FaultRig]:
 def wait_for_frames(client: DaemonClient, count: int = 20, timeout_s: float = 20.0) -> float:
     """Seconds until the camera is connected and `count` more frames came."""
     start = client.call("status")["frames"]
-    return wait_until(lambda: (s := client.call("status"))["connected"] and s["frames"] >= start + count, timeout_s, 0.02)
+    return wait_until(
+        lambda: (s := client.call("status"))["connected"] and s["frames"] >= start + count, timeout_s, 0.02
+    )
 
 
 def refused(rig_file: Path) -> tuple[str, float]:
     """The one line with which `acquire run` refuses, and how long it took [s]."""
     start = time.monotonic()
-    done = subprocess.run([sys.executable, "-m", "acquire", "run", str(rig_file)], capture_output=True, text=True, timeout=40, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "acquire", "run", str(rig_file)],
+        capture_output=True,
+        text=True,
+        timeout=40,
+        check=False,
+    )
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
     return line, time.monotonic() - start
@@ -86,7 +94,11 @@ def test_a_second_daemon(rig: FaultRig) -> None:
     assert frames.lost == 0
     assert abs(frames.unaccounted) < 1.0
     for what, seconds in (("socket", socket_s), ("serial port", port_s), ("camera", camera_s)):
-        add_row(f"second daemon on the same {what}", f"nothing: refused in one line after {seconds:.1f} s; the first records on", "at once")
+        add_row(
+            f"second daemon on the same {what}",
+            f"nothing: refused in one line after {seconds:.1f} s; the first records on",
+            "at once",
+        )
 
 
 # --- the camera -------------------------------------------------------------------------------------------------------
@@ -201,7 +213,7 @@ def test_watcher_killed(rig: FaultRig) -> None:
 CLIENT = """
 import json, sys
 from pathlib import Path
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 client = DaemonClient(Path(sys.argv[1]))
 client.call("recording.open", **json.loads(sys.argv[2]))
 for verb in ("home", "arm", "cock"):
@@ -219,7 +231,9 @@ def test_session_client_killed(rig: FaultRig, where: str) -> None:
     rig.camera()
     daemon = rig.daemon()
     given = [str(daemon.socket), json.dumps(recording_request(rig.recording)), where]
-    with subprocess.Popen([sys.executable, "-c", CLIENT, *given], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as session:
+    with subprocess.Popen(
+        [sys.executable, "-c", CLIENT, *given], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as session:
         assert session.stdout is not None
         assert session.stdout.readline() == "cocked\n"
         if where == "strike":
@@ -244,11 +258,22 @@ def test_session_client_killed(rig: FaultRig, where: str) -> None:
 
 # --- the disk ---------------------------------------------------------------------------------------------------------
 
-OWN_DISK = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c", 'mount -t tmpfs -o size=100m tmpfs "$0" && exec "$@"')
+OWN_DISK = (
+    "unshare",
+    "--user",
+    "--map-root-user",
+    "--mount",
+    "sh",
+    "-c",
+    'mount -t tmpfs -o size=100m tmpfs "$0" && exec "$@"',
+)
 
 
 def may_mount() -> bool:
-    return shutil.which("unshare") is not None and subprocess.run([*OWN_DISK[:4], "true"], check=False, capture_output=True).returncode == 0
+    return (
+        shutil.which("unshare") is not None
+        and subprocess.run([*OWN_DISK[:4], "true"], check=False, capture_output=True).returncode == 0
+    )
 
 
 @pytest.mark.skipif(not may_mount(), reason="this user may make no name space of its own")
@@ -269,7 +294,9 @@ def test_disk_full_in_a_window(rig: FaultRig) -> None:
     with ballast.open("wb") as file:
         os.posix_fallocate(file.fileno(), 0, state.f_bavail * state.f_frsize - 16_000_000)
     assert client.call("striker.strike", strike_id="s1.1", tip_speed_m_s=FAST_M_S)["contacts"] == 1
-    with pytest.raises(RecorderError, match=r"cannot be written.*free space on this disk, finish, and start a new one"):
+    with pytest.raises(
+        RecorderError, match=r"cannot be written.*free space on this disk, finish, and start a new one"
+    ):
         client.call("window.close")
     assert "cannot be written" in client.call("status")["trouble"]
     with pytest.raises(RecorderError, match="free"):
@@ -331,7 +358,10 @@ def test_wall_clock_steps_by_an_hour(rig: FaultRig) -> None:
         window = client.call("window.close")
         assert outcome["contacts"] == 1
         assert window["lost"] == 0
-        error_ns, sd_ns = outcome["contact_time_ns"] - rig.plant.touches[0].time_ns, outcome["contact_time_sd_ns"]
+        error_ns, sd_ns = (
+            outcome["contact_time_ns"] - rig.plant.touches[0].time_ns,
+            outcome["contact_time_sd_ns"],
+        )
         assert abs(error_ns) < 3 * sd_ns
         errors.append((error_ns * 1e-6, sd_ns * 1e-6))
         assert window["start_ns"] < anchor + outcome["contact_time_ns"] < window["end_ns"]
@@ -362,4 +392,8 @@ def test_status_survives_whatever_the_camera_does(rig: FaultRig) -> None:
     assert rig.recording.exists()
     with pytest.raises(AcquireError):
         client.call("status")
-    add_row("camera gone for good, then SIGTERM", "nothing more: file finished, torque off", f"ended after {end_s:.1f} s")
+    add_row(
+        "camera gone for good, then SIGTERM",
+        "nothing more: file finished, torque off",
+        f"ended after {end_s:.1f} s",
+    )

@@ -64,7 +64,10 @@ def test_a_daemon_that_hangs_gives_no_sign_of_life(rig: FaultRig) -> None:
     rig.camera()
     manager = Manager(str(rig.folder / "notify"))
     try:
-        environment = {"NOTIFY_SOCKET": str(rig.folder / "notify"), "WATCHDOG_USEC": str(round(PATIENCE_S * 1e6))}
+        environment = {
+            "NOTIFY_SOCKET": str(rig.folder / "notify"),
+            "WATCHDOG_USEC": str(round(PATIENCE_S * 1e6)),
+        }
         daemon = rig.daemon(rig.rig_file(striker='kind = "manual"'), **environment)
         assert daemon.ready, daemon.complaints
         wait_until(lambda: len(manager.times("WATCHDOG=1")) > 6, 30.0)

@@ -1,4 +1,4 @@
-"""Faults of the servo and its wire, on the striker alone: quick enough for every run. Rows of docs/faults.md."""
+"""Faults of the servo and its wire, on the striker alone: quick enough for every run. Rows of docs/reference/faults.md."""
 
 from __future__ import annotations
 
@@ -64,7 +64,10 @@ def in_mid_swing(plant: Plant, act) -> list[int]:
 
 
 def moved_after_s(plant: Plant, since_ns: int) -> float:
-    return max((t - since_ns for t, _, omega in plant.history if t > since_ns and abs(omega) > 0.1), default=0) * 1e-9
+    return (
+        max((t - since_ns for t, _, omega in plant.history if t > since_ns and abs(omega) > 0.1), default=0)
+        * 1e-9
+    )
 
 
 def again_s(striker: DynamixelStriker) -> float:
@@ -75,7 +78,9 @@ def again_s(striker: DynamixelStriker) -> float:
     return time.monotonic() - start
 
 
-def test_unplugged_in_mid_swing_and_back(plant: Plant, striker: DynamixelStriker, events: list[pb.StrikerEvent]) -> None:
+def test_unplugged_in_mid_swing_and_back(
+    plant: Plant, striker: DynamixelStriker, events: list[pb.StrikerEvent]
+) -> None:
     cocked(striker)
     done = in_mid_swing(plant, plant.unplug)
     with pytest.raises(StrikerLost):
@@ -109,21 +114,32 @@ def test_alert_in_mid_swing(plant: Plant, striker: DynamixelStriker) -> None:
     assert plant.servo.registers["Torque Enable"] == 0
     back_s = again_s(striker)
     assert back_s < 4.0
-    add_row("servo reports ALERT in mid-swing", f"this strike; torque off after {1e3 * off_s:.0f} ms", f"{back_s:.1f} s: `home` reboots it")
+    add_row(
+        "servo reports ALERT in mid-swing",
+        f"this strike; torque off after {1e3 * off_s:.0f} ms",
+        f"{back_s:.1f} s: `home` reboots it",
+    )
 
 
 def test_wrong_baud_rate(plant: Plant) -> None:
-    striker = DynamixelStriker(plant.config(baud_rate=57_600), lambda _: None, lambda _: None, lambda _: None, SystemClock())
+    striker = DynamixelStriker(
+        plant.config(baud_rate=57_600), lambda _: None, lambda _: None, lambda _: None, SystemClock()
+    )
     start = time.monotonic()
     with pytest.raises(
-        StrikerNotFound, match="no servo with id 1 answers at 57600 bit/s; check its power, and `id` and `baud_rate`"
+        StrikerNotFound,
+        match="no servo with id 1 answers at 57600 bit/s; check its power, and `id` and `baud_rate`",
     ) as told:
         striker.open()
     told_s = time.monotonic() - start
     assert told_s < 1.0
     assert "\n" not in str(told.value)
     striker.close()
-    add_row("wrong baud rate in the rig file", f"nothing: refused in one line after {told_s:.1f} s", "at the next start with the right one")
+    add_row(
+        "wrong baud rate in the rig file",
+        f"nothing: refused in one line after {told_s:.1f} s",
+        "at the next start with the right one",
+    )
 
 
 def test_a_second_program_on_the_serial_port(plant: Plant, striker: DynamixelStriker) -> None:
@@ -135,11 +151,17 @@ def test_a_second_program_on_the_serial_port(plant: Plant, striker: DynamixelStr
     told_s = time.monotonic() - start
     other.close()
     assert striker.strike("s", 0.3).contacts == 1  # the first did not notice
-    add_row("second program on the serial port", f"nothing: refused in one line after {told_s:.2f} s; the first goes on", "at once")
+    add_row(
+        "second program on the serial port",
+        f"nothing: refused in one line after {told_s:.2f} s; the first goes on",
+        "at once",
+    )
 
 
 @pytest.mark.parametrize("hours", [1.0, -1.0])
-def test_wall_clock_steps_in_mid_swing(plant: Plant, striker: DynamixelStriker, monkeypatch: pytest.MonkeyPatch, hours: float) -> None:
+def test_wall_clock_steps_in_mid_swing(
+    plant: Plant, striker: DynamixelStriker, monkeypatch: pytest.MonkeyPatch, hours: float
+) -> None:
     cocked(striker)
     real, shift = time.time, [0.0]
     monkeypatch.setattr(time, "time", lambda: real() + shift[0])

@@ -1,4 +1,4 @@
-"""Whole sessions on the virtual rig whose camera and watcher die on the way. Rows of docs/faults.md."""
+"""Whole sessions on the virtual rig whose camera and watcher die on the way. Rows of docs/reference/faults.md."""
 
 from __future__ import annotations
 
@@ -66,7 +66,9 @@ def test_a_session_outlives_camera_and_watcher(rig: SessionRig) -> None:
     good = {record.plan_strike_id for record in strikes if record.verdict_code == "good"}
     planned = {record.plan_strike_id for record in strikes}
     assert len(planned) >= 3
-    assert len(good) >= 2, [(record.strike_id, record.verdict_code, record.verdict_text) for record in strikes]
+    assert len(good) >= 2, [
+        (record.strike_id, record.verdict_code, record.verdict_text) for record in strikes
+    ]
     add_row(
         "`analyze watch` killed in a session's first strike, the camera in its second (back after 1 s)",
         f"{frames.lost} frames, stated; {len(strikes) - len(good)} of {len(strikes)} attempts without a good verdict, "

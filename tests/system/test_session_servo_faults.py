@@ -1,4 +1,4 @@
-"""Whole sessions on the virtual rig whose servo is unplugged or lets go on the way. A row of docs/faults.md each."""
+"""Whole sessions on the virtual rig whose servo is unplugged or lets go on the way. A row of docs/reference/faults.md each."""
 
 from __future__ import annotations
 
@@ -71,11 +71,17 @@ def overload(world: OperatorLink) -> None:
             unplug_and_plug_in,
             "plug the adapter in again",
         ),
-        ("servo in ALERT (overload, torque off) in a session's first swing", overload, "overload; check that the arm moves freely"),
+        (
+            "servo in ALERT (overload, torque off) in a session's first swing",
+            overload,
+            "overload; check that the arm moves freely",
+        ),
     ],
     ids=["unplugged", "overload"],
 )
-def test_a_session_outlives_its_servo(rig: SessionRig, what: str, act: Callable[[OperatorLink], None], line: str) -> None:
+def test_a_session_outlives_its_servo(
+    rig: SessionRig, what: str, act: Callable[[OperatorLink], None], line: str
+) -> None:
     breaker = Breaker(rig.world(), act)
     report = rig.session(breaker.progress)
     assert breaker.thread is not None
@@ -101,7 +107,9 @@ def test_a_session_outlives_its_servo(rig: SessionRig, what: str, act: Callable[
     good = {record.plan_strike_id for record in strikes if record.verdict_code == "good"}
     assert len(planned) >= 3
     assert faults[0].strike_id.partition(".")[0] in planned
-    assert len(good) >= len(planned) - 1, [(record.strike_id, record.verdict_code, record.verdict_text) for record in strikes]
+    assert len(good) >= len(planned) - 1, [
+        (record.strike_id, record.verdict_code, record.verdict_text) for record in strikes
+    ]
     add_row(
         what,
         f"this attempt, said in one line; {frames.lost} of {frames.arrived} frames; {len(good)} of {len(planned)} planned strikes good",

@@ -49,6 +49,8 @@ def test_nothing_is_open_to_the_network_but_what_the_rig_file_names() -> None:
     assert open_to.pop(daemon.pid) == []
     (capture, watcher) = sorted(open_to.values(), key=len, reverse=True)
     assert watcher == []
-    assert {protocol for protocol, *_ in capture} == {"udp"}, capture  # GVCP and GVSP, to the camera that the rig file names
+    assert {protocol for protocol, *_ in capture} == {"udp"}, (
+        capture
+    )  # GVCP and GVSP, to the camera that the rig file names
     assert all(address.is_loopback for _, address, _, _ in capture), capture
     assert LISTENS not in {state for protocol, _, _, state in capture if protocol.startswith("tcp")}

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from acquire.cli import main as acquire
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import StrikerStopped
 from tests.acquire.striker.lateness import Lateness
 from tests.system.fault_rig import OTHER_ADDRESS, Daemon, FaultRig, fault_rig, wait_until
@@ -76,7 +76,9 @@ def test_a_servo_is_stopped(servo_rig: tuple[FaultRig, Daemon], state: str, what
     moved_s = rig.still_after_s(sent_ns)
     assert moved_s < MOTION_S + 5 * lateness.worst_s
     assert abs(rig.plant.omega) < 0.1
-    assert looks_on.call("status")["striker"] == ("fault" if state == "fault" else "homed" if state == "homed" else "disarmed")
+    assert looks_on.call("status")["striker"] == (
+        "fault" if state == "fault" else "homed" if state == "homed" else "disarmed"
+    )
     rig.wait_for_background()
     with pytest.raises(StrikerStopped, match="stopped on request: home it"):
         client.call("striker.arm")
@@ -97,7 +99,9 @@ def test_a_hand_is_told_to_stop(manual_rig: tuple[FaultRig, Daemon], state: str,
     rig, daemon = manual_rig
     client, looks_on = rig.client(daemon), rig.client(daemon)
     session(rig, client, what)
-    for verb in {"disarmed": (), "homed": ("home",), "armed": ("home", "arm")}.get(state, ("home", "arm", "cock")):
+    for verb in {"disarmed": (), "homed": ("home",), "armed": ("home", "arm")}.get(
+        state, ("home", "arm", "cock")
+    ):
         client.call(f"striker.{verb}")
     if state == "released":
         rig.strike_in_background(client, 0.2)

@@ -30,7 +30,9 @@ def test_strikes_and_calibration_of_the_virtual_striker() -> None:
                 break
         assert outcome["contacts"] == 1
         assert abs(outcome["tip_speed_m_s"] - 0.3) < max(3 * outcome["tip_speed_sd_m_s"], 0.015)
-        planned = strike("--rig", toml, "--plan", str(rig.folder / "plan.json"), "--strike", "s1", "--energy", "1.1")
+        planned = strike(
+            "--rig", toml, "--plan", str(rig.folder / "plan.json"), "--strike", "s1", "--energy", "1.1"
+        )
         assert planned.returncode in {0, 3}, planned.stderr
         assert "energy ratio 1.10" in planned.stderr
         calibrated = strike("--rig", toml, "--calibrate", "--speeds", "0.15,0.3,0.5", "--repeats", "1")

@@ -1,4 +1,4 @@
-"""The daemon ends, asked to or killed, whatever the striker does at that moment. Rows of docs/faults.md (`make bench-faults`)."""
+"""The daemon ends, asked to or killed, whatever the striker does at that moment. Rows of docs/reference/faults.md (`make bench-faults`)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.recorder.recover.recover import recover
 from acquire.virtual.dynamixel_servo import HardwareError
 from schemas import topics
@@ -81,8 +81,16 @@ def test_kill_9_in_mid_strike(rig: FaultRig, with_capture: bool) -> None:
     again = rig.daemon()
     assert "ready" in again.ready, again.complaints
     works_again(rig, again)
-    what = "kill -9 of daemon and capture process together, in mid-strike" if with_capture else "kill -9 of the daemon in mid-strike"
-    how = "`acquire recover` saves all but the last" if with_capture else "the capture process finishes the file: all but the last"
+    what = (
+        "kill -9 of daemon and capture process together, in mid-strike"
+        if with_capture
+        else "kill -9 of the daemon in mid-strike"
+    )
+    how = (
+        "`acquire recover` saves all but the last"
+        if with_capture
+        else "the capture process finishes the file: all but the last"
+    )
     add_row(
         what,
         f"{how} {milliseconds(max(0.0, frame_s))} of frames and {milliseconds(sample_s)} of servo samples; "
@@ -168,7 +176,9 @@ def reach(rig: FaultRig, daemon: Daemon, client: DaemonClient, state: str) -> No
     elif state == "contact":
         rig.plant.restore(gap=0.0)
         rig.strike_in_background(client, FAST_M_S)
-        wait_until(lambda: rig.plant.touches and rig.plant.omega < -1.0, 5.0, 0.001)  # turned back: faster than the touch throws it
+        wait_until(
+            lambda: rig.plant.touches and rig.plant.omega < -1.0, 5.0, 0.001
+        )  # turned back: faster than the touch throws it
     elif state == "miss":
         with daemon.client() as other:
             rig.strike_in_background(client, SLOW_M_S)

@@ -173,7 +173,7 @@ def test_without_pulses_the_trigger_is_named_and_a_free_camera_is_set_free(camer
         impatient.open()
         impatient.start()
         with pytest.raises(
-            CameraLost, match=r"no frame for \d\.\d s \(trigger = Line0: do its pulses come\?\)"
+            CameraLost, match=r"no frame for \d\.\d s \(trigger = Line0: check that its pulses arrive\)"
         ):
             read_for_ever(impatient)
     finally:

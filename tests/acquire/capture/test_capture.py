@@ -29,7 +29,7 @@ from tests import small_recording
 from tests.loopback import loopback
 from tests.places import PATTERN_CAMERA, ROOT
 
-COMMAND = (sys.executable, str(Path(__file__).with_name("synthetic_camera.py")))
+COMMAND = (sys.executable, str(Path(__file__).parents[1] / "synthetic_camera.py"))
 CALIBRATION = CameraCalibrationSpec(
     width=64, height=48, K=[[100, 0, 32], [0, 100, 24], [0, 0, 1]], T_world_camera=np.eye(4).tolist()
 )

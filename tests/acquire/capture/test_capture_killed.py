@@ -24,7 +24,7 @@ def sleep_watching(seconds: float) -> float:
     return held_up_s
 
 
-@pytest.mark.parametrize("large", [False, True], ids=["copied", "lent"])
+@pytest.mark.parametrize("large", [False, True], ids=["copied", "borrowed"])
 def test_a_kill_in_a_continuous_recording_costs_less_than_half_a_second(
     tmp_path: Path, environment: pytest.MonkeyPatch, large: bool
 ) -> None:

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from acquire.daemon.api import ApiServer, DaemonClient
-from acquire.daemon.daemon import api
+from acquire.daemon import server as api
+from acquire.daemon.client import DaemonClient
+from acquire.daemon.server import ApiServer
 from acquire.errors import DaemonBusy, DaemonError, DaemonNotRunning, DaemonSilent, StrikerRefused
 
 
@@ -33,7 +34,12 @@ def server(tmp_path, monkeypatch):
         gate.wait(30)
         return {"waited": True}
 
-    handlers = {"echo": lambda _, params: params, "refuse": refuse, "wait": wait, "gone": lambda connection, _: connection.gone}
+    handlers = {
+        "echo": lambda _, params: params,
+        "refuse": refuse,
+        "wait": wait,
+        "gone": lambda connection, _: connection.gone,
+    }
     listening = ApiServer(tmp_path / "private" / "d.sock", handlers)
     yield listening, tmp_path / "private" / "d.sock", gate
     gate.set()
@@ -69,7 +75,9 @@ def test_unknown_methods_are_named(server):
         client.call("dance")
 
 
-@pytest.mark.parametrize("line", [b"\n", b"{\n", b"[]\n", b'{"id": 1}\n', b'{"method": 5, "id": 1}\n', b"\xff\xfe\n"])
+@pytest.mark.parametrize(
+    "line", [b"\n", b"{\n", b"[]\n", b'{"id": 1}\n', b'{"method": 5, "id": 1}\n', b"\xff\xfe\n"]
+)
 def test_bad_requests_get_an_error_and_the_connection_lives(server, line):
     with socket.socket(socket.AF_UNIX) as raw:
         raw.connect(str(server[1]))
@@ -149,7 +157,13 @@ NOBODY = 65534
 
 def speak(path, *uid):
     """What a process of the system's own gets to hear: (answer, complaint)."""
-    done = subprocess.run([sys.executable, "-c", SPEAK, str(path), *map(str, uid)], capture_output=True, text=True, timeout=20, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", SPEAK, str(path), *map(str, uid)],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
     return done.stdout, done.stderr.strip()
 
 
@@ -174,9 +188,15 @@ def test_another_user_is_refused(open_folder):
         (open_folder / "p").chmod(0o755)
         (open_folder / "p" / "d.sock").chmod(0o666)
         answer, _ = speak(open_folder / "p" / "d.sock", *speaker)
-        assert f"serves user {served} alone, and not user {NOBODY if root else os.getuid()}" in json.loads(answer)["error"]["message"]
+        assert (
+            f"serves user {served} alone, and not user {NOBODY if root else os.getuid()}"
+            in json.loads(answer)["error"]["message"]
+        )
         if not root:
-            with DaemonClient(open_folder / "p" / "d.sock") as client, pytest.raises(DaemonError, match="serves user"):
+            with (
+                DaemonClient(open_folder / "p" / "d.sock") as client,
+                pytest.raises(DaemonError, match="serves user"),
+            ):
                 client.call("echo")
     finally:
         listening.close()
@@ -198,7 +218,7 @@ def test_another_user_does_not_come_as_far_as_the_socket(open_folder):
 
 def test_a_daemon_of_another_user_is_not_spoken_to(server, monkeypatch):
     theirs = server[1].lstat().st_uid
-    monkeypatch.setattr("acquire.daemon.api.os.getuid", lambda: theirs + 1)
+    monkeypatch.setattr("acquire.daemon.client.os.getuid", lambda: theirs + 1)
     if theirs == 0:  # root's daemon would be trusted: the system is root's anyway
         with DaemonClient(server[1]):
             pass

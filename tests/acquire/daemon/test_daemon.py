@@ -12,6 +12,7 @@ import pytest
 from acquire.clock.clock import SystemClock
 from acquire.daemon.daemon import Daemon
 from acquire.daemon.prompts import Prompts
+from acquire.daemon.striker_control import StrikerControl
 from acquire.errors import SessionError, StrikerStopped
 from acquire.striker.base import StrikerState
 from acquire.striker.manual import ManualStriker
@@ -41,14 +42,19 @@ def test_in_a_session_its_client_alone_gives_orders(daemon: Daemon) -> None:
     assert heard == [("anybody", {"a": 1}), ("session", {"b": 2})]
 
 
-def test_who_does_not_own_the_session_may_still_stop_it(daemon: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_does_not_own_the_session_may_still_stop_it(
+    daemon: Daemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
     names = ("status", "shutdown", "recording.close", "striker.stop", "watch.latest", "prompt.answer")
     wrapped = []
     monkeypatch.setattr(daemon, "_for_owner", lambda handler: wrapped.append(handler) or "owned")
     daemon._prompts = type("Prompts", (), {"ask": None, "answer": None})()  # type: ignore[assignment]
     handlers = daemon._handlers()
     assert all(handlers[name] != "owned" for name in names)
-    assert all(handlers[name] == "owned" for name in ("striker.home", "striker.arm", "striker.cock", "striker.strike", "window.open"))
+    assert all(
+        handlers[name] == "owned"
+        for name in ("striker.home", "striker.arm", "striker.cock", "striker.strike", "window.open")
+    )
 
 
 class Arm(ManualStriker):
@@ -73,11 +79,9 @@ class Disk(Recording):
 
 @pytest.fixture
 def rig(daemon: Daemon) -> Daemon:
-    daemon._striker, daemon._striker_lock = Arm(), threading.Lock()
-    daemon._stops = daemon._stops_over = 0
-    daemon._ending, daemon._striker_trouble = False, ""
     daemon._prompts = Prompts(lambda *_: None)
-    daemon._recording = Disk(lambda: None)  # type: ignore[assignment]
+    daemon._recording = disk = Disk(lambda: None)  # type: ignore[assignment]
+    daemon._control = StrikerControl(Arm(), disk.require_space)
     return daemon
 
 
@@ -85,68 +89,70 @@ STRIKE = {"strike_id": "s1", "tip_speed_m_s": 0.3}
 
 
 def test_a_stop_while_room_is_looked_for_is_not_forgotten(rig: Daemon) -> None:
-    rig._home(None, {})  # type: ignore[arg-type]
+    rig._control.home({})
     rig._recording.meanwhile = rig._stop_striker  # type: ignore[attr-defined]
-    for order in (rig._arm, rig._cock, lambda: rig._strike(None, STRIKE)):  # type: ignore[arg-type]
+    for order in (rig._control.arm, rig._control.cock, lambda: rig._control.strike(STRIKE)):
         with pytest.raises(StrikerStopped):
             order()
-        assert rig._striker.state is StrikerState.HOMED
+        assert rig._control.striker.state is StrikerState.HOMED
 
 
 def test_a_stop_in_the_very_moment_of_arming_voids_it(rig: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
-    rig._home(None, {})  # type: ignore[arg-type]
-    arm = rig._striker.arm
+    rig._control.home({})
+    arm = rig._control.striker.arm
 
     def stopped_meanwhile() -> None:
         rig._stop_striker()
         arm()
 
-    monkeypatch.setattr(rig._striker, "arm", stopped_meanwhile)
+    monkeypatch.setattr(rig._control.striker, "arm", stopped_meanwhile)
     with pytest.raises(StrikerStopped):
-        rig._arm()
-    assert rig._striker.state is StrikerState.DISARMED
+        rig._control.arm()
+    assert rig._control.striker.state is StrikerState.DISARMED
 
 
 def test_after_a_stop_only_a_person_homes_it_again(rig: Daemon) -> None:
     rig._stop_striker()
     with pytest.raises(StrikerStopped):
-        rig._home(None, {"after_stop": False})  # type: ignore[arg-type]
-    rig._home(None, {})  # type: ignore[arg-type]
-    rig._home(None, {"after_stop": False})  # type: ignore[arg-type]
-    rig._arm()
-    assert rig._striker.state is StrikerState.ARMED
+        rig._control.home({"after_stop": False})
+    rig._control.home({})
+    rig._control.home({"after_stop": False})
+    rig._control.arm()
+    assert rig._control.striker.state is StrikerState.ARMED
 
 
 def test_a_stop_between_a_persons_yes_and_homing_holds(rig: Daemon) -> None:
     """What they said yes to was stopped: they are asked again."""
     rig._stop_striker()
-    seen = rig._stops
+    seen = rig._control.stops
     rig._stop_striker()
     with pytest.raises(StrikerStopped):
-        rig._home(None, {"stops_seen": seen})  # type: ignore[arg-type]
+        rig._control.home({"stops_seen": seen})
     with pytest.raises(StrikerStopped):
-        rig._arm()
-    rig._home(None, {"stops_seen": rig._stops})  # type: ignore[arg-type]
-    rig._arm()
+        rig._control.arm()
+    rig._control.home({"stops_seen": rig._control.stops})
+    rig._control.arm()
 
 
 def test_a_stop_after_homing_was_ordered_comes_first(rig: Daemon, monkeypatch: pytest.MonkeyPatch) -> None:
-    home = rig._striker.home
+    home = rig._control.striker.home
 
     def stopped_meanwhile(stopped: Callable[[], bool]) -> None:
         rig._stop_striker()
         home(stopped)
 
-    monkeypatch.setattr(rig._striker, "home", stopped_meanwhile)
+    monkeypatch.setattr(rig._control.striker, "home", stopped_meanwhile)
     with pytest.raises(StrikerStopped):
-        rig._home(None, {})  # type: ignore[arg-type]
-    assert rig._striker.state is StrikerState.DISARMED
+        rig._control.home({})
+    assert rig._control.striker.state is StrikerState.DISARMED
 
 
 def test_a_stop_answers_the_question_that_is_open(rig: Daemon) -> None:
     connection = type("Connection", (), {"gone": False})()
     answers: list[dict] = []
-    asking = threading.Thread(target=lambda: answers.append(rig._prompts.ask(connection, {"text": "place it"})))
+    asking = threading.Thread(
+        target=lambda: answers.append(rig._prompts.ask(connection, {"text": "place it"}))
+    )
     asking.start()
     while not rig._prompts._open:
         time.sleep(0.01)
@@ -161,21 +167,27 @@ def test_a_stop_since_a_session_was_opened_holds(rig: Daemon, monkeypatch: pytes
     manifest = SimpleNamespace(recording_id="r", wall_anchor_ns=0)
     rig._stop_striker()
     monkeypatch.setattr(rig._recording, "open", lambda *_: manifest, raising=False)
-    rig._open_recording(connection, {})  # type: ignore[arg-type]
-    rig._home(None, {"after_stop": False})  # type: ignore[arg-type]
+    rig._open_recording(connection, {})
+    rig._control.home({"after_stop": False})
     monkeypatch.setattr(rig._recording, "open", lambda *_: rig._stop_striker() and manifest)
-    rig._open_recording(connection, {})  # type: ignore[arg-type]
+    rig._open_recording(connection, {})
     with pytest.raises(StrikerStopped):
-        rig._home(None, {"after_stop": False})  # type: ignore[arg-type]
+        rig._control.home({"after_stop": False})
 
 
-def test_a_strikers_fault_is_told_until_it_is_homed(rig: Daemon, capsys: pytest.CaptureFixture[str]) -> None:
-    told = []
-    rig._server = type("Server", (), {"publish": staticmethod(lambda event, data: told.append((event, data)))})()  # type: ignore[assignment]
+def test_a_strikers_fault_is_reported_until_it_is_homed(
+    rig: Daemon, capsys: pytest.CaptureFixture[str]
+) -> None:
+    events = []
+    rig._server = type(
+        "Server", (), {"publish": staticmethod(lambda event, data: events.append((event, data)))}
+    )()  # type: ignore[assignment]
     rig._recording.write = lambda *_: None  # type: ignore[method-assign]
-    rig._on_event(pb.StrikerEvent(kind=pb.StrikerEvent.FAULT, text="the servo reports overload", host_time_ns=1))
-    assert rig._striker_trouble == "the servo reports overload"
-    assert ("trouble", {"text": "the striker is in a fault: the servo reports overload"}) in told
+    rig._on_event(
+        pb.StrikerEvent(kind=pb.StrikerEvent.FAULT, text="the servo reports overload", host_time_ns=1)
+    )
+    assert rig._control.trouble == "the servo reports overload"
+    assert ("trouble", {"text": "the striker is in a fault: the servo reports overload"}) in events
     assert "overload" in capsys.readouterr().err
-    rig._home(None, {})  # type: ignore[arg-type]
-    assert not rig._striker_trouble
+    rig._control.home({})
+    assert not rig._control.trouble

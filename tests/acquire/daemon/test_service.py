@@ -35,7 +35,7 @@ def test_ready_alive_four_times_in_its_patience_and_stopping(manager: tuple[sock
     listener, name = manager
     now_ns = 0
     environment = {"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "8000000", "WATCHDOG_PID": "7"}
-    with ServiceManager(environment, 7, lambda: now_ns).serving("a camera") as alive:
+    with ServiceManager(environment, 7, lambda: now_ns).running("a camera") as alive:
         assert _heard(listener) == ["READY=1\nSTATUS=a camera"]
         for _ in range(81):
             alive()
@@ -44,28 +44,35 @@ def test_ready_alive_four_times_in_its_patience_and_stopping(manager: tuple[sock
     assert [word.partition("\n")[0] for word in _heard(listener)] == ["STOPPING=1"]
 
 
-@pytest.mark.parametrize("watchdog", [{}, {"WATCHDOG_USEC": "8000000", "WATCHDOG_PID": "8"}, {"WATCHDOG_USEC": "soon"}])
+@pytest.mark.parametrize(
+    "watchdog", [{}, {"WATCHDOG_USEC": "8000000", "WATCHDOG_PID": "8"}, {"WATCHDOG_USEC": "soon"}]
+)
 def test_no_signs_of_life_for_a_manager_that_does_not_ask_this_process(
     manager: tuple[socket.socket, str], watchdog: dict[str, str]
 ) -> None:
     listener, name = manager
-    with ServiceManager({"NOTIFY_SOCKET": name, **watchdog}, 7, lambda: 0).serving("") as alive:
+    with ServiceManager({"NOTIFY_SOCKET": name, **watchdog}, 7, lambda: 0).running("") as alive:
         alive()
     assert [word.partition("\n")[0] for word in _heard(listener)] == ["READY=1", "STOPPING=1"]
 
 
 def test_stopping_is_said_on_an_error_too(manager: tuple[socket.socket, str]) -> None:
     listener, name = manager
-    with pytest.raises(ZeroDivisionError), ServiceManager({"NOTIFY_SOCKET": name}, 7, lambda: 0).serving(""):
+    with pytest.raises(ZeroDivisionError), ServiceManager({"NOTIFY_SOCKET": name}, 7, lambda: 0).running(""):
         _ = 1 / 0
     assert _heard(listener)[-1].startswith("STOPPING=1")
 
 
 def test_the_children_do_not_inherit_it_and_nobody_listening_is_no_trouble(tmp_path: Path) -> None:
-    environment = {"NOTIFY_SOCKET": str(tmp_path / "gone"), "WATCHDOG_USEC": "1", "WATCHDOG_PID": str(os.getpid()), "HOME": "/"}
-    service = ServiceManager.of_this_process(environment)
+    environment = {
+        "NOTIFY_SOCKET": str(tmp_path / "gone"),
+        "WATCHDOG_USEC": "1",
+        "WATCHDOG_PID": str(os.getpid()),
+        "HOME": "/",
+    }
+    service = ServiceManager.from_environment(environment)
     assert environment == {"HOME": "/"}
-    with service.serving("") as alive:
+    with service.running("") as alive:
         alive()
-    with ServiceManager.of_this_process({}).serving("") as alive:
+    with ServiceManager.from_environment({}).running("") as alive:
         alive()

@@ -1,0 +1,166 @@
+"""Client of the daemon's local API (server.py describes the protocol)."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from acquire import errors
+from acquire.daemon.peer import read_peer
+from acquire.errors import DaemonBusy, DaemonError, DaemonNotRunning, DaemonSilent
+
+PATIENCE_S = 6.0
+"""silence after which the daemon counts as hung [s]: six busy reports, so that a slow computer may delay
+them"""
+
+
+class DaemonClient:
+    """A client of the daemon; a context manager. One request at a time: use one client per thread.
+
+    Args:
+        path: the daemon's socket. patience_s: greatest silence of the daemon [s]. An answer may take any time
+            while the daemon reports that it is
+            busy.
+
+    Raises (every call):
+        DaemonNotRunning: no daemon listens, or it went away.
+        DaemonSilent: the daemon does not answer. The client cannot be used any more.
+        AcquireError: the error that the daemon raised, as the same class.
+    """
+
+    def __init__(self, path: Path, patience_s: float = PATIENCE_S) -> None:
+        self._path = path
+        self._patience_s = patience_s
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket.settimeout(patience_s)
+        try:
+            self._socket.connect(str(path))
+        except (TimeoutError, BlockingIOError):  # the queue of waiting connections is full
+            self._socket.close()
+            raise DaemonSilent(
+                f"the daemon at {path} takes no connections: it hangs: "
+                f"find it with `fuser {path}`, end it with `kill -9`, start it again"
+            ) from None
+        except OSError:
+            self._socket.close()
+            raise DaemonNotRunning(
+                f"no daemon listens at {path}: start one with `acquire run RIG.toml`"
+            ) from None
+        self._daemon = read_peer(self._socket)
+        if self._daemon.uid not in {os.getuid(), 0}:
+            self._socket.close()
+            raise DaemonError(
+                f"{path}: the socket belongs to user {self._daemon.uid}: "
+                "set [daemon] socket in the rig file to another path"
+            )
+        self._stream = self._socket.makefile("rb")
+        self._next_id = 1
+
+    def call(self, method: str, **params: Any) -> Any:
+        """Send a request and wait for its answer.
+
+        Args:
+            method: `status`, `striker.home`, `striker.arm`, `striker.cock`, `striker.strike`, `striker.stop`,
+                `recording.open`, `recording.close`, `window.open`, `window.close`, `shutdown`, and the others
+                of `Daemon`.
+            params: parameters of the method, as JSON values.
+
+        Returns:
+            The daemon's answer.
+        """
+        request_id, self._next_id = self._next_id, self._next_id + 1
+        request = {"id": request_id, "method": method, "params": params}
+        line = json.dumps(request, allow_nan=False).encode() + b"\n"
+        try:
+            with contextlib.suppress(
+                BrokenPipeError, ConnectionResetError
+            ):  # a refusal comes before the hang-up
+                self._socket.sendall(line)
+            answer = self._receive()
+            while "busy_s" in answer:
+                answer = self._receive()
+        except TimeoutError:
+            pid = self._daemon.pid
+            raise DaemonSilent(
+                f"the daemon (process {pid}) has not answered {method!r} for {self._patience_s:g} s: "
+                f"it hangs: end it with `kill -9 {pid}` and start it again with `acquire run RIG.toml`"
+            ) from None
+        except (OSError, EOFError):
+            raise DaemonNotRunning(f"the daemon at {self._path} went away during {method}") from None
+        try:
+            if "error" not in answer:
+                return answer["result"]
+            name, message = str(answer["error"]["kind"]), str(answer["error"]["message"])
+        except (KeyError, TypeError):
+            raise self._invalid_answer() from None
+        raise errors.by_name(name, DaemonError)(message)
+
+    def events(self) -> Iterator[dict[str, Any]]:
+        """Subscribe, and yield events until the daemon or `close` ends it.
+
+        The client cannot make another call afterwards.
+        """
+        self.call("subscribe")
+        self._socket.settimeout(None)  # the time between two events is unlimited
+        with contextlib.suppress(OSError, ValueError):
+            while line := self._stream.readline():
+                yield json.loads(line)
+
+    def another(self) -> DaemonClient:
+        """New client of the same daemon.
+
+        After an interrupted call this client may still receive the answer to it.
+        """
+        return DaemonClient(self._path, self._patience_s)
+
+    def close(self) -> None:
+        """End the connection; any thread may do it."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        with contextlib.suppress(OSError):
+            self._stream.close()
+        self._socket.close()
+
+    def __enter__(self) -> DaemonClient:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _receive(self) -> dict[str, Any]:
+        line = self._stream.readline()
+        if not line:
+            raise EOFError
+        try:
+            answer = json.loads(line)
+        except (ValueError, RecursionError):
+            raise self._invalid_answer() from None
+        if not isinstance(answer, dict):
+            raise self._invalid_answer()
+        return answer
+
+    def _invalid_answer(self) -> DaemonError:
+        return DaemonError(
+            f"{self._path}: the program that listens there is no daemon of ours: "
+            "see [daemon] socket in the rig file"
+        )
+
+
+def wait_for_socket(path: Path, alive: Callable[[], bool], timeout_s: float = 20.0) -> None:
+    """Wait until a daemon listens at `path`, or until `alive()` is false.
+
+    Raises:
+        DaemonBusy: no daemon listened in time.
+    """
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end and alive():
+        if path.exists():
+            return
+        time.sleep(0.05)
+    raise DaemonBusy(f"the daemon did not come up within {timeout_s:g} s at {path}")

@@ -1,0 +1,128 @@
+"""Orders to the striker, one at a time; after a stop nothing moves until a person homes it again."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from acquire.errors import StrikerRefused, StrikerStopped
+from acquire.striker.base import Striker
+
+
+class StrikerControl:
+    """Interlock between the daemon's clients and the striker; `stop` never waits for another order.
+
+    Args:
+        striker: the striker.
+        require_space: raises RecorderError if there is no room to record a strike.
+    """
+
+    def __init__(self, striker: Striker, require_space: Callable[[], None]) -> None:
+        self.striker = striker
+        self._require_space = require_space
+        self._lock = threading.Lock()
+        self.stops = 0
+        """number of stop requests"""
+        self._stops_cleared = 0
+        """number of them after which a person started again; while there are later ones nothing moves"""
+        self._fault = ""
+        """reason of the striker's fault; empty if there is none"""
+        self._released = False
+
+    @property
+    def trouble(self) -> str:
+        """Reason why the striker refuses to move; empty if there is none."""
+        return "stopped on request" if self._stopped else self._fault
+
+    def note_fault(self, reason: str) -> None:
+        """Remember the reason of a fault until the striker is homed."""
+        self._fault = reason
+
+    def clear_stops(self, stops: int) -> None:
+        """Permit motion after the first `stops` stops: a person started again; later stops hold."""
+        self._stops_cleared = max(stops, self._stops_cleared)
+
+    def home(self, params: dict[str, Any]) -> dict[str, Any]:
+        """Home the arm; this also permits motion again after a stop.
+
+        Args:
+            params: `after_stop`: True (default) if a person decided it; a program that continues by itself
+                passes False, and is refused after a stop. `stops_seen`: number of stops in `status` before
+                that person was
+                asked; a later stop refuses the motion that the person agreed to.
+        """
+        stops = int(params.get("stops_seen", self.stops))
+        with self._lock:
+            self._refuse_after_release()
+            if self.stops != stops:
+                raise StrikerStopped
+            if not params.get("after_stop", True):
+                self._refuse_when_stopped()
+            self.striker.home(lambda: self.stops != stops)
+            self.clear_stops(stops)
+            self._fault = ""
+        return self._state()
+
+    def arm(self) -> dict[str, Any]:
+        """Arm for one strike."""
+        self._refuse_when_stopped()
+        self._require_space()  # no strike without room to record it; waits for a restarting capture process
+        with self._lock:
+            self._refuse_when_stopped()
+            self.striker.arm()
+            if self._stopped:  # while the striker was armed
+                self.striker.stop()
+                raise StrikerStopped
+        return self._state()
+
+    def cock(self) -> dict[str, Any]:
+        """Draw the arm back."""
+        with self._lock:
+            self._refuse_when_stopped()
+            self.striker.cock()
+        return self._state()
+
+    def strike(self, params: dict[str, Any]) -> dict[str, Any]:
+        """Strike; `params` are `strike_id` and `tip_speed_m_s`. The answer is the strike's outcome."""
+        if not self._lock.acquire(timeout=0.1):
+            raise StrikerRefused("the striker is busy with another order")
+        try:
+            self._refuse_when_stopped()
+            outcome = self.striker.strike(str(params["strike_id"]), float(params["tip_speed_m_s"]))
+        finally:
+            self._lock.release()
+        return asdict(outcome)
+
+    def stop(self) -> dict[str, Any]:
+        """Stop the striker, and refuse all motion until a person starts again."""
+        self.stops += 1  # first of all: every motion checks it before it starts
+        self.striker.stop()
+        return self._state()
+
+    def release(self) -> None:
+        """Stop the striker, switch its torque off, and refuse all further orders."""
+        self._released = True
+        while not self._lock.acquire(timeout=0.02):
+            self.striker.stop()
+        try:
+            self.striker.close()
+        finally:
+            self._lock.release()
+
+    @property
+    def _stopped(self) -> bool:
+        return self.stops > self._stops_cleared
+
+    def _refuse_when_stopped(self) -> None:
+        self._refuse_after_release()
+        if self._stopped:
+            raise StrikerStopped
+
+    def _refuse_after_release(self) -> None:
+        if self._released:
+            raise StrikerRefused("the daemon is stopping: the striker takes no more orders")
+
+    def _state(self) -> dict[str, Any]:
+        return {"state": self.striker.state.value}
