@@ -117,7 +117,7 @@ def run(rig: Path, as_json: bool, parent: int | None) -> None:
 def session(object_file: Path, plan: Path, output: Path, rig: Path | None, as_json: bool) -> None:
     """Strike OBJECT (TOML) by PLAN (JSON) with the running daemon. Asks you to place the object."""
     from acquire.console.session import ConsoleOperator, SessionProgress
-    from acquire.daemon.api import DaemonClient
+    from acquire.daemon.client import DaemonClient
     from acquire.recorder.atomic import refuse_unwritable
     from acquire.session.runner import SessionRunner
     from acquire.session.session_input import SessionInput
@@ -271,7 +271,7 @@ def strike(rig: Path | None, yes: bool, as_json: bool, **strike_options: Any) ->
 @_one_line_errors
 def status(rig: Path | None, as_json: bool) -> None:
     """Show the state of daemon, camera, striker and recording."""
-    from acquire.daemon.api import DaemonClient
+    from acquire.daemon.client import DaemonClient
 
     with DaemonClient(_socket(rig)) as client:
         answer = client.call("status")
@@ -288,7 +288,7 @@ def status(rig: Path | None, as_json: bool) -> None:
 @_one_line_errors
 def stop(rig: Path | None, end_daemon: bool) -> None:
     """Stop the striker now."""
-    from acquire.daemon.api import DaemonClient
+    from acquire.daemon.client import DaemonClient
 
     try:
         with DaemonClient(_socket(rig), patience_s=2.0) as client:

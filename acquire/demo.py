@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from acquire.config import read_rig
-from acquire.daemon.api import DaemonClient, wait_for_socket
+from acquire.daemon.client import DaemonClient, wait_for_socket
 from acquire.errors import ConfigError, RecorderError, SessionError
 from acquire.recorder.atomic import refuse_unwritable
 from acquire.session.runner import Progress, SessionReport, SessionRunner

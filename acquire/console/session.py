@@ -11,7 +11,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import AcquireError
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from acquire.config import read_rig
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import ConfigError, SessionError
 from acquire.session import single_strike
 from acquire.session.energy import EnergyLearner

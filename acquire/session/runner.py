@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import (
     RecordingBroken,
     SessionError,

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from acquire.config import RigConfig
-from acquire.daemon.api import DaemonClient
+from acquire.daemon.client import DaemonClient
 from acquire.errors import ConfigError, SessionError, StrikerRefused
 from acquire.striker.base import StrikeOutcome
 from acquire.striker.calibration import StrikerParameters, Swing
-from schemas.rig_limits import SLOWEST_RAD_S, tip_speeds
+from schemas.rig_limits import MIN_ARM_SPEED_RAD_S, tip_speeds
 
 Confirm = Callable[[str], bool]
 """asks the person at the rig; False if the answer is no"""
@@ -114,7 +114,7 @@ class CalibrationOrder:
 def default_tip_speeds(rig: RigConfig, count: int = DEFAULT_SPEED_COUNT) -> tuple[float, ...]:
     """Tip speeds [m/s] (count,), evenly spaced over the range of this striker."""
     arm = rig.striker
-    slowest = SLOWEST_FACTOR * SLOWEST_RAD_S * arm.arm_length_m
+    slowest = SLOWEST_FACTOR * MIN_ARM_SPEED_RAD_S * arm.arm_length_m
     run_up_rad = arm.cocked_angle_rad / RUN_UP_FACTOR
     fastest = tip_speeds(arm.arm_length_m, run_up_rad, arm.velocity_limit_rad_s).fastest_m_s
     return tuple(round(slowest + (fastest - slowest) * i / (count - 1), SPEED_DECIMALS) for i in range(count))
