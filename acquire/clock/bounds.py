@@ -1,4 +1,4 @@
-"""All straight lines between the bounds that readings of a device's clock set to the host's: a convex polygon, its mean and spread."""
+"""All straight lines that satisfy the bounds of clock readings: a convex polygon, its mean and spread."""
 
 from __future__ import annotations
 
@@ -13,39 +13,40 @@ if TYPE_CHECKING:
 
 Point = tuple[float, float]
 SPAN_NS = 1e9
-"""the drift's unit inside the polygon is ns per this time: offset and drift are then of one size"""
-_THIN = 1e-9
-"""of the polygon's extent squared: below that area it is a line, and a triangle's formula divides by nothing"""
+"""unit of time of the drift inside the polygon [ns]: offset and drift then have similar size"""
+_THIN_AREA = 1e-9
+"""area, as a fraction of the extent squared, below which a polygon counts as a line: triangles would divide
+by zero"""
 
 
 @dataclass(frozen=True)
 class LineBounds:
-    """The mean of all lines host - device = offset + rate * (device - the newest reading's), and how far they spread.
+    """Mean and covariance of all lines host - device = offset + rate * (device - newest device time).
 
-    Offset [ns] counts from `host_before_ns` of the newest reading, rate is a pure number.
+    The offset [ns] counts from `host_before_ns` of the newest reading; the rate is a pure number.
     """
 
     offset_ns: float
     rate: float
     covariance: tuple[float, float, float]
-    """of (offset, rate): var(offset) [ns^2], cov [ns], var(rate)"""
+    """covariance of (offset, rate): var(offset) [ns^2], cov [ns], var(rate)"""
 
 
 def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBounds | None:
-    """Mean and covariance of the uniform distribution over all lines that every reading admits.
+    """Mean and covariance of the uniform distribution over all lines that satisfy every reading.
 
     Args:
         readings: at least one, oldest first.
         rate_limit: greatest |rate|.
 
     Returns:
-        None where no line lies between all bounds.
+        None if no line satisfies all bounds.
     """
     newest = readings[-1]
     width = float(max(1, newest.host_after_ns - newest.host_before_ns))
     steepest = rate_limit * SPAN_NS
     polygon: list[Point] = [(0.0, -steepest), (width, -steepest), (width, steepest), (0.0, steepest)]
-    # The tightest bounds first: most of the others then cut nothing off.
+    # The tightest bounds first: most of the others then cut off nothing.
     for reading in sorted(readings, key=lambda reading: reading.host_after_ns - reading.host_before_ns):
         elapsed = reading.device_time_ns - newest.device_time_ns
         u = elapsed / SPAN_NS
@@ -59,7 +60,7 @@ def lines_between(readings: Sequence[ClockReading], rate_limit: float) -> LineBo
 
 
 def _clip(polygon: list[Point], a: float, b: float, c: float) -> list[Point]:
-    """The part of a convex polygon where a x + b y + c >= 0 (Sutherland and Hodgman 1974)."""
+    """Part of a convex polygon where a x + b y + c >= 0 (Sutherland and Hodgman 1974)."""
     distance = [a * x + b * y + c for x, y in polygon]
     if min(distance, default=0.0) >= 0.0:
         return polygon
@@ -76,13 +77,17 @@ def _clip(polygon: list[Point], a: float, b: float, c: float) -> list[Point]:
 
 
 def _moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
-    """Mean and covariance (xx, xy, yy) of the uniform distribution over a convex polygon, as a fan of triangles."""
+    """Mean and covariance (xx, xy, yy) of the uniform distribution over a convex polygon.
+
+    The polygon is summed as a fan of triangles.
+    """
     x0, y0 = polygon[0]
     area = sx = sy = sxx = sxy = syy = 0.0
     for (x1, y1), (x2, y2) in pairwise(polygon[1:]):
         ax, ay, bx, by = x1 - x0, y1 - y0, x2 - x0, y2 - y0
         twice = ax * by - ay * bx
-        # Over a triangle with one corner at the origin: the mean is the corners' sum / 3, the mean of a product their sums' / 12.
+        # Over a triangle with one corner at the origin: the mean is the corners' sum / 3, the mean of a
+        # product their sums' / 12.
         cx, cy = ax + bx, ay + by
         area += twice
         sx += twice * cx / 3.0
@@ -91,14 +96,14 @@ def _moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
         sxy += twice * (ax * ay + bx * by + cx * cy) / 12.0
         syy += twice * (ay * ay + by * by + cy * cy) / 12.0
     extent = max(((x - x0) ** 2 + (y - y0) ** 2 for x, y in polygon), default=0.0)
-    if abs(area) <= _THIN * extent or area == 0.0:
+    if abs(area) <= _THIN_AREA * extent or area == 0.0:
         return _line_moments(polygon)
     mx, my = sx / area, sy / area
     return (x0 + mx, y0 + my), (sxx / area - mx * mx, sxy / area - mx * my, syy / area - my * my)
 
 
 def _line_moments(polygon: list[Point]) -> tuple[Point, tuple[float, float, float]]:
-    """The same for a polygon without area: uniform between its two ends."""
+    """Mean and covariance (xx, xy, yy) for a polygon without area: uniform between its two ends."""
     (ax, ay), (bx, by) = min(polygon), max(polygon)
     dx, dy = bx - ax, by - ay
     return ((ax + bx) / 2.0, (ay + by) / 2.0), (dx * dx / 12.0, dx * dy / 12.0, dy * dy / 12.0)

@@ -1,4 +1,4 @@
-"""Clocks: the host's, injected wherever time is read, and the mapping of a device's clock to it."""
+"""Host clock, injected wherever time is read, and the mapping of a device clock to it."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ if TYPE_CHECKING:
     from acquire.camera.base import ClockReading
 
 DRIFT_LIMIT = 3e-4
-"""greatest rate between two clocks: twice a poor crystal's 100 ppm, and what NTP slews the host's by"""
+"""greatest rate between two clocks: twice a poor crystal's 100 ppm, plus the rate at which NTP slews the host
+clock"""
 DRIFT_PRIOR_SD = 1e-4
-"""1 sigma of a crystal's rate before anything is known: 100 ppm"""
+"""1 sigma of a crystal's rate before any reading: 100 ppm"""
 BURST_NS = 20_000_000
-"""of readings closer than this only the quickest counts: the others bound the same line less tightly"""
+"""of readings closer than this [ns] only the quickest counts: the others bound the same line less tightly"""
 MAPPING_SD_FLOOR_NS = 2_000.0
-"""no clock that is read over a wire is known better than this"""
+"""smallest 1 sigma [ns] of the mapping of a clock that is read over a wire"""
 
 
 class Clock(Protocol):
-    """Host time. Everything that reads time or sleeps takes one, so that tests can bring their own."""
+    """Host clock. Everything that reads time or sleeps takes one, so that tests can inject their own."""
 
     def monotonic_ns(self) -> int:
         """CLOCK_MONOTONIC [ns]."""
@@ -41,7 +42,7 @@ class Clock(Protocol):
 
 
 class SystemClock:
-    """The real one."""
+    """The operating system's clock."""
 
     def monotonic_ns(self) -> int:
         """CLOCK_MONOTONIC [ns]."""
@@ -66,14 +67,17 @@ class _Point:
 
 @dataclass(frozen=True)
 class _Line:
-    """host = host0 + (device - device0) + offset + rate * (device - device0); only the small terms are floating point."""
+    """host = host0 + (device - device0) + offset + rate * (device - device0).
+
+    Only the small terms are floating point.
+    """
 
     device0_ns: int
     host0_ns: int
     offset_ns: float
     rate: float
     covariance: tuple[float, float, float]
-    """of (offset, rate): var(offset), cov, var(rate)"""
+    """covariance of (offset, rate): var(offset), cov, var(rate)"""
 
     def host_ns(self, device_ns: int) -> int:
         elapsed = device_ns - self.device0_ns
@@ -86,18 +90,20 @@ class _Line:
 
 
 class DeviceClockMapper:
-    """Maps a device's clock to the host's monotonic clock: offset and drift over a sliding window.
+    """Mapping of a device clock to the host's monotonic clock: offset and drift over a sliding window.
 
-    Each `ClockReading` holds the device's clock between two of the host's: a bound that no delay on the wire can break (Cristian 1989,
-    "Probabilistic clock synchronization"). All straight lines between all bounds (Marzullo 1984) are a convex polygon in offset and
-    drift; none of them is more probable than another, so the mapping is their mean and its uncertainty their spread. A slow machine
-    or a queue in one direction makes the polygon larger, never wrong. The marginal of a uniform polygon ends within 2.83 sd of its
-    mean (a triangle's tip): **while the drift is steady, the error is below 3 sd, always.** Where no line fits, the drift was not
-    steady (the device was warmed up, the host's clock was slewed) and the oldest readings are given up.
+    Each `ClockReading` holds the device clock between two readings of the host clock: a bound that no delay
+    can break (Cristian 1989, "Probabilistic clock synchronization"). All straight lines between all bounds
+    (Marzullo 1984) are a convex polygon in offset and drift; none of them is more probable than another, so
+    the mapping is their mean, and their spread is its uncertainty. A slow machine or a queue in one direction
+    makes the polygon larger, never wrong. The marginal of a uniform polygon ends within 2.83 sd of its mean
+    (a triangle's tip): **while the drift is steady, the error is below 3 sd, always.** Where no line fits,
+    the drift was not steady (the device warmed up, the host clock was slewed) and the oldest readings are
+    discarded.
 
-    Where the device cannot latch, `add_arrival` takes the frames themselves: the least delay in each half second stands for the
-    bin (queues only ever add delay), and the result lags the truth by the constant least delay, which is `least_delay_ns` if known.
-    Latched readings, once there are any, are the only ones used.
+    Where the device cannot latch, `add_arrival` takes the frames themselves: the least delay in each half
+    second represents the bin (queues only add delay), and the result lags by the constant least delay, which
+    is `least_delay_ns` if known. As soon as there are latched readings, only they are used.
     """
 
     def __init__(self, window_s: float = 10.0, least_delay_ns: int = 0, bin_s: float = 0.5) -> None:
@@ -112,22 +118,26 @@ class DeviceClockMapper:
 
     @property
     def ready(self) -> bool:
-        """Whether anything can be mapped yet."""
+        """True once times can be mapped."""
         return self._line is not None
 
     @property
     def latched(self) -> bool:
-        """True: from clock readings. False: from arrival times only, late by the least delay."""
+        """True if the mapping uses clock readings; False: arrival times only, late by the least delay."""
         return bool(self._readings)
 
     @property
     def span_s(self) -> float:
-        """Time between the oldest and the newest reading in use; 0 = none."""
-        return (self._readings[-1].host_after_ns - self._readings[0].host_after_ns) * 1e-9 if self._readings else 0.0
+        """Time between the oldest and the newest reading in use [s]; 0 if there is none."""
+        return (
+            (self._readings[-1].host_after_ns - self._readings[0].host_after_ns) * 1e-9
+            if self._readings
+            else 0.0
+        )
 
     @property
     def shortest_round_trip_ns(self) -> int:
-        """Of the readings in use; 0 = none."""
+        """Shortest round trip of the readings in use [ns]; 0 if there is none."""
         return min((_round_trip_ns(reading) for reading in self._readings), default=0)
 
     @property
@@ -137,15 +147,21 @@ class DeviceClockMapper:
 
     @property
     def sd_ns(self) -> int:
-        """1 sigma of the mapping at the newest time fed [ns]; 0 = nothing known yet."""
+        """1 sigma of the mapping at the newest device time [ns]; 0 before the first reading."""
         return self.sd_at(self._newest_device_ns)
 
     def sd_at(self, device_time_ns: int) -> int:
-        """1 sigma of the mapping at a device time [ns]; it grows with the time since the last reading. 0 = nothing known yet."""
+        """1 sigma of the mapping at a device time [ns]; 0 before the first reading.
+
+        It grows with the time since the last reading.
+        """
         return 0 if self._line is None else round(max(MAPPING_SD_FLOOR_NS, self._line.sd_ns(device_time_ns)))
 
     def add(self, reading: ClockReading) -> None:
-        """Take a reading of the device's clock. A clock that ran backwards (device restarted) empties the window."""
+        """Add a reading of the device clock.
+
+        A clock that ran backwards (the device restarted) empties the window.
+        """
         if self._readings and reading.device_time_ns < self._readings[-1].device_time_ns:
             self._readings.clear()
         self._newest_device_ns = reading.device_time_ns
@@ -161,7 +177,7 @@ class DeviceClockMapper:
         self._line = _mean_line(lines, reading)
 
     def add_arrival(self, device_time_ns: int, host_time_ns: int) -> None:
-        """Take a frame's device time and its arrival; used only while there is no clock reading."""
+        """Add a frame's device time and arrival time; used only while there is no clock reading."""
         if self._readings:
             return
         if self._bins and device_time_ns < self._newest_device_ns:
@@ -178,14 +194,14 @@ class DeviceClockMapper:
             return
         while self._bins[0].device_ns < device_time_ns - self._window_ns:
             self._bins.popleft()
-        # The bin still being filled has not met its least delay yet: it counts only while there is no other.
+        # The bin being filled may not have seen its least delay yet: it counts only while it is the only one.
         self._line = _fit(list(self._bins)[:-1] or list(self._bins))
 
     def to_host(self, device_time_ns: int) -> int:
         """Host monotonic time [ns] of a device time [ns].
 
         Raises:
-            ValueError: nothing was fed yet.
+            ValueError: nothing was added yet.
         """
         if self._line is None:
             raise ValueError("the device clock cannot be mapped before its first reading")
@@ -210,7 +226,9 @@ def _fit(points: list[_Point]) -> _Line:
     """Weighted least squares of host - device against device, with the drift's prior as one more row."""
     device0, host0 = points[0].device_ns, points[0].host_ns
     x = np.array([point.device_ns - device0 for point in points], dtype=np.float64)
-    y = np.array([(point.host_ns - host0) - (point.device_ns - device0) for point in points], dtype=np.float64)
+    y = np.array(
+        [(point.host_ns - host0) - (point.device_ns - device0) for point in points], dtype=np.float64
+    )
     weight = np.array([point.sd_ns**-2 for point in points])
     mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
     total = weight.sum()
