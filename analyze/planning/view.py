@@ -14,7 +14,7 @@ from analyze.planning.pivots import PivotAxis
 from analyze.tracking.camera_model import project
 from analyze.types import Array, CameraModel
 from schemas.object_spec import MarkerSpec, ObjectSpec
-from schemas.rig_limits import SMALLEST_TAG_PX
+from schemas.rig_limits import MIN_TAG_EDGE_PX
 from schemas.tags import name_order
 
 FACING = np.radians(15.0)
@@ -186,12 +186,12 @@ def _out_of_image(path: Array, marker_id: int | str, phi: float, camera: CameraM
 
 def _small(path: Array, marker_id: int | str) -> Fault | None:
     pixels = _edge(path[0])
-    if pixels >= SMALLEST_TAG_PX:
+    if pixels >= MIN_TAG_EDGE_PX:
         return None
     return Fault(
         "tag_small",
         pixels,
-        f"marker {marker_id} is {pixels:.0f} px wide in the image: {SMALLEST_TAG_PX:g} px are wanted",
+        f"marker {marker_id} is {pixels:.0f} px wide in the image: {MIN_TAG_EDGE_PX:g} px are wanted",
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from acquire.recorder.recover.edit import append_topics
 from acquire.recorder.writer import McapWriter
 from analyze.reading.indexed_file import open_finished
-from analyze.reading.indexed_series import IndexedRow
+from analyze.reading.indexed_series import IndexedSeries
 from analyze.reading.recording import open_recording
 from schemas import topics
 from schemas.document import canonical_json
@@ -41,8 +41,20 @@ def split_recording(source: Path, first: Path, at_ns: int) -> list[Path]:
 
 def as_two_sessions(source: Path, first: Path, second: Path, at_ns: int) -> None:
     """Write what `source` holds up to a log time, and the rest, as recordings of their own; both know what is hidden in the object."""
-    _write(source, first, (None, at_ns), (None, at_ns), {"recording_id": "one", "created": "2026-01-01T10:00:00+00:00"})
-    _write(source, second, (at_ns + 1, None), (None, None), {"recording_id": "two", "created": "2026-01-01T11:00:00+00:00"})
+    _write(
+        source,
+        first,
+        (None, at_ns),
+        (None, at_ns),
+        {"recording_id": "one", "created": "2026-01-01T10:00:00+00:00"},
+    )
+    _write(
+        source,
+        second,
+        (at_ns + 1, None),
+        (None, None),
+        {"recording_id": "two", "created": "2026-01-01T11:00:00+00:00"},
+    )
 
 
 def rewritten(source: Path, path: Path, changed: dict[str, object]) -> None:
@@ -56,8 +68,12 @@ Span = tuple[int | None, int | None]
 def _write(source: Path, path: Path, span: Span, truth_span: Span, changed: dict[str, object]) -> None:
     with open_recording(source) as recording:
         manifest, attachments = recording.manifest, recording.attachments
-    row = IndexedRow([open_finished(source)])
-    here = [topic for topic in KNOWN if (topic.name, topic.schema_name) in {(name, row.schema_of(name)) for name in row.topic_names()}]
+    row = IndexedSeries([open_finished(source)])
+    here = [
+        topic
+        for topic in KNOWN
+        if (topic.name, topic.schema_name) in {(name, row.schema_of(name)) for name in row.topic_names()}
+    ]
     with McapWriter(path) as writer:
         writer.metadata(MANIFEST_NAME, {"json": canonical_json(manifest.model_copy(update=changed))})
         for name, data in attachments.items():
@@ -68,7 +84,14 @@ def _write(source: Path, path: Path, span: Span, truth_span: Span, changed: dict
             for message in row.messages(topic.name, *(truth_span if topic is topics.CLOCK_SAMPLE else span)):
                 writer.write(channel, message.log_time_ns, bytes(message.data), sequence=message.sequence)
     truth = [topic for topic in here if _is_truth(topic)]
-    append_topics(path, [(topic, m.log_time_ns, bytes(m.data)) for topic in truth for m in row.messages(topic.name, *truth_span)])
+    append_topics(
+        path,
+        [
+            (topic, m.log_time_ns, bytes(m.data))
+            for topic in truth
+            for m in row.messages(topic.name, *truth_span)
+        ],
+    )
     row.close()
 
 
