@@ -18,7 +18,7 @@ from analyze.cards.placing import Sides
 from analyze.cards.scene import scene_picture
 from analyze.cards.setting import Setting, setting
 from analyze.geometry.object_model import ObjectModel
-from analyze.planning.footing import WHERE_IT_FALLS
+from analyze.planning.footing import IF_IT_FALLS
 from schemas.object_spec import ObjectSpec
 from schemas.output_file import write_text
 from schemas.strike_plan import PlannedStrike, StrikePlan
@@ -106,7 +106,7 @@ def render_cards(plan: StrikePlan, model: ObjectModel, spec: ObjectSpec) -> str:
         spec=spec,
         cards=cards(plan, model, spec),
         degrees=np.degrees,
-        where_it_falls=WHERE_IT_FALLS,
+        where_it_falls=IF_IT_FALLS,
     )
 
 

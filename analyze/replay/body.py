@@ -49,17 +49,22 @@ class SceneInputs:
         return turned_camera(self.camera, planned.heading_rad)
 
 
-def log_shape(stream: rr.RecordingStream, root: str, model: ObjectModel) -> None:
-    """Log the object's half transparent surface and its sharp edges."""
+def flat_mesh(model: ObjectModel, colour: tuple[int, int, int, int]) -> rr.Mesh3D:
+    """Mesh of the exterior with flat shaded faces, in one colour (RGBA)."""
     corners = model.vertices[model.faces].reshape(-1, 3)
     normals = np.repeat(np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3]), 3, axis=0)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    mesh = rr.Mesh3D(
+    return rr.Mesh3D(
         vertex_positions=corners,
         triangle_indices=np.arange(len(corners)).reshape(-1, 3),
         vertex_normals=normals,
-        albedo_factor=(190, 200, 215, 45),
+        albedo_factor=colour,
     )
+
+
+def log_shape(stream: rr.RecordingStream, root: str, model: ObjectModel) -> None:
+    """Log the object's half transparent surface and its sharp edges."""
+    mesh = flat_mesh(model, (190, 200, 215, 45))
     stream.log(f"{root}/shape", mesh, static=True)
     edges = rr.LineStrips3D(
         sharp_edges(model.vertices, model.faces), colors=[(175, 185, 200)], radii=[0.0004]

@@ -13,6 +13,7 @@ from analyze.cards.page import Card, cards
 from analyze.cards.setting import tip_arc
 from analyze.geometry.object_model import ObjectModel
 from analyze.geometry.rotations import apply
+from analyze.replay.body import flat_mesh
 from analyze.tags import families
 from analyze.tags.sheet import black_fields
 from analyze.types import Array, CameraModel
@@ -85,17 +86,7 @@ def _log_static(stream: rr.RecordingStream, model: ObjectModel, spec: ObjectSpec
         fill_mode="solid",
     )
     stream.log("/world/table", table, static=True)
-    corners = model.vertices[model.faces].reshape(-1, 3)
-    normals = np.repeat(np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3]), 3, axis=0)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    triangles = np.arange(len(corners)).reshape(-1, 3)
-    body = rr.Mesh3D(
-        vertex_positions=corners,
-        triangle_indices=triangles,
-        vertex_normals=normals,
-        albedo_factor=(*_BODY, 255),
-    )
-    stream.log("/world/object/shape", body, static=True)
+    stream.log("/world/object/shape", flat_mesh(model, (*_BODY, 255)), static=True)
     for marker in spec.marker:
         if marker.T_object_marker is not None:
             _tag(stream, f"/world/object/tags/{marker.name}", marker)

@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull
 from analyze.geometry.rotations import matrix_from_vector
 from analyze.motion.settings import MotionSettings
 from analyze.motion.sign_change import angular_acceleration
-from analyze.types import Array, CentreOfMass, EquiPlane, IntArray, MotionFit, Phases, TipAngle, TipMotion
 from analyze.result.document import build
+from analyze.types import Array, CentreOfMass, EquiPlane, IntArray, MotionFit, Phases, TipAngle, TipMotion
 from schemas.result import Result
 from schemas.strike_plan import PlannedStrike
 

@@ -6,6 +6,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
@@ -13,7 +14,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 
-from analyze.report.style import style
 from analyze.tags.sheet import MARGIN, RULER_FOOT, RULER_MM, STRIP, Page, PlacedTag, Rect
 from schemas.output_file import write_bytes
 
@@ -38,7 +38,7 @@ def pdf_bytes(pages: Sequence[Page]) -> bytes:
     """PDF of the pages, byte for byte the same on every run."""
     data = io.BytesIO()
     with (
-        style(),
+        mpl.rc_context({"font.family": "DejaVu Sans"}),
         PdfPages(data, metadata={"Creator": "Percuss", "Producer": None, "CreationDate": None}) as file,
     ):
         for page in pages:

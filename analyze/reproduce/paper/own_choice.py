@@ -18,7 +18,7 @@ from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import spread, unknown_direction
 from analyze.planning.paper_strikes import paper_strike_plan
-from analyze.planning.plan import FRICTION, prepare
+from analyze.planning.prepared import FRICTION, prepare
 from analyze.planning.view import default_camera
 from analyze.reproduce.paper.record import OwnChoice
 from analyze.result.score import tip_truth

@@ -12,6 +12,13 @@ from analyze.reproduce.paper.published import OBJECTS, published_centres, publis
 from analyze.reproduce.paper.record import Condition, SessionRecord
 
 Value = str | float | int | None
+_METHODS = (
+    ("the paper's method here", Condition.EXACT, True),
+    ("the paper's method, calibration drawn", Condition.DRAWN, True),
+    ("ours", Condition.EXACT, False),
+    ("ours, calibration drawn", Condition.DRAWN, False),
+)
+"""Method, condition, and True for the paper's method."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +65,7 @@ def table1(records: Sequence[SessionRecord]) -> Table:
                     [each.volume_ratio for each in printed],
                 )
             )
-        for method, condition, paper in (
-            ("the paper's method here", Condition.EXACT, True),
-            ("the paper's method, calibration drawn", Condition.DRAWN, True),
-            ("ours", Condition.EXACT, False),
-            ("ours, calibration drawn", Condition.DRAWN, False),
-        ):
+        for method, condition, paper in _METHODS:
             pairs = [(scores.distance(a, r), r) for a, r in scores.answers(mine, condition, paper=paper)]
             rows.append(
                 _centre_row(
@@ -132,12 +134,7 @@ def table2(records: Sequence[SessionRecord]) -> Table:
                     len(printed),
                 )
             )
-        for method, condition, paper in (
-            ("the paper's method here", Condition.EXACT, True),
-            ("the paper's method, calibration drawn", Condition.DRAWN, True),
-            ("ours", Condition.EXACT, False),
-            ("ours, calibration drawn", Condition.DRAWN, False),
-        ):
+        for method, condition, paper in _METHODS:
             found = [(a.masses_kg, r) for a, r in scores.answers(mine, condition, paper=paper)]
             pairs = [(scores.metric(m, r), scores.misplaced(m, r)) for m, r in found if m is not None]
             rows.append(_masses_row(name, method, pairs, len(found)))

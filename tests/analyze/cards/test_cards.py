@@ -15,12 +15,12 @@ from analyze.cards.view import Frame, from_above, from_the_camera, from_the_fron
 from analyze.cli import main
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import make_plan
 from analyze.reading.object_file import read_object_files
 from schemas.object_spec import LengthUnit
 from schemas.strike_plan import StrikePlan
 from schemas.tags import family_and_id
 from tests.analyze.balanced_html import Balanced
+from tests.analyze.planning.planned import make_plan
 from tests.places import OBJECTS
 
 

@@ -11,12 +11,12 @@ from analyze.cards.page import cards
 from analyze.cli import main
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import make_plan
 from analyze.planning.view import default_camera
 from analyze.reading.object_file import read_object_files
 from analyze.replay.cards import STRIKE, card_text, log_scenes, write_card_scenes
 from analyze.replay.picture import headless_viewer
 from schemas.output_file import OutputError
+from tests.analyze.planning.planned import make_plan
 from tests.places import CARTON
 
 
