@@ -71,6 +71,7 @@ lint: setup  ## format, lint, types
 	@$(BIN)/ruff format --check .
 	@$(BIN)/ruff check .
 	@$(BIN)/basedpyright
+	@$(BIN)/lint-imports
 
 notebook: setup  ## run docs/notebook.ipynb and write its outputs
 	@$(BIN)/jupyter-execute --inplace docs/notebook.ipynb

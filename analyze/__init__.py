@@ -11,16 +11,24 @@ The names below are the public interface; everything else may change without not
 
 from __future__ import annotations
 
-from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from analyze.api.functions import estimate, load, plan
-    from analyze.api.object_estimate import CentreOfMass, InertiaTensor, ObjectEstimate, PartMass
-    from analyze.api.recording import Recording, Strike, StrikeFit
-    from analyze.api.strike_plan import Plan
-    from analyze.errors import AnalyzeError
+    from analyze.api import (
+        AnalyzeError,
+        CentreOfMass,
+        InertiaTensor,
+        ObjectEstimate,
+        PartMass,
+        Plan,
+        Recording,
+        Strike,
+        StrikeFit,
+        estimate,
+        load,
+        plan,
+    )
 
 __all__ = [
     "AnalyzeError",
@@ -40,29 +48,14 @@ __all__ = [
 
 __version__ = version("percuss")
 
-_HOMES = {
-    "AnalyzeError": "analyze.errors",
-    "CentreOfMass": "analyze.api.object_estimate",
-    "InertiaTensor": "analyze.api.object_estimate",
-    "ObjectEstimate": "analyze.api.object_estimate",
-    "PartMass": "analyze.api.object_estimate",
-    "Plan": "analyze.api.strike_plan",
-    "Recording": "analyze.api.recording",
-    "Strike": "analyze.api.recording",
-    "StrikeFit": "analyze.api.recording",
-    "estimate": "analyze.api.functions",
-    "load": "analyze.api.functions",
-    "plan": "analyze.api.functions",
-}
-"""module by public name; imported on first use, so that `analyze --help` does not load numpy"""
-
 
 def __getattr__(name: str) -> Any:
-    """Import a public name on its first use (PEP 562)."""
-    home = _HOMES.get(name)
-    if home is None:
+    """Import a public name on its first use (PEP 562), so that `analyze --help` does not load numpy."""
+    if name not in __all__:
         raise AttributeError(f"module 'analyze' has no attribute {name!r}")
-    return getattr(import_module(home), name)
+    from analyze import api
+
+    return getattr(api, name)
 
 
 def __dir__() -> list[str]:

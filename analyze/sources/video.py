@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing
-from datetime import datetime
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -29,6 +28,14 @@ from analyze.sources.coded_pictures import CodedPictures
 from analyze.sources.frame_timing import FrameTiming, frame_timing, interval_range
 from analyze.sources.image_file import image_file
 from analyze.sources.source import TimedFile, TimedImage
+from analyze.sources.video_container import (
+    MP4_SUFFIXES,
+    begins_like_mp4,
+    capture_rate_hz,
+    stated_end_s,
+    video_stream,
+    wall_start_ns,
+)
 from schemas.session_manifest import TimeSource
 
 FILE_CODECS = {"mjpeg", "png"}
@@ -36,9 +43,6 @@ FILE_CODECS = {"mjpeg", "png"}
 KEPT_CODECS = {"h264": VideoFormat.H264, "hevc": VideoFormat.H265}
 EXAMINED_FRAMES = 1000
 """frames from which the timing is read"""
-CAPTURE_RATE_KEY = "com.android.capture.fps"
-"""metadata of slow motion on Android phones: the capture rate, where the stamps are those of playing"""
-MAX_RATE_HZ = 1e6
 MIN_RATE_JUMP = 2.5
 """ratio of two frame rates above which the change is not a phone's reaction to the light"""
 MIN_SLOW_FACTOR = 1.2
@@ -68,13 +72,13 @@ class VideoSource:
         self.time_source = TimeSource.CONTAINER_PTS
         self._remarks: dict[str, str] = {}
         with closing(self._open()) as container:
-            stream = _video_stream(container, path)
+            stream = video_stream(container, path)
             self.codec = stream.codec_context.name
             self._has_lengths = has_lengths(stream)
             self.timing = self._read_timing(container, stream, capture_hz)
             self.frame_count = stream.frames or None
-            self.wall_start_ns = _wall_start(container)
-            self._stated_end_s = _stated_end_seconds(container, self.timing)
+            self.wall_start_ns = wall_start_ns(container)
+            self._stated_end_s = stated_end_s(container, self.timing)
         with closing(self._open()) as container:
             frame = self._first_frame(container)
             self.width, self.height = frame.width, frame.height
@@ -118,7 +122,7 @@ class VideoSource:
         """See FrameSource."""
         decoded, damaged, last_ns = 0, 0, -1
         with closing(self._open()) as container:
-            stream = _video_stream(container, self.path)
+            stream = video_stream(container, self.path)
             stream.thread_type = "AUTO"
             if start_ns:
                 container.seek(self.timing.stamp(start_ns), stream=stream)
@@ -159,7 +163,7 @@ class VideoSource:
             raise ImportRefused(f"{self.path}: {self.codec} is not stored as coded")
         seen = damaged = last_ns = 0
         with closing(self._open(WITHOUT_PARSER if self._has_lengths else {})) as container:
-            stream = _video_stream(container, self.path)
+            stream = video_stream(container, self.path)
             units = AccessUnits(self.keeps, stream, room)
             for packets in _groups(self._packets(container, stream)):
                 stamps, keys = [packet.pts for packet in packets], [packet.is_keyframe for packet in packets]
@@ -183,7 +187,7 @@ class VideoSource:
         """See FrameSource."""
         seen, damaged, last_ns = 0, 0, -1
         with closing(self._open()) as container:
-            stream = _video_stream(container, self.path)
+            stream = video_stream(container, self.path)
             if start_ns:
                 container.seek(self.timing.stamp(start_ns), stream=stream)
             for packet in self._packets(container, stream):
@@ -254,7 +258,7 @@ class VideoSource:
         except (FFmpegError, OSError) as error:
             cut = (
                 ": an MP4 file that was cut short has no index: record the video again, or repair it"
-                if self.path.suffix.lower() in MP4_SUFFIXES and _begins_like_mp4(self.path)
+                if self.path.suffix.lower() in MP4_SUFFIXES and begins_like_mp4(self.path)
                 else ""
             )
             raise ImportRefused(f"{self.path}: not a readable video ({error.strerror}){cut}") from None
@@ -300,7 +304,7 @@ class VideoSource:
         self, container: InputContainer, played: FrameTiming, given_hz: float | None
     ) -> float | None:
         """Capture rate [Hz] from the user, else from the file; None if the video plays as captured."""
-        stated_hz = _rate(container.metadata.get(CAPTURE_RATE_KEY))
+        stated_hz = capture_rate_hz(container)
         if stated_hz is None or stated_hz * played.interval_s < MIN_SLOW_FACTOR:
             return given_hz
         if given_hz is None:
@@ -317,7 +321,7 @@ class VideoSource:
 
     def _first_frame(self, container: InputContainer) -> av.VideoFrame:
         try:
-            for frame in container.decode(_video_stream(container, self.path)):
+            for frame in container.decode(video_stream(container, self.path)):
                 return frame
         except FFmpegError as error:
             raise ImportRefused(
@@ -373,49 +377,3 @@ def _groups(packets: Iterator[av.Packet]) -> Iterator[list[av.Packet]]:
             group, size = [], 0
     if group:
         yield group
-
-
-MP4_SUFFIXES = {".mp4", ".mov", ".m4v", ".3gp"}
-
-
-def _begins_like_mp4(path: Path) -> bool:
-    """True if the file begins like an MP4 file, so that it may have been cut short."""
-    with path.open("rb") as file:
-        return file.read(8)[4:] in {b"ftyp", b"moov", b"mdat", b"wide", b"free"}
-
-
-def _video_stream(container: InputContainer, path: Path) -> av.VideoStream:
-    if not container.streams.video:
-        raise ImportRefused(f"{path}: contains no video: name a file that does")
-    return container.streams.video[0]
-
-
-def _rate(text: str | None) -> float | None:
-    """Rate from metadata [Hz]; None if it is not one."""
-    try:
-        number = float(text or "")
-    except ValueError:
-        return None
-    return number if 1 <= number <= MAX_RATE_HZ else None
-
-
-def _stated_end_seconds(container: InputContainer, pace: FrameTiming) -> float | None:
-    """Time [s] that the last frame of a complete file surely reaches, from the duration that it states.
-
-    None if unknown.
-    """
-    if container.duration is None:
-        return None
-    # A sound track may be a moment longer.
-    slack_s = 2.5 * pace.interval_s if len(container.streams) == 1 else 1.0
-    return container.duration / av.time_base / float(pace.slowed) - slack_s
-
-
-def _wall_start(container: InputContainer) -> int | None:
-    """Time of recording that the file states [ns since 1970]; None if it states none."""
-    try:
-        stated = datetime.fromisoformat(str(container.metadata.get("creation_time", "")))
-    except ValueError:
-        return None
-    wall_ns = round(stated.timestamp()) * 10**9
-    return wall_ns if wall_ns > 0 else None  # a camera without a clock writes 1970 or 1904

@@ -35,16 +35,31 @@ def session(
     for strike in strikes:
         phi, k = tip(body, strike)
         k /= slow**2
-        motions.append(motion(strike, phi + tilt + rng.normal(0, sd_phi), k * (1 + rng.normal(0, sd_k)), sd_phi, sd_k * k, rng))
+        motions.append(
+            motion(
+                strike,
+                phi + tilt + rng.normal(0, sd_phi),
+                k * (1 + rng.normal(0, sd_k)),
+                sd_phi,
+                sd_k * k,
+                rng,
+            )
+        )
     plan = StrikePlan(object_name=spec.name, object_sha256=object_sha256(spec, None), strikes=strikes)
     model = load_object_model(spec, None, spec.name)
     head = RecordingHead(
-        Path("r.mcap"), manifest(spec, time_source), "c" * 64, tuple(motion.strike_id for motion in motions), files=("r.mcap",)
+        Path("r.mcap"),
+        manifest(spec, time_source),
+        "c" * 64,
+        tuple(motion.strike_id for motion in motions),
+        files=("r.mcap",),
     )
     return Evidence((head,), spec, model, plan, object_sha256(spec, None), tuple(motions))
 
 
-def motion(strike: PlannedStrike, phi: float, k: float, sd_phi: float, sd_k: float, rng: np.random.Generator) -> TipMotion:
+def motion(
+    strike: PlannedStrike, phi: float, k: float, sd_phi: float, sd_k: float, rng: np.random.Generator
+) -> TipMotion:
     """Rest, strike, both stages and the landing, with 0.05 deg of frame noise."""
     truth, omega = tipping(phi, k)
     passed = int(np.argmax(np.array(truth) > phi))
@@ -56,8 +71,30 @@ def motion(strike: PlannedStrike, phi: float, k: float, sd_phi: float, sd_k: flo
     angle = TipAngle(time_ns, np.array(truth) + noise, np.full(n, np.radians(0.05)), np.zeros(n), np.zeros(n))
     phases = Phases((0, 30), (30, 33), (33, passed), (passed, landed), (landed, n))
     window = (33, landed)
-    fit = MotionFit("pivot_fit", phi, k, np.diag([sd_phi**2, sd_k**2]), 0.0, omega, int(time_ns[30]), 0.0, window, noise[33:landed])
-    rough = MotionFit("sign_change", phi + rng.normal(0, 0.02), None, np.diag([0.02**2, 0.0]), 0.0, 0.0, 0, 0.0, window, np.zeros(0))
+    fit = MotionFit(
+        "pivot_fit",
+        phi,
+        k,
+        np.diag([sd_phi**2, sd_k**2]),
+        0.0,
+        omega,
+        int(time_ns[30]),
+        0.0,
+        window,
+        noise[33:landed],
+    )
+    rough = MotionFit(
+        "sign_change",
+        phi + rng.normal(0, 0.02),
+        None,
+        np.diag([0.02**2, 0.0]),
+        0.0,
+        0.0,
+        0,
+        0.0,
+        window,
+        np.zeros(0),
+    )
     return TipMotion(f"{strike.id}.1", strike.id, Verdict.GOOD, "", angle, phases, fit, (rough,), 1.05)
 
 
@@ -91,7 +128,10 @@ def object_spec(body: Body) -> ObjectSpec:
 def manifest(spec: ObjectSpec, time_source: TimeSource = TimeSource.DEVICE_MAPPED) -> SessionManifest:
     """Of a rig with one camera and a table level to 0.05 deg."""
     calibration = CameraCalibrationSpec(
-        width=656, height=492, K=[[1430, 0, 328], [0, 1430, 246], [0, 0, 1]], T_world_camera=np.eye(4).tolist()
+        width=656,
+        height=492,
+        K=[[1430, 0, 328], [0, 1430, 246], [0, 0, 1]],
+        T_world_camera=np.eye(4).tolist(),
     )
     return SessionManifest(
         recording_id="r1",

@@ -62,15 +62,21 @@ class WatchedPage:
     def empty_plots(self) -> list[str]:
         """Those that draw nothing, by their place on the page."""
         boxes = self.page.evaluate(PLOTS)
-        picture = cv2.imdecode(np.frombuffer(self.page.screenshot(full_page=True), dtype=np.uint8), cv2.IMREAD_COLOR)
+        picture = cv2.imdecode(
+            np.frombuffer(self.page.screenshot(full_page=True), dtype=np.uint8), cv2.IMREAD_COLOR
+        )
         found = []
         for number, box in enumerate(boxes, 1):
-            left, top, right, bottom = (int(v) for v in (box["x"], box["y"], box["x"] + box["width"], box["y"] + box["height"]))
+            left, top, right, bottom = (
+                int(v) for v in (box["x"], box["y"], box["x"] + box["width"], box["y"] + box["height"])
+            )
             if left >= picture.shape[1]:
                 continue  # in a part that scrolls by itself, or found by `overflowing`
             part = picture[max(top, 0) : bottom, max(left, 0) : right]
             if box["missing"] or part.size == 0 or ink(part) < LEAST_INK:
-                found.append(f"plot {number} of {len(boxes)} at {left}, {top}: {right - left} x {bottom - top} px")
+                found.append(
+                    f"plot {number} of {len(boxes)} at {left}, {top}: {right - left} x {bottom - top} px"
+                )
         return found
 
 
@@ -84,8 +90,18 @@ def ink(picture: np.ndarray) -> float:
 def watched(browser: Browser, size: tuple[int, int] = DESKTOP) -> Iterator[WatchedPage]:
     """A new page of the browser, for files: all that it asks for elsewhere is a problem."""
     with _page(browser, size) as found:
-        found.page.on("console", lambda told: found.problems.append(f"console: {told.text}") if told.type in {"error", "warning"} else None)
-        found.page.on("request", lambda asked: None if asked.url.startswith(HERE) else found.problems.append(f"asked for {asked.url}"))
+        found.page.on(
+            "console",
+            lambda told: (
+                found.problems.append(f"console: {told.text}") if told.type in {"error", "warning"} else None
+            ),
+        )
+        found.page.on(
+            "request",
+            lambda asked: (
+                None if asked.url.startswith(HERE) else found.problems.append(f"asked for {asked.url}")
+            ),
+        )
         yield found
 
 
@@ -115,8 +131,15 @@ def _page(browser: Browser, size: tuple[int, int]) -> Iterator[WatchedPage]:
     context.set_default_timeout(PATIENCE_MS)
     found = WatchedPage(context.new_page())
     found.page.on("pageerror", lambda error: found.problems.append(f"exception: {error}"))
-    found.page.on("requestfailed", lambda request: found.problems.append(f"failed: {request.url}: {request.failure}"))
-    found.page.on("response", lambda answer: found.problems.append(f"{answer.status}: {answer.url}") if answer.status >= 400 else None)
+    found.page.on(
+        "requestfailed", lambda request: found.problems.append(f"failed: {request.url}: {request.failure}")
+    )
+    found.page.on(
+        "response",
+        lambda answer: (
+            found.problems.append(f"{answer.status}: {answer.url}") if answer.status >= 400 else None
+        ),
+    )
     try:
         yield found
     finally:

@@ -19,7 +19,8 @@ from analyze.planning.fillings import Pieces
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
 from analyze.planning.paper_strikes import paper_strike_plan
-from analyze.planning.plan import Request, finish, prepare
+from analyze.planning.plan import Request, finish
+from analyze.planning.prepared import prepare
 from analyze.planning.striker_update import updated_striker
 from analyze.progress import Progress, no_progress
 from analyze.reading.object_file import ObjectFiles, read_object_files

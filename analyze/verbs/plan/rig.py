@@ -17,7 +17,7 @@ from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
-from analyze.planning.plan import FRICTION
+from analyze.planning.prepared import FRICTION
 from analyze.types import CameraModel
 from schemas.document import DocumentError, validate
 from schemas.rig import RigConfig, StrikerConfig

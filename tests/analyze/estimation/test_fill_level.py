@@ -192,8 +192,8 @@ def test_a_session_says_what_fills_the_object_and_what_that_assumes():
         ),
         (
             (
-                '[[labels]]\nname = "a"\nwall = true\n[[labels]]\nname = "b"\nfills = true\nbetween_m = [0.0, '
-                "0.1]"
+                '[[labels]]\nname = "a"\nwall = true\n[[labels]]\nname = "b"\nfills = true\nbetween_m = '
+                "[0.0, 0.1]"
             ),
             "exactly one of",
         ),

@@ -131,8 +131,7 @@ def simulate(
             else:
                 om, vx = -0.3 * om, 0.0
                 stick = True
-        if th >= land:
-            landed = True
+        landed = landed or th >= land
         t += STEP
     return _course(body, np.array(log), frames)
 

@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 from analyze.motion.landing import landing_angle
-from analyze.motion.phases import find_course, phases_of
-from analyze.motion.settings import WindowLimits
 from analyze.motion.support_function import support_of_outline
-from analyze.types import TipAngle
 from tests.analyze.motion.tipping import planned
 
 BACK, TOP = 0.06, 0.2
@@ -81,51 +78,3 @@ def test_a_scans_facets_do_not_end_it_early(length, degrees):
 
 def test_a_face_that_lies_down_before_the_balance_ends_nothing():
     assert lands(chamfered(0.03), 45.0, phi=math.radians(50.0)) is None
-
-
-def steady(theta):
-    """As tracked at 120 fps, from rest."""
-    n = len(theta)
-    return TipAngle(np.arange(1, n + 1) * 8_333_333, theta, np.full(n, 5e-4), np.zeros(n), np.zeros(n))
-
-
-def test_what_is_hardly_slowed_has_landed_all_the_same():
-    theta = np.radians(np.concatenate([np.zeros(20), np.linspace(0.0, 80.0, 50)]))
-    seen = find_course(steady(theta), 0, WindowLimits())
-    assert seen.ended == len(theta), "the motion does not show it"
-    known = find_course(steady(theta), 0, WindowLimits(), math.radians(44.0))
-    assert theta[known.ended - 1] < math.radians(44.0) <= theta[known.ended]
-    phases = phases_of(steady(theta), known, math.radians(30.0))
-    assert phases.stage_two[1] == phases.landing[0] == known.ended
-
-
-def test_one_wrong_reading_is_no_landing_and_rocking_back_none_either():
-    theta = np.radians(
-        np.concatenate([np.zeros(20), 30.0 * np.sin(np.linspace(0.0, math.pi, 60)), np.zeros(10)])
-    )
-    theta[50] = math.radians(60.0)
-    with_shape, without = (
-        find_course(steady(theta), 0, WindowLimits(), at) for at in (math.radians(44.0), None)
-    )
-    assert with_shape == without
-    assert with_shape.came_back
-
-
-@pytest.mark.parametrize(
-    ("seed", "rate"), [(seed, rate) for seed in range(4) for rate in (120, 240, 960, 2000)]
-)
-def test_the_course_is_the_same_at_any_frame_rate(seed, rate):
-    """At 960 a second the first frames after the guard are still near rest, and a frame's error is a good
-    part of a frame's turn."""
-    theta = np.radians(
-        np.interp(np.arange(0.0, 0.9, 1 / rate), [0.2, 0.3, 0.5, 0.62], [0.0, 15.0, 50.0, 90.0])
-    )
-    time_ns = np.arange(1, len(theta) + 1) * round(1e9 / rate)
-    seen = theta + np.random.default_rng(seed).normal(0.0, np.radians(0.06), len(theta))
-    angle = TipAngle(
-        time_ns, seen, np.full(len(theta), np.radians(0.06)), np.zeros(len(theta)), np.zeros(len(theta))
-    )
-    course = find_course(angle, 0, WindowLimits())
-    assert not course.came_back
-    assert 0.2 < course.released / rate < 0.24
-    assert course.ended / rate == pytest.approx(0.62, abs=0.02)

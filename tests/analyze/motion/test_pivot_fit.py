@@ -6,30 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from analyze.errors import EstimationError
-from analyze.motion.pendulum import energy_ratio, trajectory, trajectory_with_drag
+from analyze.motion.pendulum import trajectory, trajectory_with_drag
 from analyze.motion.pivot_fit import pivot_fit, pivot_fit_with_drag
-from analyze.motion.sign_change import sign_change
 from analyze.types import TipAngle
-from tests.analyze.motion.tipping import simulate
-
-
-def free_part(energy, noise_deg, rng, past_deg=25.0, com=(0.03, 0.1)):
-    """A noisy TipAngle of the gravity-only part, with the truth."""
-    tip = simulate(energy, com=com)
-    used = (tip.time > tip.contact + 0.016) & (tip.theta < tip.phi + np.radians(past_deg))
-    first = int(np.argmax(used))
-    stop = first + int(np.argmin(used[first:])) if not np.all(used[first:]) else len(used)
-    if energy < 1:
-        top = first + int(np.argmax(tip.theta[first:]))
-        stop = top + int(np.argmax(tip.theta[top:] < 0.015))
-    sd = np.radians(noise_deg)
-    theta = tip.theta[first:stop] + rng.normal(0, sd, stop - first)
-    n = len(theta)
-    time_ns = np.rint(tip.time[first:stop] * 1e9).astype(np.int64)
-    return tip, TipAngle(time_ns, theta, np.full(n, sd), np.zeros(n), np.zeros(n))
+from tests.analyze.motion.tipping import free_part
 
 
 def repeat(energy, noise_deg, count, seed=1, **how):
@@ -200,99 +182,7 @@ def test_drag_is_found_where_there_is_some():
     assert fit.phi == pytest.approx(0.28, abs=2e-4)
 
 
-@pytest.mark.parametrize(("motion", "drag"), [(trajectory, ()), (trajectory_with_drag, (0.03,))])
-def test_derivatives_are_those_of_the_motion(motion, drag):
-    seconds = np.arange(40) / 120
-    x = np.array([0.3, 60.0, 0.02, 1.6, *drag])
-    _, _, J = motion(seconds, *x)
-    assert J.shape == (40, len(x))
-    for i, step in enumerate([1e-5, 1e-3, 1e-5, 1e-5, 1e-5][: len(x)]):
-        up, down = x.copy(), x.copy()
-        up[i] += step
-        down[i] -= step
-        numeric = (motion(seconds, *up)[0] - motion(seconds, *down)[0]) / (2 * step)
-        assert np.allclose(J[:, i], numeric, rtol=1e-4, atol=1e-6)
-
-
-@pytest.mark.parametrize("omega0", [1.6, 3.1, 6.0])
-def test_the_motion_is_solved_far_below_a_cameras_noise(omega0):
-    """At 120 frames per second and k = 100 rad/s^2, below, about and far above what carries it over the top,
-    up to 80 degrees past it."""
-    seconds = np.arange(61) / 120
-
-    def rate(_, y):
-        return [y[1], 100.0 * np.sin(y[0]), y[3], 100.0 * np.cos(y[0]) * y[2]]
-
-    exact = solve_ivp(rate, (0.0, 0.5), [-0.3, omega0, 1.0, 0.0], t_eval=seconds, rtol=1e-11, atol=1e-13).y
-    below = exact[0] < 1.4
-    for theta, omega, by in (
-        trajectory(seconds, 0.3, 100.0, 0.0, omega0),
-        trajectory_with_drag(seconds, 0.3, 100.0, 0.0, omega0, 0.0),
-    ):
-        assert np.abs(theta - 0.3 - exact[0])[below].max() < 6e-6
-        assert np.abs(omega - exact[1])[below].max() < 6e-5
-        assert np.abs(by[:, 2] - exact[2])[below].max() < 2e-6 * np.abs(exact[2]).max()
-
-
-@pytest.mark.parametrize("omega0", [6.9, 8.5])
-def test_on_its_rounding_the_edge_rolls(omega0):
-    """Beside the moment equation about a rolling contact, and the derivatives beside differences."""
-    seconds, radius, numbers = np.arange(40) / 120, 1e-3, np.array([0.645, 134.7, 0.0, omega0])
-    phi, k = numbers[:2]
-    e = k * radius / 9.81
-
-    def rate(_, y):
-        return [y[1], np.sin(y[0]) * (k + e * y[1] ** 2) / (1 - 2 * e * (1 - np.cos(y[0])))]
-
-    exact = solve_ivp(rate, (0.0, 0.4), [-phi, omega0], t_eval=seconds, rtol=1e-11, atol=1e-13).y
-    below = exact[0] < 1.2
-    theta, omega, by = trajectory(seconds, *numbers, radius)
-    assert np.abs(theta - phi - exact[0])[below].max() < 6e-6
-    assert np.abs(omega - exact[1])[below].max() < 6e-5
-    for i, step in enumerate((1e-6, 1e-3, 1e-6, 1e-5)):
-        moved = step * np.eye(4)[i]
-        numeric = (
-            trajectory(seconds, *(numbers + moved), radius)[0]
-            - trajectory(seconds, *(numbers - moved), radius)[0]
-        ) / (2 * step)
-        # That the rounding's part grows with k is left out.
-        assert (
-            np.abs(by[:, i] - numeric)[below].max()
-            < (1e-2 if i == 1 else 1e-6) * np.abs(numeric[below]).max()
-        )
-
-
-def test_energy_ratio_is_one_at_the_separatrix():
-    phi, k = 0.3, 60.0
-    assert energy_ratio(phi, k, 0.0, np.sqrt(2 * k * (1 - np.cos(phi)))) == pytest.approx(1.0)
-
-
 def test_too_few_frames_are_refused():
     _, angle = free_part(1.05, 0.02, np.random.default_rng(5))
     with pytest.raises(EstimationError, match="only 5 frames"):
         pivot_fit(angle, (0, 5))
-
-
-def test_sign_change_is_near_and_noisier():
-    tip, angle = free_part(1.05, 0.01, np.random.default_rng(5))
-    fit = sign_change(angle, (0, len(angle.theta)))
-    assert fit.k is None
-    assert abs(np.degrees(fit.phi - tip.phi)) < 0.5
-
-
-def test_sign_change_where_frames_are_missing():
-    """Means of uneven frames taken for means of even ones were off by up to 10 deg."""
-    rng = np.random.default_rng(5)
-    tip, angle = free_part(1.05, 0.01, rng)
-    kept = rng.random(len(angle.theta)) > 0.25
-    part = TipAngle(
-        angle.time_ns[kept], angle.theta[kept], angle.sd[kept], angle.off_axis[kept], angle.slip[kept]
-    )
-    fit = sign_change(part, (0, len(part.theta)), fit=pivot_fit(part, (0, len(part.theta))))
-    assert abs(fit.phi - tip.phi) < 3 * np.sqrt(fit.covariance[0, 0]) < np.radians(0.5)
-
-
-def test_sign_change_needs_to_pass_the_balance():
-    _, angle = free_part(0.9, 0.0005, np.random.default_rng(5))
-    with pytest.raises(EstimationError, match="no second sign change"):
-        sign_change(angle, (0, len(angle.theta) - 6))

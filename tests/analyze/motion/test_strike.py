@@ -4,14 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-from analyze.motion.phases import find_course
-from analyze.motion.settings import WindowLimits
 from analyze.motion.strike import analyse_strike, placement_of, rest_end
 from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import tip_angle
-from analyze.types import TipAngle
 from schemas.result import Verdict
 from tests.analyze.motion.tipping import camera, marker, planned, simulate, track_of
 
@@ -29,30 +25,6 @@ def analyse(tip, tracks=None, markers=None, rolls=False, contact_known=True, unm
         unmarked_ns=unmarked,
     )
     return analyse_strike(tracks, markers or [marker()], camera(), task)
-
-
-def squat_body(energy, k=141.0, phi=0.68, rate=120.0):
-    """Theta(t) of the pendulum's equation, for a body so small that near its top it loses a third of its
-    speed in a frame."""
-
-    def falls(t, y):
-        return y[0] if t > 0.02 else 1.0
-
-    falls.terminal = True
-    omega = np.sqrt(2 * k * (1 - np.cos(phi)) * energy)
-    out = solve_ivp(
-        lambda _, y: [y[1], -k * np.sin(phi - y[0])],
-        (0, 0.6),
-        [0.0, omega],
-        rtol=1e-9,
-        dense_output=True,
-        events=[falls],
-        max_step=0.01,
-    )
-    time = np.arange(80) / rate
-    since = time - 30.4 / rate
-    theta = np.where((since > 0) & (since < out.t[-1]), out.sol(np.clip(since, 0, out.t[-1]))[0], 0.0)
-    return TipAngle((time * 1e9).astype(np.int64) + 1, theta, np.full(80, 2e-5), np.zeros(80), np.zeros(80))
 
 
 def ramp(tip, start=30, length=40):
@@ -102,17 +74,6 @@ def test_rocking_back_is_data(energy):
     assert motion.verdict is Verdict.ROCKED_BACK
     assert abs(motion.fit.phi - tip.phi) < 4 * np.sqrt(motion.fit.covariance[0, 0])
     assert motion.energy_ratio == pytest.approx(energy, abs=0.05)
-
-
-@pytest.mark.parametrize("energy", [0.6, 0.7, 0.8, 0.9])
-def test_gravity_turning_a_squat_body_back_is_no_landing(energy):
-    angle = squat_body(energy)
-    top = int(np.argmax(angle.theta))
-    assert np.degrees(angle.theta[top]) > 14
-    course = find_course(angle, 0, WindowLimits())
-    assert course.came_back
-    assert course.ended > top + 10
-    assert course.top == top
 
 
 def test_the_contact_time_is_a_help_not_a_need():

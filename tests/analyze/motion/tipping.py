@@ -14,7 +14,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from analyze.tracking.camera_model import distort, project_ideal, world_to_camera
-from analyze.types import CameraModel, Marker, MarkerTrack
+from analyze.types import CameraModel, Marker, MarkerTrack, TipAngle
 from schemas.strike_plan import Impact, Pivot, PlannedStrike, Range
 
 G = 9.80665
@@ -176,3 +176,19 @@ def track_of(tip, rng, sd=0.011, mark=None, **how):
     return MarkerTrack(
         mark.id, np.rint(tip.time * 1e9).astype(np.int64) + 10**18, seen, np.full(n, sd), R, p, n
     )
+
+
+def free_part(energy, noise_deg, rng, past_deg=25.0, com=(0.03, 0.1)):
+    """A noisy TipAngle of the gravity-only part, with the truth."""
+    tip = simulate(energy, com=com)
+    used = (tip.time > tip.contact + 0.016) & (tip.theta < tip.phi + np.radians(past_deg))
+    first = int(np.argmax(used))
+    stop = first + int(np.argmin(used[first:])) if not np.all(used[first:]) else len(used)
+    if energy < 1:
+        top = first + int(np.argmax(tip.theta[first:]))
+        stop = top + int(np.argmax(tip.theta[top:] < 0.015))
+    sd = np.radians(noise_deg)
+    theta = tip.theta[first:stop] + rng.normal(0, sd, stop - first)
+    n = len(theta)
+    time_ns = np.rint(tip.time[first:stop] * 1e9).astype(np.int64)
+    return tip, TipAngle(time_ns, theta, np.full(n, sd), np.zeros(n), np.zeros(n))

@@ -22,7 +22,7 @@ from analyze.planning.information import Candidate, Errors, Information, spread
 from analyze.planning.paper_plan import paper_plan
 from analyze.planning.paper_strikes import paper_axis
 from analyze.planning.pivots import PivotAxis, pivot_axes, swing
-from analyze.planning.plan import Prepared, prepare
+from analyze.planning.prepared import Prepared, prepare
 from analyze.planning.refusal import refusal_message
 from analyze.types import EquiPlane
 from tests.analyze.planning.random_bodies import RandomBody

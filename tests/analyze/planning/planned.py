@@ -10,7 +10,8 @@ from analyze.planning.examine import Bench
 from analyze.planning.fillings import Pieces
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
-from analyze.planning.plan import FRICTION, Request, finish, prepare
+from analyze.planning.plan import Request, finish
+from analyze.planning.prepared import FRICTION, prepare
 from analyze.planning.view import default_camera
 from schemas.object_spec import ObjectSpec
 from schemas.strike_plan import StrikePlan

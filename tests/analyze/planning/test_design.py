@@ -27,7 +27,7 @@ from analyze.planning.information import (
     unknown_direction,
 )
 from analyze.planning.pivots import pivot_axes, swing
-from analyze.planning.plan import prepare
+from analyze.planning.prepared import prepare
 from analyze.planning.stable_planes import resting_planes, stable_planes
 from tests.analyze.geometry.shapes import spec_of, stl
 from tests.analyze.planning.comparison import compare

@@ -17,7 +17,8 @@ from analyze.planning.examine import Bench
 from analyze.planning.footing import SHARES, footing
 from analyze.planning.hypothesis import hypothesis
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import Prepared, Request, finish, prepare
+from analyze.planning.plan import Request, finish
+from analyze.planning.prepared import Prepared, prepare
 from analyze.planning.stable_planes import resting_planes, stable_planes
 from analyze.verbs.plan.table import render_plan
 from schemas.strike_plan import StrikePlan, parse_strike_plan

@@ -15,7 +15,7 @@ from analyze.planning.hypothesis import even_cloud, paper_hypothesis, paper_hypo
 from analyze.planning.impact import StrikerModel
 from analyze.planning.paper_plan import CONTACT_ANGLE, impact_force, paper_plan, rotation_points
 from analyze.planning.paper_strikes import paper_strike_plan
-from analyze.planning.plan import prepare
+from analyze.planning.prepared import prepare
 from analyze.planning.stable_planes import resting_planes
 from schemas.strike_plan import PlanMethod, parse_strike_plan
 from tests.analyze.geometry.shapes import spec_of

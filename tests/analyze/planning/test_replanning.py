@@ -19,7 +19,8 @@ from analyze.planning.examine import Bench
 from analyze.planning.forecast import MAX_STRIKES, strikes_for
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import Errors
-from analyze.planning.plan import Request, finish, prepare
+from analyze.planning.plan import Request, finish
+from analyze.planning.prepared import prepare
 from analyze.planning.view import default_camera
 from analyze.reading.recording import open_recording
 from analyze.verbs.plan import plan_object as plan_files

@@ -19,7 +19,7 @@ from analyze.planning.forecast import error_so_far
 from analyze.planning.impact import StrikerModel
 from analyze.planning.information import TILT as TILT_TERM
 from analyze.planning.information import Errors
-from analyze.planning.plan import prepare
+from analyze.planning.prepared import prepare
 from analyze.planning.view import default_camera
 from tests.analyze.estimation.bodies import fit_of
 from tests.analyze.geometry.shapes import spec_of

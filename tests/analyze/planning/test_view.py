@@ -12,8 +12,9 @@ from analyze.errors import PlanError
 from analyze.geometry.object_model import load_object_model
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import Request, finish, prepare
+from analyze.planning.plan import Request, finish
 from analyze.planning.precision import SeenSwing, strike_covariances
+from analyze.planning.prepared import prepare
 from analyze.planning.view import default_camera, refuse_off_surface
 from analyze.types import CameraModel
 from schemas.rig_limits import MIN_TAG_EDGE_PX

@@ -1,0 +1,65 @@
+"""Facts that a video file's container states: its stream, capture rate, duration and date."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+
+import av
+from av.container import InputContainer
+
+from analyze.errors import ImportRefused
+from analyze.sources.frame_timing import FrameTiming
+
+CAPTURE_RATE_KEY = "com.android.capture.fps"
+"""metadata of slow motion on Android phones: the capture rate, where the stamps are those of playing"""
+MAX_RATE_HZ = 1e6
+MP4_SUFFIXES = {".mp4", ".mov", ".m4v", ".3gp"}
+
+
+def begins_like_mp4(path: Path) -> bool:
+    """True if the file begins like an MP4 file, so that it may have been cut short."""
+    with path.open("rb") as file:
+        return file.read(8)[4:] in {b"ftyp", b"moov", b"mdat", b"wide", b"free"}
+
+
+def video_stream(container: InputContainer, path: Path) -> av.VideoStream:
+    """The file's first video stream.
+
+    Raises:
+        ImportRefused: it has none.
+    """
+    if not container.streams.video:
+        raise ImportRefused(f"{path}: contains no video: name a file that does")
+    return container.streams.video[0]
+
+
+def capture_rate_hz(container: InputContainer) -> float | None:
+    """Capture rate of slow motion that the file states [Hz]; None if it states none."""
+    try:
+        rate = float(container.metadata.get(CAPTURE_RATE_KEY) or "")
+    except ValueError:
+        return None
+    return rate if 1 <= rate <= MAX_RATE_HZ else None
+
+
+def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None:
+    """Time [s] that the last frame of a complete file surely reaches, from the duration that it states.
+
+    None if unknown.
+    """
+    if container.duration is None:
+        return None
+    # A sound track may be a moment longer.
+    slack_s = 2.5 * timing.interval_s if len(container.streams) == 1 else 1.0
+    return container.duration / av.time_base / float(timing.slowed) - slack_s
+
+
+def wall_start_ns(container: InputContainer) -> int | None:
+    """Time of recording that the file states [ns since 1970]; None if it states none."""
+    try:
+        stated = datetime.fromisoformat(str(container.metadata.get("creation_time", "")))
+    except ValueError:
+        return None
+    wall_ns = round(stated.timestamp()) * 10**9
+    return wall_ns if wall_ns > 0 else None  # a camera without a clock writes 1970 or 1904
