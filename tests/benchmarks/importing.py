@@ -53,7 +53,7 @@ Figures = dict[str, float]
 def images(noise: float) -> list[np.ndarray]:
     """Images of a resting box and, after REST frames, of its tip, with sensor noise.
 
-    They are four times as large as those of filmed.py.
+    They are four times as large as those of tip_videos.py.
     """
     random = np.random.default_rng(1)
     found = []
