@@ -90,7 +90,9 @@ class Calibration:
     @property
     def rms_px(self) -> float:
         """Root mean square distance of the corners from their predictions [px]."""
-        return float(np.sqrt(np.mean(np.sum(np.concatenate(self.bundle.residuals) ** 2, axis=1))))
+        residual: Array = np.concatenate(self.bundle.residuals)
+        squared: Array = np.asarray(np.sum(residual**2, axis=1), dtype=np.float64)
+        return float(np.sqrt(np.mean(squared)))
 
 
 def calibrate(
@@ -108,7 +110,8 @@ def calibrate(
     """
     points = corner_points(board)
     height, width = shots[0].image.shape
-    kept, dropped, lost = list(shots), [], 0
+    kept, lost = list(shots), 0
+    dropped: list[Dropped] = []
     progress("solving for the lens", 0, STEPS)
     bundle = solve([observed(shot.view, points) for shot in kept], model, width, height)
     for turn in range(STEPS - 1):

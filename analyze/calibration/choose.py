@@ -29,17 +29,21 @@ def outline(sight: Sight, board: Board) -> Array | None:
     tags = sorted(sight.tags)
     if len(tags) < _MIN_TAGS:
         return None
-    middles = tag_squares(board.columns, board.rows)[tags] + 0.5
+    middles: Array = np.asarray(tag_squares(board.columns, board.rows)[tags] + 0.5, dtype=np.float64)
     seen = np.array([sight.tags[tag].mean(axis=0) for tag in tags])
-    H, _ = cv2.findHomography(middles, seen, cv2.RANSAC, 5.0) if len(tags) > _MIN_TAGS else (None, None)
-    if H is None:
-        M = np.linalg.lstsq(np.column_stack([middles, np.ones(len(tags))]), seen, rcond=None)[0]
-        H = np.vstack([M.T, [0.0, 0.0, 1.0]])
+    found = cv2.findHomography(middles, seen, cv2.RANSAC, 5.0)[0] if len(tags) > _MIN_TAGS else None
+    H = _affine(middles, seen) if found is None else np.asarray(found, dtype=float)
     corners = np.array(
         [[0, 0], [board.columns, 0], [board.columns, board.rows], [0, board.rows]], dtype=float
     )
-    image = np.column_stack([corners, np.ones(4)]) @ np.asarray(H, dtype=float).T
+    image = np.column_stack([corners, np.ones(4)]) @ H.T
     return image[:, :2] / image[:, 2:] if np.all(image[:, 2] > 0) else None
+
+
+def _affine(squares: Array, pixels: Array) -> Array:
+    """Affine transform (3, 3) of points (n, 2) on the board to pixels (n, 2), by least squares."""
+    rows = np.column_stack([squares, np.ones(len(squares))])
+    return np.vstack([np.linalg.lstsq(rows, pixels, rcond=None)[0].T, [0.0, 0.0, 1.0]])
 
 
 def distinct_views(outlines: Sequence[Array], tags: Sequence[int], width: int) -> list[int]:

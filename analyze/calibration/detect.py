@@ -95,7 +95,7 @@ def _detector(family: str) -> cv2.aruco.ArucoDetector:
 def read_tags(image: NDArray[np.uint8], family: str) -> dict[int, Array]:
     """Corners (4, 2) of a family's tags in an image by id, to about half a pixel."""
     corners, ids, _ = _detector(family).detectMarkers(np.ascontiguousarray(image))
-    if ids is None:
+    if len(corners) == 0:
         return {}
     return {
         int(tag): np.asarray(quad[0], dtype=float) for quad, tag in zip(corners, np.ravel(ids), strict=True)

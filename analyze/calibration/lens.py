@@ -99,15 +99,15 @@ def project(lens: Lens, points: Array, rotation: Array, translation: Array) -> t
     """
     shaped = np.ascontiguousarray(points, dtype=float).reshape(-1, 1, 3)
     if lens.model is LensModel.FISHEYE:
-        image, J = cv2.fisheye.projectPoints(
+        image, by = cv2.fisheye.projectPoints(
             shaped, rotation, translation, lens.camera_matrix, lens.distortion
         )
-        derivatives: Array = np.asarray(J, dtype=np.float64).reshape(-1, 2, 15)
+        derivatives: Array = np.asarray(by, dtype=np.float64).reshape(-1, 2, 15)
         return (
             np.asarray(image, dtype=np.float64).reshape(-1, 2),
             derivatives[..., 8:14],
             derivatives[..., :8],
         )
-    image, J = cv2.projectPoints(shaped, rotation, translation, lens.camera_matrix, lens.distortion)
-    derivatives = np.asarray(J, dtype=np.float64).reshape(len(points), 2, -1)
+    image, by = cv2.projectPoints(shaped, rotation, translation, lens.camera_matrix, lens.distortion)
+    derivatives = np.asarray(by, dtype=np.float64).reshape(len(points), 2, -1)
     return np.asarray(image, dtype=np.float64).reshape(-1, 2), derivatives[..., :6], derivatives[..., 6:15]

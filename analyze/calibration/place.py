@@ -1,5 +1,8 @@
 """Pose of the camera in W, from one view of a board that lies or stands on the table."""
 
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false
+
 from __future__ import annotations
 
 import math
@@ -85,14 +88,16 @@ def place_camera(
         )
         J[:3, i] = Rotation.from_matrix(moved[:3, :3] @ T[:3, :3].T).as_rotvec() / step
         J[3:, i] = (moved[:3, 3] - T[:3, 3]) / step
-    sd = np.sqrt(np.diag(J @ covariance @ J.T))
+    carried: Array = np.asarray(J @ covariance @ J.T, dtype=np.float64)
+    sd = np.sqrt(np.diag(carried))
     return CameraPlace(T, sd[:3], sd[3:], len(seen.points), residual_px(seen.points, seen.place, lens, pose))
 
 
 def residual_px(points: Array, place: Array, lens: Lens, pose: Pose) -> float:
     """Rms distance [px] of corners `place` (n, 2) from the projections of `points` (n, 3) in B."""
     image, _, _ = project(lens, points, pose.rotation, pose.translation)
-    return math.sqrt(float(np.mean(np.sum((place - image) ** 2, axis=1))))
+    squared: Array = np.asarray(np.sum((place - image) ** 2, axis=1), dtype=np.float64)
+    return math.sqrt(float(np.mean(squared)))
 
 
 def implausibilities(T_world_camera: Array) -> list[str]:

@@ -16,6 +16,9 @@ before opencv#28380).
 -0.12 shifts corners by some thousandths, a fisheye by hundredths of a pixel.
 """
 
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false
+
 from __future__ import annotations
 
 import math
@@ -248,4 +251,5 @@ def _inverse(normal: Array) -> Array:
     """Pseudo-inverse of normal matrices (n, p, p), scaled to unit diagonals."""
     scale = np.sqrt(np.maximum(np.einsum("npp->np", normal), 1e-12))
     even = normal / scale[:, :, None] / scale[:, None, :]
-    return np.linalg.pinv(even, hermitian=True, rcond=1e-10) / scale[:, :, None] / scale[:, None, :]
+    inverse: Array = np.asarray(np.linalg.pinv(even, hermitian=True, rcond=1e-10), dtype=np.float64)
+    return inverse / scale[:, :, None] / scale[:, None, :]

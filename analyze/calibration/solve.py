@@ -246,11 +246,11 @@ def _normal(
     pose_gradient: list[Array] = []
     for view, pose in zip(views, poses, strict=True):
         residual, by_pose, by_lens = _whitened(view, lens, pose, huber)
-        V = by_pose.T @ by_pose
-        V[np.diag_indices(6)] *= 1.0 + damping
+        own = by_pose.T @ by_pose
+        own[np.diag_indices(6)] *= 1.0 + damping
         information += by_lens.T @ by_lens
         gradient += by_lens.T @ residual
-        pose_information.append(V)
+        pose_information.append(own)
         cross.append(by_lens.T @ by_pose)
         pose_gradient.append(by_pose.T @ residual)
     reduced = information.copy()

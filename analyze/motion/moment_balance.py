@@ -222,8 +222,13 @@ def balance_moments(contacts: Sequence[Contact], gravity: float, radius: tuple[f
 
         # scipy's type hints admit only the names of its built-in derivatives.
         solved = least_squares(
-            residual, x, jacobian, x_scale=sizes, loss="huber", f_scale=_HUBER_SIGMAS * spread
-        )  # pyright: ignore[reportArgumentType]
+            residual,
+            x,
+            jacobian,  # pyright: ignore[reportArgumentType]
+            x_scale=sizes,
+            loss="huber",
+            f_scale=_HUBER_SIGMAS * spread,
+        )
         x, before = np.asarray(solved.x, dtype=np.float64), spread
         spread = median_scale(balance(x)[0])
         if abs(spread - before) < 0.01 * spread:

@@ -13,6 +13,9 @@ blur; an edge that is sharper (sharpened by a phone, or drawn) is fitted with Ph
 breadth across the edge.
 """
 
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false
+
 from __future__ import annotations
 
 import math

@@ -138,10 +138,11 @@ def detect(
     families = tuple(families)
     # Squares are searched once, whatever the number of families; each is then read as every family.
     corners, ids, _, which = _detector(families).detectMarkersMultiDict(np.ascontiguousarray(image))
-    if ids is None:
+    if len(corners) == 0:
         return []
     found: list[Sighting] = []
-    read = zip(corners, np.ravel(ids), np.ravel(which).astype(int).tolist(), strict=True)
+    numbers: list[int] = np.ravel(which).astype(int).tolist()
+    read = zip(corners, np.ravel(ids), numbers, strict=True)
     for quad, tag_id, family in sorted(read, key=lambda item: -cv2.contourArea(item[0][0])):
         name = marker_name(families[family], int(tag_id))
         points = np.asarray(quad[0], dtype=float) + origin

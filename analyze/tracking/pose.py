@@ -6,6 +6,9 @@ of a small tag cannot distinguish them; a body moves smoothly, so that the cheap
 can (Viterbi).
 """
 
+# scipy is only partly typed; its unknowns are no mistakes of ours.
+# pyright: reportMissingTypeStubs=false
+
 from __future__ import annotations
 
 from dataclasses import dataclass
@@ -59,7 +62,9 @@ def solve_pose(corners_ideal: Array, size: float, K: Array) -> PosePair | None:
     )
     if count < 1:
         return None
-    R, p, error = [], [], []
+    R: list[Array] = []
+    p: list[Array] = []
+    error: list[float] = []
     for rotation, translation in zip(rotations, translations, strict=True):
         refined_r, refined_t = cv2.solvePnPRefineLM(points, corners_ideal, K, None, rotation, translation)
         matrix = np.asarray(cv2.Rodrigues(refined_r)[0], dtype=float)
@@ -132,40 +137,39 @@ def _refined(R: Array, p: Array, points: Array, corners: Array, K: Array) -> tup
         corners: (m, 4, 2) corners in the images [ideal px].
         K: (3, 3) camera matrix [px].
     """
-    many = len(R)
+    many, turn, place = len(R), R, p
     damping = np.full(many, 1e-3)
-    seen, in_camera = _reprojected(R, p, points, K)
-    off = corners - seen
+    seen, in_camera = _reprojected(turn, place, points, K)
+    off: Array = corners - seen
     cost = np.sum(off**2, axis=(1, 2))
     for _ in range(_POSE_STEPS):
         # Derivative of the pixel by the point in C, and of the point by a turn w about C's axes (w x arm) and
         # a shift.
         by_point = _by_point(seen, in_camera, K)
-        arm = in_camera - p[:, None]
+        arm = in_camera - place[:, None]
         by_turn = np.cross(arm[:, :, None, :], by_point)
         J = np.concatenate([by_turn, by_point], axis=-1).reshape(many, 8, 6)
         normal = J.transpose(0, 2, 1) @ J
         gradient = (J.transpose(0, 2, 1) @ off.reshape(many, 8, 1))[..., 0]
         diagonal = np.einsum("mii->mi", normal)
-        step = np.linalg.solve(
-            normal + (damping[:, None] * diagonal)[..., None] * np.eye(6), gradient[..., None]
-        )[..., 0]
-        R_new, p_new = Rotation.from_rotvec(step[:, :3]).as_matrix() @ R, p + step[:, 3:]
-        seen_new, in_camera_new = _reprojected(R_new, p_new, points, K)
+        damped = normal + (damping[:, None] * diagonal)[..., None] * np.eye(6)
+        step = np.asarray(np.linalg.solve(damped, gradient[..., None]), dtype=np.float64)[..., 0]
+        turn_new, place_new = Rotation.from_rotvec(step[:, :3]).as_matrix() @ turn, place + step[:, 3:]
+        seen_new, in_camera_new = _reprojected(turn_new, place_new, points, K)
         off_new = corners - seen_new
         cost_new = np.sum(off_new**2, axis=(1, 2))
         better = cost_new <= cost
         gained = np.where(better, cost - cost_new, 0.0)
-        R, p = np.where(better[:, None, None], R_new, R), np.where(better[:, None], p_new, p)
-        seen, in_camera = (
-            np.where(better[:, None, None], seen_new, seen),
-            np.where(better[:, None, None], in_camera_new, in_camera),
-        )
-        off, cost = corners - seen, np.minimum(cost, cost_new)
+        turn = np.where(better[:, None, None], turn_new, turn)
+        place = np.where(better[:, None], place_new, place)
+        seen = np.where(better[:, None, None], seen_new, seen)
+        in_camera = np.where(better[:, None, None], in_camera_new, in_camera)
+        off = np.asarray(corners - seen, dtype=np.float64)
+        cost = np.minimum(cost, cost_new)
         damping = np.clip(np.where(better, 0.1 * damping, 10.0 * damping), 1e-12, 1e6)
         if np.all(better & (gained <= _POSE_TOLERANCE * cost + 1e-18)):
             break
-    return R, p
+    return turn, place
 
 
 def _by_point(seen: Array, in_camera: Array, K: Array) -> Array:

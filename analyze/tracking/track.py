@@ -192,7 +192,7 @@ class MarkerFollower:
             self._paths = {
                 marker_id: self._paths[marker_id] for marker_id in self._paths if marker_id in self._expected
             }
-            self._expected = frozenset()
+            self._expected = frozenset[int | str]()
         return {marker_id: seen.fit.square for marker_id, seen in found.items()}
 
     def report(self) -> TrackingReport:
