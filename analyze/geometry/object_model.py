@@ -20,11 +20,11 @@ from analyze.geometry import cloud_files, distance, mesh_files, polyhedron, scan
 from analyze.geometry.cloud_surface import CloudSurface, cloud_surface, line_sd
 from analyze.geometry.hull_planes import COARSE
 from analyze.geometry.mesh_repair import closed_mesh
+from analyze.geometry.primitives import box_mesh, cylinder_mesh
 from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.types import Array, IntArray
 from schemas.object_spec import Box, Cylinder, LengthUnit, ObjectSpec
 
-CYLINDER_SIDES = 128
 MIN_EXTENT = 0.005
 """Smallest length of an object's longest edge [m]."""
 MAX_EXTENT = 1.5
@@ -183,13 +183,13 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
     if shape.box is not None:
         size = np.array(shape.box.size_m)
         _refuse_implausible(f"{spec.name}: box", size, float(np.prod(size)), spec.mass_kg, None)
-        vertices, faces = _box_mesh(size)
+        vertices, faces = box_mesh(size)
         return _model(spec, vertices, faces, shape.box, ())
     if shape.cylinder is not None:
         radius, height = shape.cylinder.radius_m, shape.cylinder.height_m
         size = np.array([2 * radius, 2 * radius, height])
         _refuse_implausible(f"{spec.name}: cylinder", size, np.pi * radius**2 * height, spec.mass_kg, None)
-        vertices, faces = _cylinder_mesh(radius, height)
+        vertices, faces = cylinder_mesh(radius, height)
         return _model(spec, vertices, faces, shape.cylinder, ())
     if shape_bytes is None or shape.unit is None:
         raise ShapeError(
@@ -373,31 +373,3 @@ def _other_unit(longest: float, unit: LengthUnit | None) -> str:
             "its dimensions"
         )
     return f'did you mean unit = "{fits[0].value}"?'
-
-
-def _box_mesh(size: Array) -> tuple[Array, IntArray]:
-    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]) * size
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return corners, np.array(
-        [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))], dtype=np.int64
-    )
-
-
-def _cylinder_mesh(radius: float, height: float) -> tuple[Array, IntArray]:
-    n = CYLINDER_SIDES
-    angle = np.arange(n) * 2 * np.pi / n
-    ring = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    vertices = np.vstack(
-        [
-            np.column_stack([ring, np.full(n, -height / 2)]),
-            np.column_stack([ring, np.full(n, height / 2)]),
-            [[0.0, 0.0, -height / 2], [0.0, 0.0, height / 2]],
-        ],
-    )
-    i = np.arange(n)
-    j = (i + 1) % n
-    side = np.vstack([np.column_stack([i, j, j + n]), np.column_stack([i, j + n, i + n])])
-    caps = np.vstack(
-        [np.column_stack([np.full(n, 2 * n), j, i]), np.column_stack([np.full(n, 2 * n + 1), i + n, j + n])]
-    )
-    return vertices, np.vstack([side, caps]).astype(np.int64)

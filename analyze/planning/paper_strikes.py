@@ -12,8 +12,9 @@ from analyze.planning.examine import phi_spread
 from analyze.planning.information import COM, Candidate, Information, spread, unknown_direction
 from analyze.planning.paper_plan import PaperStrike, paper_plan
 from analyze.planning.pivots import PivotAxis, swing
-from analyze.planning.plan import Prepared, plan_hypothesis
+from analyze.planning.plan import plan_hypothesis
 from analyze.planning.precision import FRAME_PX, SeenSwing, frame_sd, strike_covariances
+from analyze.planning.prepared import Prepared
 from analyze.planning.view import visible_markers
 from analyze.types import Array
 from schemas.strike_plan import Impact, Pivot, PlanMethod, PlannedStrike, Range, Rejection, StrikePlan

@@ -1,0 +1,142 @@
+"""Pivot axes of an object, found and checked, before the number of strikes is chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analyze.geometry.object_model import ObjectModel
+from analyze.planning import design
+from analyze.planning.earlier_results import EarlierResult, updated_hypothesis, with_strikes_made
+from analyze.planning.examine import Bench, Usable, examine
+from analyze.planning.footing import SHARES, STRIP, footing
+from analyze.planning.hypothesis import Hypothesis, body_size, hypothesis
+from analyze.planning.information import Belief, Errors, Information
+from analyze.planning.pivots import pivot_axes
+from analyze.planning.stable_planes import RestingPlane, resting_planes
+from analyze.planning.unscanned import scanned_edges, scanned_planes
+from schemas.object_spec import ObjectSpec
+from schemas.strike_plan import (
+    Rejection,
+)
+
+FRICTION = 0.4
+"""Friction coefficient between object and table, if none is given."""
+INERTIA_SD = 0.3
+"""Relative prior 1 sigma of the moment about any direction: shell or solid, uniform or not."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Everything about one object that does not depend on the number of strikes."""
+
+    model: ObjectModel
+    spec: ObjectSpec
+    bench: Bench
+    planes: tuple[RestingPlane, ...]
+    stable: tuple[RestingPlane, ...]
+    """Faces that are planned on."""
+    believed: Hypothesis
+    usable: tuple[Usable, ...]
+    rejected: tuple[Rejection, ...]
+    information: Information
+    made: int
+    """Number of strikes made before."""
+
+    @property
+    def unsure(self) -> frozenset[str]:
+        """Ids of the faces planned on that hold the expected c, but not all of Q."""
+        return frozenset(plane.id for plane in self.stable if plane.margin_of(self.believed.region) <= 0)
+
+
+def prepare(
+    model: ObjectModel,
+    spec: ObjectSpec,
+    bench: Bench,
+    errors: Errors | None = None,
+    given: EarlierResult | None = None,
+) -> Prepared:
+    """Find and check the pivot axes of an object.
+
+    They belong to faces on which the object surely stands; if no set of these determines c, also to faces
+    that hold the expected c, the surer ones first.
+
+    Args:
+        model: Shape of the object.
+        spec: Mass, edge radius, markers.
+        bench: Striker, camera and table.
+        errors: Errors of the rig; those of the object are taken from `spec`.
+        given: Earlier result of the object.
+
+    Raises:
+        PlanError: a strike in `given` is on an axis that the object does not have.
+    """
+    believed = hypothesis(model)
+    planes = resting_planes(model)
+    if given is not None:
+        believed = updated_hypothesis(believed, given)
+    inertia = spec.mass_kg * believed.unit_inertia
+    belief = Belief(body_size(model) / 4, inertia, INERTIA_SD * float(np.trace(inertia)) / 3)
+    if given is not None:
+        every = pivot_axes(model, spec, planes, believed)
+        belief = with_strikes_made(belief, given, every, believed, spec.mass_kg, bench.gravity)
+    shared = replace(
+        errors or Errors(),
+        scale=spec.shape.scale_sd,
+        edge_radius=spec.edge_radius_sd_m,
+        mass=spec.mass_sd_kg / spec.mass_kg,
+    )
+    information = Information((), belief, shared)
+    standing: tuple[RestingPlane, ...] = ()
+    stable: list[RestingPlane] = []
+    usable: list[Usable] = []
+    left_out: list[Rejection] = []
+    for share in SHARES:
+        known = {plane.id for plane in standing}
+        standing = footing(model, planes, believed.region, share)
+        scanned, bare = scanned_planes(model, [plane for plane in standing if plane.id not in known])
+        axes, cut = scanned_edges(model, pivot_axes(model, spec, scanned, believed))
+        passed, failed = examine(model, spec, axes, believed, bench)
+        stable += scanned
+        usable += passed
+        left_out += [*bare, *cut, *failed]
+        information = replace(information, candidates=tuple(each.candidate for each in usable))
+        if design.can_determine_com(information):
+            break
+    return Prepared(
+        model,
+        spec,
+        bench,
+        planes,
+        tuple(stable),
+        believed,
+        tuple(usable),
+        (*_unstable(planes, standing, believed), *left_out),
+        information,
+        0 if given is None else len(given.strikes),
+    )
+
+
+def _unstable(
+    planes: Sequence[RestingPlane], stable: Sequence[RestingPlane], believed: Hypothesis
+) -> list[Rejection]:
+    """Rejection of each face on which the object may fall over; all strips of a round flank share one."""
+    names = {plane.id for plane in stable}
+    left = [plane for plane in planes if plane.id not in names]
+    strips = [plane for plane in left if plane.area < STRIP * sum(each.area for each in planes)]
+    text = "the object may fall over on this face: the centre of mass may lie outside its support"
+    rejected = [
+        Rejection(axis_id=plane.id, code="unstable_plane", number=plane.margin_of(believed.region), text=text)
+        for plane in left
+        if plane not in strips
+    ]
+    if strips:
+        text = "narrow faces of a round or bevelled flank: the object rolls on them; number = how many"
+        rejected.append(
+            Rejection(
+                axis_id=f"{strips[0].id}..{strips[-1].id}", code="flank", number=float(len(strips)), text=text
+            )
+        )
+    return rejected
