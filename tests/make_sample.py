@@ -1,8 +1,11 @@
-"""Makes the small recording that is checked in: `python tests/make_sample.py SESSION.mcap recordings/sample-1.0.mcap`.
+"""Maker of the small sample recording in the repository.
 
-Takes a demo session, keeps the frames around each good strike, and stores them as PNG. Around the markers every pixel is as it was
-recorded, noise included; the rest of each image is smoothed and cut to a few grey levels, which PNG packs to a tenth. All other topics
-stay as they are, but for what lies outside the kept windows.
+`python tests/make_sample.py SESSION.mcap recordings/sample-1.0.mcap`
+
+Takes a demo session, keeps the frames around each good strike, and stores them as PNG. Around the markers
+every pixel is as it was recorded, noise included; the rest of each image is smoothed and cut to a few grey
+levels, which PNG packs to a tenth. All other topics stay as they are, but for what lies outside the kept
+windows.
 """
 
 from __future__ import annotations
@@ -18,7 +21,8 @@ from google.protobuf.timestamp_pb2 import Timestamp
 
 from acquire.recorder.recover.edit import append_topics
 from acquire.recorder.writer import McapWriter
-from analyze.reading.recording import open_recording, read_truth
+from analyze.reading.recording import open_recording
+from analyze.reading.truth import read_truth
 from analyze.types import ImageFrame
 from schemas import topics
 from schemas.document import canonical_json
@@ -39,7 +43,13 @@ def main(source: Path, target: Path) -> None:
         for name, data in recording.attachments.items():
             writer.attachment(name, "application/octet-stream", data)
         kept = [r for r in recording.strikes if r.verdict_code == Verdict.GOOD.value]
-        spans = [(max(r.window_start_ns, r.contact_time_ns - BEFORE_NS), min(r.window_end_ns, r.contact_time_ns + AFTER_NS)) for r in kept]
+        spans = [
+            (
+                max(r.window_start_ns, r.contact_time_ns - BEFORE_NS),
+                min(r.window_end_ns, r.contact_time_ns + AFTER_NS),
+            )
+            for r in kept
+        ]
 
         image_channel = writer.add_topic(topics.compressed_image(camera))
         meta_channel = writer.add_topic(topics.frame_meta(camera))
@@ -49,7 +59,12 @@ def main(source: Path, target: Path) -> None:
             for frame in frames:
                 packed = _packed(camera, frame)
                 writer.write(image_channel, frame.time_ns, packed, sequence=frame.sequence)
-                writer.write(meta_channel, frame.time_ns, metas[frame.sequence].SerializeToString(), sequence=frame.sequence)
+                writer.write(
+                    meta_channel,
+                    frame.time_ns,
+                    metas[frame.sequence].SerializeToString(),
+                    sequence=frame.sequence,
+                )
         for topic in [topics.camera_calibration(camera), *SMALL]:
             channel = writer.add_topic(topic)
             for message in recording.messages(topic.name):
@@ -82,11 +97,17 @@ def _packed(camera: str, frame: ImageFrame) -> bytes:
     done, data = cv2.imencode(".png", _simplified(frame.image), (cv2.IMWRITE_PNG_COMPRESSION, 9))
     assert done
     stamp = Timestamp(seconds=frame.time_ns // 10**9, nanos=frame.time_ns % 10**9)
-    return CompressedImage(timestamp=stamp, frame_id=camera, data=data.tobytes(), format="png").SerializeToString()
+    return CompressedImage(
+        timestamp=stamp, frame_id=camera, data=data.tobytes(), format="png"
+    ).SerializeToString()
 
 
 def _simplified(image: np.ndarray) -> np.ndarray:
-    background = (np.round(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 2.5) / 12) * 12).clip(0, 255).astype(np.uint8)
+    background = (
+        (np.round(cv2.GaussianBlur(image.astype(np.float32), (0, 0), 2.5) / 12) * 12)
+        .clip(0, 255)
+        .astype(np.uint8)
+    )
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))
     corners, ids, _ = detector.detectMarkers(image)
     mask = np.zeros(image.shape, np.uint8)

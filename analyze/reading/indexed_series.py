@@ -5,10 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from analyze.errors import RecordingCut, RecordingError
+from analyze.reading.file_series import SeriesFiles, final_path
 from analyze.reading.indexed_file import IndexedFile, RecordedMessage
 
 
@@ -133,6 +136,32 @@ class IndexedSeries:
     def first_times(self, topic: str) -> list[int]:
         """Log time [ns] of the topic's first message in each file that has one."""
         return [int(times[0]) for file in self.files if len(times := file.index(topic).time_ns)]
+
+
+def open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], IndexedFile]) -> IndexedSeries:
+    """Open every file of the recording that `path` belongs to.
+
+    Raises:
+        RecordingError: from `open_file` for `path` itself; for another file with its relation to `path`.
+    """
+    files: list[IndexedFile] = []
+    try:
+        for file in series.files:
+            try:
+                files.append(open_file(file))
+            except RecordingCut as error:
+                if file == path:
+                    raise
+                final = final_path(file)
+                remedy = f"-o {final}`" if final != file else "-o NEW.mcap`, and put that in its place"
+                raise RecordingCut(
+                    f"{path}: {file.name} of the same recording was cut short or is still being written: "
+                    f"`acquire recover {file} {remedy}"
+                ) from error
+    except RecordingError:
+        IndexedSeries(files).close()
+        raise
+    return IndexedSeries(files)
 
 
 def series_content_id(content_ids: Sequence[str | None]) -> str | None:

@@ -18,13 +18,13 @@ from typing import TypeVar
 import numpy as np
 from google.protobuf.message import DecodeError, Message
 
-from analyze.errors import RecordingCut, RecordingError, RecordingForeign
+from analyze.errors import RecordingError, RecordingForeign
 from analyze.reading import compressed_video, indexed_file
-from analyze.reading.file_series import SeriesFiles, final_path, find_series_files
+from analyze.reading.file_series import find_series_files
 from analyze.reading.followed_recording import FollowedRecording
 from analyze.reading.image_message import decode_image
 from analyze.reading.indexed_file import IndexedFile, RecordedMessage
-from analyze.reading.indexed_series import IndexedSeries, series_content_id
+from analyze.reading.indexed_series import IndexedSeries, open_series, series_content_id
 from analyze.reading.recording_head import parse_manifest, parse_plan
 from analyze.reading.video_frame_meta import expand_frame_meta
 from analyze.types import ImageFrame
@@ -47,10 +47,8 @@ __all__ = [
     "RecordedMessage",
     "Recording",
     "TopicInfo",
-    "Truth",
     "open_partial",
     "open_recording",
-    "read_truth",
 ]
 
 M = TypeVar("M", bound=Message)
@@ -186,7 +184,7 @@ class Recording:
             RecordingError: as from `messages`, or a message is of another type.
         """
         for message in self.messages(topic, start_ns, end_ns):
-            yield message, _decode(self.path, message, kind)
+            yield message, decode_message(self.path, message, kind)
 
     @cached_property
     def strikes(self) -> tuple[pb.StrikeRecord, ...]:
@@ -289,19 +287,6 @@ class Recording:
                 )
 
 
-@dataclass(frozen=True)
-class Truth:
-    """Ground truth of a virtual recording. Only `analyze score` may read it."""
-
-    pose_time_ns: np.ndarray
-    """(n,) int64 log times of the poses"""
-    poses: tuple[pb.TruthPose, ...]
-    contacts: tuple[pb.TruthContact, ...]
-    contact_time_ns: np.ndarray
-    """(m,) int64 log times of the contacts"""
-    body: pb.TruthBody
-
-
 def open_recording(path: Path) -> Recording:
     """Open a finished recording with all its files.
 
@@ -329,69 +314,14 @@ def open_partial(path: Path) -> Recording:
     return _open(path, indexed_file.open_cut)
 
 
-def read_truth(path: Path) -> Truth:
-    """Read the ground truth of a virtual recording.
-
-    Raises:
-        RecordingError: the recording holds none, or is damaged.
-    """
-    series = _open_series(path, find_series_files(path), indexed_file.open_finished)
-    try:
-        bodies = [_decode(path, message, pb.TruthBody) for message in series.messages(topics.TRUTH_BODY.name)]
-        if not bodies:
-            raise RecordingError(
-                f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored"
-            )
-        return Truth(
-            pose_time_ns=series.index(topics.TRUTH_POSE.name).time_ns,
-            poses=tuple(
-                _decode(path, message, pb.TruthPose) for message in series.messages(topics.TRUTH_POSE.name)
-            ),
-            contacts=tuple(
-                _decode(path, message, pb.TruthContact)
-                for message in series.messages(topics.TRUTH_CONTACT.name)
-            ),
-            contact_time_ns=series.index(topics.TRUTH_CONTACT.name).time_ns,
-            body=bodies[0],
-        )
-    finally:
-        series.close()
-
-
 def _open(path: Path, open_file: Callable[[Path], IndexedFile]) -> Recording:
     files = find_series_files(path)
-    series = _open_series(path, files, open_file)
+    series = open_series(path, files, open_file)
     try:
         return Recording(path, series, files.missing)
     except RecordingError:
         series.close()
         raise
-
-
-def _open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], IndexedFile]) -> IndexedSeries:
-    """Open every file of the recording that `path` belongs to.
-
-    Raises:
-        RecordingError: from `open_file` for `path` itself; for another file with its relation to `path`.
-    """
-    files: list[IndexedFile] = []
-    try:
-        for file in series.files:
-            try:
-                files.append(open_file(file))
-            except RecordingCut as error:
-                if file == path:
-                    raise
-                final = final_path(file)
-                remedy = f"-o {final}`" if final != file else "-o NEW.mcap`, and put that in its place"
-                raise RecordingCut(
-                    f"{path}: {file.name} of the same recording was cut short or is still being written: "
-                    f"`acquire recover {file} {remedy}"
-                ) from error
-    except RecordingError:
-        IndexedSeries(files).close()
-        raise
-    return IndexedSeries(files)
 
 
 def _checked_manifest(file: IndexedFile) -> SessionManifest:
@@ -415,7 +345,12 @@ def _checked_manifest(file: IndexedFile) -> SessionManifest:
     return manifest
 
 
-def _decode(path: Path, message: RecordedMessage, kind: type[M]) -> M:
+def decode_message(path: Path, message: RecordedMessage, kind: type[M]) -> M:
+    """Parse a message of the recording `path`.
+
+    Raises:
+        RecordingError: it is of another type.
+    """
     decoded = kind()
     try:
         decoded.ParseFromString(bytes(message.data))

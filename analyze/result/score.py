@@ -11,7 +11,8 @@ import numpy as np
 
 from analyze.errors import RecordingError
 from analyze.estimation.equiplane import standing_angle
-from analyze.reading.recording import open_recording, read_truth
+from analyze.reading.recording import open_recording
+from analyze.reading.truth import read_truth
 from analyze.types import Array
 from schemas import topics
 from schemas.proto import percuss_pb2 as pb

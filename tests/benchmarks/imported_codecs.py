@@ -27,7 +27,8 @@ from analyze.errors import ImportRefused
 from analyze.importing.prepare import ImportOptions, prepare
 from analyze.importing.write_recording import write_recording
 from analyze.pipeline.estimate import Estimate, estimate_recording
-from analyze.reading.recording import open_recording, read_truth
+from analyze.reading.recording import open_recording
+from analyze.reading.truth import read_truth
 from analyze.sources.open_source import SourceOptions
 from analyze.types import ImageFrame
 from schemas.result import Verdict

@@ -1,4 +1,4 @@
-"""Topics and messages: what is checked in is what the .proto says, and every schema can be read by a stranger."""
+"""The generated messages match the .proto file, and every topic's schema is self-contained."""
 
 from __future__ import annotations
 

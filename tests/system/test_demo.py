@@ -10,7 +10,8 @@ from click.testing import CliRunner
 
 from acquire.recorder.recover.edit import remove_topics
 from analyze.cli import main as analyze
-from analyze.reading.recording import open_recording, read_truth
+from analyze.reading.recording import open_recording
+from analyze.reading.truth import read_truth
 from schemas import topics
 from schemas.result import Result
 
@@ -24,7 +25,8 @@ def run(*arguments: object) -> str:
 
 
 def test_every_frame_of_the_session_is_there_or_counted_and_every_topic(session):
-    """The camera makes 120 frames a second; where other tests leave it or the client no time, the recording says how many are missing."""
+    """The camera makes 120 frames a second; where other tests leave it or the client no time, the recording
+    says how many are missing."""
     found = json.loads(run("inspect", session.path, "--json"))
     names = {topic["name"] for topic in found["topics"]}
     assert {

@@ -1,4 +1,4 @@
-"""A session without a motor: a hand strikes, and the images tell when."""
+"""A session without a motor: a hand strikes, and the contact time is estimated from the images."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from click.testing import CliRunner
 from acquire.virtual.hand import CONTACT_S, VirtualHand
 from acquire.virtual.truth import merge_truth
 from analyze.cli import main as analyze
-from analyze.reading.recording import open_recording, read_truth
+from analyze.reading.recording import open_recording
+from analyze.reading.truth import read_truth
 from schemas.strike_plan import read_strike_plan
 from tests.system.session_rig import SEED, session_rig
 
@@ -34,7 +35,7 @@ def test_a_session_of_three_taps_from_the_first_to_the_answer() -> None:
             good = [record for record in recording.strikes if record.verdict_code == "good"]
             assert len(good) >= 3, rig.said
             for record in good:
-                # The images tell the middle of the touch; the sd is that of its beginning.
+                # The images determine the middle of the touch; the sd is that of its beginning.
                 nearest = min(
                     truth.contact_time_ns.tolist(), key=lambda time: abs(time - record.contact_time_ns)
                 )

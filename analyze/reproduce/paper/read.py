@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analyze.pipeline.evidence import read_evidence, read_head
-from analyze.reading.recording import read_truth
+from analyze.reading.truth import read_truth
 from analyze.reproduce.paper.record import SessionRecord, ThetaSource
 from analyze.reproduce.paper.session import session_record
 from analyze.result.score import refuse_without_truth

@@ -11,7 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from analyze.cli import main as analyze
-from analyze.reading.recording import open_recording, read_truth
+from analyze.reading.recording import open_recording
+from analyze.reading.truth import read_truth
 from schemas.document import SCHEMA_VERSION
 from schemas.result import Result
 from tests.places import RECORDINGS

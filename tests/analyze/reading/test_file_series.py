@@ -16,7 +16,8 @@ from rich.console import Console
 from analyze.cli import main as analyze
 from analyze.errors import RecordingCut
 from analyze.reading.file_series import SeriesFiles, find_series_files
-from analyze.reading.recording import open_partial, open_recording, read_truth
+from analyze.reading.recording import open_partial, open_recording
+from analyze.reading.truth import read_truth
 from analyze.verbs.inspect.recording import inspect_recording
 from analyze.verbs.inspect.table import render_inspection
 from schemas.result import Result

@@ -127,7 +127,7 @@ def test_an_older_file_of_the_same_name_is_none_of_this_row(
 
 
 def test_who_comes_late_looks_at_the_present_alone(tmp_path: Path) -> None:
-    """Four seconds were recorded before: their images wait to be judged, and only the last second's are looked at."""
+    """Of four seconds recorded before, only the last second's images are evaluated."""
     row = Row(tmp_path / "a.mcap", canonical_json(PLAN).encode())
     writer = row.begin()
     row.images(writer, 480)

@@ -11,7 +11,15 @@ from analyze.geometry.object_model import load_object_model
 from analyze.reading.object_file import read_object_files
 from tests.analyze.geometry.shapes import box_triangles, stl
 
-OBJECT = 'name = "b"\nmass_kg = 0.05\nmass_sd_kg = 0.0001\nshape = { file = "b.stl", unit = "mm" }\n[[marker]]\nid = 1\nsize_m = 0.03\n'
+OBJECT = """\
+name = "b"
+mass_kg = 0.05
+mass_sd_kg = 0.0001
+shape = { file = "b.stl", unit = "mm" }
+[[marker]]
+id = 1
+size_m = 0.03
+"""
 
 
 def test_files_are_read_with_the_shape_beside(tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ from acquire.recorder.recover.edit import append_topics, remove_topics
 from acquire.recorder.recover.recover import recover
 from acquire.recorder.writer import McapWriter
 from analyze.errors import RecordingCut, RecordingError, RecordingVersion
-from analyze.reading.recording import FollowedRecording, Recording, open_partial, open_recording, read_truth
+from analyze.reading.recording import FollowedRecording, Recording, open_partial, open_recording
+from analyze.reading.truth import read_truth
 from schemas import topics
 from schemas.document import canonical_json
 from schemas.proto import percuss_pb2 as pb
@@ -200,7 +201,7 @@ def _damaged(source: bytes, rng: random.Random, turn: int) -> bytes:
     if turn % 3 == 0:
         del data[rng.randrange(len(data)) :]
         return bytes(data)
-    # Images are most of the bytes; two thirds of the changes go where the structure is: the head and the summary.
+    # Most bytes are images; two thirds of the changes hit the structure: the head and the summary.
     region = rng.choice([range(len(data)), range(6000), range(len(data) - 6000, len(data))])
     for _ in range(rng.choice([1, 1, 8])):
         data[rng.choice(region)] = rng.randrange(256)

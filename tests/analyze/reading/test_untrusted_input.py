@@ -1,4 +1,7 @@
-"""Lines and documents from outside: whatever they hold, one named error or an answer, never another exception."""
+"""Lines and documents from outside.
+
+Whatever they hold, one named error or an answer, never another exception.
+"""
 
 from __future__ import annotations
 

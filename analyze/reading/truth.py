@@ -1,0 +1,61 @@
+"""Reads the ground truth of a virtual recording, which only `analyze score` and tests may use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analyze.errors import RecordingError
+from analyze.reading import indexed_file
+from analyze.reading.file_series import find_series_files
+from analyze.reading.indexed_series import open_series
+from analyze.reading.recording import decode_message
+from schemas import topics
+from schemas.proto import percuss_pb2 as pb
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Ground truth of a virtual recording. Only `analyze score` may read it."""
+
+    pose_time_ns: np.ndarray
+    """(n,) int64 log times of the poses"""
+    poses: tuple[pb.TruthPose, ...]
+    contacts: tuple[pb.TruthContact, ...]
+    contact_time_ns: np.ndarray
+    """(m,) int64 log times of the contacts"""
+    body: pb.TruthBody
+
+
+def read_truth(path: Path) -> Truth:
+    """Read the ground truth of a virtual recording.
+
+    Raises:
+        RecordingError: the recording holds none, or is damaged.
+    """
+    series = open_series(path, find_series_files(path), indexed_file.open_finished)
+    try:
+        bodies = [
+            decode_message(path, message, pb.TruthBody) for message in series.messages(topics.TRUTH_BODY.name)
+        ]
+        if not bodies:
+            raise RecordingError(
+                f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored"
+            )
+        return Truth(
+            pose_time_ns=series.index(topics.TRUTH_POSE.name).time_ns,
+            poses=tuple(
+                decode_message(path, message, pb.TruthPose)
+                for message in series.messages(topics.TRUTH_POSE.name)
+            ),
+            contacts=tuple(
+                decode_message(path, message, pb.TruthContact)
+                for message in series.messages(topics.TRUTH_CONTACT.name)
+            ),
+            contact_time_ns=series.index(topics.TRUTH_CONTACT.name).time_ns,
+            body=bodies[0],
+        )
+    finally:
+        series.close()
