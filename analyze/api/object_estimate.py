@@ -11,12 +11,12 @@ import numpy as np
 
 from analyze.api.tables import data_frame, html_table, text_table
 from analyze.errors import ExportError
-from analyze.estimation.intervals import SIGMAS_95
 from analyze.export.body import ExportBody, inertial_of
 from analyze.export.formats import Format, why_misnamed
 from analyze.export.provenance import provenance
 from analyze.export.urdf import inertial_element
 from analyze.export.write import write_body
+from analyze.least_squares.intervals import SIGMAS_95
 from schemas.software import software_version
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linprog
 
-from analyze.estimation.intervals import SIGMAS_95
 from analyze.estimation.region_problem import RegionProblem
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.types import Array
 
 

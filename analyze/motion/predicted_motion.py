@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.least_squares.robust import lag_one_correlation
 from analyze.motion.pendulum import trajectory
 
@@ -78,8 +79,8 @@ class PredictedMotion:
 
     @property
     def outside(self) -> float:
-        """Share of the predicted frames off by more than 1.96 sd: 0.05 is usual."""
-        return float(np.mean(np.abs(self.offset[self.start :]) > 1.96 * self.sd[self.start :]))
+        """Share of the predicted frames off by more than 1.96 sd; 0.05 is expected."""
+        return float(np.mean(np.abs(self.offset[self.start :]) > SIGMAS_95 * self.sd[self.start :]))
 
 
 def predicted_motion(

@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.motion.pendulum import trajectory, trajectory_with_drag
 
 if TYPE_CHECKING:
     from analyze.types import Array
 
-_QUANTILE = 1.96
 _SEARCH_STEPS = 4
 _GROWTH_TOLERANCE = 0.1
 """relative error of the sum's growth: the interval's end is then accurate to 5 %"""
@@ -72,15 +72,15 @@ def _side(tip: Tip, variance: float, lowest: float, sign: float) -> float:
     """Length of one side of the interval over 1.96 [rad]; `sign` is -1 or 1."""
     phi = float(tip.parameters[0])
     room = (_PHI_RANGE[1] - phi) if sign > 0 else (phi - _PHI_RANGE[0])
-    wanted = _QUANTILE**2 * variance
-    away = min(_QUANTILE * math.sqrt(float(tip.covariance[0, 0]) * variance), room)
+    wanted = SIGMAS_95**2 * variance
+    away = min(SIGMAS_95 * math.sqrt(float(tip.covariance[0, 0]) * variance), room)
     for _ in range(_SEARCH_STEPS):
         grown = _sum_of_squares(tip, phi + sign * away) - lowest
         if abs(grown / wanted - 1.0) < _GROWTH_TOLERANCE or (away >= room and grown < wanted):
             break
         # The sum grows about as the square of the distance.
         away = min(away * min(max(math.sqrt(wanted / max(grown, 1e-12)), 0.3), 3.0), room)
-    return away / _QUANTILE
+    return away / SIGMAS_95
 
 
 def _sum_of_squares(tip: Tip, phi: float) -> float:

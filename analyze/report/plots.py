@@ -10,7 +10,7 @@ from matplotlib.patches import Ellipse, Polygon
 from scipy.spatial import ConvexHull
 
 from analyze.estimation.equiplane import balance_direction
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.report.style import BLUE, BODY, CYCLE, GREEN, INK, MUTED, ORANGE, PHASES, RED, plain, style
 from analyze.types import Array, EquiPlane, TipMotion
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.reading.recording import open_recording
 from analyze.report.page import drawn, manifest_time, number, page_environment, signed
 from analyze.report.plots import moments_figure, projection_figures, regions_figure, strike_figure

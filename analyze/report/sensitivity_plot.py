@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from analyze.estimation.intervals import SIGMAS_95
 from analyze.estimation.sensitivity import ErrorSource
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.report.style import BLUE, CYCLE, INK, MUTED, style
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.frame_times import frame_time_lines
 from analyze.result.tilt import tilt_lines
 from schemas.result import Filling, Parts, Quantity, Result

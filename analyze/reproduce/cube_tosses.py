@@ -20,8 +20,8 @@ from typing import Any, Final
 import numpy as np
 
 from analyze.errors import EstimationError, RecordingError
-from analyze.estimation.intervals import SIGMAS_95
 from analyze.geometry.rotations import matrix_from_wxyz
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.motion.body_motion import BodyMotion
 from analyze.motion.free_flight import Flight, FlightBody, fit_flights, off_the_parabola
 from analyze.motion.moment_balance import BalancedBody, Contact, balance_moments

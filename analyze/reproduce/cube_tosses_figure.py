@@ -10,7 +10,7 @@ from matplotlib.patches import Ellipse
 from rich.console import Console
 from rich.table import Table
 
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.report.style import BLUE, GREEN, INK, MUTED, ORANGE, style
 from analyze.reproduce.cube_tosses import EDGE_M, GRAVITY_M_S2, MASS_KG, CubeAnswer, distance_sd
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from analyze.estimation.inertia import edge_inertia
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.pipeline.filling import filling_label
 from analyze.result.assessment import assessment
 from analyze.result.filling import filling_document, filling_warnings

@@ -17,7 +17,7 @@ import numpy as np
 from analyze.calibration.calibrate import Shot, calibrate
 from analyze.calibration.detect import find_corners, read_board
 from analyze.calibration.lens import Lens
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.tags.printing import BoardOptions, parse_board
 from schemas.session_manifest import LensModel
 from tests.analyze.calibration.boards import TrueBoard, TrueLens, facing, photograph

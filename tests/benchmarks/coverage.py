@@ -22,7 +22,7 @@ from rich.progress import track
 from rich.table import Table
 
 from analyze.errors import EstimationError
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.pipeline.estimate import Estimate, estimate_evidence
 from analyze.pipeline.evidence import Evidence
 from analyze.result.document import regions_document

@@ -20,8 +20,8 @@ from rich.table import Table
 from analyze.calibration.plumb import find_plumb_lines, plumbed_table, upright
 from analyze.estimation.centre_of_mass import centre_of_mass
 from analyze.estimation.equiplane import equiplane_from_fit
-from analyze.estimation.intervals import SIGMAS_95
 from analyze.estimation.priors import ComPrior, SystematicErrors
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.motion.pivot_fit import pivot_fit
 from analyze.types import CameraModel, EquiPlane
 from tests.analyze.calibration.plumb_scenes import LENS, WORLD_CAMERA, Scene, photograph, turned

@@ -18,7 +18,7 @@ from rich.progress import track
 from rich.table import Table
 
 from analyze.errors import EstimationError
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.motion.balance_fit import moment_balance
 from analyze.motion.edge_motion import edge_motion
 from analyze.motion.pendulum import trajectory

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.registration.register import register
 from analyze.registration.table import LAID_BOARD, UNKNOWN_TABLE
 from tests.analyze.registration.tagged_boxes import ALLOWED, Draw, about, draw_box, errors, seen_strikes

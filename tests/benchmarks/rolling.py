@@ -20,7 +20,7 @@ from rich.progress import track
 from rich.table import Table
 
 from analyze.errors import EstimationError
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.motion.pivot_fit import pivot_fit
 from analyze.motion.rolling_fit import rolling_fit
 from analyze.types import MotionFit

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.reproduce.paper.published import OBJECTS
 from analyze.reproduce.paper.record import Condition, MethodAnswer, SessionRecord
 from analyze.types import Array

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.pipeline.frame_rate import STATED_RATE_SD
 from analyze.verbs.calibrate.drop import DropAnswer
 from schemas.document import SCHEMA_VERSION

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from analyze.estimation.intervals import SIGMAS_95
+from analyze.least_squares.intervals import SIGMAS_95
 from analyze.verbs.gravity.level import GravityAnswer, level_entries
 from schemas.document import SCHEMA_VERSION
 
