@@ -35,7 +35,7 @@ def break_file(whole: Path, folder: Path, kind: str, number: int = 0) -> Path:
         whole: a recording.
         folder: where.
         kind: a key of KINDS.
-        number: to tell several of a kind apart, in name and in what is broken.
+        number: distinguishes several of a kind, in name and in fault.
     """
     path = folder / f"broken-{kind}-{number}.mcap"
     data = whole.read_bytes()

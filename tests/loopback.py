@@ -1,8 +1,9 @@
 """Loopback addresses for virtual cameras that no other test process uses.
 
-A virtual camera holds UDP port 3956 of its address, so two test runs that name the same addresses are in each other's way. Each process
-that runs tests therefore has a network 127.N.0.x of its own. It holds an abstract unix socket of that name: those belong to the same
-network namespace as the addresses, and go with the process however it ends. By hand cameras are started at 127.0.0.x, which is never
+A virtual camera holds UDP port 3956 of its address, so two test runs that name the same addresses are in each
+other's way. Each process that runs tests therefore has a network 127.N.0.x of its own. It holds an abstract
+unix socket of that name: those belong to the same network namespace as the addresses, and go with the process
+    however it ends. By hand cameras are started at 127.0.0.x, which is never
 given out.
 """
 
@@ -37,4 +38,6 @@ def _network() -> str:
             continue
         atexit.register(holder.close)
         return network
-    raise AssertionError(f"all networks from 127.1.0 to 127.254.0 are in use by tests: end some, or set {VARIABLE}")
+    raise AssertionError(
+        f"all networks from 127.1.0 to 127.254.0 are in use by tests: end some, or set {VARIABLE}"
+    )

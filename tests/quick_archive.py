@@ -1,7 +1,9 @@
-"""Recordings of whole sessions made fast, for archives: a Runge-Kutta pendulum tips, images show a tag in front of grey and nothing else.
+"""Recordings of whole sessions made fast, for archives.
 
-Each is what the recorder would write, PNG images, a few megabytes. What it does not model: slip, the arm, lens distortion, noise, other
-tags than the one that faces the camera.
+A Runge-Kutta pendulum tips; the images show a tag in front of grey.
+
+Each is what the recorder would write, PNG images, a few megabytes. What it does not model: slip, the arm,
+lens distortion, noise, other tags than the one that faces the camera.
 """
 
 from __future__ import annotations
@@ -66,7 +68,7 @@ def body_of(number: int) -> Body:
 
 
 def quick_session(
-    path: Path, body: SceneInputs, number: int, strikes: int = 4, *, packed: bool = False
+    path: Path, body: Body, number: int, strikes: int = 4, *, packed: bool = False
 ) -> QuickSession:
     """Write a recording.
 
@@ -75,7 +77,8 @@ def quick_session(
         body: that was struck.
         number: of the session: its time, its identity, its noise of placement.
         strikes: how many, about the axes on which the tag stays in view, in turn.
-        packed: PNG whose runs of one grey are packed, not as the recorder writes it: a tenth of the size, a third of the time.
+        packed: PNG whose runs of one grey are packed, not as the recorder writes it: a tenth of the size, a
+            third of the time.
     """
     rng = np.random.default_rng((78, number))
     lens = station(1)
@@ -116,7 +119,7 @@ def _write_strikes(
     writer: McapWriter,
     planned: list[PlannedStrike],
     spec: ObjectSpec,
-    body: SceneInputs,
+    body: Body,
     lens: Station,
     rng: np.random.Generator,
     encode: Callable[[str, int, np.ndarray], bytes],
@@ -164,7 +167,7 @@ def _write_strikes(
         writer.write(records, int(time_ns[-1]), record.SerializeToString())
 
 
-def _with_tags(spec: ObjectSpec, body: SceneInputs) -> ObjectSpec:
+def _with_tags(spec: ObjectSpec, body: Body) -> ObjectSpec:
     """A tag in the middle of each side, number 0 to 5."""
     markers: list[MarkerSpec] = []
     for face in range(3):
@@ -193,7 +196,7 @@ def _seen(strike: PlannedStrike, spec: ObjectSpec, lens: Station) -> PlannedStri
     return strike.model_copy(update={"visible_markers": [int(np.argmax(towards))]})
 
 
-def _in_view(strike: PlannedStrike, spec: ObjectSpec, body: SceneInputs, lens: Station) -> bool:
+def _in_view(strike: PlannedStrike, spec: ObjectSpec, body: Body, lens: Station) -> bool:
     """Whether the tag is in the image at rest and past the balance."""
     theta = np.array([0.0, tip(body, strike)[0] + 0.2])
     angle = TipAngle(np.zeros(2, np.int64), theta, np.zeros(2), np.zeros(2), np.zeros(2))

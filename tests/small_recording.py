@@ -1,4 +1,7 @@
-"""A small whole recording with one strike, written by the recorder itself; every message can be predicted from its number."""
+"""Small recording with one strike, written by the recorder itself.
+
+Every message can be computed from its number.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,13 @@ from schemas import topics
 from schemas.document import canonical_json
 from schemas.object_spec import Box, MarkerSpec, ObjectSpec, Shape
 from schemas.proto import percuss_pb2 as pb
-from schemas.session_manifest import MANIFEST_NAME, CameraCalibrationSpec, ManifestCamera, SessionManifest, TimeSource
+from schemas.session_manifest import (
+    MANIFEST_NAME,
+    CameraCalibrationSpec,
+    ManifestCamera,
+    SessionManifest,
+    TimeSource,
+)
 
 WIDTH, HEIGHT = 96, 64
 ANCHOR_NS = 1_700_000_000_000_000_000
@@ -37,7 +46,11 @@ def frame_time(number: int) -> int:
 
 def manifest(**changes: object) -> SessionManifest:
     spec = ObjectSpec(
-        name="box", mass_kg=0.05, mass_sd_kg=1e-4, shape=Shape(box=Box(size_m=[0.1, 0.1, 0.1])), marker=[MarkerSpec(id=1, size_m=0.03)]
+        name="box",
+        mass_kg=0.05,
+        mass_sd_kg=1e-4,
+        shape=Shape(box=Box(size_m=[0.1, 0.1, 0.1])),
+        marker=[MarkerSpec(id=1, size_m=0.03)],
     )
     plain = SessionManifest(
         recording_id="r1",
@@ -49,7 +62,11 @@ def manifest(**changes: object) -> SessionManifest:
         g_m_s2=9.81,
         g_sd_m_s2=0.001,
         gravity_tilt_sd_rad=0.003,
-        cameras=[ManifestCamera(name="main", frame_rate_hz=1e9 / PERIOD_NS, exposure_us=1500, calibration=CALIBRATION)],
+        cameras=[
+            ManifestCamera(
+                name="main", frame_rate_hz=1e9 / PERIOD_NS, exposure_us=1500, calibration=CALIBRATION
+            )
+        ],
         object=spec,
         object_sha256="0",
         plan_sha256="0",
@@ -60,12 +77,16 @@ def manifest(**changes: object) -> SessionManifest:
 
 def write_head(writer: McapWriter, manifest_json: str | None = None, plan: bytes = PLAN) -> None:
     whole = manifest(hashes={"plan.json": hashlib.sha256(plan).hexdigest()})
-    writer.metadata(MANIFEST_NAME, {"json": canonical_json(whole) if manifest_json is None else manifest_json})
+    writer.metadata(
+        MANIFEST_NAME, {"json": canonical_json(whole) if manifest_json is None else manifest_json}
+    )
     writer.attachment("plan.json", "application/json", plan)
     writer.attachment("shape/box.stl", "model/stl", b"solid")
 
 
-def write_body(writer: McapWriter, *, png: bool = False, missing: tuple[int, ...] = (), clocks: bool = True) -> None:
+def write_body(
+    writer: McapWriter, *, png: bool = False, missing: tuple[int, ...] = (), clocks: bool = True
+) -> None:
     images = writer.add_topic(topics.compressed_image("main") if png else topics.raw_image("main"))
     metas, samples = writer.add_topic(topics.frame_meta("main")), writer.add_topic(topics.STRIKER_SAMPLE)
     clock, strikes = writer.add_topic(topics.CLOCK_SAMPLE), writer.add_topic(topics.SESSION_STRIKE)
@@ -73,12 +94,20 @@ def write_body(writer: McapWriter, *, png: bool = False, missing: tuple[int, ...
     if clocks:
         for number in range(2):
             host = frame_time(number * (FRAMES - 1)) - ANCHOR_NS
-            sample = pb.ClockSample(clock="camera/main", device_time_ns=host, host_before_ns=host - 50_000, host_after_ns=host + 50_000)
+            sample = pb.ClockSample(
+                clock="camera/main",
+                device_time_ns=host,
+                host_before_ns=host - 50_000,
+                host_after_ns=host + 50_000,
+            )
             writer.write(clock, ANCHOR_NS + host, sample.SerializeToString(), sequence=number)
     for number in range(FRAMES):
         time = frame_time(number)
         meta = pb.FrameMeta(
-            sequence=number, mid_exposure_host_ns=time - ANCHOR_NS, host_time_ns=time - ANCHOR_NS + 2_000_000, mapping_sd_ns=20_000
+            sequence=number,
+            mid_exposure_host_ns=time - ANCHOR_NS,
+            host_time_ns=time - ANCHOR_NS + 2_000_000,
+            mapping_sd_ns=20_000,
         )
         if number not in missing:
             meta.image_recorded = True
@@ -86,7 +115,12 @@ def write_body(writer: McapWriter, *, png: bool = False, missing: tuple[int, ...
             writer.write(images, time, data, sequence=number)
         writer.write(metas, time, meta.SerializeToString(), sequence=number)
     for number in range(SAMPLES):
-        writer.write(samples, START_NS + number * 1_000_000, pb.StrikerSample(tick_ms=number).SerializeToString(), sequence=number)
+        writer.write(
+            samples,
+            START_NS + number * 1_000_000,
+            pb.StrikerSample(tick_ms=number).SerializeToString(),
+            sequence=number,
+        )
     record = pb.StrikeRecord(
         strike_id="s1.1",
         plan_strike_id="s1",

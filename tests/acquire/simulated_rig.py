@@ -1,8 +1,10 @@
-"""A session in the virtual rig's physics without images, wires or wall clock: the session's own machine strikes, the analysis judges.
+"""Session in the virtual rig's physics without images, buses or wall clock.
 
-The motor and its control loop are the virtual servo's; the rule that turns the arm back is the striker's own, fed a read per millisecond.
-The pose at 120 frames per second, with a frame's noise, goes through the analysis that `analyze watch` runs, so that the session hears
-what it would hear there. The truth is kept beside it and shown to nobody.
+The session's own state machine strikes, and the analysis judges.
+
+The motor and its control loop are the virtual servo's; the rule that turns the arm back is the striker's own,
+fed a read per millisecond. The pose at 120 frames per second, with a frame's noise, goes through the analysis
+that `analyze watch` runs, so that the session gets the same verdicts. The ground truth is kept apart.
 """
 
 from __future__ import annotations
@@ -34,13 +36,16 @@ from acquire.virtual.operator import POSITION_SD_M, STAND_SD_M, YAW_SD_RAD
 from acquire.virtual.station import ARM_INERTIA_KG_M2, ARM_LENGTH_M, G_M_S2, TABLE_FRICTION
 from acquire.virtual.world import StrikerContact, World, WorldState
 from analyze.geometry.object_model import ObjectModel, load_object_model
-from analyze.motion.strike import MotionSettings, StrikeTask, analyse_motion, verdict_of
+from analyze.motion.settings import MotionSettings
+from analyze.motion.strike import analyse_motion, verdict_of
+from analyze.motion.strike_task import StrikeTask
 from analyze.motion.tip_angle import PlanarMotion
-from analyze.pipeline.sections import landing_of
+from analyze.pipeline.sections import next_face_angle
 from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import Request, finish, prepare
+from analyze.planning.plan import Request, finish
+from analyze.planning.prepared import prepare
 from analyze.types import TipAngle, TipMotion
 from schemas.object_spec import object_sha256
 from schemas.strike_plan import PlannedStrike, StrikePlan
@@ -62,8 +67,14 @@ STRIKER = StrikerModel(effective_mass_kg=ARM_INERTIA_KG_M2 / ARM_LENGTH_M**2, re
 
 def mistaken(rng: np.random.Generator) -> StrikerModel:
     """What somebody might say who knows the striker no better than the rig file's uncertainties."""
-    mass = STRIKER.effective_mass_kg * math.exp(rng.normal(0.0, STRIKER.effective_mass_sd_kg / STRIKER.effective_mass_kg))
-    return replace(STRIKER, effective_mass_kg=mass, restitution=float(np.clip(rng.normal(0.4, STRIKER.restitution_sd), 0.05, 0.8)))
+    mass = STRIKER.effective_mass_kg * math.exp(
+        rng.normal(0.0, STRIKER.effective_mass_sd_kg / STRIKER.effective_mass_kg)
+    )
+    return replace(
+        STRIKER,
+        effective_mass_kg=mass,
+        restitution=float(np.clip(rng.normal(0.4, STRIKER.restitution_sd), 0.05, 0.8)),
+    )
 
 
 @dataclass(frozen=True)
@@ -96,8 +107,10 @@ def model_of(name: str) -> ObjectModel:
 
 
 @functools.cache
-def plan_for(name: str, strikes: int = 9, striker: StrikerModel = STRIKER, most_axes: int | None = None) -> StrikePlan:
-    """The plan that `analyze plan` makes of the object's files and a rig file that says this of the striker; nothing hidden enters."""
+def plan_for(
+    name: str, strikes: int = 9, striker: StrikerModel = STRIKER, most_axes: int | None = None
+) -> StrikePlan:
+    """Plan of `analyze plan` for the object's files and a rig file with this striker; no truth enters."""
     thing = thing_of(name, 1)
     shape = thing.shape_file or ("", None)
     prepared = prepare(model_of(name), thing.spec, Bench(striker, view.default_camera(), TABLE_FRICTION[0]))
@@ -130,9 +143,14 @@ class ServoArm:
         """Torque for the next millisecond."""
         torque = self._motor.step(self._registers, position, velocity, 1e-3)
         if self._detector is not None:
-            shown = (round(position / TICK_RAD) * TICK_RAD, round(self._motor.velocity / VELOCITY_UNIT_RAD_S) * VELOCITY_UNIT_RAD_S)
+            shown = (
+                round(position / TICK_RAD) * TICK_RAD,
+                round(self._motor.velocity / VELOCITY_UNIT_RAD_S) * VELOCITY_UNIT_RAD_S,
+            )
             if not self._turn_ns and self._detector.turn_back(Sample(time_ns, time_ns, 0, *shown, 0.0)):
-                self._turn_ns = time_ns + int(self._rng.uniform(0.5, 2.5) * MS)  # the order's way over the bus
+                self._turn_ns = time_ns + int(
+                    self._rng.uniform(0.5, 2.5) * MS
+                )  # the order's way over the bus
             if self._turn_ns and time_ns >= self._turn_ns:
                 self._go(-RETRACT_RAD, 0.0, 0.0)
                 if position < -0.7 * RETRACT_RAD:
@@ -160,7 +178,13 @@ class SimulatedRig:
         self._model = load_object_model(self.thing.spec, shape[1], shape[0])
         self._states: list[WorldState] = []
         self._contacts: list[StrikerContact] = []
-        self._world = World(self.thing, self._arm, on_tick=self._states.append, on_contact=self._contacts.append, arm_angle=-0.6)
+        self._world = World(
+            self.thing,
+            self._arm,
+            on_tick=self._states.append,
+            on_contact=self._contacts.append,
+            arm_angle=-0.6,
+        )
         self._yaw = 0.0
 
     def run(self, machine: s.SessionMachine) -> list[Attempt]:
@@ -229,11 +253,15 @@ class SimulatedRig:
         speed = before[-1].arm_velocity * ARM_LENGTH_M if before else 0.0
         motion = tip.motion(self._states[:: round(FRAME_NS / MS)], self.rng)
         heard = contact_ns + int(self.rng.normal(0.0, CONTACT_TIME_SD_NS)) if contact_ns else 0
-        lands_at = landing_of(self._model, strike)
-        task = StrikeTask(f"{strike.id}.{len(self.attempts) + 1}", strike, heard, lands_at=lands_at)
+        landing_angle_rad = next_face_angle(self._model, strike)
+        task = StrikeTask(
+            f"{strike.id}.{len(self.attempts) + 1}", strike, heard, landing_angle_rad=landing_angle_rad
+        )
         found = analyse_motion(motion, task, MotionSettings())
         verdict = verdict_of(found)
-        energy = tip.energy([state for state in self._states if contact_ns and state.time_ns > contact_ns + 30 * MS])
+        energy = tip.energy(
+            [state for state in self._states if contact_ns and state.time_ns > contact_ns + 30 * MS]
+        )
         impulse = sum(contact.impulse_n_s for contact in self._contacts)
         return Attempt(strike.axis_id, command, speed, energy, len(self._contacts), impulse, verdict, found)
 
@@ -274,12 +302,14 @@ class _Tip:
         turning = np.array([state.angular_velocity for state in states])
         v = np.array([state.linear_velocity for state in states]) + np.cross(turning, c)
         w = np.einsum("nij,ni->nj", A, turning)
-        kinetic = 0.5 * body.mass_kg * np.sum(v * v, axis=1) + 0.5 * np.einsum("ni,ij,nj->n", w, body.inertia_com, w)
+        kinetic = 0.5 * body.mass_kg * np.sum(v * v, axis=1) + 0.5 * np.einsum(
+            "ni,ij,nj->n", w, body.inertia_com, w
+        )
         height = np.array([state.p_world_object[2] for state in states]) + c[:, 2]
         return (kinetic + body.mass_kg * G_M_S2 * height - self._at_rest) / self._needed
 
     def motion(self, states: list[WorldState], rng: np.random.Generator) -> PlanarMotion:
-        """What a camera on the axis would tell of these poses."""
+        """Motion that a camera on the axis would measure for these poses."""
         n = len(states)
         A = _rotations(states)
         turned = Rotation.from_matrix(A @ self._R0.T).as_rotvec()
@@ -298,10 +328,19 @@ class _Tip:
         )
         small = np.full(n, 1e-4)
         return PlanarMotion(
-            angle, moved[:, 2], small, np.ones(n), np.full(n, 1e-3), 0.0, 10, np.repeat(np.diag([1e-8, 1e-10, 1e-10])[None], n, axis=0)
+            angle,
+            moved[:, 2],
+            small,
+            np.ones(n),
+            np.full(n, 1e-3),
+            0.0,
+            10,
+            np.repeat(np.diag([1e-8, 1e-10, 1e-10])[None], n, axis=0),
         )
 
 
 def _rotations(states: list[WorldState]) -> np.ndarray:
     """(n, 3, 3)."""
-    return Rotation.from_quat(np.array([state.q_world_object_wxyz for state in states])[:, [1, 2, 3, 0]]).as_matrix()
+    return Rotation.from_quat(
+        np.array([state.q_world_object_wxyz for state in states])[:, [1, 2, 3, 0]]
+    ).as_matrix()

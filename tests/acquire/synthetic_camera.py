@@ -1,9 +1,10 @@
-"""A camera made of arithmetic, to test what is behind a camera: it models no wire, no packets, no device settings.
+"""Computed camera for tests of the stages behind a camera: no wire, packets or device settings.
 
-Its clock runs 50 ppm fast from an arbitrary origin. The first four pixels of an image hold its number, so that a test can tell
-which frame an image was. `CAMERA_FAULTS=lose:N,die:N` loses every Nth frame, or falls silent for good measure once after frame N;
-`stick:N` never returns from reading frame N, `freeze:N` neither, and holds the interpreter meanwhile, as a library with a fault does.
-A file that `CAMERA_FAULTS_ONCE` names is removed by the first process that is to stick or freeze: the next one does not.
+Its clock runs 50 ppm fast from an arbitrary origin. The first four pixels of an image hold its number, so
+that a test can identify the frame of an image. `CAMERA_FAULTS=lose:N,die:N` loses every Nth frame, or stops
+sending once, after frame N, until it is opened again; `stick:N` never returns from reading frame N, `freeze:N` neither,
+and holds the interpreter meanwhile, as a library with a fault does. A file that `CAMERA_FAULTS_ONCE` names is
+removed by the first process that is to stick or freeze: the next one does not.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""A virtual camera before a still tag on white paper, in a process of its own: `tag_camera.py ADDRESS`, until its input closes or SIGTERM.
+"""Virtual camera before a still tag on white paper, run as `tag_camera.py ADDRESS`.
+
+It ends when its input closes, or on SIGTERM.
 
 It models the wire, not the world: nothing moves, there is no lens, no noise.
 """
@@ -21,7 +23,9 @@ class Still:
     """The same image for ever."""
 
     def __init__(self) -> None:
-        tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), TAG, EDGE_PX)
+        tag = cv2.aruco.generateImageMarker(
+            cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), TAG, EDGE_PX
+        )
         self._image = np.full((492, 656), 90, np.uint8)
         self._image[180:320, 250:390] = 200
         self._image[202 : 202 + EDGE_PX, 272 : 272 + EDGE_PX] = np.clip(tag, 30, 200)

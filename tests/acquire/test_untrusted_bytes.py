@@ -1,4 +1,4 @@
-"""Bytes from sockets and pipes of other processes: whatever they are, they are answered or refused, and the receiver lives on."""
+"""Arbitrary bytes from sockets and pipes are answered or refused, and the receiver continues."""
 
 from __future__ import annotations
 

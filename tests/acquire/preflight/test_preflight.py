@@ -1,4 +1,4 @@
-"""Every line of `acquire check` on fakes of computer, disk, servo and video, and once against the virtual devices."""
+"""Every check of `acquire check` with fakes of computer, disk, servo and video."""
 
 from __future__ import annotations
 
@@ -405,7 +405,8 @@ def test_the_picture_fits_the_terminal_and_ends_in_a_verdict(bench: Bench, width
     assert "ready  (0 passed; 1 s)" in output.getvalue()
 
 
-# --- the real probes ----------------------------------------------------------------------------------------------
+# --- the real probes
+# ----------------------------------------------------------------------------------------------
 
 
 def test_the_disk_test_writes_and_leaves_nothing(tmp_path: Path) -> None:

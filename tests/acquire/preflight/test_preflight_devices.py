@@ -1,4 +1,7 @@
-"""`acquire check` against virtual devices over real GigE Vision and a real pseudo-terminal, and through a daemon that holds them."""
+"""`acquire check` against virtual devices, directly and through a daemon that holds them.
+
+The devices speak real GigE Vision and use a real pseudo-terminal.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +62,7 @@ def _camera() -> contextlib.AbstractContextManager[subprocess.Popen[str]]:
 
 
 def _check(rig: Path) -> tuple[dict[str, dict], set[str]]:
-    """All lines by name, and the names of those that did not pass; exit code and verdict agree with them, and nothing is left."""
+    """All checks by name, and the names of those that failed; exit code and summary agree with them."""
     before = sorted(rig.parent.iterdir())
     command = [sys.executable, "-m", "acquire", "check", str(rig), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)

@@ -1,4 +1,4 @@
-"""The energy loop: what a session learns of striker and object from its strikes, and how hard it strikes next."""
+"""Estimation of striker and object from a session's strikes, and the choice of the next tip speed."""
 
 from __future__ import annotations
 
@@ -35,7 +35,10 @@ REPEATS = 0.02
 
 
 class Truth:
-    """A box of which nothing but the outside is known, struck by an arm that differs from what the plan says. Formulas of its own."""
+    """Box with unknown mass distribution, struck by an arm that differs from the plan's.
+
+    The formulas are independent of those under test.
+    """
 
     def __init__(self, rng: np.random.Generator, restitution: float = 0.4, mass_kg: float = 0.17) -> None:
         self.com = HALF * rng.uniform(-0.2, 0.2, 3)
@@ -170,7 +173,7 @@ def test_the_less_is_known_the_lower_it_begins():
 
 
 def test_what_one_axis_tells_serves_the_next():
-    """A striker stronger than told, and a c that lies elsewhere, found on three edges: others are struck right at once."""
+    """Striker and centre of mass, estimated on three edges, give the right speed on the others at once."""
     whole = plan(list(AXES))
     for seed in range(5):
         truth, learner = Truth(np.random.default_rng(seed), restitution=0.6), EnergyLearner(whole)
@@ -294,7 +297,7 @@ def test_plans_made_before_there_was_a_hypothesis_are_read():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_session_in_the_rigs_physics_keeps_the_energy_just_over_the_top(seed):
-    """The benchmark's small form: carton, striker told wrongly."""
+    """Small form of the benchmark: carton, with a wrong prior of the striker."""
     from acquire.session import machine as s
     from acquire.virtual.objects import load_object
     from tests.acquire.simulated_rig import SimulatedRig, mistaken, plan_for

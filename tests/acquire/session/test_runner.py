@@ -1,4 +1,4 @@
-"""A session's client: how it waits for an object to come to rest, and what it leaves behind where it is interrupted."""
+"""The session's client: waiting for the object to come to rest, and the recording after an interruption."""
 
 from __future__ import annotations
 
@@ -96,14 +96,14 @@ def test_images_that_never_come_are_given_up(monkeypatch: pytest.MonkeyPatch) ->
 def test_a_tip_that_nobody_watches_is_recorded_to_its_end(
     monkeypatch: pytest.MonkeyPatch, alive: bool, sees: bool
 ) -> None:
-    """`analyze watch` is gone, for good or for a moment, or has only just begun: what it last saw says nothing of this strike."""
+    """`analyze watch` has ended, for good or for a moment, or has just started: its last event is too old."""
     passed, end = waited(monkeypatch, lag_s=0.1, rest_s=1.3, alive=alive, sees=sees)
     assert passed == pytest.approx(REST_TIMEOUT_S, abs=0.11)
     assert not end
 
 
 class Interrupted(Daemon):
-    """Answers as a daemon with a servo does, and ends the session in the middle of `at`, as Ctrl-C or an error would."""
+    """Fake daemon with a servo that raises `reason` during the call `at`, like Ctrl-C or an error."""
 
     def __init__(self, folder: Path, at: str, reason: BaseException) -> None:
         super().__init__(Host(), 0.1, 1.0)

@@ -14,7 +14,8 @@ from click.testing import CliRunner
 
 from acquire.cli import main
 from acquire.config import read_rig
-from acquire.daemon.api import ApiServer, DaemonClient
+from acquire.daemon.client import DaemonClient
+from acquire.daemon.server import ApiServer
 from acquire.errors import ConfigError, SessionError, StrikerRefused
 from acquire.session import single_strike
 from acquire.striker.base import StrikeOutcome
@@ -282,7 +283,10 @@ ENTRIES = {
     [
         "[striker]",
         "[ striker ]  # the arm\nrestitution=0.4# x\n\n\n[other]\na = 1",
-        '[striker]\nport = "/dev/#1"\nrestitution_sd = 0.1\nrestitution = 4e-1 # soft [tip]\nreach_m = [0.1, 0.2]\n\n[[list]]\nb = 2',
+        (
+            '[striker]\nport = "/dev/#1"\nrestitution_sd = 0.1\nrestitution = 4e-1 # soft [tip]\n'
+            "reach_m = [0.1, 0.2]\n\n[[list]]\nb = 2"
+        ),
     ],
 )
 def test_only_the_strikers_lines_change(tmp_path: Path, section: str) -> None:

@@ -1,6 +1,8 @@
-"""An arm and a box on its edge, stepped at 1 kHz in a thread, behind the virtual servo. Physics of its own: pendulums and a spring between.
+"""Arm and box on its edge behind the virtual servo, stepped at 1 kHz in a thread.
 
-The touch is Hunt and Crossley's (1975): force = k depth^1.5 (1 + a rate), k such that every touch lasts 3 ms.
+The physics is independent of the virtual rig's: two pendulums with a spring between them.
+
+The contact is Hunt and Crossley's (1975): force = k depth^1.5 (1 + a rate), k such that it lasts 3 ms.
 """
 
 from __future__ import annotations
@@ -42,9 +44,11 @@ class Touch:
 
 
 class Plant:
-    """`gap`: where the object's face stands, m beyond the tip at angle 0; None: no object.
+    """Arm, box and virtual servo, stepped in a thread.
 
-    A real arm moves whether or not the computer has time for it. This one is late when its thread is: `latest_ns` tells by how much.
+    `gap` is the distance of the object's face beyond the tip at angle 0 [m]; None for no object. A real arm
+    moves whether or not the computer has time for it. This one is late when its thread is, by up to
+    `latest_ns`.
     """
 
     latest_ns = 0

@@ -48,8 +48,8 @@ def test_a_light_and_a_heavy_body_tell_mass_and_restitution_apart(mass, restitut
 def test_one_body_leaves_them_together():
     rng = np.random.default_rng(3)
     learned = estimate_striker(PRIOR, swings(0.03, 0.25, 0.6, rng))
-    told = (1 + learned.restitution) / learned.effective_mass_kg
-    assert told == pytest.approx(1.6 / 0.25, rel=0.15)
+    combined = (1 + learned.restitution) / learned.effective_mass_kg
+    assert combined == pytest.approx(1.6 / 0.25, rel=0.15)
     assert learned.restitution_sd > 0.8 * PRIOR.restitution_sd
 
 

@@ -1,4 +1,7 @@
-"""The fit against swings made here: run-up, an even speed, a touch, a retraction; filter, renewal, rounding and read times as on a bus."""
+"""The contact fit against swings made here: run-up, constant speed, contact, retraction.
+
+Filter, renewal, rounding and read times are as on a bus.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ def first_order(signal: np.ndarray, step: float, tau: float) -> np.ndarray:
 def swing(
     seed: int, velocity: float, drop: float, angle: float, after_s: float, filter_s: float = 0.003
 ) -> tuple[list[Sample], int, int]:
-    """Reads at 1 kHz of run-up, contact at `angle`, retraction from `after_s` past it on; the contact's and the retraction's time."""
+    """Reads at 1 kHz of run-up, contact at `angle` and retraction `after_s` later; both their times."""
     rng = np.random.default_rng(seed)
     t_contact, duration, step = 0.2 + rng.uniform(0, 1e-3), rng.normal(0.003, 0.0003), 2e-5
     recovery_per_s = rng.normal(120, 20)
@@ -161,8 +164,8 @@ def test_an_arm_that_lingers_or_comes_back_is_not_one_contact() -> None:
     assert count_contacts(turned, 0, 5_000_000, LENGTH) == 1
     assert (
         count_contacts(turned[-1:], 0, 5_000_000, LENGTH) == 1
-    )  # reads are missing, but it was told in time
-    assert count_contacts(turned, 0, 35_000_000, LENGTH) == 2  # told too late
+    )  # reads are missing, but the arm was turned in time
+    assert count_contacts(turned, 0, 35_000_000, LENGTH) == 2  # turned too late
     assert count_contacts([*turned, sample(90, -0.001, 0.5)], 0, 5_000_000, LENGTH) == 2
     assert count_contacts([sample(ms, 0.01, 0.4) for ms in range(1, 60)], 0, 5_000_000, LENGTH) == 2
 

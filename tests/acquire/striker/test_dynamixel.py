@@ -59,7 +59,8 @@ def test_a_strike_is_one_contact_at_the_commanded_speed_and_a_known_time(plant: 
             if outcome.impulse_n_s is not None:
                 assert abs(outcome.impulse_n_s - truth.impulse) < 4 * outcome.impulse_sd_n_s
             allowed_ms.append(max(CONTACT_SD_MS, sd_ms, gap_ms - WELL_READ_MS))
-        # Plant and striker share one interpreter here, which a busy host stretches; `make bench-striker` has them apart.
+        # Plant and striker share one interpreter here, which a busy host stretches; `make bench-striker` has
+        # them apart.
         assert np.sqrt(np.mean(np.square(error_ms))) < 1.5 * np.sqrt(
             np.mean(np.square(allowed_ms))
         )  # 99.7 % of four

@@ -20,7 +20,10 @@ TORQUE = SimpleNamespace(address=64, size=1, name="Torque Enable", encode=lambda
 
 
 class LateServo:
-    """Answers pings and reads; the next read late, or writes not at all. Models no registers: a read gives its own address."""
+    """Fake servo that answers pings and reads, the next read late, or writes not at all.
+
+    Models no registers: a read gives its own address.
+    """
 
     def __init__(self) -> None:
         self.master, self.slave = os.openpty()

@@ -1,4 +1,4 @@
-"""A stop ends any motion within 20 ms, whatever the bus does, and leaves the arm held where it came to rest."""
+"""A stop ends any motion within 20 ms, whatever the bus does, and holds the arm where it came to rest."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def test_any_payload_survives_stuffing_rubbish_and_any_cut(
     stream = rubbish.replace(b"\xff", b"\x00") + wire
     packets = [p for k in range(0, len(stream), piece) for p in parser.feed(stream[k : k + piece])]
     assert b"\xff\xff\xfd" not in wire[4:-2].replace(b"\xff\xff\xfd\xfd", b"")
-    if b"\xff\xff\xfd\xfd" not in payload:  # the protocol cannot tell this one from a stuffed one
+    if b"\xff\xff\xfd\xfd" not in payload:  # the protocol cannot distinguish this from a stuffed one
         assert [(p.parameters, p.intact) for p in packets] == [(payload, True)]
 
 

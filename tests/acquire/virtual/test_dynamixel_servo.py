@@ -129,7 +129,7 @@ def test_group_reads_and_registered_writes(bench: Bench) -> None:
     assert data == b"\x01" + struct.pack("<H", 1193)
     assert (
         bench.send(encode(0xFE, Instruction.SYNC_READ, struct.pack("<HHBB", 38, 2, 9, 1))) == []
-    )  # 9 is silent, so 1 never speaks
+    )  # 9 does not answer, so 1 never does
     assert bench.send(encode(0xFE, Instruction.SYNC_WRITE, struct.pack("<HHBB", 65, 1, 1, 1))) == []
     assert bench.read("LED") == 1
     bench.send(encode(1, Instruction.REG_WRITE, struct.pack("<HB", 65, 0)))

@@ -1,4 +1,4 @@
-"""The virtual camera from below: ports, registers, slots, clock, faults. What a client sees is in tests/acquire/camera."""
+"""Ports, registers, slots, clock and faults of the virtual camera; clients are in tests/acquire/camera."""
 
 from __future__ import annotations
 

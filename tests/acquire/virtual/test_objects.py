@@ -88,7 +88,8 @@ def test_checked_in_stl_is_what_the_function_makes_and_the_engine_reads_it_alike
     thing = load_object(name, 1)
     file, data = thing.shape_file
     assert data == stl_bytes(*bottle_mesh(BOTTLES[name]), title=f"percuss {name} bottle, mm")
-    mjcf = f'<mujoco><asset><mesh name="m" file="{file}" scale="0.001 0.001 0.001" inertia="exact"/></asset><worldbody><body><freejoint/>'
+    asset = f'<mesh name="m" file="{file}" scale="0.001 0.001 0.001" inertia="exact"/>'
+    mjcf = f"<mujoco><asset>{asset}</asset><worldbody><body><freejoint/>"
     model = mujoco.MjModel.from_xml_string(
         mjcf + '<geom type="mesh" mesh="m" density="1000"/></body></worldbody></mujoco>', {file: data}
     )

@@ -31,7 +31,7 @@ def one_thread():
 
 
 def tipped(virtual_object, theta, k=1, span=0.0):
-    """k poses of the object standing on its base, tipped by theta +- span / 2 about W's y through the origin."""
+    """k poses of the object on its base, tipped by theta +- span / 2 about W's y through the origin."""
     p_rest = np.array(
         [-virtual_object.mesh_vertices[:, 0].max(), 0.0, -virtual_object.mesh_vertices[:, 2].min()]
     )
@@ -66,7 +66,8 @@ def opencv_pixels(points_world):
     )
 
 
-# --- filling ------------------------------------------------------------------------------------------------------
+# --- filling
+# ------------------------------------------------------------------------------------------------------
 
 
 def test_coverage_is_the_exact_area_and_never_outside_zero_to_one():
@@ -123,11 +124,12 @@ def test_bottles_are_split_where_the_head_meets_the_shoulder(name, groups):
     assert len(face_groups(shape.mesh_vertices, shape.mesh_faces)) == groups
 
 
-# --- geometry of the picture --------------------------------------------------------------------------------------
+# --- geometry of the picture
+# --------------------------------------------------------------------------------------
 
 
 def test_tag_edges_lie_where_the_lens_puts_them():
-    """Mean position of each side of the black square, from the picture's grey levels alone: bias below 0.02 px."""
+    """Mean position of each side of the black square, from the grey levels alone: bias below 0.02 px."""
     carton, renderer = load_object("carton", SEED), Renderer(load_object("carton", SEED), STATION, SEED)
     poses = tipped(carton, 0.0)
     image = mean_picture(renderer, poses)
@@ -199,7 +201,8 @@ def test_the_detector_finds_the_pose_that_was_drawn(name, theta):
     assert position[2, 0] == pytest.approx(where[2], rel=0.02)
 
 
-# --- time and light -----------------------------------------------------------------------------------------------
+# --- time and light
+# -----------------------------------------------------------------------------------------------
 
 
 def test_motion_blur_is_the_mean_of_the_poses():

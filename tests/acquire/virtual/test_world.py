@@ -1,4 +1,7 @@
-"""Tips against theory (METHOD: pendulum about the rounding's centre line), rest, strikes. The formulas here are the tests' own."""
+"""Tips against theory (method 3: pendulum about the rounding's centre line), rest, strikes.
+
+The formulas here are independent of the simulator's.
+"""
 
 import dataclasses
 from dataclasses import dataclass
