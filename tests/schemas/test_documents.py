@@ -114,8 +114,10 @@ def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
         ),
         (
             GOOD.replace("mass_kg = 0.044\nmass_sd_kg", "mass_sdkg"),
-            "correct its spelling (mass_sd_kg?); missing: add mass_kg = ... (mass of the object, in "
-            "kilograms)",
+            (
+                "correct its spelling (mass_sd_kg?); missing: add mass_kg = ... (mass of the object, in "
+                "kilograms)"
+            ),
         ),
         (
             GOOD.replace("size_m = [", "size_mm = ["),
@@ -127,18 +129,24 @@ def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
         ),
         (
             "mass_kg = 1\n[shape.box]\nsize_m = [1, 1, 1]\n",
-            "missing: add name = ... (name of the object), mass_sd_kg = ... (1 sigma of the mass, in "
-            "kilograms: the scale's error), [[marker]] (markers",
+            (
+                "missing: add name = ... (name of the object), mass_sd_kg = ... (1 sigma of the mass, in "
+                "kilograms: the scale's error), [[marker]] (markers"
+            ),
         ),
         (
             GOOD.replace("mass_sd_kg = 0.0001\n", "") + "mass_sd_kg = 0.0001\n",
-            "unknown key 'marker.0.mass_sd_kg': remove it or correct its spelling (mass_sd_kg belongs "
-            "above the first [section])",
+            (
+                "unknown key 'marker.0.mass_sd_kg': remove it or correct its spelling (mass_sd_kg belongs "
+                "above the first [section])"
+            ),
         ),
         (
             GOOD + 'a = 1\nb = 1\nc = 1\nd = 1\ne = 1\nf = 1\n"g\\nh" = 1\n',
-            "'marker.0.b', 'marker.0.c', 'marker.0.d', 'marker.0.e' and 2 more: remove them or correct "
-            "their spelling",
+            (
+                "'marker.0.b', 'marker.0.c', 'marker.0.d', 'marker.0.e' and 2 more: remove them or correct "
+                "their spelling"
+            ),
         ),
         (
             GOOD.replace("0.044", "-1").replace("id = 0", "id = 900"),
@@ -154,13 +162,17 @@ def test_bad_objects_get_one_line_that_names_the_thing(old, new, says):
         ),
         (
             GOOD.replace("id = 0", 'id = "a"'),
-            "marker.0.id: should be a whole number, not 'a': write it like id = NUMBER in [[marker]] "
-            "number 1",
+            (
+                "marker.0.id: should be a whole number, not 'a': write it like id = NUMBER in [[marker]] "
+                "number 1"
+            ),
         ),
         (
             "marker = 3\n",
-            "marker: should be [[marker]] (markers on the object: id, size_m and T_object_marker of each), "
-            "not 3",
+            (
+                "marker: should be [[marker]] (markers on the object: id, size_m and T_object_marker of each), "
+                "not 3"
+            ),
         ),
     ],
 )
