@@ -17,6 +17,7 @@ from analyze.export.provenance import provenance
 from analyze.export.urdf import inertial_element
 from analyze.export.write import write_body
 from analyze.least_squares.intervals import SIGMAS_95
+from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 from schemas.software import software_version
 
 if TYPE_CHECKING:
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
     from analyze.result.answer import Answer
     from analyze.types import Array
     from schemas.result import Quantity
-
-ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""entries of the tensor in the order in which tables name them"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +99,11 @@ class InertiaTensor:
         unit = 10.0**self.power_of_ten
         return [
             (
-                f"I{'xyz'[i]}{'xyz'[j]}",
+                tensor_entry_name((i, j)),
                 f"{self.tensor[i, j] / unit:.3f} ± {SIGMAS_95 * self.sd[i, j] / unit:.3f}",
                 "measured" if self.measured[i, j] else "prior",
             )
-            for i, j in ENTRIES
+            for i, j in TENSOR_ENTRIES
         ]
 
 

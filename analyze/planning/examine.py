@@ -78,7 +78,10 @@ def examine(
     reached: list[_Reached] = []
     for axis in axes:
         outcome = _reach(model, spec, axis, believed, bench)
-        (rejected if isinstance(outcome, Rejection) else reached).append(outcome)  # pyright: ignore[reportArgumentType]
+        if isinstance(outcome, Rejection):
+            rejected.append(outcome)
+        else:
+            reached.append(outcome)
     held = _friction_checks(reached, believed, bench)
     passed: list[tuple[_Reached, SeenSwing, float]] = []
     for each, outcome in zip(reached, held, strict=True):

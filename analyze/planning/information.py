@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from analyze.planning.pivots import PivotAxis, Swing
-from analyze.types import Array
+from analyze.types import TENSOR_ENTRIES, Array
 
 COM = slice(0, 3)
 INERTIA = slice(3, 9)
@@ -30,7 +30,6 @@ ANGLE = 2
 """Index of the angle among an axis's unknowns."""
 USUAL_HEADING = 0.0
 """Heading of planned strikes [rad]."""
-ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 SOURCES = {
     "mass": (MASS,),
     "gravity": (GRAVITY,),
@@ -264,8 +263,8 @@ class Information:
 
 
 def moment_row(direction: Array) -> Array:
-    """Row (6,) of l.I.l, l the unit `direction` (3,), for tensor entries in the order of `ENTRIES`."""
-    return np.array([direction[i] * direction[j] * (1 if i == j else 2) for i, j in ENTRIES])
+    """Row (6,) of l.I.l, l the unit `direction` (3,), for tensor entries in the order of `TENSOR_ENTRIES`."""
+    return np.array([direction[i] * direction[j] * (1 if i == j else 2) for i, j in TENSOR_ENTRIES])
 
 
 def spread(normals: Array) -> float:

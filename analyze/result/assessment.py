@@ -9,6 +9,7 @@ import numpy as np
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.result.agreements import estimators_apart_text
 from analyze.result.frame_times import wrong_text
+from analyze.types import TENSOR_ENTRIES, tensor_entry_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from analyze.types import Array, InertialParameters, MassDistribution
     from schemas.result import FrameTimes
 
-ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""entries of the tensor in the order in which sentences name them"""
 MAX_OUTSIDE_SD = 2.0
 """distance of the centre of mass outside the shape's hull, in sd, above which it is not believed"""
 MAX_TRUSTED_SHARE, MAX_DETERMINED_SHARE = 0.1, 0.3
@@ -157,5 +156,5 @@ def prediction_text(prediction: StrikePrediction) -> str:
 
 def _entries(inertial: InertialParameters, measured: bool) -> str:
     return ", ".join(
-        f"I{'xyz'[i]}{'xyz'[j]}" for i, j in ENTRIES if bool(inertial.measured[i, j]) == measured
+        tensor_entry_name((i, j)) for i, j in TENSOR_ENTRIES if bool(inertial.measured[i, j]) == measured
     )

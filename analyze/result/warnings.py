@@ -14,6 +14,7 @@ from analyze.result.agreements import disagreement_texts
 from analyze.result.assessment import MAX_OUTSIDE_SD, gravity_text, prediction_text
 from analyze.result.frame_times import unchecked_text, wrong_text
 from analyze.result.tilt import TILT_REMEDY, assumed_tilt
+from analyze.types import tensor_entry_name
 from schemas.result import FrameTimes, ResultWarning, Verdict, WarningCode
 from schemas.session_manifest import TimeSource
 
@@ -199,7 +200,7 @@ def _tilt_warnings(estimate: Estimate) -> Iterator[ResultWarning]:
 def _prior_warnings(inertial: InertialParameters) -> Iterator[ResultWarning]:
     if not inertial.measured.all():
         entries = [
-            f"I{'xyz'[i]}{'xyz'[j]}" for i in range(3) for j in range(i, 3) if not inertial.measured[i, j]
+            tensor_entry_name((i, j)) for i in range(3) for j in range(i, 3) if not inertial.measured[i, j]
         ]
         yield _warning(
             WarningCode.INERTIA_FROM_PRIOR, f"from the shape, not from strikes: {', '.join(entries)}"
