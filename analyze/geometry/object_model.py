@@ -252,7 +252,7 @@ def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str
     ]
     if len(surface.planes) < BODY_PLANES and scatter > COARSE * float(np.ptp(surface.vertices, axis=0).max()):
         notes.append(
-            f"{name}: scatters by {1000 * scatter:.1f} mm, too much to tell all faces apart; edges are "
+            f"{name}: scatters by {1000 * scatter:.1f} mm, too much to distinguish all faces; edges are "
             "uncertain: scan again"
         )
     if surface.strays:

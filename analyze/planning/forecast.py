@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from analyze.planning.design import Design, choose_design
-from analyze.planning.information import COM, ENTRIES, INERTIA, MASS, Candidate, Information, moment_row
-from analyze.types import Array
+from analyze.planning.information import COM, INERTIA, MASS, Candidate, Information, moment_row
+from analyze.types import TENSOR_ENTRIES, Array
 
 MIN_GAIN_PER_DOUBLING = 0.10
 """Relative decrease of c's error, for each doubling of the number of strikes, above which more strikes
@@ -101,7 +101,7 @@ def inertia_forecast(information: Information, design: Design) -> tuple[Array, A
     sd = np.sqrt(np.diag(design.covariance)[INERTIA])
     mean = information.belief.inertia
     matrix, determined = np.zeros((3, 3)), np.zeros((3, 3), dtype=bool)
-    for (i, j), value in zip(ENTRIES, sd, strict=True):
+    for (i, j), value in zip(TENSOR_ENTRIES, sd, strict=True):
         guess = SHAPE_MOMENT_SD * float(np.sqrt(mean[i, i] * mean[j, j]))
         matrix[i, j] = matrix[j, i] = value
         determined[i, j] = determined[j, i] = value < MOMENT_DETERMINED * guess

@@ -1,4 +1,5 @@
-"""One rig file for both commands: what a plan asks for the striker accepts, and what `acquire` refuses is not planned with."""
+"""One rig file for both commands: what a plan asks for the striker accepts, and what `acquire` refuses is not
+planned with."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.paper_strikes import paper_strike_plan
-from analyze.planning.plan import Prepared, Request, finish, prepare
+from analyze.planning.plan import Request, finish
+from analyze.planning.prepared import Prepared, prepare
 from analyze.verbs.plan.rig import planned_rig, striker_model
 from schemas.rig import StrikerConfig
 from tests.analyze.geometry.shapes import spec_of
@@ -182,7 +184,10 @@ def test_a_value_that_cannot_be_is_refused_by_both_alike(tmp_path: Path, section
         (
             "camera",
             'frame_rate_hz = "fast"',
-            "camera.frame_rate_hz: should be a number, not 'fast': write it like frame_rate_hz = 120.0 in [camera]",
+            (
+                "camera.frame_rate_hz: should be a number, not 'fast': write it like frame_rate_hz = 120.0 in "
+                "[camera]"
+            ),
         ),
         (
             "camera",

@@ -305,7 +305,7 @@ def test_noise_that_drowns_the_faces_is_said():
         0, 4, (3000, 3)
     )
     assert any(
-        "too much to tell all faces apart" in note for note in load(*cloud_bytes("xyz", points)).warnings
+        "too much to distinguish all faces" in note for note in load(*cloud_bytes("xyz", points)).warnings
     )
 
 

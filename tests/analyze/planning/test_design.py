@@ -1,5 +1,4 @@
-"""The choice of axes: what strikes tell together, sets that tell nothing of a direction, and what must not
-change it."""
+"""Choice of axes: joint information of strikes, sets that leave a direction open, invariances."""
 
 from __future__ import annotations
 
@@ -139,14 +138,16 @@ def test_strikes_made_count_as_if_they_were_planned():
 
 
 def test_a_strike_made_turned_feels_the_tilt_the_other_way_and_has_an_angle_error_of_its_own():
-    """Two unknowns by hand: half the difference of both phi tells the tilt, half their sum what c and edge
+    """Two unknowns by hand: half the difference of both phi gives the tilt, half their sum what c and edge
     do to them."""
     each = next(c for c in candidates() if c.axis.plane.up[2] > 0.9)
     errors = Errors(tilt=0.01)
     weight = np.linalg.inv(NOISE + np.diag([errors.strike_angle**2, 0]))
     both = information([each], errors, made={each.axis.id: {0.0: weight, np.pi: weight}}, struck=(each,))
-    told = (NOISE[0, 0] + errors.strike_angle**2 + errors.axis_angle**2) / 2
-    assert both.covariance([], [])[TILT, TILT] == pytest.approx(1 / (1 / told + 1 / errors.tilt**2), rel=1e-3)
+    variance = (NOISE[0, 0] + errors.strike_angle**2 + errors.axis_angle**2) / 2
+    assert both.covariance([], [])[TILT, TILT] == pytest.approx(
+        1 / (1 / variance + 1 / errors.tilt**2), rel=1e-3
+    )
     usual = information([each], errors, made={each.axis.id: {0.0: 2 * weight}}, struck=(each,))
     assert usual.covariance([], [])[TILT, TILT] > 0.9 * errors.tilt**2
     for known in (both, usual):

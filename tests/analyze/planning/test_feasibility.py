@@ -102,9 +102,9 @@ def test_prediction_agrees_with_a_simulation_of_other_physics(name):
     rng = np.random.default_rng(3)
     every = trials(on, (1.15, 2.0), (0.2, 0.6), 0.3, rng)
     chosen = [every[i] for i in rng.permutation(len(every))[:10]]
-    told = simulate_tips([trial.case for trial in chosen], G)
+    outcome = simulate_tips([trial.case for trial in chosen], G)
     words = [
-        (predicted(told, i), seen.outcome)
+        (predicted(outcome, i), seen.outcome)
         for i, trial in enumerate(chosen)
         if (seen := strike(on, trial)) is not None
     ]

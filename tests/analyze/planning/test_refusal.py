@@ -1,4 +1,4 @@
-"""Objects it cannot do are told so in one clear line, with what would help."""
+"""Objects without a plan are refused in one clear line, with the remedy."""
 
 from __future__ import annotations
 

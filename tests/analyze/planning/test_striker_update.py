@@ -38,18 +38,22 @@ def touches(
     return found
 
 
-def told(striker: StrikerModel, axis: str) -> float:
+def predicted_energy(striker: StrikerModel, axis: str) -> float:
     return energy(striker.effective_mass_kg, striker.restitution, 0.4, axis)
 
 
-def test_the_next_energy_is_foretold_far_better():
+def test_the_next_energy_is_predicted_far_better():
     rng = np.random.default_rng(4)
     before, after = [], []
     for _ in range(40):
         mass, bounce = rng.normal(0.2, 0.05), np.clip(rng.normal(0.4, 0.15), 0.0, 1.0)
         true = energy(mass, bounce, 0.4, "c")
-        before.append(np.log(told(BELIEVED, "c") / true))
-        after.append(np.log(told(updated_striker(BELIEVED, touches(mass, bounce, rng, "ab", 3)), "c") / true))
+        before.append(np.log(predicted_energy(BELIEVED, "c") / true))
+        after.append(
+            np.log(
+                predicted_energy(updated_striker(BELIEVED, touches(mass, bounce, rng, "ab", 3)), "c") / true
+            )
+        )
     assert np.sqrt(np.mean(np.square(after))) < 0.1 < 0.5 * np.sqrt(np.mean(np.square(before)))
 
 
@@ -74,8 +78,8 @@ def test_a_second_touch_of_the_arm_does_not_mislead():
     rng = np.random.default_rng(6)
     clean = touches(0.17, 0.4, rng, each=3)
     spoilt = [replace(clean[0], energy_ratio=1.5 * clean[0].energy_ratio), *clean[1:]]
-    assert told(updated_striker(BELIEVED, spoilt), "a") == pytest.approx(
-        told(updated_striker(BELIEVED, clean), "a"), rel=0.03
+    assert predicted_energy(updated_striker(BELIEVED, spoilt), "a") == pytest.approx(
+        predicted_energy(updated_striker(BELIEVED, clean), "a"), rel=0.03
     )
 
 

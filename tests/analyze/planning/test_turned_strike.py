@@ -1,4 +1,4 @@
-"""`--gravity`: one strike more with object and striker turned by 180 degrees, which tells the table's
+"""`--gravity`: one strike more with object and striker turned by 180 degrees, which measures the table's
 tilt."""
 
 import re
