@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from acquire.errors import ConfigError
 from schemas.document import DocumentError, validate
 from schemas.rig import CameraConfig, DaemonConfig, RecorderConfig, RigConfig, StrikerConfig
+from schemas.rig_limits import TipSpeeds
 
-__all__ = ["CameraConfig", "DaemonConfig", "RecorderConfig", "RigConfig", "StrikerConfig", "read_rig"]
+__all__ = [
+    "CameraConfig",
+    "DaemonConfig",
+    "RecorderConfig",
+    "RigConfig",
+    "RigLimits",
+    "StrikerConfig",
+    "read_rig",
+]
 
 
 def read_rig(path: Path) -> RigConfig:
@@ -30,3 +42,36 @@ def read_rig(path: Path) -> RigConfig:
         return validate(RigConfig, data, str(path))
     except DocumentError as error:
         raise ConfigError(str(error)) from None
+
+
+@dataclass(frozen=True)
+class RigLimits:
+    """Tip speeds and heights that a rig's striker can reach, and the camera's pose."""
+
+    speeds: TipSpeeds | None
+    """range of tip speeds [m/s]; None if a person strikes by hand, which has no fixed limits"""
+    reach_m: tuple[float, float] | None
+    """lowest and highest impact point over the table; None if a person strikes by hand"""
+    T_world_camera: list[list[float]]
+
+    @classmethod
+    def from_config(cls, config: RigConfig) -> RigLimits:
+        """Limits of a rig file."""
+        striker, pose = config.striker, config.camera.calibration.T_world_camera
+        by_hand = striker.kind == "manual"
+        return cls(None if by_hand else striker.tip_speeds(), None if by_hand else striker.reach_m, pose)
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON object of the daemon's answer to `rig`."""
+        speeds = None if self.speeds is None else [self.speeds.slowest_m_s, self.speeds.fastest_m_s]
+        return {"speeds_m_s": speeds, "reach_m": self.reach_m, "T_world_camera": self.T_world_camera}
+
+    @classmethod
+    def from_dict(cls, answer: Mapping[str, Any]) -> RigLimits:
+        """Limits from the daemon's answer to `rig`."""
+        speeds, reach = answer["speeds_m_s"], answer["reach_m"]
+        return cls(
+            None if speeds is None else TipSpeeds(*speeds),
+            None if reach is None else (reach[0], reach[1]),
+            answer["T_world_camera"],
+        )

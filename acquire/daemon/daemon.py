@@ -21,14 +21,13 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import SystemClock
-from acquire.config import RigConfig
+from acquire.config import RigConfig, RigLimits
 from acquire.daemon.live_recording import LiveRecording
 from acquire.daemon.prompts import Prompts
 from acquire.daemon.server import ApiServer, Connection
 from acquire.daemon.service import ServiceManager
 from acquire.daemon.striker_control import StrikerControl
 from acquire.errors import AcquireError, SessionError
-from acquire.session.plan_fit import RigLimits
 from acquire.striker.base import Striker
 from acquire.striker.dynamixel import DynamixelStriker
 from acquire.striker.manual import ManualStriker

@@ -7,51 +7,15 @@ session ends in the middle because the striker cannot reach a speed or a height.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
 
-from acquire.config import RigConfig
-from schemas.rig_limits import TipSpeeds
+from acquire.config import RigLimits
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
 MAX_CAMERA_SHIFT_M, MAX_CAMERA_TURN_RAD = 0.02, math.radians(2.0)
 """difference to the plan's camera above which tags may leave the image: each shifts them by some 50 of 656
 pixels"""
 MAX_STRIKES_NAMED = 4
-
-
-@dataclass(frozen=True)
-class RigLimits:
-    """Tip speeds and heights that a rig's striker can reach, and the camera's pose."""
-
-    speeds: TipSpeeds | None
-    """range of tip speeds [m/s]; None if a person strikes by hand, which has no fixed limits"""
-    reach_m: tuple[float, float] | None
-    """lowest and highest impact point over the table; None if a person strikes by hand"""
-    T_world_camera: list[list[float]]
-
-    @classmethod
-    def from_config(cls, config: RigConfig) -> RigLimits:
-        """Limits of a rig file."""
-        striker, pose = config.striker, config.camera.calibration.T_world_camera
-        by_hand = striker.kind == "manual"
-        return cls(None if by_hand else striker.tip_speeds(), None if by_hand else striker.reach_m, pose)
-
-    def as_dict(self) -> dict[str, Any]:
-        """JSON object of the daemon's answer to `rig`."""
-        speeds = None if self.speeds is None else [self.speeds.slowest_m_s, self.speeds.fastest_m_s]
-        return {"speeds_m_s": speeds, "reach_m": self.reach_m, "T_world_camera": self.T_world_camera}
-
-    @classmethod
-    def from_dict(cls, answer: Mapping[str, Any]) -> RigLimits:
-        """Limits from the daemon's answer to `rig`."""
-        speeds, reach = answer["speeds_m_s"], answer["reach_m"]
-        return cls(
-            None if speeds is None else TipSpeeds(*speeds),
-            None if reach is None else (reach[0], reach[1]),
-            answer["T_world_camera"],
-        )
 
 
 def striker_limit_problem(plan: StrikePlan, limits: RigLimits) -> str:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from acquire.config import RigLimits
 from acquire.daemon.client import DaemonClient
 from acquire.errors import (
     RecordingBroken,
@@ -21,7 +22,7 @@ from acquire.errors import (
     StrikerStopped,
 )
 from acquire.session import machine as s
-from acquire.session.plan_fit import RigLimits, camera_pose_problem, striker_limit_problem
+from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
 from acquire.session.session_input import SessionInput
 from acquire.striker.base import StrikerState
 from schemas.strike_plan import PlannedStrike

@@ -2,9 +2,9 @@
 
 Its clock runs 50 ppm fast from an arbitrary origin. The first four pixels of an image hold its number, so
 that a test can identify the frame of an image. `CAMERA_FAULTS=lose:N,die:N` loses every Nth frame, or stops
-sending once, after frame N, until it is opened again; `stick:N` never returns from reading frame N, `freeze:N` neither,
-and holds the interpreter meanwhile, as a library with a fault does. A file that `CAMERA_FAULTS_ONCE` names is
-removed by the first process that is to stick or freeze: the next one does not.
+sending once, after frame N, until it is opened again; `stick:N` never returns from reading frame N,
+`freeze:N` neither, and holds the interpreter meanwhile, as a library with a fault does. A file that
+`CAMERA_FAULTS_ONCE` names is removed by the first process that is to stick or freeze: the next one does not.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from acquire.camera.base import Camera, CameraInfo, ClockReading
+from acquire.camera.base import Camera, CameraInfo
 from acquire.clock.clock import Clock
+from acquire.clock.reading import ClockReading
 from acquire.config import CameraConfig
 from acquire.errors import CameraLost, CameraNotFound
 from acquire.frames.buffer_pool import BufferPool, PooledBuffer

@@ -30,10 +30,12 @@ TAKEN_ADDRESS = loopback(64)
 def test_a_demo_that_cannot_begin(tmp_path: Path) -> None:
     taken = write(tmp_path / "taken.mcap", "mine")
     assert "exists already: choose another name, or give --force" in complaint(acquire, "demo", "-o", taken)
-    assert "10.0.0.1: the virtual camera lives on loopback" in complaint(
+    assert "10.0.0.1: the virtual camera needs a loopback address" in complaint(
         acquire, "demo", "-o", tmp_path / "r.mcap", "--address", "10.0.0.1"
     )
-    assert "lives on loopback" in complaint(acquire, "demo", "-o", tmp_path / "r.mcap", "--address", "camera")
+    assert "needs a loopback address" in complaint(
+        acquire, "demo", "-o", tmp_path / "r.mcap", "--address", "camera"
+    )
     assert "is a folder" in complaint(acquire, "demo", "--force", "-o", tmp_path)
     for force in ([], ["--force"]):  # as `analyze` does: a misspelt folder is not made
         line = complaint(acquire, "demo", "-o", tmp_path / "gone" / "r.mcap", *force)
@@ -76,7 +78,8 @@ def processes_of(folder: Path) -> list[str]:
 
 
 def wait_until_gone(folder: Path, patience_s: float = 40.0) -> list[str]:
-    """What still runs after a patience that suits a loaded machine: a child that is still importing ends only then."""
+    """What still runs after a patience that suits a loaded machine: a child that is still importing ends only
+    then."""
     end = time.monotonic() + patience_s
     while (left := processes_of(folder)) and time.monotonic() < end:
         time.sleep(0.05)

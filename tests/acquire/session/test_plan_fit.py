@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from acquire.config import RigConfig
+from acquire.config import RigConfig, RigLimits
 from acquire.errors import SessionError
-from acquire.session.plan_fit import RigLimits, camera_pose_problem, striker_limit_problem
+from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
 from acquire.session.runner import SessionRunner
 from acquire.session.session_input import SessionInput
 from schemas.rig import StrikerConfig
