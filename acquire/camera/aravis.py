@@ -7,11 +7,12 @@ from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
 from acquire.camera.aravis_library import Connection, aravis_and_glib, close_connection, drain, reason
-from acquire.camera.base import Camera, CameraInfo, ClockReading
+from acquire.camera.base import Camera, CameraInfo
 from acquire.camera.discovery import ask, is_controlled
 from acquire.camera.frame_loss import FrameLoss
 from acquire.camera.receive_buffer import enlarge_receive_buffer
 from acquire.camera.settings import settings_of
+from acquire.clock.reading import ClockReading
 from acquire.errors import CameraError, CameraLost, CameraNotFound, CameraSettingError
 from acquire.frames.buffer_pool import BufferPool
 from acquire.frames.frame import Frame

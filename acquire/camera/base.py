@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from acquire.clock.reading import ClockReading
     from acquire.frames.frame import Frame
 
 
@@ -18,15 +19,6 @@ class CameraInfo:
     model: str
     serial: str
     address: str
-
-
-@dataclass(frozen=True)
-class ClockReading:
-    """One reading of the device clock, between two readings of the host's monotonic clock."""
-
-    device_time_ns: int
-    host_before_ns: int
-    host_after_ns: int
 
 
 class Camera(ABC):

@@ -9,8 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from acquire.camera.base import Camera, CameraInfo, ClockReading
+from acquire.camera.base import Camera, CameraInfo
 from acquire.clock.clock import Clock, DeviceClockMapper
+from acquire.clock.reading import ClockReading
 from acquire.errors import CameraError, CameraLost
 
 if TYPE_CHECKING:

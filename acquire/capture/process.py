@@ -23,12 +23,13 @@ from typing import Any
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from pydantic import ValidationError
 
-from acquire.camera.base import Camera, CameraInfo, ClockReading
+from acquire.camera.base import Camera, CameraInfo
 from acquire.camera.stream import CameraStream
 from acquire.capture import wire
 from acquire.capture.heartbeat import Heartbeat
 from acquire.capture.open_recording import Attachments, OpenRecording, borrowable_frames
 from acquire.clock.clock import Clock, SystemClock
+from acquire.clock.reading import ClockReading
 from acquire.config import CameraConfig, RigConfig
 from acquire.errors import AcquireError, CameraError, ConfigError, RecorderError
 from acquire.frames.frame import Frame

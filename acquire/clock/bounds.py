@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from acquire.camera.base import ClockReading
+    from acquire.clock.reading import ClockReading
 
 Point = tuple[float, float]
 SPAN_NS = 1e9

@@ -12,7 +12,7 @@ import numpy as np
 from acquire.clock.bounds import LineBounds, lines_between
 
 if TYPE_CHECKING:
-    from acquire.camera.base import ClockReading
+    from acquire.clock.reading import ClockReading
 
 DRIFT_LIMIT = 3e-4
 """greatest rate between two clocks: twice a poor crystal's 100 ppm, plus the rate at which NTP slews the host

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from acquire.camera.base import ClockReading
 from acquire.capture.link import CaptureProcess
 from acquire.clock.clock import DeviceClockMapper, SystemClock
+from acquire.clock.reading import ClockReading
 from acquire.config import CameraConfig, RecorderConfig, RigConfig
 from acquire.virtual.pattern_source import read_stamp
 from schemas import topics

@@ -20,7 +20,8 @@ def real_rig() -> Callable[[], RigConfig]:
         path = os.environ.get("PERCUSS_RIG")
         if not path:
             pytest.fail(
-                "no rig given: PERCUSS_RIG=rig.toml pytest tests/contracts -m hardware (docs/how-to/hardware.md)",
+                "no rig given: PERCUSS_RIG=rig.toml pytest tests/contracts -m hardware "
+                "(docs/how-to/hardware.md)",
                 pytrace=False,
             )
         try:

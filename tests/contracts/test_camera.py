@@ -1,4 +1,5 @@
-"""What every Camera promises (acquire/camera/base.py), run against the virtual camera and, with `-m hardware`, the one of PERCUSS_RIG."""
+"""What every Camera promises (acquire/camera/base.py), run against the virtual camera and, with `-m
+hardware`, the one of PERCUSS_RIG."""
 
 from __future__ import annotations
 

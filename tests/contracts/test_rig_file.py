@@ -185,8 +185,8 @@ def test_a_value_that_cannot_be_is_refused_by_both_alike(tmp_path: Path, section
             "camera",
             'frame_rate_hz = "fast"',
             (
-                "camera.frame_rate_hz: should be a number, not 'fast': write it like frame_rate_hz = 120.0 in "
-                "[camera]"
+                "camera.frame_rate_hz: should be a number, not 'fast': write it like frame_rate_hz = 120.0 "
+                "in [camera]"
             ),
         ),
         (

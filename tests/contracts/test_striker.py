@@ -1,4 +1,5 @@
-"""What every striker must do, against the virtual servo and, with `-m hardware`, against the one of PERCUSS_RIG.
+"""What every striker must do, against the virtual servo and, with `-m hardware`, against the one of
+PERCUSS_RIG.
 
 The arm moves: nothing but air may be in its way.
 """
@@ -90,7 +91,8 @@ def test_nothing_moves_without_its_permission(striker: Striker) -> None:
 
 
 def test_a_stop_in_mid_swing_ends_it_before_the_object(striker: Striker, device: Device) -> None:
-    """And nothing is armed before the arm was homed again. The slowest swings: 0.4 s and more to angle 0, which is where the object is."""
+    """And nothing is armed before the arm was homed again. The slowest swings: 0.4 s and more to angle 0,
+    which is where the object is."""
     striker.home()
     striker.arm()
     striker.cock()

@@ -1,4 +1,5 @@
-"""One short session on the virtual rig for all system tests, over real GigE Vision and real Dynamixel wires."""
+"""One short session on the virtual rig for all system tests, over real GigE Vision and real Dynamixel
+wires."""
 
 from __future__ import annotations
 
@@ -48,11 +49,11 @@ def session(tmp_path_factory) -> Session:
         [sys.executable, "-m", *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as demo:
         try:
-            out, told = demo.communicate(timeout=HANG_S)
+            out, errors = demo.communicate(timeout=HANG_S)
         except subprocess.TimeoutExpired:
             demo.terminate()
             pytest.fail(f"no end after {HANG_S} s:\n{demo.communicate()[1]}")
-    assert demo.returncode in {0, 3}, told
+    assert demo.returncode in {0, 3}, errors
     return Session(path, json.loads(out))
 
 

@@ -1,4 +1,5 @@
-"""A rig to break: a camera in a process, a servo with its arm in this one, the daemon with its children; and rows for a table."""
+"""A rig to break: a camera in a process, a servo with its arm in this one, the daemon with its children; and
+rows for a table."""
 
 from __future__ import annotations
 
@@ -205,7 +206,8 @@ class FaultRig:
     ) -> Path:
         port = (
             striker
-            or f'port = "{self.plant.servo.port_path}"\neffective_mass_kg = {EFFECTIVE_MASS}\neffective_mass_sd_kg = 0.01'
+            or f'port = "{self.plant.servo.port_path}"\n'
+            f"effective_mass_kg = {EFFECTIVE_MASS}\neffective_mass_sd_kg = 0.01"
         )
         path = self.folder / f"{name}.toml"
         path.write_text(
@@ -249,7 +251,8 @@ socket = "{path.with_suffix("") / "d.sock"}"
         )
 
     def cocked(self, client: DaemonClient) -> None:
-        """The object stands there, the arm is settled. Once more where a busy host let the virtual servo miss its answers."""
+        """The object stands there, the arm is settled. Once more where a busy host let the virtual servo miss
+        its answers."""
         self.plant.restore(gap=0.0)
         for patience in (2, 1, 0):
             try:

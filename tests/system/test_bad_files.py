@@ -1,4 +1,5 @@
-"""A file that is put in wrongly gives one line that names the thing and the remedy, exit code 1, and leaves nothing behind."""
+"""A file that is put in wrongly gives one line that names the thing and the remedy, exit code 1, and leaves
+nothing behind."""
 
 from __future__ import annotations
 
@@ -33,7 +34,7 @@ MESH = CARTON.replace("box = { size_m = [0.08, 0.06, 0.15] }", 'file = "body.stl
 JUICE_STL = (OBJECTS / "juice.stl").read_bytes()
 
 
-# --- object, mesh, rig and plan files ----------------------------------------------------------------------------------
+# --- object, mesh, rig and plan files ---
 
 
 @pytest.mark.parametrize(
@@ -151,7 +152,7 @@ def test_an_output_without_a_place(tmp_path: Path) -> None:
     assert names_in(tmp_path) == {"object.toml"}
 
 
-# --- recordings ----------------------------------------------------------------------------------------------------------
+# --- recordings ---
 
 
 def record(

@@ -1,4 +1,5 @@
-"""Devices that are not there, sockets that are taken, orders that make no sense: one line each, exit code 1, nothing left behind."""
+"""Devices that are not there, sockets that are taken, orders that make no sense: one line each, exit code 1,
+nothing left behind."""
 
 from __future__ import annotations
 
@@ -108,11 +109,17 @@ def signals() -> Iterator[None]:
         ("no terminal", "is not a serial port; check the cable, and `port` in the rig file"),
         (
             "silent",
-            "no servo with id 1 answers at 1000000 bit/s; check its power, and `id` and `baud_rate` in the rig file",
+            (
+                "no servo with id 1 answers at 1000000 bit/s; check its power, and `id` and `baud_rate` "
+                "in the rig file"
+            ),
         ),
         (
             "other baud rate",
-            "no servo with id 1 answers at 57600 bit/s; check its power, and `id` and `baud_rate` in the rig file",
+            (
+                "no servo with id 1 answers at 57600 bit/s; check its power, and `id` and `baud_rate` "
+                "in the rig file"
+            ),
         ),
         ("held", "the port is in use by another program; `fuser"),
     ],
@@ -252,9 +259,8 @@ def test_a_session_that_ends_before_its_first_strike_leaves_no_file(
             time.sleep(0.05)
         time.sleep(0.5)
         process.send_signal(signal.SIGINT)
-        process.wait(
-            60
-        )  # before its input is closed: that would end the session too, as a person who leaves does, with another code
+        # Before its input is closed, which would end the session with the exit code of a person who leaves.
+        process.wait(60)
         output, errors = process.communicate(timeout=60)
         assert process.returncode == 130
         assert output == ""

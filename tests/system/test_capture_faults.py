@@ -1,4 +1,5 @@
-"""The capture process dies, hangs, or its camera's thread does: the recording goes on in the next file, and what is lost is said.
+"""The capture process dies, hangs, or its camera's thread does: the recording goes on in the next file, and
+what is lost is said.
 
 Rows of docs/reference/faults.md (`make bench-faults`).
 """
@@ -64,7 +65,8 @@ def strike(rig: FaultRig, client: DaemonClient, strike_id: str) -> pb.StrikeReco
 
 
 def check_files(rig: FaultRig, report: dict, gap_from_ns: int, gap_to_ns: int) -> float:
-    """Two whole files of one recording; every frame is in one, counted as lost in one, or counted as lost between them [s]."""
+    """Two whole files of one recording; every frame is in one, counted as lost in one, or counted as lost
+    between them [s]."""
     assert [Path(path).name for path in report["files"]] == ["r.mcap", "r-0002.mcap"]
     first, then = (Frames.of(Path(path)) for path in report["files"])
     heads = [read_manifest(Path(path)) for path in report["files"]]
@@ -116,14 +118,15 @@ def test_capture_process_fails_between_strikes(rig: FaultRig, how: signal.Signal
     what = "hangs (SIGSTOP)" if how is signal.SIGSTOP else "killed (kill -9)"
     add_row(
         f"capture process {what} between two strikes",
-        f"{round(gap_s * RATE_HZ) - 1} frames in {gap_s:.1f} s, stated; said after {milliseconds(told_s)}; its file is rebuilt",
+        f"{round(gap_s * RATE_HZ) - 1} frames in {gap_s:.1f} s, stated; said after {milliseconds(told_s)}; "
+        "its file is rebuilt",
         f"{back_s:.1f} s: the recording goes on in the next numbered file",
     )
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "hangs"])
 def test_capture_process_fails_in_a_window(rig: FaultRig, how: signal.Signals) -> None:
-    """The strike under way is lost, its client is told so, and strikes again."""
+    """The strike in progress is lost; its client gets an error and strikes again."""
     rig.camera()
     daemon = rig.daemon()
     client = rig.client(daemon)
@@ -148,8 +151,10 @@ def test_capture_process_fails_in_a_window(rig: FaultRig, how: signal.Signals) -
     lost_s = (anchor + failed_ns - images[-1]) * 1e-9
     assert lost_s < 0.5
     add_row(
-        f"capture process {'hangs (SIGSTOP)' if how is signal.SIGSTOP else 'killed (kill -9)'} in a strike's window",
-        f"that strike, which is made again; its file keeps all but the last {milliseconds(lost_s)} before it; then {gap_s:.1f} s, stated",
+        f"capture process {'hangs (SIGSTOP)' if how is signal.SIGSTOP else 'killed (kill -9)'} in a "
+        "strike's window",
+        f"that strike, which is made again; its file keeps all but the last {milliseconds(lost_s)} before "
+        f"it; then {gap_s:.1f} s, stated",
         f"{back_s:.1f} s, the strike's repetition included",
     )
 
@@ -176,7 +181,8 @@ def test_a_recording_that_is_closed_while_the_capture_process_is_away_is_rebuilt
 
 
 def test_camera_and_capture_process_killed(rig: FaultRig) -> None:
-    """The capture process starts again when there is a camera again; meanwhile the striker is as safe as ever."""
+    """The capture process starts again when there is a camera again; meanwhile the striker is as safe as
+    ever."""
     camera = rig.camera()
     daemon = rig.daemon()
     client = rig.client(daemon)
@@ -224,7 +230,8 @@ def test_sigterm_while_the_capture_process_hangs(rig: FaultRig) -> None:
 
 
 def test_the_daemon_hangs(rig: FaultRig) -> None:
-    """Stopped, its socket still takes connections. A client says so in one line; when it goes on, so does everything."""
+    """Stopped, its socket still takes connections. A client says so in one line; when it goes on, so does
+    everything."""
     _, daemon, client = rig.recording_daemon()
     daemon.process.send_signal(signal.SIGSTOP)
     start = time.monotonic()

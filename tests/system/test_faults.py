@@ -1,7 +1,9 @@
-"""Whatever dies, is paused, unplugged or asked to end while the daemon records: what is lost, and how long until it works again.
+"""Whatever dies, is paused, unplugged or asked to end while the daemon records: what is lost, and how long
+until it works again.
 
-Rows of docs/reference/faults.md (`make bench-faults`). The daemon's own end, in every state of the striker, is in test_striker_faults.py; the servo's
-faults are in test_servo_faults.py and test_session_servo_faults.py, damaged files in test_recover.py.
+Rows of docs/reference/faults.md (`make bench-faults`). The daemon's own end, in every state of the striker,
+is in test_striker_faults.py; the servo's faults are in test_servo_faults.py and test_session_servo_faults.py,
+damaged files in test_recover.py.
 """
 
 from __future__ import annotations
@@ -72,7 +74,7 @@ def refused(rig_file: Path) -> tuple[str, float]:
     return line, time.monotonic() - start
 
 
-# --- the daemon -------------------------------------------------------------------------------------------------------
+# --- the daemon ---
 
 
 def test_a_second_daemon(rig: FaultRig) -> None:
@@ -101,7 +103,7 @@ def test_a_second_daemon(rig: FaultRig) -> None:
         )
 
 
-# --- the camera -------------------------------------------------------------------------------------------------------
+# --- the camera ---
 
 
 def recorded_gap(rig: FaultRig, client: DaemonClient) -> Frames:
@@ -114,7 +116,8 @@ def recorded_gap(rig: FaultRig, client: DaemonClient) -> Frames:
 
 
 def gap_by_device_time(path: Path) -> tuple[float, int]:
-    """Frame periods of the camera's own clock that the recording's longest gap left out, and how many frames it counts as lost."""
+    """Frame periods of the camera's own clock that the recording's longest gap left out, and how many frames
+    it counts as lost."""
     metas = [meta for _, meta in messages(path, topics.frame_meta("main"))]
     gaps = [(b.device_time_ns - a.device_time_ns, b.frames_lost_before) for a, b in pairwise(metas)]
     longest_ns, lost = max(gaps)
@@ -136,7 +139,8 @@ def test_camera_killed_and_restarted(rig: FaultRig) -> None:
     works_again(rig, daemon)
     add_row(
         "camera killed, 1 s later started again",
-        f"the frames meanwhile, {frames.lost} in {frames.longest_gap_s:.1f} s, stated to the frame; reported after {told_s:.1f} s",
+        f"the frames meanwhile, {frames.lost} in {frames.longest_gap_s:.1f} s, stated to the frame; "
+        f"reported after {told_s:.1f} s",
         f"{back_s:.1f} s after the camera's start; the recording goes on",
     )
 
@@ -155,7 +159,8 @@ def test_camera_paused_for_3_s(rig: FaultRig) -> None:
     works_again(rig, daemon)
     add_row(
         "camera stands still for 3 s",
-        f"{frames.lost} frames in {frames.longest_gap_s:.1f} s, stated to the frame; reported after {told_s:.1f} s",
+        f"{frames.lost} frames in {frames.longest_gap_s:.1f} s, stated to the frame; reported after "
+        f"{told_s:.1f} s",
         f"{back_s:.1f} s after it goes on; the recording goes on",
     )
 
@@ -183,7 +188,7 @@ def test_one_packet_in_500_lost(rig: FaultRig) -> None:
     )
 
 
-# --- the daemon's children and clients --------------------------------------------------------------------------------
+# --- the daemon's children and clients ---
 
 
 def test_watcher_killed(rig: FaultRig) -> None:
@@ -205,7 +210,8 @@ def test_watcher_killed(rig: FaultRig) -> None:
     works_again(rig, daemon)
     add_row(
         "`analyze watch` killed",
-        "no frame; a verdict that was being made. Killed three times in one recording, it stays away and strikes are kept without verdict",
+        "no frame; a verdict that was being made. Killed three times in one recording, it stays away and "
+        "strikes are kept without verdict",
         f"{back_s:.1f} s: started again by the daemon",
     )
 
@@ -256,7 +262,7 @@ def test_session_client_killed(rig: FaultRig, where: str) -> None:
     )
 
 
-# --- the disk ---------------------------------------------------------------------------------------------------------
+# --- the disk ---
 
 OWN_DISK = (
     "unshare",
@@ -316,12 +322,13 @@ def test_disk_full_in_a_window(rig: FaultRig) -> None:
     client.call("recording.close")
     add_row(
         "disk full in mid-window",
-        f"{report['lost']} images of the window, counted and said; the file is whole: {images} images, every servo sample and event",
+        f"{report['lost']} images of the window, counted and said; the file is whole: {images} images, "
+        "every servo sample and event",
         "with the next recording, once there is space",
     )
 
 
-# --- clocks -----------------------------------------------------------------------------------------------------------
+# --- clocks ---
 
 WALL_CLOCK = """
 # Steps the wall clock of every Python process that finds this on its path; the machine's own stays as it is.

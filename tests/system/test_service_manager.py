@@ -1,4 +1,5 @@
-"""What a service manager hears from a real daemon, and finds after its death. The manager is played: systemd itself does not run."""
+"""What a service manager hears from a real daemon, and finds after its death. The manager is played: systemd
+itself does not run."""
 
 from __future__ import annotations
 
@@ -91,14 +92,17 @@ def test_a_daemon_that_hangs_gives_no_sign_of_life(rig: FaultRig) -> None:
     finally:
         manager.close()
     add_row(
-        f"the daemon hangs (SIGSTOP), a socket in systemd's place that wants a sign of life every {PATIENCE_S:g} s",
-        "it hears none while the daemon hangs, so that systemd would end the daemon: then as kill -9 of the daemon",
+        "the daemon hangs (SIGSTOP), a socket in systemd's place that wants a sign of life every "
+        f"{PATIENCE_S:g} s",
+        "it hears none while the daemon hangs, so that systemd would end the daemon: then as kill -9 of the "
+        "daemon",
         f"signs of life again {back_s:.1f} s after it goes on",
     )
 
 
 def test_a_killed_daemon_that_is_started_again_as_the_unit_says(rig: FaultRig) -> None:
-    """Nobody touches its children, as with KillMode=process: the new daemon comes up beside them, and gets camera, port and socket."""
+    """Nobody touches its children, as with KillMode=process: the new daemon comes up beside them, and gets
+    camera, port and socket."""
     unit = configparser.ConfigParser()
     unit.optionxform = str  # type: ignore[assignment,method-assign]
     unit.read(ROOT / "docs" / "percuss.service")
@@ -127,7 +131,9 @@ def test_a_killed_daemon_that_is_started_again_as_the_unit_says(rig: FaultRig) -
     assert Frames.of(rig.recording).lost == 0
     works_again(rig, again)
     add_row(
-        f"kill -9 of the daemon, started again {restart_s:g} s later as docs/percuss.service says (a test in systemd's place)",
-        f"the capture process finishes the file; torque off after {1e3 * off_s:.0f} ms; what comes before the next `recording.open`",
+        f"kill -9 of the daemon, started again {restart_s:g} s later as docs/percuss.service says (a test "
+        "in systemd's place)",
+        f"the capture process finishes the file; torque off after {1e3 * off_s:.0f} ms; what comes before "
+        "the next `recording.open`",
         f"{back_s:.1f} s after the kill, at start {starts}",
     )

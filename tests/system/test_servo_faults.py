@@ -1,4 +1,5 @@
-"""Faults of the servo and its wire, on the striker alone: quick enough for every run. Rows of docs/reference/faults.md."""
+"""Faults of the servo and its wire, on the striker alone: quick enough for every run. Rows of
+docs/reference/faults.md."""
 
 from __future__ import annotations
 
@@ -47,7 +48,8 @@ def cocked(striker: DynamixelStriker) -> None:
 
 
 def in_mid_swing(plant: Plant, act) -> list[int]:
-    """Have `act` done in mid-swing; filled with when it was done [ns]. Nothing is done where there is no swing."""
+    """Have `act` done in mid-swing; filled with when it was done [ns]. Nothing is done where there is no
+    swing."""
     done: list[int] = []
 
     def wait_and_act() -> None:
@@ -129,11 +131,11 @@ def test_wrong_baud_rate(plant: Plant) -> None:
     with pytest.raises(
         StrikerNotFound,
         match="no servo with id 1 answers at 57600 bit/s; check its power, and `id` and `baud_rate`",
-    ) as told:
+    ) as raised:
         striker.open()
     told_s = time.monotonic() - start
     assert told_s < 1.0
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
     striker.close()
     add_row(
         "wrong baud rate in the rig file",

@@ -1,4 +1,5 @@
-"""Whole sessions on the virtual rig whose camera and watcher die on the way. Rows of docs/reference/faults.md."""
+"""Whole sessions on the virtual rig whose camera and watcher die on the way. Rows of
+docs/reference/faults.md."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ def rig() -> Iterator[SessionRig]:
 
 
 def test_a_session_outlives_camera_and_watcher(rig: SessionRig) -> None:
-    """The watcher is killed during the first strike, the camera during the second; the third strike is as if nothing had been."""
+    """The watcher is killed during the first strike, the camera during the second; the third strike is as if
+    nothing had been."""
     done: list[str] = []
     threads: list[threading.Thread] = []
     ids: list[str] = []
@@ -71,7 +73,8 @@ def test_a_session_outlives_camera_and_watcher(rig: SessionRig) -> None:
     ]
     add_row(
         "`analyze watch` killed in a session's first strike, the camera in its second (back after 1 s)",
-        f"{frames.lost} frames, stated; {len(strikes) - len(good)} of {len(strikes)} attempts without a good verdict, "
+        f"{frames.lost} frames, stated; {len(strikes) - len(good)} of {len(strikes)} attempts without a "
+        "good verdict, "
         f"{len(good)} of {len(planned)} planned strikes good",
         f"the session ends by itself after {took_s:.0f} s",
     )

@@ -1,4 +1,5 @@
-"""Whole sessions on the virtual rig whose servo is unplugged or lets go on the way. A row of docs/reference/faults.md each."""
+"""Whole sessions on the virtual rig whose servo is unplugged or lets go on the way. A row of
+docs/reference/faults.md each."""
 
 from __future__ import annotations
 
@@ -112,6 +113,7 @@ def test_a_session_outlives_its_servo(
     ]
     add_row(
         what,
-        f"this attempt, said in one line; {frames.lost} of {frames.arrived} frames; {len(good)} of {len(planned)} planned strikes good",
+        f"this attempt, said in one line; {frames.lost} of {frames.arrived} frames; {len(good)} of "
+        f"{len(planned)} planned strikes good",
         f"{back_s:.1f} s later the session goes on by itself with the same strike",
     )

@@ -1,4 +1,5 @@
-"""What the daemon and its processes open to the network while they record: nothing but the addresses that the rig file names."""
+"""What the daemon and its processes open to the network while they record: nothing but the addresses that the
+rig file names."""
 
 from __future__ import annotations
 

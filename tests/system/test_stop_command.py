@@ -1,4 +1,5 @@
-"""`acquire stop`, whatever striker and session are doing: it answers in time, nothing moves any more, and homing goes on from there."""
+"""`acquire stop`, whatever striker and session are doing: it answers in time, nothing moves any more, and
+homing goes on from there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The daemon ends, asked to or killed, whatever the striker does at that moment. Rows of docs/reference/faults.md (`make bench-faults`)."""
+"""The daemon ends, asked to or killed, whatever the striker does at that moment. Rows of
+docs/reference/faults.md (`make bench-faults`)."""
 
 from __future__ import annotations
 
@@ -105,7 +106,8 @@ PASSING = {
     "miss": "the arm held by a hand in its swing",
     "verify": "signalled at its event: its few ms pass before the signal is looked at",
 }
-"""reached by SIGTERM alone: what kill -9 meets there, an arm under the bus watchdog or one that stands, are `released` and `settled`"""
+"""reached by SIGTERM alone: what kill -9 meets there, an arm under the bus watchdog or one that stands, are
+`released` and `settled`"""
 
 
 @pytest.mark.parametrize("state", [*STATES, *PASSING])
@@ -129,7 +131,8 @@ def test_sigterm_in_every_state(rig: FaultRig, state: str) -> None:
     assert daemon.complaints.count("\n") == (state == "fault")
     add_row(
         f"SIGTERM: striker {state}{f' ({PASSING[state]})' if state in PASSING else ''}, recording",
-        f"nothing: torque off after {milliseconds(off_s)}, file finished, {frames.lost} frames lost, no process left",
+        f"nothing: torque off after {milliseconds(off_s)}, file finished, {frames.lost} frames lost, no "
+        "process left",
         f"ended after {end_s:.1f} s",
     )
 
@@ -169,33 +172,39 @@ def reach(rig: FaultRig, daemon: Daemon, client: DaemonClient, state: str) -> No
     elif state == "released":
         rig.strike_in_background(client, SLOW_M_S)
         wait_until(lambda: mid_swing(rig), 5.0, 0.001)
-    elif state == "catch":
+    elif state in {"catch", "contact"}:
         rig.plant.restore(gap=0.0)
         rig.strike_in_background(client, FAST_M_S)
-        wait_until(lambda: rig.plant.touches and rig.plant.angle < -0.1, 5.0, 0.001)
-    elif state == "contact":
-        rig.plant.restore(gap=0.0)
-        rig.strike_in_background(client, FAST_M_S)
-        wait_until(
-            lambda: rig.plant.touches and rig.plant.omega < -1.0, 5.0, 0.001
-        )  # turned back: faster than the touch throws it
+        # Contact ends when the arm turns back faster than the touch throws it.
+        turned = (lambda: rig.plant.angle < -0.1) if state == "catch" else (lambda: rig.plant.omega < -1.0)
+        wait_until(lambda: rig.plant.touches and turned(), 5.0, 0.001)
     elif state == "miss":
-        with daemon.client() as other:
-            rig.strike_in_background(client, SLOW_M_S)
-            wait_until(lambda: mid_swing(rig), 5.0, 0.001)
-            rig.plant.hold()
-            wait_until(lambda: other.call("status")["striker"] == "miss", 5.0, 0.0)
+        reach_miss(rig, daemon, client)
     elif state == "verify":
-        with heard_events(daemon) as heard:
-            wait_until(lambda: client.call("striker.home") and heard, 20.0)  # it listens by now
-            client.call("striker.arm")
-            client.call("striker.cock")
-            rig.plant.restore(gap=0.0)
-            rig.strike_in_background(client, FAST_M_S)
-            wait_until(lambda: "CAUGHT" in heard, 10.0, 0.0005)
+        reach_verify(rig, daemon, client)
     elif state == "fault":
         rig.plant.servo.fail(HardwareError.INPUT_VOLTAGE)
         wait_until(lambda: client.call("status")["striker"] == "fault", 3.0, 0.02)
+
+
+def reach_miss(rig: FaultRig, daemon: Daemon, client: DaemonClient) -> None:
+    """Strike, and hold the arm before it touches."""
+    with daemon.client() as other:
+        rig.strike_in_background(client, SLOW_M_S)
+        wait_until(lambda: mid_swing(rig), 5.0, 0.001)
+        rig.plant.hold()
+        wait_until(lambda: other.call("status")["striker"] == "miss", 5.0, 0.0)
+
+
+def reach_verify(rig: FaultRig, daemon: Daemon, client: DaemonClient) -> None:
+    """Strike, until the arm was caught."""
+    with heard_events(daemon) as heard:
+        wait_until(lambda: client.call("striker.home") and heard, 20.0)  # it listens by now
+        client.call("striker.arm")
+        client.call("striker.cock")
+        rig.plant.restore(gap=0.0)
+        rig.strike_in_background(client, FAST_M_S)
+        wait_until(lambda: "CAUGHT" in heard, 10.0, 0.0005)
 
 
 @pytest.mark.parametrize("state", STATES)

@@ -21,7 +21,8 @@ CLOSE_S = 12.0
 
 @pytest.fixture
 def camera_config() -> Callable[..., CameraConfig]:
-    """Makes a CameraConfig for an address; keywords replace its other entries. A loaded machine may pause for a second."""
+    """Makes a CameraConfig for an address; keywords replace its other entries. A loaded machine may pause for
+    a second."""
 
     def make(address: str, **changes: object) -> CameraConfig:
         calibration = CameraCalibrationSpec(

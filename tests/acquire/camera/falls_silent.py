@@ -1,6 +1,8 @@
-"""A camera that falls silent while it is opened: its control packets pass through a relay that stops the camera's process after so many.
+"""A camera that falls silent while it is opened: its control packets pass through a relay that stops the
+camera's process after so many.
 
-Only control (GVCP) is relayed: the relay has an address of its own, and a camera that is opened through it never streams.
+Only control (GVCP) is relayed: the relay has an address of its own, and a camera that is opened through it
+never streams.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""The stream of a camera whose clock drifts, while the host's wall clock is set: nothing but the wall anchor may read that."""
+"""The stream of a camera whose clock drifts, while the host's wall clock is set: nothing but the wall anchor
+may read that."""
 
 from __future__ import annotations
 

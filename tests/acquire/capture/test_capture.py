@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +36,8 @@ CALIBRATION = CameraCalibrationSpec(
 )
 RATE = 120.0
 LARGE = CALIBRATION.model_copy(update={"width": 111, "height": 83})
-"""9213 bytes: two pages and a piece, so that a continuous recording writes frames from the camera's buffers"""
+"""9213 bytes: two pages and a piece, so that a continuous recording writes frames from the camera's
+buffers"""
 
 
 def rig(address: str = "synthetic", *, large: bool = False, **recorder: object) -> RigConfig:
@@ -82,6 +84,15 @@ def _number(message) -> int:
     data = RawImage.FromString(message.data).data
     assert data[4:8] != b"\xaa\xaa\xaa\xaa", "the image was read after its buffer was released"
     return int(np.frombuffer(data[:4], np.uint32)[0])
+
+
+def check_times(messages: list[Any], anchor_ns: int) -> None:
+    for message in messages:
+        meta = pb.FrameMeta.FromString(message.data)
+        assert message.log_time == anchor_ns + meta.mid_exposure_host_ns
+        # The camera sends 2 ms after exposure began; mid-exposure was 1.25 ms before that.
+        assert meta.host_time_ns - meta.mid_exposure_host_ns > 1_000_000
+        assert 0 < meta.mapping_sd_ns < 1_000_000
 
 
 def test_a_window_holds_every_frame_from_before_it_opened(
@@ -131,17 +142,14 @@ def test_a_window_holds_every_frame_from_before_it_opened(
     assert len(before) >= 2
     assert any(m.log_time > report.end_ns for m in images)
 
-    # Every frame has its meta, in order; it says truly whether the image is there, and all share the sequence.
+    # Every frame has its meta, in order; it says truly whether the image is there, and all share the
+    # sequence.
     assert np.all(np.diff([meta.sequence for meta in metas]) == 1)
     assert {meta.sequence for meta in metas if meta.image_recorded} == {m.sequence for m in images}
     assert [m.sequence for m in found["/camera/main/meta"]] == [meta.sequence for meta in metas]
     assert np.all(np.diff([m.log_time for m in images]) > 0)
     assert done.frames == len(metas)
-    for meta, message in zip(metas, found["/camera/main/meta"], strict=True):
-        assert message.log_time == manifest.wall_anchor_ns + meta.mid_exposure_host_ns
-        # The camera sends 2 ms after exposure began; mid-exposure was 1.25 ms before that.
-        assert meta.host_time_ns - meta.mid_exposure_host_ns > 1_000_000
-        assert 0 < meta.mapping_sd_ns < 1_000_000
+    check_times(found["/camera/main/meta"], manifest.wall_anchor_ns)
     clocks = [pb.ClockSample.FromString(m.data) for m in found["/clock/sample"]]
     assert len(clocks) >= 3
     assert {sample.clock for sample in clocks} == {"camera/main"}
@@ -159,7 +167,8 @@ def test_a_window_holds_every_frame_from_before_it_opened(
 def test_a_continuous_recording_of_the_cameras_own_buffers(
     tmp_path: Path, environment: pytest.MonkeyPatch, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every frame is there as it was when it came, though its buffer is used again, the camera goes away and files turn."""
+    """Every frame is there as it was when it came, though its buffer is used again, the camera goes away and
+    files turn."""
     monkeypatch.setenv("CAMERA_FAULTS", "die:120,lose:50")
     capture = CaptureProcess(rig(large=True, mode="continuous", rotate_bytes=500_000), COMMAND)
     capture.start()
@@ -330,7 +339,8 @@ def test_a_window_without_room_is_refused_before_the_striker_is_armed(
 ) -> None:
     disk = os.statvfs(tmp_path)
     free = disk.f_bavail * disk.f_frsize
-    # 64 x 48 at 120 fps for days: the recording may begin, the window not, and if others free some space meanwhile.
+    # 64 x 48 at 120 fps for days: the recording may begin, the window not, and if others free some space
+    # meanwhile.
     capture = CaptureProcess(rig(max_window_s=4 * free / (64 * 48 * RATE)), COMMAND)
     capture.start()
     try:

@@ -1,4 +1,5 @@
-"""A continuous recording from the buffers of a real GigE Vision client: what the camera does to it, and what a kill does."""
+"""A continuous recording from the buffers of a real GigE Vision client: what the camera does to it, and what
+a kill does."""
 
 from __future__ import annotations
 
@@ -60,7 +61,8 @@ def _rig(rotate_bytes: int = 40 << 20) -> RigConfig:
 
 
 def _check(paths: list[Path]) -> list[tuple[int, pb.FrameMeta]]:
-    """Every image of the files is pixel by pixel one that the camera sent; returns its number and meta, in order."""
+    """Every image of the files is pixel by pixel one that the camera sent; returns its number and meta, in
+    order."""
     pattern = noise(WIDTH, HEIGHT, SEED)
     images: dict[int, int] = {}
     metas: dict[int, pb.FrameMeta] = {}

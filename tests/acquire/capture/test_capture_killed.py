@@ -1,4 +1,5 @@
-"""kill -9 of the capture process: nothing of it runs any more, and what is recovered is what it had handed to the system."""
+"""kill -9 of the capture process: nothing of it runs any more, and what is recovered is what it had handed to
+the system."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ __all__ = ["environment"]
 
 
 def sleep_watching(seconds: float) -> float:
-    """Sleep; returns how long this machine held a thread up meanwhile, at most: what a busy one does to the process under test as well."""
+    """Sleep; returns how long this machine held a thread up meanwhile, at most: what a busy one does to the
+    process under test as well."""
     end, held_up_s = time.monotonic() + seconds, 0.0
     while (before := time.monotonic()) < end:
         time.sleep(0.01)

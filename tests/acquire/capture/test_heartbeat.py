@@ -8,13 +8,13 @@ import time
 
 import pytest
 
-from acquire.capture import heartbeat as heart
+from acquire.capture import heartbeat
 from acquire.capture.heartbeat import Heartbeat, HeartbeatListener
 
 
 @pytest.fixture
 def beats(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(heart, "BEAT_S", 0.02)
+    monkeypatch.setattr(heartbeat, "BEAT_S", 0.02)
 
 
 def test_a_living_process_is_left_alone_and_its_end_is_no_silence(beats: None) -> None:
@@ -58,7 +58,7 @@ def test_time_in_which_nobody_ran_does_not_count(monkeypatch: pytest.MonkeyPatch
     """A machine that stood still: each turn of the listener took an hour."""
     read_fd, write_fd = os.pipe()
     hours = iter(range(0, 3_600_000, 3600))
-    monkeypatch.setattr(heart.time, "monotonic", lambda: float(next(hours)))
+    monkeypatch.setattr(heartbeat.time, "monotonic", lambda: float(next(hours)))
     reported = threading.Event()
     os.write(write_fd, b".")
     listener = HeartbeatListener(read_fd, reported.set, silence_s=1.0)

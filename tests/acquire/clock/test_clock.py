@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquire.camera.base import ClockReading
 from acquire.camera.stream import FIRST_LATCH_S, FIRST_LATCHES, LATCH_S, SPAN_S
 from acquire.clock.bounds import lines_between
 from acquire.clock.clock import DeviceClockMapper, SystemClock
+from acquire.clock.reading import ClockReading
 
 HOST0 = 86_400 * 10**9 * 200  # 200 days of uptime: float64 nanoseconds would be wrong by microseconds here
 
@@ -28,8 +28,15 @@ class DriftingDevice:
         return self.offset_ns + elapsed + round(self.drift * elapsed)
 
 
-def feed(mapper: DeviceClockMapper, device: DriftingDevice, seconds: float, rng: np.random.Generator, rate_hz: float = 2.0) -> int:
-    """Read the clock over a wire: 20 us each way at least, exponential queueing on top. Returns the host time of the last reading."""
+def feed(
+    mapper: DeviceClockMapper,
+    device: DriftingDevice,
+    seconds: float,
+    rng: np.random.Generator,
+    rate_hz: float = 2.0,
+) -> int:
+    """Read the clock over a wire: 20 us each way at least, exponential queueing on top. Returns the host time
+    of the last reading."""
     host = HOST0
     for host in range(HOST0, HOST0 + round(seconds * 1e9), round(1e9 / rate_hz)):
         there, back = (20_000 + rng.exponential(30_000.0, 2)).astype(int)
@@ -43,7 +50,9 @@ def feed(mapper: DeviceClockMapper, device: DriftingDevice, seconds: float, rng:
     drift=st.floats(-1e-4, 1e-4),
     offset_ns=st.integers(0, 2**62),
 )
-def test_latched_mapping_stays_within_30_us_whatever_the_drift(seed: int, drift: float, offset_ns: int) -> None:
+def test_latched_mapping_stays_within_30_us_whatever_the_drift(
+    seed: int, drift: float, offset_ns: int
+) -> None:
     device = DriftingDevice(drift, offset_ns)
     mapper = DeviceClockMapper()
     last = feed(mapper, device, 12.0, np.random.default_rng(seed))
@@ -85,7 +94,9 @@ def test_every_frame_from_the_first_on_is_mapped_to_30_us_at_50_ppm(drift: float
     one_way=st.booleans(),
     pause_s=st.floats(1e-3, 2.0),
 )
-def test_no_delay_puts_the_error_beyond_three_sigma(seed: int, drift: float, slowness: float, one_way: bool, pause_s: float) -> None:
+def test_no_delay_puts_the_error_beyond_three_sigma(
+    seed: int, drift: float, slowness: float, one_way: bool, pause_s: float
+) -> None:
     rng = np.random.default_rng(seed)
     device, mapper = DriftingDevice(drift, 77), DeviceClockMapper()
     host = HOST0

@@ -137,7 +137,7 @@ def test_no_daemon_is_said_in_one_line(tmp_path):
         DaemonClient(tmp_path / "nothing.sock")
 
 
-SPEAK = """
+REQUEST = """
 import contextlib, os, socket, sys
 if len(sys.argv) > 2:
     os.setgroups([])
@@ -155,10 +155,10 @@ with socket.socket(socket.AF_UNIX) as sock:
 NOBODY = 65534
 
 
-def speak(path, *uid):
+def send_request(path, *uid):
     """What a process of the system's own gets to hear: (answer, complaint)."""
     done = subprocess.run(
-        [sys.executable, "-c", SPEAK, str(path), *map(str, uid)],
+        [sys.executable, "-c", REQUEST, str(path), *map(str, uid)],
         capture_output=True,
         text=True,
         timeout=20,
@@ -178,8 +178,8 @@ def open_folder():
 def test_another_user_is_refused(open_folder):
     """By the kernel's word on who the peer is, with both file modes out of the way.
 
-    Root can be another user for a moment; an ordinary user cannot, so there the server serves another one: the peer's credentials are
-    the kernel's in both cases.
+    Root can be another user for a moment; an ordinary user cannot, so there the server serves another one:
+    the peer's credentials are the kernel's in both cases.
     """
     root = os.getuid() == 0
     served, speaker = (0, (NOBODY,)) if root else (os.getuid() + 1, ())
@@ -187,7 +187,7 @@ def test_another_user_is_refused(open_folder):
     try:
         (open_folder / "p").chmod(0o755)
         (open_folder / "p" / "d.sock").chmod(0o666)
-        answer, _ = speak(open_folder / "p" / "d.sock", *speaker)
+        answer, _ = send_request(open_folder / "p" / "d.sock", *speaker)
         assert (
             f"serves user {served} alone, and not user {NOBODY if root else os.getuid()}"
             in json.loads(answer)["error"]["message"]
@@ -203,15 +203,16 @@ def test_another_user_is_refused(open_folder):
 
 
 def test_another_user_does_not_come_as_far_as_the_socket(open_folder):
-    """The file modes alone. The folder is closed to all but its owner; for root, who may be another user, it is tried."""
+    """The file modes alone. The folder is closed to all but its owner; for root, who may be another user, it
+    is tried."""
     listening = ApiServer(open_folder / "p" / "d.sock", {"echo": lambda _, params: params})
     try:
         assert stat.S_IMODE((open_folder / "p").lstat().st_mode) == 0o700
         if os.getuid() == 0:
-            assert speak(open_folder / "p" / "d.sock", NOBODY) == ("", "PermissionError")
+            assert send_request(open_folder / "p" / "d.sock", NOBODY) == ("", "PermissionError")
             (open_folder / "p").chmod(0o755)  # the socket's own mode remains
-            assert speak(open_folder / "p" / "d.sock", NOBODY) == ("", "PermissionError")
-        assert "result" in json.loads(speak(open_folder / "p" / "d.sock")[0])
+            assert send_request(open_folder / "p" / "d.sock", NOBODY) == ("", "PermissionError")
+        assert "result" in json.loads(send_request(open_folder / "p" / "d.sock")[0])
     finally:
         listening.close()
 

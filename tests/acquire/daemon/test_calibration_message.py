@@ -1,4 +1,4 @@
-"""What viewers are told of the lens."""
+"""Camera calibration message for viewers."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""A recording in several files: whole each, nothing lost between them; and what is refused where the disk is full."""
+"""A recording in several files: whole each, nothing lost between them; and what is refused where the disk is
+full."""
 
 from __future__ import annotations
 
@@ -54,7 +55,8 @@ def _feed(recorder: FrameRecorder, numbers: range, lost: int = 0) -> None:
 
 
 def _settle(recorder: FrameRecorder, series: FileSeries) -> None:
-    """Everything is written, the next file ready, the last one finished: a camera takes its time, these tests do not."""
+    """Everything is written, the next file ready, the last one finished: a camera takes its time, these tests
+    do not."""
     while recorder.waiting:
         time.sleep(1e-3)
     while (rotation := series._rotation_thread) is not None and rotation.is_alive():
@@ -178,7 +180,8 @@ def test_space_is_asked_for_by_name(tmp_path: Path) -> None:
     disk.require(2 << 30, "a window")
     with pytest.raises(
         RecorderError,
-        match=r"a window needs 2\.15 GB and 1\.07 GB are kept back .* only 3\.22 GB are free .* free some space$",
+        match=r"a window needs 2\.15 GB and 1\.07 GB are kept back .* only 3\.22 GB are free .* free some "
+        r"space$",
     ):
         disk.require((2 << 30) + 1, "a window")
     with pytest.raises(RecorderError, match="create the folder first"):
@@ -213,7 +216,10 @@ def fill(folder: Path) -> None:
 def test_a_disk_that_fills_up_in_a_window_leaves_a_whole_recording(tmp_path: Path) -> None:
     """On a real file system of 20 MB, in a mount namespace of its own."""
     mount = 'mount -t tmpfs -o size=20m none "$1" 2>/dev/null || exit 77; shift; exec "$@"'
-    code = "import sys, pathlib; from tests.acquire.recorder.test_file_series import fill; fill(pathlib.Path(sys.argv[1]))"
+    code = (
+        "import sys, pathlib; from tests.acquire.recorder.test_file_series import fill; "
+        "fill(pathlib.Path(sys.argv[1]))"
+    )
     command = [
         "unshare",
         "-rm",

@@ -1,4 +1,5 @@
-"""What is kept of a stream of frames: previews, windows with their pre-trigger, and what a slow or full disk costs."""
+"""What is kept of a stream of frames: previews, windows with their pre-trigger, and what a slow or full disk
+costs."""
 
 from __future__ import annotations
 
@@ -112,7 +113,8 @@ def test_a_window_reaches_back_and_ends_when_it_is_closed(rig: Rig) -> None:
 def test_meta_and_previews_never_wait_longer_than_a_quarter_second(
     tmp_path: Path, pre_trigger_s: float
 ) -> None:
-    """What a killed process has not handed to the file, however far a window may reach back; the rest is the writer's 0.1 s."""
+    """What a killed process has not handed to the file, however far a window may reach back; the rest is the
+    writer's 0.1 s."""
     rig = Rig(tmp_path / "a.mcap", pre_trigger_s=pre_trigger_s)
     written: dict[str, list[int]] = {"/camera/main/image": [], "/camera/main/meta": []}
 

@@ -178,7 +178,7 @@ def test_content_is_the_same_as_when_it_is_copied(tmp_path: Path, memory: BlockM
     assert seals[0] == seals[1]
 
 
-# --- readers ------------------------------------------------------------------------------------------------------
+# --- readers ---
 
 
 @pytest.fixture
@@ -225,8 +225,10 @@ def test_rerun(recording: Path, tmp_path: Path) -> None:
     program = (
         "import json, sys\n"
         "from rerun.chunk import McapReader, RrdReader\n"
-        "McapReader(sys.argv[1]).stream().write_rrd(sys.argv[2], application_id='percuss', recording_id='sample')\n"
-        "print(json.dumps([str(column) for column in RrdReader(sys.argv[2]).store().schema().component_columns()]))\n"
+        "McapReader(sys.argv[1]).stream().write_rrd(sys.argv[2], application_id='percuss', "
+        "recording_id='sample')\n"
+        "print(json.dumps([str(column) for column in "
+        "RrdReader(sys.argv[2]).store().schema().component_columns()]))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, str(recording), str(tmp_path / "s.rrd")],
@@ -315,7 +317,7 @@ def test_damaged_padding_costs_no_image(recording: Path, tmp_path: Path, damage:
     _check_small(_images(tmp_path / "b.mcap"))
 
 
-# --- ways out -----------------------------------------------------------------------------------------------------
+# --- ways out ---
 
 
 def _write_borrowed(writer: McapWriter, first: int, count: int) -> list[CountingBuffer]:

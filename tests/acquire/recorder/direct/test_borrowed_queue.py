@@ -1,4 +1,5 @@
-"""A recorder that borrows the frames' buffers: dropped frames are counted, taken ones are in the file, buffers go back once."""
+"""A recorder that borrows the frames' buffers: dropped frames are counted, taken ones are in the file,
+buffers go back once."""
 
 from __future__ import annotations
 
@@ -59,7 +60,8 @@ class Rig:
             self.recorder.add(frame_in(buffer, number, mid, lost))
 
     def finish(self) -> tuple[list[int], list[pb.FrameMeta]]:
-        """Sequences of the images, and all meta, in the order of the files; every image is the one that was borrowed."""
+        """Sequences of the images, and all meta, in the order of the files; every image is the one that was
+        borrowed."""
         self.recorder.close()
         self.writer.finish()
         images: list[int] = []

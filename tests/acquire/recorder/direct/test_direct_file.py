@@ -1,4 +1,5 @@
-"""A recording past the page cache: the same file, readable while it grows, whole pages only, and never a wait for the disk."""
+"""A recording past the page cache: the same file, readable while it grows, whole pages only, and never a wait
+for the disk."""
 
 from __future__ import annotations
 
