@@ -131,10 +131,10 @@ class Phases:
 class RollingContact:
     """Circle of curvature of the object's cross-section at the point that touches the table at phi."""
 
-    along: float
+    forward: float
     """offset [m] of the circle's centre from the plan's pivot point in the rest pose, towards where the
     object tips"""
-    over: float
+    up: float
     """offset [m] of that centre upwards"""
     radius: float
     """radius of curvature [m]"""

@@ -20,7 +20,7 @@ MM = 1e-3
 
 @cache
 def corner_points(board: Board) -> Array:
-    """Inner corners ((columns - 1)(rows - 1), 3) in B [m], row by row from the upper left."""
+    """Inner corners (n, 3) in B [m], row by row from the upper left, with n = (columns - 1)(rows - 1)."""
     column, row = np.meshgrid(np.arange(1, board.columns), np.arange(1, board.rows))
     squares = np.stack([column.ravel(), board.rows - row.ravel(), np.zeros(column.size)], axis=-1)
     points = np.asarray(squares * (board.square_mm * MM), dtype=np.float64)

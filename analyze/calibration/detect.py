@@ -103,18 +103,32 @@ def read_tags(image: NDArray[np.uint8], family: str) -> dict[int, Array]:
 
 
 def families_seen(image: NDArray[np.uint8]) -> dict[str, int]:
-    """Number of tags in an image by family, for families with at least one."""
+    """Number of tags in an image by family, for families with at least one.
+
+    Args:
+        image: (height, width) grey values.
+    """
     found = {family: len(read_tags(image, family)) for family in FAMILIES}
     return {family: many for family, many in found.items() if many}
 
 
 def read_board(image: NDArray[np.uint8], board: Board) -> Sight:
-    """Read the board's tags and predict the corners beside them."""
+    """Read the board's tags and predict the corners beside them.
+
+    Args:
+        image: (height, width) grey values.
+        board: the board.
+    """
     return arrange(read_tags(image, board.family), board)
 
 
 def arrange(tags: Mapping[int, Array], board: Board) -> Sight:
-    """Predict the corners beside tags that were read before."""
+    """Predict the corners beside tags that were read before.
+
+    Args:
+        tags: corners (4, 2) by id [px].
+        board: the board.
+    """
     known = {tag: quad for tag, quad in tags.items() if tag < tag_count(board)}
     beyond = tuple(sorted(set(tags) - set(known)))
     squares, shape = tag_squares(board.columns, board.rows), tag_corners(board).astype(np.float32)
@@ -159,7 +173,13 @@ def _through(H: Array, at: Array) -> tuple[Array, Array]:
 
 
 def find_corners(image: NDArray[np.uint8], board: Board, sight: Sight) -> View | None:
-    """Corners of the board; None if there are too few, or all on a line."""
+    """Corners of the board; None if there are too few, or all on a line.
+
+    Args:
+        image: (height, width) grey values.
+        board: the board.
+        sight: its tags in the image.
+    """
     if len(sight.start) < _MIN_CORNERS:
         return None
     index = np.array(sorted(sight.start), dtype=np.int64)
@@ -206,7 +226,12 @@ def refine(
 
 
 def likely_squares(tags: Sequence[Mapping[int, Array]], board: Board) -> tuple[int, int] | None:
-    """Columns and rows of the board with the layout of these images' tags; None if there is none."""
+    """Columns and rows of the board with the layout of these images' tags; None if there is none.
+
+    Args:
+        tags: for each image, corners (4, 2) by id [px].
+        board: the named board, whose tags and sizes are used.
+    """
     highest = max((tag for seen in tags for tag in seen), default=0)
     best: tuple[float, int, int] | None = None
     for columns in range(3, _MAX_COLUMNS + 1):

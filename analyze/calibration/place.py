@@ -101,7 +101,7 @@ def residual_px(points: Array, place: Array, lens: Lens, pose: Pose) -> float:
 
 
 def implausibilities(T_world_camera: Array) -> list[str]:
-    """Reasons why a camera's pose is implausible for a rig; empty if there are none."""
+    """Reasons why a camera's pose T_world_camera (4, 4) is implausible for a rig; empty if there are none."""
     sight, position = T_world_camera[:3, 2], T_world_camera[:3, 3]
     found: list[str] = []
     if position[2] < 0:

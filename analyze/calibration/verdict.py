@@ -70,7 +70,15 @@ def tilt(pose: Pose, middle: Array) -> float:
 def undetermined(
     lens: Lens, sd: Array, pixels: PixelMap, tilts: Sequence[float], covered: Coverage
 ) -> list[str]:
-    """Reasons why the lens is not determined, each with its number and the views to add; empty if it is."""
+    """Reasons why the lens is not determined, each with its number and the views to add; empty if it is.
+
+    Args:
+        lens: the lens.
+        sd: (p,) standard deviations of its numbers.
+        pixels: standard deviation of a direction's pixel.
+        tilts: tilt of the board per view [rad].
+        covered: coverage of the image.
+    """
     found: list[str] = []
     if len(tilts) < MIN_VIEWS:
         found.append(
@@ -100,7 +108,15 @@ def undetermined(
 
 
 def doubts(lens: Lens, sd: Array, pixels: PixelMap, scatter: float, covered: Coverage) -> list[str]:
-    """Warnings about a usable lens."""
+    """Warnings about a usable lens.
+
+    Args:
+        lens: the lens.
+        sd: (p,) standard deviations of its numbers.
+        pixels: standard deviation of a direction's pixel.
+        scatter: factor on the corners' own sd by the residuals.
+        covered: coverage of the image.
+    """
     found: list[str] = []
     fx, fy = lens.numbers[:2]
     worst = float(max(sd[0] / fx, sd[1] / fy))

@@ -60,7 +60,7 @@ def equiplane_from_fit(strike_id: str, planned: PlannedStrike, fit: MotionFit) -
     )
     if fit.rolling is not None:
         # The centre of curvature at the contact point at phi takes the part of a rounded edge's centre line.
-        point = point + R_world_object[0] * fit.rolling.along + up * fit.rolling.over
+        point = point + R_world_object[0] * fit.rolling.forward + up * fit.rolling.up
         radius, rounded, radius_sd = fit.rolling.radius, not fit.rolling.of_shape, fit.rolling.radius_sd
         # The place of the plan's pivot point has no effect on a curve of the shape itself.
         sd = float(np.hypot(sd, fit.rolling.sd)) if rounded else fit.rolling.sd

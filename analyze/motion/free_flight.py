@@ -116,7 +116,7 @@ def fit_flights(flights: Sequence[Flight], drag: float) -> FlightBody:
     )
 
 
-def off_the_parabola(flights: Sequence[Flight], com: Array, gravity: float, drag: float) -> Array:
+def distance_from_parabola(flights: Sequence[Flight], com: Array, gravity: float, drag: float) -> Array:
     """Rms distance (flights,) [m] of a point of the body from the parabola that fits it best.
 
     Args:

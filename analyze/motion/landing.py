@@ -47,7 +47,7 @@ def landing_angle(section: SupportFunction, planned: PlannedStrike) -> float | N
     angles = section.start + section.step * np.arange(len(section.height))
     depth = section.height - planned.pivot.radius_m
     # A curve that touches rolls on; it does not land.
-    flat = np.ones(len(angles), dtype=bool) if section.bent is None else ~section.bent
+    flat = np.ones(len(angles), dtype=bool) if section.curved is None else ~section.curved
     deep = np.flatnonzero(
         (angles > _LIFTED_RAD)
         & (depth > _MIN_DEPTH_M + _SURFACE_SIGMAS * planned.pivot.sd_m)

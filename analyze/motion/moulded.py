@@ -35,7 +35,7 @@ def moulded_radius(points: Array, phi: float) -> float | None:
         section = support_of_outline(points, np.zeros(2))
     except EstimationError:
         return None
-    behind, before = (float(section.at(np.array(theta))[1]) for theta in (-_FIRST_ANGLE, _FIRST_ANGLE))
+    behind, before = (float(section.evaluate(np.array(theta))[1]) for theta in (-_FIRST_ANGLE, _FIRST_ANGLE))
     turned = np.linspace(_FIRST_ANGLE, phi + _PAST_PHI, 9).tolist()
     if not is_curved_to(section, phi) or not all(section.of_shape(theta) for theta in turned):
         return None

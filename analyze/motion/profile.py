@@ -117,5 +117,13 @@ def _sum_of_squares(tip: Tip, phi: float) -> float:
         return np.clip(part, -1e9, 1e9)
 
     # scipy's type hints admit only the names of its built-in derivatives.
-    found = least_squares(residual, x, jacobian, x_scale=scale, max_nfev=15, xtol=1e-6, ftol=1e-6)  # pyright: ignore[reportArgumentType]
+    found = least_squares(
+        residual,
+        x,
+        jacobian,  # pyright: ignore[reportArgumentType]
+        x_scale=scale,
+        max_nfev=15,
+        xtol=1e-6,
+        ftol=1e-6,
+    )
     return 2.0 * float(found.cost)  # pyright: ignore[reportUnknownArgumentType]

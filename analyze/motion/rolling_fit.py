@@ -99,7 +99,7 @@ def rolling_fit(angle: TipAngle, window: tuple[int, int], section: SupportFuncti
     return replace(
         fit,
         rolling=RollingContact(
-            along, over, radius, section.sd, energy, of_shape, section.rough * radius if of_shape else 0.0
+            along, over, radius, section.sd, energy, of_shape, section.roughness * radius if of_shape else 0.0
         ),
     )
 

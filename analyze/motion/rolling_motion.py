@@ -45,7 +45,7 @@ _MIN_DISTANCE = 1e-3
 
 def columns(section: SupportFunction, theta: Array) -> tuple[Array, Array, Array]:
     """The section's m (..., 3), f (..., 3) and rho (...) at theta (...)."""
-    h, ahead, radius = section.at(theta)
+    h, ahead, radius = section.evaluate(theta)
     cos, sin = np.cos(theta), np.sin(theta)
     m = np.stack(
         [h * h + ahead * ahead, 2.0 * (h * cos - ahead * sin), 2.0 * (h * sin + ahead * cos)], axis=-1
@@ -77,7 +77,7 @@ def rolled(
 
     def rate(state: Array, u: Array | None, z: Array | None) -> Array:
         theta, turn = state
-        h, ahead, radius = section.at(theta)
+        h, ahead, radius = section.evaluate(theta)
         cos, sin = np.cos(theta), np.sin(theta)
         s, slope = one * h + a * cos + b * sin, one * ahead - a * sin + b * cos
         inertia = np.maximum(
@@ -124,7 +124,7 @@ def stance(section: SupportFunction, body: Array, phi: Array) -> tuple[Array, Ar
     phi = phi.copy()
     distance, radius = np.ones_like(phi), np.zeros_like(phi)
     for _ in range(_NEWTON_STEPS):
-        height, ahead, radius = section.at(phi)
+        height, ahead, radius = section.evaluate(phi)
         cos, sin = np.cos(phi), np.sin(phi)
         distance = a * cos + b * sin + height - radius
         slope = ahead - a * sin + b * cos
@@ -141,7 +141,7 @@ def energy_ratio(section: SupportFunction, body: Array, phi: float, theta: float
     Body (3,).
     """
     at = np.array([0.0, phi, theta])
-    h, _, _ = section.at(at)
+    h, _, _ = section.evaluate(at)
     rest, top, now = body[0] * h + body[1] * np.cos(at) + body[2] * np.sin(at)
     inertia = 1.0 + float(columns(section, at[2:])[0][0] @ body)
     return float((0.5 * inertia * omega**2 / G + now - rest) / (top - rest))

@@ -84,12 +84,12 @@ class SupportFunction:
     """standard deviation of c about it [m]; infinite if unknown"""
     sd: float = 0.0
     """standard deviation [m] of the section's position along and off the table, by its facets"""
-    bent: NDArray[np.bool_] | None = None
+    curved: NDArray[np.bool_] | None = None
     """(n,) True where a curve of the shape itself touches, not a corner or a rounding; None if nowhere"""
-    rough: float = 0.0
+    roughness: float = 0.0
     """relative standard deviation of the radius of such a curve, by the uneven bends of the shape"""
 
-    def at(self, theta: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, theta: Array) -> tuple[Array, Array, Array]:
         """h, h' and rho [m] at theta [rad], each of theta's shape; the end values hold beyond the grid."""
         place = np.minimum(np.maximum((theta - self.start) / self.step, 0.0), len(self.height) - 1.001)
         index = place.astype(np.intp)
@@ -99,7 +99,7 @@ class SupportFunction:
 
     def centre(self, theta: float) -> tuple[float, float, float]:
         """Centre of curvature (x, z) from p at rest, and the radius, at the contact at theta [m]."""
-        height, ahead, radius = (float(each) for each in self.at(np.array(theta)))
+        height, ahead, radius = (float(each) for each in self.evaluate(np.array(theta)))
         # In W the centre is `ahead` in front of p and `radius` above the table; rotate back by theta.
         along, over = ahead, radius - height
         cos, sin = math.cos(theta), math.sin(theta)
@@ -109,8 +109,8 @@ class SupportFunction:
         """Displacement of p along and off the table [m] by rolling without sliding from 0 to theta [rad]."""
         # Near rest the resting face may touch; there the motion is extrapolated from `_LIFTED_RAD`.
         later = np.maximum(theta, _LIFTED_RAD)
-        height, ahead, _ = self.at(later)
-        height0, ahead0, _ = (float(each) for each in self.at(np.array(_LIFTED_RAD)))
+        height, ahead, _ = self.evaluate(later)
+        height0, ahead0, _ = (float(each) for each in self.evaluate(np.array(_LIFTED_RAD)))
         angles = self.start + self.step * np.arange(len(self.radius))
         travel = np.concatenate([[0.0], np.cumsum(0.5 * (self.radius[1:] + self.radius[:-1]) * self.step)])
         travelled = np.interp(later, angles, travel) - float(np.interp(_LIFTED_RAD, angles, travel))
@@ -120,17 +120,17 @@ class SupportFunction:
     def of_shape(self, theta: float) -> bool:
         """True if a curve of the shape touches at theta [rad], not a corner with a stated rounding."""
         place = round((theta - self.start) / self.step)
-        return self.bent is not None and 0 <= place < len(self.bent) and bool(self.bent[place])
+        return self.curved is not None and 0 <= place < len(self.curved) and bool(self.curved[place])
 
     def curved_over(self, low: float, high: float, least: float) -> float:
         """Range [rad] between two angles in which a curve of radius above `least` [m] touches."""
         angles = self.start + self.step * np.arange(len(self.radius))
         inside = (angles >= low) & (angles <= high) & (self.radius > least)
-        return 0.0 if self.bent is None else self.step * float(np.count_nonzero(inside & self.bent))
+        return 0.0 if self.curved is None else self.step * float(np.count_nonzero(inside & self.curved))
 
     def range_of_radius(self, low: float, high: float) -> tuple[float, float]:
         """Least and greatest radius of curvature [m] between two angles [rad]."""
-        _, _, radius = self.at(np.linspace(low, high, 50))
+        _, _, radius = self.evaluate(np.linspace(low, high, 50))
         return float(np.min(radius)), float(np.max(radius))
 
     def longest_flat(self, low: float, high: float) -> float:

@@ -39,7 +39,12 @@ def table_transform(table: Array) -> Array:
 
 
 def corrected_camera(camera: CameraModel, table: Array) -> CameraModel:
-    """The camera in the frame whose z = 0 is the table."""
+    """Camera in the frame whose z = 0 is the table.
+
+    Args:
+        camera: camera with its recorded pose.
+        table: (3,) tilts about W's x and y [rad], and the height [m].
+    """
     return replace(camera, T_world_camera=np.linalg.inv(table_transform(table)) @ camera.T_world_camera)
 
 

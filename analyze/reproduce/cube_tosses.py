@@ -23,7 +23,7 @@ from analyze.errors import EstimationError, RecordingError
 from analyze.geometry.rotations import matrix_from_wxyz
 from analyze.least_squares.intervals import SIGMAS_95
 from analyze.motion.body_motion import BodyMotion
-from analyze.motion.free_flight import Flight, FlightBody, fit_flights, off_the_parabola
+from analyze.motion.free_flight import Flight, FlightBody, fit_flights, distance_from_parabola
 from analyze.motion.moment_balance import BalancedBody, Contact, balance_moments
 from analyze.types import Array
 
@@ -195,7 +195,9 @@ def _off_parabola(flown: Sequence[Flight], flight: FlightBody, heights: Array) -
     ]
     most = [each for each, angle in zip(flown, turned, strict=True) if angle >= np.percentile(turned, 75)]
     points = [np.array([flight.com[0], flight.com[1], height]) for height in heights]
-    return np.array([np.median(off_the_parabola(most, point, flight.gravity, AIR_DRAG)) for point in points])
+    return np.array(
+        [np.median(distance_from_parabola(most, point, flight.gravity, AIR_DRAG)) for point in points]
+    )
 
 
 def scaled(motion: BodyMotion, scale: float) -> BodyMotion:

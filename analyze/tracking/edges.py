@@ -160,7 +160,14 @@ class SquareFit:
 def fit_square(
     image: NDArray[np.uint8], pixels: PixelMap, corners_ideal: Array, corners_raw: Array
 ) -> Square | None:
-    """The square alone, as found by `find_square`."""
+    """Square with refined corners, as found by `find_square`.
+
+    Args:
+        image: (height, width) grey values.
+        pixels: ideal coordinates of the pixel centres.
+        corners_ideal: (4, 2) first corners [ideal px].
+        corners_raw: (4, 2) the same [raw px].
+    """
     found = find_square(image, pixels, corners_ideal, corners_raw)
     return None if found is None else found.square
 

@@ -156,7 +156,12 @@ def detect(
 
 
 def marker_of_other_family(image: NDArray[np.uint8], families: Sequence[TagFamily]) -> int | str | None:
-    """Name of the largest marker of any family but `families`; None if none is found."""
+    """Name of the largest marker of any family but `families`; None if none is found.
+
+    Args:
+        image: (height, width) grey values.
+        families: families that were searched before.
+    """
     codes = {family.codes for family in families}
     for family in _OTHER_FAMILIES:
         if family.codes not in codes and (seen := detect(image, (family,))):

@@ -199,6 +199,11 @@ def choose_by_motion(pairs: list[PosePair], time_ns: Array, corner_sd_px: Array)
 
     Cost of a frame: (error / sd)^2 summed over eight coordinates; of a step: (angle / turn sd)^2 / elapsed
     frames.
+
+    Args:
+        pairs: both solutions of n frames.
+        time_ns: (n,) times [ns].
+        corner_sd_px: (n,) standard deviation of the corners [px].
     """
     if not pairs:
         return []

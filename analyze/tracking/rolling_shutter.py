@@ -54,10 +54,12 @@ def corners_at_one_time(frame_s: Array, ideal: Array, late_s: Array, common_s: A
     corners = ideal
     for _ in range(_BOW_PASSES):
         path = _CornerPaths(seen_s, corners, sd)
-        along = path.at(middle_s), path.at(0.5 * (seen_s + seen_s[:, [3, 0, 1, 2]]))[:, _NEXT]
+        along = path.evaluate(middle_s), path.evaluate(0.5 * (seen_s + seen_s[:, [3, 0, 1, 2]]))[:, _NEXT]
         bow = 0.5 * (along[0] + along[1]) - 0.5 * (corners + corners[:, _NEXT])
         corners = ideal - _corner_shift(corners, bow)
-    return _CornerPaths(seen_s, corners, sd).at(np.broadcast_to((frame_s + common_s)[:, None], seen_s.shape))
+    return _CornerPaths(seen_s, corners, sd).evaluate(
+        np.broadcast_to((frame_s + common_s)[:, None], seen_s.shape)
+    )
 
 
 class _CornerPaths:
@@ -72,7 +74,7 @@ class _CornerPaths:
         self._nodes = seen_s[index]
         self._terms = _divided_differences(self._nodes, corners[index])
 
-    def at(self, time_s: Array) -> Array:
+    def evaluate(self, time_s: Array) -> Array:
         """Corners (n, 4, 2) [px] at `time_s` (n, 4) [s]."""
         place = self._terms[:, -1].copy()
         for i in range(self._terms.shape[1] - 2, -1, -1):

@@ -42,7 +42,7 @@ def test_phi_to_0_06_deg_at_0_2_deg_noise(reference):
 
 
 def test_k_to_1_percent_over_a_longer_window():
-    # 0.7 % of METHOD holds for a window to 80 deg; up to 25 deg past phi the Cramer-Rao bound itself is 1.7
+    # 0.7 % (method 3) holds for a window to 80 deg; up to 25 deg past phi the Cramer-Rao bound itself is 1.7
     # %.
     tip, _, fits = repeat(1.05, 0.2, 60, past_deg=60.0)
     assert 100 * np.std([fit.k / tip.k for fit in fits]) < 0.8

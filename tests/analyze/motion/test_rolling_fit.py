@@ -39,7 +39,7 @@ def strike(a, b, energy, noise_deg, seed=1):
 def test_the_flank_of_24_facets_is_the_ellipse(a, b):
     flank = support_of_outline(RollingBody(a, b, (0.0, 0.0), 0.0).outline(24), np.zeros(2))
     theta = np.radians(np.linspace(1, 75, 150))
-    height, ahead, radius = flank.at(theta)
+    height, ahead, radius = flank.evaluate(theta)
     exact = np.hypot(a * np.sin(theta), b * np.cos(theta))
     assert np.abs(height - exact).max() < 1e-6
     assert np.abs(ahead - (a * a - b * b) * np.sin(theta) * np.cos(theta) / exact).max() < 1e-5
@@ -50,7 +50,7 @@ def test_the_flank_of_24_facets_is_the_ellipse(a, b):
 def test_a_box_has_corners_and_a_bevel_is_told_from_a_curve():
     box = np.array([[-0.05, 0.0], [0.0, 0.0], [0.0, 0.2], [-0.05, 0.2]])
     rounded = support_of_outline(box, np.array([-0.002, 0.002]), 0.002)
-    height, ahead, radius = rounded.at(np.radians(np.linspace(1, 80, 50)))
+    height, ahead, radius = rounded.evaluate(np.radians(np.linspace(1, 80, 50)))
     assert np.allclose(height, 0.002)
     assert np.allclose(ahead, 0.0, atol=1e-12)
     assert np.allclose(radius, 0.002)

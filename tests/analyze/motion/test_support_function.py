@@ -29,7 +29,7 @@ def uneven_outline(body, facets, rng, noise=0.0):
 
 def off(flank, a, b):
     """Most that the contact lies aside [m], and rms error of the radius over itself."""
-    _, ahead, radius = flank.at(THETA)
+    _, ahead, radius = flank.evaluate(THETA)
     exact = np.hypot(a * np.sin(THETA), b * np.cos(THETA))
     aside = ahead - (a * a - b * b) * np.sin(THETA) * np.cos(THETA) / exact
     return np.abs(aside).max(), math.sqrt(np.mean((radius / ((a * b) ** 2 / exact**3) - 1) ** 2))
@@ -70,7 +70,7 @@ def test_a_scans_flank_is_as_rough_as_it_says(a, b):
         aside, relative = off(flank, a, b)
         assert aside < 1.5e-3
         assert relative < 0.5
-        z.append((aside / (3 * flank.sd), relative / flank.rough))
+        z.append((aside / (3 * flank.sd), relative / flank.roughness))
     assert np.all(np.median(z, axis=0) < 1.5), "its sd, and that of its radius"
     assert np.all(np.median(z, axis=0) > 0.2)
 
@@ -88,7 +88,7 @@ def test_a_scanned_flank_still_tells_where_c_is_and_what_the_moment_is():
         fit = rolling_fit(seen.angle, seen.window, flank)
         assert fit.rolling is not None
         assert fit.rolling.of_shape
-        x, z = body.com[0] - fit.rolling.along, body.com[1] - fit.rolling.over
+        x, z = body.com[0] - fit.rolling.forward, body.com[1] - fit.rolling.up
         sin, cos = math.sin(fit.phi), math.cos(fit.phi)
         R = z * cos - x * sin
         aside.append((x * cos + z * sin) / math.hypot(fit.rolling.sd, R * math.sqrt(fit.covariance[0, 0])))

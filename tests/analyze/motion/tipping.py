@@ -1,4 +1,4 @@
-"""An independent simulation of a tip, and a view of it: the rolling body of METHOD section 3, solved by
+"""An independent simulation of a tip, and a view of it: the rolling body of method 3, solved by
 scipy's adaptive integrator.
 
 Models a box with a circular edge rounding that rolls without slip, started by a speed; no striker, no air, no

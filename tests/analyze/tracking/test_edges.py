@@ -1,5 +1,5 @@
 """Corners against an independent renderer: no half-pixel bias, little noise, honest sd, and the per-frame
-angle of METHOD's targets."""
+angle of the method's targets."""
 
 from dataclasses import dataclass
 
