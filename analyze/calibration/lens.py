@@ -77,8 +77,6 @@ def prior_sd(lens: Lens) -> Array:
     """Prior standard deviation (p,) of each number, so wide that views that show a number override it.
 
     It keeps undetermined numbers finite, so that their uncertainty can be reported.
-
-    It keeps what they do not show finite, so that it can be said how little is known.
     """
     focal = float(lens.numbers[:2].mean())
     radius = 0.5 * math.hypot(lens.width, lens.height) / focal

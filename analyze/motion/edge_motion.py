@@ -86,9 +86,6 @@ def left_table(motion: PlanarMotion, window: tuple[int, int]) -> int | None:
 
     The body has then passed to its next edge, or flies. With a bevel or facets it comes down on the next edge
     before the next face, and turns about that edge from then on.
-
-    A body with a bevel or facets comes down on the next edge before the next face does, and turns about that
-    one from then on.
     """
     first, last = window
     lift = motion.lift[first:last]
@@ -144,8 +141,6 @@ def _offset_of_held_edge(theta: Array, slip: Array, lift: Array, sd: Array) -> t
     None if the edge did not hold.
 
     Offsets of that size come from a tag of unknown place, or from one not printed to scale.
-
-    None where the edge did not hold.
     """
     moved, still = moved_by_offset(theta), np.zeros(len(theta))
     off_table = np.concatenate([moved[:, 1], still[:, None]], axis=1)

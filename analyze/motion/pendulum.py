@@ -202,9 +202,6 @@ def first_guess(time: Array, theta: Array) -> tuple[float, float, float, float]:
     Args:
         time: (n,) s.
         theta: (n,) rad.
-
-    theta(t) = theta0 + omega0 t - A II cos(theta) + B II sin(theta), A = k sin(phi), B = k cos(phi), II the
-    double integral.
     """
     columns = _integrated_columns(time, theta)
     solution = np.linalg.lstsq(columns, theta, rcond=None)[0]
@@ -226,9 +223,6 @@ def first_guess_with_jump(time: Array, theta: Array, frames: Sequence[int]) -> l
 
     Returns:
         (sum of squares, frame, (5,) phi, k, theta0, omega0, jump) for each frame, the best first.
-
-    Returns:
-        (sum of squares, place, (5,) phi, k, theta0, omega0, jump) of each, the best first.
     """
     columns = _integrated_columns(time, theta)
     found: list[tuple[float, int, Array]] = []

@@ -59,10 +59,6 @@ def profile_sd(tip: Tip, variance: float) -> float:
     Args:
         tip: the fit.
         variance: variance of the weighted residuals, correlation included.
-
-    Args:
-        tip: the fit.
-        variance: of the weighted residuals, correlation included.
     """
     lowest = _sum_of_squares(tip, float(tip.parameters[0]))
     return math.hypot(*(_side(tip, variance, lowest, sign) for sign in (-1.0, 1.0))) / math.sqrt(2.0)

@@ -44,9 +44,6 @@ def angular_acceleration(angle: TipAngle, points: int = 5) -> tuple[Array, Array
     Args:
         angle: theta(t).
         points: width of the moving mean [frames].
-
-    A mean over frames of which some are missing is not of its middle: those are put in on a cubic spline
-    first, and taken out again.
     """
     time: Array = (angle.time_ns - angle.time_ns[0]) * 1e-9
     steps = np.diff(time)

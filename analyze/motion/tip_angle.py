@@ -178,9 +178,6 @@ def _random_scale(theta: Array, sd: Array) -> float:
     Shrunk towards 1 if frames are few. Residuals within a frame do not measure it: their share beside noise
     (a lens, a code or a placement that is not quite as modelled) stays the same from frame to frame, which
     moves theta's zero and not its scatter.
-
-    Residuals within a frame are no measure of it. What they hold beside noise (a lens, a code or a placement
-    that is not quite as modelled) stays the same from frame to frame: it moves theta's zero, not its scatter.
     """
     if len(theta) < 2:
         return 1.0
@@ -204,16 +201,6 @@ def _zero_sd(random: Array, single: Array, misfit: float, corner_sd: Array) -> f
         single: (n,) sd of each by its corners' own sd [rad].
         misfit: factor on `single` by the residuals within frames.
         corner_sd: (n,) standard deviation of a corner [px].
-
-    That is the misfit of model and image within a frame, and MODEL_PX of each corner, which a misfit need not
-    show. (Measured on 7 simulated cameras, whose lens blurs whole pixels and so shifts edges along the pixel
-    grid by up to 0.03 px: 0.0075 deg rms.)
-
-    Args:
-        random: (n,) rad, noise of each resting frame.
-        single: (n,) rad, sd of each by its corners' own sd.
-        misfit: factor on `single` by the residuals within frames.
-        corner_sd: (n,) px.
     """
     scatter = float(np.median(random))
     modelled = float(np.median(single)) * misfit

@@ -1,5 +1,7 @@
 """Marker poses, placements and the table's plane by one least-squares problem on the markers' corners.
 
+One file, because model, derivatives and elimination share one layout of the unknowns.
+
 A corner q of a marker (in M) is carried by the body's motion to
 
     x_O = R_m q + t_m,  x_W = Rz(psi + kappa + tau theta + d_psi) Ry(theta) R_s (x_O - p_e - U d_e) + (x +

@@ -125,9 +125,6 @@ def project(camera: CameraModel, points_camera: Array) -> Array:
     """Raw image points (..., 2) of points in C (..., 3) [m] in front of the camera.
 
     Far outside the image, where a lens's polynomial may turn back into it, they are those of a pinhole.
-
-    Far outside the image, where a lens's polynomial may turn back into it, they are where a pinhole would
-    draw them.
     """
     ideal = project_ideal(camera, points_camera)
     reach = math.hypot(camera.width, camera.height)

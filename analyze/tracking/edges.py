@@ -1,5 +1,7 @@
 """Corners of a black square to a few hundredths of a pixel.
 
+One file, because band, model and fit share their layout of pixels, which is tuned for speed as a whole.
+
 Each edge is fitted to the grey values of the pixels along it.
 
 Model of one edge: I = black + (white - black) * Phi(d / s), with d the signed distance of a pixel's centre
@@ -332,9 +334,6 @@ def _products(shape: Array, band: _Band, grey: Array, breadth: Array | None) -> 
     """Sums of products (4, 6, 6) over the pixels of each edge, and the number of pixels (4,).
 
     Columns: minus the derivative of the edge's profile (0 inside, 1 outside) by a, b and s; 1 - profile;
-    profile; grey.
-
-    Of: the change of the edge's profile (0 inside, 1 outside) with a, b and s, its sign turned; 1 - profile;
     profile; grey.
     """
     s = shape[:, 2, None]
