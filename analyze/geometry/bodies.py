@@ -14,7 +14,7 @@ from analyze.types import Array, IntArray
 from schemas.object_spec import ObjectSpec
 
 MIN_FACES = 4
-"""Smallest number of faces of a body; fewer are a seam that the exporter did not merge, and belong to the
+"""Smallest number of faces of a body; fewer belong to a seam that the exporter did not merge, and thus to the
 body they touch."""
 
 
@@ -33,7 +33,7 @@ class Body:
 
 
 def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> list[Body]:
-    """Bodies of an object's mesh file, largest first, without the cavities of hollow ones.
+    """Closed bodies of an object's mesh file, largest first, with cavities subtracted from hollow ones.
 
     Args:
         spec: Object, for its shape's unit.
@@ -73,7 +73,7 @@ def bodies_of(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: str) -> l
                 i
                 for i, (each, other) in enumerate(outer)
                 if abs(other.volume) > abs(properties.volume)
-                and polyhedron.inside(vertices, _outwards(each, sign), _first(vertices, faces_of))[0]
+                and polyhedron.inside(vertices, _outwards(each, sign), _face_centre(vertices, faces_of))[0]
             ),
             None,
         )
@@ -99,12 +99,18 @@ def _outwards(faces: IntArray, sign: float) -> IntArray:
     return faces if sign > 0 else faces[:, ::-1]
 
 
-def _first(vertices: Array, faces: IntArray) -> Array:
+def _face_centre(vertices: Array, faces: IntArray) -> Array:
+    """Centroid (1, 3) of the first face."""
     return vertices[faces[0]].mean(axis=0, keepdims=True)
 
 
 def _with_seams(faces: IntArray, body: IntArray) -> IntArray:
-    """Body (f,) of each face, from 0; loose faces belong to the body with which they share most corners."""
+    """Body (f,) of each face, from 0, with loose faces added to the body that shares most of their corners.
+
+    Args:
+        faces: (f, 3).
+        body: (f,) connected part of the mesh to which each face belongs.
+    """
     sizes = np.bincount(body)
     large = np.flatnonzero(sizes >= MIN_FACES)
     if not len(large):

@@ -21,8 +21,9 @@ from analyze.geometry.mesh_files import refuse_false_ply_counts
 from analyze.types import Array
 
 FORMATS = ("ply", "pcd", "xyz", "las", "laz")
+"""Suffixes of the formats that are read."""
 MIN_POINTS = 200
-"""Smallest number of points of an exterior."""
+"""Smallest number of points from which an exterior is made."""
 MAX_POINTS = 60_000
 """Largest number of points used; of more, every n-th: further points do not improve the planes."""
 MAX_UNPACKED_RATIO = 100
@@ -51,7 +52,8 @@ def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, .
         suffix: Format, one of `FORMATS`.
 
     Raises:
-        ShapeError: not readable, of unclear numbers, or fewer than `MIN_POINTS` points.
+        ShapeError: the file is not readable, its decimal separator is ambiguous, or it has fewer than
+            `MIN_POINTS` different points.
     """
     readers = {"ply": _ply, "pcd": _pcd, "xyz": _xyz, "las": _las, "laz": _las}
     notes: list[str] = []
@@ -69,7 +71,7 @@ def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, .
         ) from None
     good = np.isfinite(points).all(axis=1) & (np.abs(points) < 1e12).all(axis=1)
     if not good.all():
-        notes.append(f"{name}: {int(np.sum(~good))} points that are no numbers are left out")
+        notes.append(f"{name}: {int(np.sum(~good))} points with infinite or missing coordinates are left out")
     points = np.unique(points[good], axis=0)
     if len(points) < MIN_POINTS:
         raise ShapeError(
@@ -78,7 +80,7 @@ def read_cloud(data: bytes, name: str, suffix: str) -> tuple[Array, tuple[str, .
         )
     if len(points) > MAX_POINTS:
         step = -(-len(points) // MAX_POINTS)
-        notes.append(f"{name}: of {len(points)} points one in {step} is used")
+        notes.append(f"{name}: one in {step} of its {len(points)} points is used")
         # Taken in the order of a golden-ratio sequence: in the order of a grid or of coordinates, every n-th
         # would leave rows out.
         points = points[np.argsort((np.arange(len(points)) * 0.6180339887498949) % 1)[::step]]
@@ -148,10 +150,10 @@ def _with_decimal_points(data: bytes, name: str) -> tuple[bytes, bool]:
     single = all(word.count(b",") <= 1 for row in columns for word in row)
     if fewest >= 3 and single:
         if b"." in text:
-            raise ShapeError(f"{name}: has both points and commas within its numbers: {unclear}")
+            raise ShapeError(f"{name}: its numbers contain both points and commas: {unclear}")
         return data.replace(b",", b"."), True
     if b";" in text:
-        raise ShapeError(f"{name}: separates its columns by both commas and semicolons: {unclear}")
+        raise ShapeError(f"{name}: both commas and semicolons separate its columns: {unclear}")
     # Pairs of whole numbers may be decimals; a sign at every second place excludes that.
     many = len(lines[-1].split(b","))
     if b"." not in text and fewest == 1 and many >= 6 and many % 2 == 0:

@@ -13,11 +13,11 @@ from scipy.spatial import ConvexHull, KDTree, QhullError
 
 from analyze.types import Array
 
-SEEDS = 250
+PATCHES = 250
 """Number of patches examined."""
-SCALES = (24, 96, 384)
+PATCH_POINTS = (24, 96, 384)
 """Numbers of points of a patch, tried in turn."""
-WIDEST_PATCH = 0.15
+MAX_PATCH_RADIUS = 0.15
 """Largest radius of a patch, over the cloud's extent."""
 
 
@@ -37,14 +37,14 @@ def cloud_noise(points: Array, tree: KDTree) -> CloudNoise:
     Patches of too few points lie within the noise and underestimate it; too large ones include the shape.
     """
     extent = float(np.ptp(points, axis=0).max())
-    seeds = points[:: max(1, len(points) // SEEDS)]
+    seeds = points[:: max(1, len(points) // PATCHES)]
     sd = 0.0
-    for many in SCALES:
+    for many in PATCH_POINTS:
         if many > len(points) / 4:
             break
         distance, index = tree.query(seeds, k=many)
         radius = distance[:, -1]
-        small = radius < WIDEST_PATCH * extent
+        small = radius < MAX_PATCH_RADIUS * extent
         if sd > 0 and small.mean() < 0.3:
             break
         residual = patch_scatter(points[index])

@@ -19,8 +19,15 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection, KDTree, QhullError
 
 from analyze.geometry import scanned_surface
 from analyze.geometry.cloud_noise import CloudNoise, cloud_noise, quadric_terms
+from analyze.geometry.cloud_rims import (
+    FACE_BAND_SCATTERS,
+    MIN_OUTLINE_POINTS,
+    rim_of_face,
+    rim_within_outline,
+)
 from analyze.geometry.distance import largest_height
-from analyze.geometry.hull_planes import DIRECTIONS, FINEST, FittedPlane, even_directions, fitted_planes
+from analyze.geometry.hull_planes import MIN_NOISE_FRACTION, FittedPlane, fitted_planes
+from analyze.geometry.plane_search import HULL_DIRECTIONS, even_directions
 from analyze.geometry.polyhedron import BoolArray
 from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.types import Array, IntArray
@@ -29,42 +36,30 @@ STRAY_DISTANCE_RATIO = 8.0
 """Distance to the eighth neighbour, over its median, beyond which a point is a stray."""
 MIN_CLUMP_SHARE = 0.02
 """Fraction of the points below which a separate clump is stray."""
-ROUNDED = 0.02
-"""Distance of a rounded corner from the virtual one, over the extent, up to which it is supported by
-points."""
+MAX_ROUNDING_FRACTION = 0.02
+"""Distance of a rounded corner from the virtual one, over the extent, up to which points support it."""
 EDGE_STEPS = 60
 """Steps along an edge at which its support by points is examined."""
-ON_PLANE = 1e-6
-"""Distance over the extent up to which a vertex lies on a plane."""
+ON_PLANE_FRACTION = 1e-6
+"""Distance from a plane, over the extent, up to which a vertex lies on it."""
 DEPTH_SAMPLES = 4000
 """Number of points whose depth below the hull is measured."""
 MAX_SMOOTHED = 1500
 """Largest number of smoothed points."""
 MIN_NEIGHBOURS, MAX_NEIGHBOURS = 24, 400
-"""Smallest and largest number of points of a smoothing patch."""
-MIN_STEEPNESS = 0.35
-"""Sine of the angle between a curved wall and a face above which the wall is extrapolated to meet the
-face."""
-FOLLOWED = 0.25
-"""Share of the noise in the place of an edge to which a wall was extrapolated."""
-CIRCLE_SIDES = 128
-"""Vertices of a fitted circular rim."""
-MAX_RIM_GAP = np.radians(60.0)
-"""Largest angle [rad] of a rim without points at which a circle is still fitted."""
+"""Smallest and largest number of points of the patch to which a smoothing quadric is fitted."""
+EXTRAPOLATED_SDS = 0.25
+"""1 sigma of an edge to which a wall was extrapolated, over the noise."""
 MIN_HOLLOW_DEPTH = 0.01
-"""Depth below the hull, over the extent, beyond which a point lies in a hollow."""
-SHEET = 4.5
-"""Height over a plane, in units of its scatter, above which a point stands on it."""
-SPREAD = 0.05
-"""Distance, over the extent, by which a table extends beyond the object on it."""
+"""Depth of a point below the hull, over the extent, above which it lies in a hollow."""
+MIN_TABLE_MARGIN = 0.05
+"""Smallest distance, over the extent, by which a table extends beyond the object on it."""
 POINTS_AT_A_TIME = 1000
 """Points projected on all directions at a time: as many as the caches hold."""
-OUTLINE_NOISE_SDS = 2.5
-"""Displacement of a face's outline by the noise, in units of its sd."""
-OUTLINE_GAP = 0.5
-"""Distance of the outermost points from the true outline, over the spacing."""
-SPREAD_SHARE = 0.15
-"""Fraction of a plane's points beyond the object above which the plane is a table."""
+OUTLINE_GAP_SPACINGS = 0.5
+"""Distance of a face's outermost points from its true outline, over the spacing."""
+MIN_TABLE_SHARE = 0.15
+"""Fraction of a plane's points beyond what stands on it above which the plane is a table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +71,9 @@ class CloudSurface:
     faces: IntArray
     """(f, 3) faces, counter-clockwise from outside."""
     planes: tuple[FittedPlane, ...]
+    """Planar faces, those with most points first."""
     noise: CloudNoise
+    """Noise and spacing of the cloud."""
     smooth_sd: float
     """1 sigma of the surface where no plane is fitted [m]."""
     strays: int
@@ -84,19 +81,19 @@ class CloudSurface:
     hollow_share: float
     """Fraction of the points deep below the hull."""
     hollow_depth: float
-    """99 % quantile of the depth of these points [m]."""
+    """99 % quantile of the depth of these points [m]; 0 if there are none."""
     scanned: ScannedSurface
     """Parts of the surface with and without points nearby."""
-    sheet: float
-    """Distance [m] by which a plane thinner than the noise extends beyond all that stands on it, as a table;
-    0: none."""
+    table_overhang: float
+    """Distance [m] by which a plane without thickness, such as a scanned table, extends beyond what stands on
+    it; 0 if there is none."""
     unwalled: tuple[bool, ...]
-    """For each plane True if only its own points show its outline, since the wall on it is too low to be
+    """For each plane, True if its outline is that of its own points, as the wall on it is too low to be
     extrapolated."""
 
 
 def cloud_surface(points: Array) -> CloudSurface:
-    """Exterior of a point cloud, `points` (n, 3) [m].
+    """Closed convex exterior of a point cloud, `points` (n, 3) [m], in the frame of the points.
 
     Raises:
         ValueError: the points lie in one plane or are too few.
@@ -115,8 +112,8 @@ def cloud_surface(points: Array) -> CloudSurface:
     smoothed, normals, smooth_sd = _smoothed(kept, planes, sharp, sd, noise.spacing, extent)
     rims, thin = [], []
     for plane in planes:
-        rim, pulled = _within_outline(
-            _rim(smoothed, normals, plane, planes, sd, noise.spacing, smooth_sd),
+        rim, pulled = rim_within_outline(
+            rim_of_face(smoothed, normals, plane, planes, sd, noise.spacing, smooth_sd),
             kept,
             plane,
             sd,
@@ -144,9 +141,14 @@ def cloud_surface(points: Array) -> CloudSurface:
         float(deep.mean()),
         float(np.quantile(depth[deep], 0.99)) if deep.any() else 0.0,
         scanned_surface.scanned_cloud(
-            vertices, faces, tree, reach, max(2 * sd, 1.5 * noise.spacing), max(sd, FINEST * extent)
+            vertices,
+            faces,
+            tree,
+            reach,
+            max(2 * sd, 1.5 * noise.spacing),
+            max(sd, MIN_NOISE_FRACTION * extent),
         ),
-        _sheet(kept, planes, noise.spacing, extent),
+        _table_overhang(kept, planes, noise.spacing, extent),
         tuple(thin),
     )
 
@@ -155,15 +157,18 @@ def line_sd(surface: CloudSurface, ends: Array) -> float:
     """1 sigma [m] of the place across itself of a hull edge with `ends` (2, 3) [m], worst direction.
 
     Where two fitted planes meet, it follows from N x = delta with their variances there. With one plane it
-    combines that plane's variance, the smoothed wall's, and `FOLLOWED` of the noise, because the wall is
-    extrapolated over the band in which it cannot be distinguished from the face (all of the noise, and the
-    spacing, where the wall is too low for that). Without planes it is the noise and the spacing: the object
-    ends somewhere between two points, and smoothing rounds off an edge that is not resolved.
+    combines that plane's variance, the smoothed wall's, and `EXTRAPOLATED_SDS` of the noise, because the wall
+    is extrapolated over the band in which it cannot be distinguished from the face (all of the noise, and
+    `OUTLINE_GAP_SPACINGS` of the spacing, where the wall is too low for that). Without planes it is the noise
+    and the spacing: the object ends somewhere between two points, and smoothing rounds off an edge that is
+    not resolved.
     """
     planes, sd = surface.planes, max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
     scale = float(np.linalg.norm(ends).max()) + 1e-3
     middle = ends.mean(axis=0, keepdims=True)
-    meeting = [plane for plane in planes if np.abs(plane.heights(ends)).max() < 10 * ON_PLANE * scale]
+    meeting = [
+        plane for plane in planes if np.abs(plane.heights(ends)).max() < 10 * ON_PLANE_FRACTION * scale
+    ]
     if len(meeting) >= 2:
         first = meeting[0]
         second = min(meeting[1:], key=lambda plane: abs(float(plane.normal @ first.normal)))
@@ -172,15 +177,15 @@ def line_sd(surface: CloudSurface, ends: Array) -> float:
         variance = np.diag([float(plane.variance(middle)[0]) for plane in (first, second)])
         return float(np.sqrt(np.linalg.eigvalsh(inverse @ variance @ inverse.T)[-1]))
     if meeting:
-        followed = (FOLLOWED * sd) ** 2
+        followed = (EXTRAPOLATED_SDS * sd) ** 2
         if surface.unwalled[planes.index(meeting[0])]:
-            followed = sd**2 + (OUTLINE_GAP * surface.noise.spacing) ** 2
+            followed = sd**2 + (OUTLINE_GAP_SPACINGS * surface.noise.spacing) ** 2
         return float(np.sqrt(meeting[0].variance(middle)[0] + surface.smooth_sd**2 + followed))
     return float(np.hypot(sd, surface.noise.spacing))
 
 
 def _without_strays(points: Array) -> tuple[Array, int]:
-    """Points (k, 3) [m] without isolated ones and specks, and the number left out."""
+    """Points (k, 3) [m] without isolated ones and small separate clumps, and the number left out."""
     if len(points) < 50:
         raise ValueError("too few points")
     distance, index = KDTree(points).query(points, k=9)
@@ -196,25 +201,25 @@ def _without_strays(points: Array) -> tuple[Array, int]:
     return points[keep], int(np.sum(~keep))
 
 
-def _sheet(points: Array, planes: tuple[FittedPlane, ...], spacing: float, extent: float) -> float:
+def _table_overhang(points: Array, planes: tuple[FittedPlane, ...], spacing: float, extent: float) -> float:
     """Distance [m] by which a plane without thickness extends beyond what stands on it; 0 if none does.
 
     A foot, a flange or a plate that was scanned all round has its other side above it, with the same outline.
     """
     for plane in planes:
         height = plane.heights(points)
-        over = points[height < -SHEET * plane.scatter]
-        if len(over) < MIN_NEIGHBOURS:
+        over = points[height < -FACE_BAND_SCATTERS * plane.scatter]
+        if len(over) < MIN_OUTLINE_POINTS:
             continue
         try:
             outline = ConvexHull(over @ plane.basis.T).equations
         except QhullError:
             continue
-        on = points[np.abs(height) <= SHEET * plane.scatter]
+        on = points[np.abs(height) <= FACE_BAND_SCATTERS * plane.scatter]
         beyond = (on @ plane.basis.T @ outline[:, :2].T + outline[:, 2]).max(axis=1)
         # A slanting wall has left its foot's outline where it can be distinguished from the plane.
-        far = beyond > SPREAD * extent + 2 * spacing + 2 * SHEET * plane.scatter
-        if far.mean() > SPREAD_SHARE:
+        far = beyond > MIN_TABLE_MARGIN * extent + 2 * spacing + 2 * FACE_BAND_SCATTERS * plane.scatter
+        if far.mean() > MIN_TABLE_SHARE:
             return float(beyond.max())
     return 0.0
 
@@ -239,8 +244,8 @@ def _corners(
         return np.zeros((0, 3))
     vertices = body.intersections[np.isfinite(body.intersections).all(axis=1)]
     heights = np.column_stack([plane.heights(vertices) for plane in planes])
-    on = np.abs(heights) < ON_PLANE * extent
-    reach = 4 * sd + 3 * spacing + ROUNDED * extent
+    on = np.abs(heights) < ON_PLANE_FRACTION * extent
+    reach = 4 * sd + 3 * spacing + MAX_ROUNDING_FRACTION * extent
     found: list[Array] = []
     for i in range(len(planes)):
         for j in range(i):
@@ -267,7 +272,19 @@ def _corners(
 def _smoothed(
     points: Array, planes: tuple[FittedPlane, ...], sharp: Array, sd: float, spacing: float, extent: float
 ) -> tuple[Array, Array, float]:
-    """Points (k, 3) [m] of curved parts on local quadrics, normals (k, 3), 1 sigma [m] (Levin 2004)."""
+    """Points of the curved parts, smoothed by projection onto local quadrics (Levin 2004).
+
+    Args:
+        points: (n, 3) [m].
+        planes: Planar faces, whose points are left out.
+        sharp: (c, 3) corners and places along the edges between planar faces [m].
+        sd: 1 sigma of the noise [m].
+        spacing: Distance of neighbouring points [m].
+        extent: Largest extent of the cloud [m].
+
+    Returns:
+        Smoothed points (k, 3) [m], unit normals (k, 3) there, and the points' 1 sigma [m].
+    """
     heights = (
         np.column_stack([plane.heights(points) for plane in planes])
         if planes
@@ -287,13 +304,21 @@ def _smoothed(
         moved, normals, lever = _onto_quadrics(moved, rest[tree.query(moved, k=many)[1]])
     for plane in planes:
         moved = moved - np.outer(np.maximum(plane.heights(moved), 0), plane.normal)
-    # Where the patch determines the quadric badly (a far end), it diverges.
+    # Far from the middle of its patch a quadric is badly determined and diverges.
     steady = lever < 2 * float(np.median(lever))
     return moved[steady], normals[steady], sd * float(np.sqrt(np.median(lever)))
 
 
 def _onto_quadrics(points: Array, patches: Array) -> tuple[Array, Array, Array]:
-    """Points (p, 3) on quadrics of their patches (p, k, 3), normals (p, 3), variances (p,) over sd^2."""
+    """Points projected onto quadrics fitted to their patches.
+
+    Args:
+        points: (p, 3) [m].
+        patches: (p, k, 3) points of the patch of each [m].
+
+    Returns:
+        Projected points (p, 3) [m], unit normals (p, 3) there, and variances (p,) over that of the noise.
+    """
     middle = patches.mean(axis=1, keepdims=True)
     centred = patches - middle
     _, frame = np.linalg.eigh(centred.transpose(0, 2, 1) @ centred)
@@ -322,8 +347,11 @@ def _onto_quadrics(points: Array, patches: Array) -> tuple[Array, Array, Array]:
 
 
 def _near_hull(points: Array, others: Array, margin: float) -> BoolArray:
-    """Mask (n,) of `points` (n, 3) within `margin` [m] of the hull of all points."""
-    across = even_directions(DIRECTIONS).T
+    """Mask (n,) of `points` (n, 3) within `margin` [m] of the hull of these and `others` (m, 3) [m].
+
+    The hull is approximated by its supporting planes in `HULL_DIRECTIONS` directions.
+    """
+    across = even_directions(HULL_DIRECTIONS).T
     pieces = [points[start : start + POINTS_AT_A_TIME] for start in range(0, len(points), POINTS_AT_A_TIME)]
     level = np.max([(piece @ across).max(axis=0) for piece in pieces], axis=0)
     if len(others):
@@ -331,86 +359,8 @@ def _near_hull(points: Array, others: Array, margin: float) -> BoolArray:
     return np.concatenate([(piece @ across - level).max(axis=1) > -margin for piece in pieces])
 
 
-def _rim(
-    smoothed: Array,
-    normals: Array,
-    plane: FittedPlane,
-    planes: tuple[FittedPlane, ...],
-    sd: float,
-    spacing: float,
-    smooth_sd: float,
-) -> Array:
-    """Places (k, 3) [m] where curved walls, extrapolated, meet `plane`; a circle where one fits."""
-    if not len(smoothed):
-        return np.zeros((0, 3))
-    height = plane.heights(smoothed)
-    towards = plane.normal - normals * (normals @ plane.normal)[:, None]
-    steepness = np.linalg.norm(towards, axis=1)
-    near = (height < 0) & (height > -(6 * sd + 4 * spacing)) & (steepness > MIN_STEEPNESS)
-    if near.sum() < 3:
-        return np.zeros((0, 3))
-    rim = smoothed[near] - towards[near] * (height[near] / steepness[near] ** 2)[:, None]
-    for other in planes:
-        if other is not plane and abs(float(other.normal @ plane.normal)) < 0.99:
-            rim = rim[other.heights(rim) <= 0]
-    return _on_circle(rim, plane, max(2.5 * smooth_sd, 0.3 * spacing))
-
-
-def _within_outline(
-    rim: Array, points: Array, plane: FittedPlane, sd: float, spacing: float
-) -> tuple[Array, bool]:
-    """Rim (k, 3) [m] limited to the outline of the points of `plane`, and True if it was.
-
-    The noise pushes the outline of the points out, by some `OUTLINE_NOISE_SDS` sd [m]; where they are sparse
-    they end up to a `spacing` [m] early.
-    """
-    face = points[np.abs(plane.heights(points)) <= SHEET * plane.scatter]
-    if not len(rim) or len(face) < MIN_NEIGHBOURS:
-        return rim, False
-    try:
-        outline = ConvexHull(face @ plane.basis.T)
-    except QhullError:
-        return rim, False
-    middle = outline.points[outline.vertices].mean(axis=0)
-    flat = rim @ plane.basis.T - middle
-    room = -(outline.equations[:, :2] @ middle + outline.equations[:, 2])
-    if (flat @ outline.equations[:, :2].T <= room + spacing + sd).all():
-        return rim, False
-    rise = flat @ outline.equations[:, :2].T / np.maximum(room - OUTLINE_NOISE_SDS * sd, 0.5 * room)
-    drawn = flat / np.maximum(rise.max(axis=1), 1.0)[:, None] - flat
-    return rim + drawn @ plane.basis, True
-
-
-def _on_circle(rim: Array, plane: FittedPlane, tolerance: float) -> Array:
-    """Rim (k, 3) [m] as a regular polygon if a circle fits it within `tolerance` [m] (Kasa 1976, trimmed)."""
-    if len(rim) < 12:
-        return rim
-    origin = rim.mean(axis=0)
-    flat = (rim - origin) @ plane.basis.T
-    used = np.ones(len(flat), dtype=bool)
-    x = y = radius = 0.0
-    away, residual = flat, np.zeros(len(flat))
-    for _ in range(4):
-        kept = flat[used]
-        (x, y, c), *_ = np.linalg.lstsq(
-            np.column_stack([2 * kept, np.ones(len(kept))]), np.sum(kept**2, axis=1), rcond=None
-        )
-        radius = float(np.sqrt(max(c + x * x + y * y, 0.0)))
-        away = flat - [x, y]
-        residual = np.linalg.norm(away, axis=1) - radius
-        # Walls are followed over some noise: a few directions go astray.
-        used = np.abs(residual) <= max(3 * 1.48 * float(np.median(np.abs(residual))), 1e-3 * tolerance)
-    away, residual = away[used], residual[used]
-    angle = np.sort(np.arctan2(away[:, 1], away[:, 0]))
-    gap = float(np.diff(np.append(angle, angle[0] + 2 * np.pi)).max())
-    if gap > MAX_RIM_GAP or float(np.sqrt(np.mean(residual**2))) > tolerance:
-        return rim
-    turn = np.arange(CIRCLE_SIDES) * 2 * np.pi / CIRCLE_SIDES
-    ring = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn)])
-    return origin + ring @ plane.basis
-
-
 def _oriented(hull: ConvexHull) -> tuple[Array, IntArray]:
+    """Vertices (n, 3) of a hull, and its faces (f, 3) counter-clockwise from outside."""
     used, faces = np.unique(hull.simplices, return_inverse=True)
     vertices = hull.points[used]
     faces = faces.reshape(-1, 3).astype(np.int64)

@@ -15,15 +15,15 @@ from analyze.geometry import polyhedron
 from analyze.types import Array, IntArray
 
 NEAREST_SAMPLES = 5
-"""Number of nearest surface samples whose faces are examined."""
-CHUNK = 40_000
+"""Number of nearest surface samples of a point whose faces are examined."""
+MAX_POINTS = 40_000
 """Number of points processed at a time."""
 MANY_PLANES = 200
 """Number of planes from which on they are preselected for `POINTS_TOGETHER` points at a time."""
 POINTS_TOGETHER = 27
 """Successive points that mostly lie close together (the subcells of a cube): few of many planes matter to
 them."""
-HEIGHTS = 500_000
+MAX_HEIGHTS = 500_000
 """Number of point-plane heights computed at a time: as many as the caches hold; more take ten times as
 long."""
 
@@ -82,7 +82,7 @@ def convex_depth(planes: Array, points: Array) -> Depth:
     """
     value = np.empty(len(points))
     gradient = np.empty((len(points), 3))
-    step = max(1, HEIGHTS // len(planes)) if len(planes) < MANY_PLANES else POINTS_TOGETHER
+    step = max(1, MAX_HEIGHTS // len(planes)) if len(planes) < MANY_PLANES else POINTS_TOGETHER
     for start in range(0, len(points), step):
         piece = slice(start, start + step)
         near = planes if step != POINTS_TOGETHER else _candidate_planes(planes, points[piece])
@@ -96,17 +96,17 @@ def convex_depth(planes: Array, points: Array) -> Depth:
 def largest_height(planes: Array, points: Array) -> Array:
     """Largest height (n,) [m] of `points` (n, 3) [m] over any of `planes` (p, 4), as in `convex_depth`.
 
-    The points may be in any order.
+    Unlike there, the points need not be sorted so that successive ones lie close together.
     """
-    step = max(1, HEIGHTS // len(planes))
+    step = max(1, MAX_HEIGHTS // len(planes))
     pieces = [points[start : start + step] for start in range(0, len(points), step)]
     return np.concatenate([(piece @ planes[:, :3].T + planes[:, 3]).max(axis=1) for piece in pieces])
 
 
 def _candidate_planes(planes: Array, points: Array) -> Array:
-    """Planes (k, 4) of `planes` (p, 4) that can be the largest_height for any of `points` (n, 3).
+    """Planes (k, 4) of `planes` (p, 4) over which one of `points` (n, 3) [m] can have its largest height.
 
-    At the points' middle they are below the largest_height by at most twice the points' reach.
+    At the points' middle, their heights are below the largest one by at most twice the points' reach.
     """
     middle = points.mean(axis=0)
     reach = float(np.sqrt(np.max(np.sum((points - middle) ** 2, axis=1))))
@@ -159,8 +159,8 @@ def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Ar
     """
     value = np.empty(len(points))
     gradient = np.empty((len(points), 3))
-    for start in range(0, len(points), CHUNK):
-        piece = slice(start, start + CHUNK)
+    for start in range(0, len(points), MAX_POINTS):
+        piece = slice(start, start + MAX_POINTS)
         near = index.face[np.asarray(index.tree.query(points[piece], k=NEAREST_SAMPLES)[1])]
         count = len(near)
         repeated = np.repeat(points[piece], NEAREST_SAMPLES, axis=0)
@@ -186,7 +186,7 @@ def mesh_depth(index: SurfaceIndex, vertices: Array, faces: IntArray, points: Ar
 
 
 def closest_on_triangles(points: Array, triangles: Array) -> Array:
-    """Closest points (n, 3) to `points` (n, 3) on `triangles` (n, 3, 3), one each.
+    """Closest points (n, 3) [m] to `points` (n, 3) [m] on `triangles` (n, 3, 3) [m], one each.
 
     Ericson, Real-Time Collision Detection, 2005, 5.1.5.
     """

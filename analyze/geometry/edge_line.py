@@ -1,4 +1,4 @@
-"""Line in O of a pivot edge, to identify the edge independently of its id in a plan."""
+"""Line of a pivot edge in O, by which an edge is recognised whatever its id in a plan."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class EdgeLine:
     """Pivot edge of one resting face, in O."""
 
     direction: Array
-    """(3,) unit; +theta about it tips."""
+    """(3,) unit vector of the pivot axis; +theta about it tips."""
     up: Array
-    """(3,) unit, W's z at rest."""
+    """(3,) unit vector of W's z at rest."""
     point: Array
     """(3,) any point on the rounding's centre line [m]."""
     radius: float
@@ -40,5 +40,5 @@ class EdgeLine:
         return max(0.0, across - float(np.sqrt(2)) * abs(self.radius - other.radius))
 
     def is_same(self, other: EdgeLine) -> bool:
-        """True if two strikes share pivot edge and resting face."""
+        """True if both are the same edge of the same resting face."""
         return self.distance(other) < SAME_LINE

@@ -7,16 +7,16 @@ import numpy as np
 from analyze.types import Array, IntArray
 
 ROOT = 1.32471795724474602596
-"""Real root of x^3 = x + 1, which defines the R2 sequence."""
+"""Real root of x^3 = x + 1, which defines the R2 low-discrepancy sequence."""
 
 
 def even_samples(vertices: Array, faces: IntArray, count: int) -> tuple[Array, IntArray]:
-    """Points (n, 3) at equal steps of a surface's area, and the face (n,) of each.
+    """Points (n, 3) [m] at equal steps of a surface's area, and the index (n,) of each one's face.
 
     A face's share follows its area; within it the points follow the R2 sequence (Roberts 2018).
 
     Args:
-        vertices: (v, 3) vertices.
+        vertices: (v, 3) vertices [m].
         faces: (f, 3) faces.
         count: Number n of points.
     """

@@ -25,13 +25,14 @@ from analyze.types import Array, IntArray
 from schemas.object_spec import LengthUnit
 
 FORMATS = ("stl", "obj", "ply", "glb", "gltf", "3mf")
+"""Suffixes of the formats that are read."""
 MAX_UNPACKED_RATIO = 200
 """Largest unpacked over packed size of a file; XML compresses 10 to 20 times."""
-MAX_UNPACKED_BYTES = 50_000_000
+ALWAYS_ACCEPTED_BYTES = 50_000_000
 """Unpacked size [bytes] that is always accepted."""
 SAME_VERTEX = 1e-7
-"""Distance over the size within which vertices are merged: STL repeats every vertex per face, OBJ per texture
-seam."""
+"""Distance, over the mesh's extent, within which vertices are merged: STL repeats every vertex per face, OBJ
+per texture seam."""
 PLY_BYTES = {"char": 1, "uchar": 1, "short": 2, "ushort": 2, "int": 4, "uint": 4, "float": 4, "double": 8} | {
     f"{kind}{bits}": bits // 8 for kind in ("int", "uint", "float") for bits in (8, 16, 32, 64)
 }
@@ -54,14 +55,14 @@ class RawMesh:
 
 
 def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float = SAME_VERTEX) -> RawMesh:
-    """Triangles of a mesh file, with the parts of a scene placed.
+    """Triangles of a mesh file, in its unit, with the parts of a scene at their places.
 
     Args:
         data: Content of the file.
         name: Name of the file, for messages.
         suffix: Format, one of `FORMATS`.
         unit: Unit declared by the object file, compared with the unit stated in the file.
-        same: Distance over the size within which vertices are merged; 0 to merge equal ones only.
+        same: Distance, over the mesh's extent, within which vertices are merged; 0 to merge equal ones only.
 
     Raises:
         ShapeError: the file is not readable, has no faces, or states another unit.
@@ -87,7 +88,7 @@ def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float
         ) from None
     if faces.ndim != 2 or len(faces) < 4 or faces.min() < 0 or faces.max() >= len(vertices):
         raise ShapeError(
-            f"{name}: holds no faces of a closed body: export the solid's exterior as {suffix.upper()} again"
+            f"{name}: has no faces of a closed body: export the solid's exterior as {suffix.upper()} again"
         )
     if suffix == "3mf":
         _refuse_other_unit(data, name, unit)
@@ -95,8 +96,11 @@ def read_mesh(data: bytes, name: str, suffix: str, unit: LengthUnit, same: float
 
 
 def _as_utf8(data: bytes, suffix: str) -> bytes:
-    """File content with names and comments as UTF-8, since trimesh's guess of encodings is slow."""
-    if suffix == "stl" and len(data) == _binary_stl(data):
+    """File content with names and comments as UTF-8.
+
+    Otherwise trimesh guesses their encoding, which takes longer than reading the numbers.
+    """
+    if suffix == "stl" and len(data) == _binary_stl_size(data):
         return bytes(80) + data[80:]
     return data.decode(errors="replace").encode() if suffix in {"stl", "obj"} else data
 
@@ -123,7 +127,7 @@ def _refuse_false_counts(data: bytes, suffix: str) -> None:
     elif suffix == "3mf":
         with ZipFile(BytesIO(data)) as archive:
             unpacked = sum(item.file_size for item in archive.infolist())
-        if unpacked > max(MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO * len(data)):
+        if unpacked > max(ALWAYS_ACCEPTED_BYTES, MAX_UNPACKED_RATIO * len(data)):
             raise _Contradiction(
                 f"unpacks to {unpacked / 1e6:.0f} MB from {len(data) / 1e6:.1f} MB: no mesh packs so well: "
                 "export it anew"
@@ -133,12 +137,15 @@ def _refuse_false_counts(data: bytes, suffix: str) -> None:
 
 
 def _refuse_unknown_stl(data: bytes) -> None:
-    """Raise ValueError if an STL is neither binary, by its size, nor text."""
-    if data and len(data) != _binary_stl(data) and b"\0" in data:
+    """Raise ValueError if an STL is neither binary, by its size, nor text.
+
+    trimesh would guess an encoding and read it as text.
+    """
+    if data and len(data) != _binary_stl_size(data) and b"\0" in data:
         raise ValueError("neither binary nor text")
 
 
-def _binary_stl(data: bytes) -> int:
+def _binary_stl_size(data: bytes) -> int:
     """Size [bytes] of a binary STL by its count of triangles."""
     return 84 + 50 * int.from_bytes(data[80:84], "little")
 
@@ -186,16 +193,16 @@ def _refuse_other_unit(data: bytes, name: str, unit: LengthUnit) -> None:
     with ZipFile(BytesIO(data)) as archive:
         model = next(item for item in archive.namelist() if item.lower().endswith("3dmodel.model"))
         head = archive.read(model)[:10_000].decode("utf-8", errors="replace")
-    said = (
+    own_name = (
         head.partition("<model")[2].partition(">")[0].partition('unit="')[2].partition('"')[0] or "millimeter"
     )
-    own = UNITS_3MF.get(said)
+    own = UNITS_3MF.get(own_name)
     if own is None:
-        raise ShapeError(f"{name}: is in {said}s: export it in millimetres")
+        raise ShapeError(f"{name}: its unit, {own_name}, is not supported: export it in millimetres")
     if own is not unit:
         raise ShapeError(
-            f'{name}: the file itself says {said}, the object file says unit = "{unit.value}": correct '
-            f'shape.unit to "{own.value}"'
+            f'{name}: its own unit is {own_name}, the object file declares unit = "{unit.value}": '
+            f'correct shape.unit to "{own.value}"'
         )
 
 
@@ -203,11 +210,11 @@ def _merged(vertices: Array, faces: IntArray, name: str, same: float) -> RawMesh
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices[used], faces.reshape(-1, 3)
     if not np.isfinite(vertices).all():
-        raise ShapeError(f"{name}: holds coordinates that are no numbers: export it anew")
+        raise ShapeError(f"{name}: has infinite or missing coordinates (no numbers): export it anew")
     largest = float(np.abs(vertices).max())
     step = float(np.ptp(vertices, axis=0).max()) * SAME_VERTEX
     if step == 0 or largest > 1e15 or largest / step > 1e15:
-        raise ShapeError(f"{name}: all vertices coincide, or lie absurdly far out: export it anew")
+        raise ShapeError(f"{name}: all vertices coincide, or lie too far from the origin: export it anew")
     _, first, inverse = np.unique(
         np.round(vertices / (same / SAME_VERTEX * step)) if same else vertices,
         axis=0,

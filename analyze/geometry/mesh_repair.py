@@ -35,9 +35,9 @@ MAX_HOLES = 200
 MIN_VOLUME_RATIO = 1e-5
 """Volume of a separate body, over that of the largest one, below which it is an artefact of the export."""
 PROBES = 4000
-"""Number of points at which the winding number is computed."""
+"""Number of points at which the winding number is computed to find self-intersections."""
 MAX_MULTIPLE_SHARE = 0.002
-"""Largest fraction of the volume with a winding number other than 1."""
+"""Largest fraction of the volume that may have a winding number other than 1."""
 CRACK = 1e-5
 """Distance over the extent up to which vertices of open edges are merged."""
 
@@ -47,7 +47,7 @@ class ClosedMesh:
     """Closed surface of a repaired mesh."""
 
     vertices: Array
-    """(n, 3) vertices."""
+    """(n, 3) vertices [m]."""
     faces: IntArray
     """(f, 3) faces, counter-clockwise from outside."""
     added: BoolArray
@@ -57,7 +57,7 @@ class ClosedMesh:
 
 
 def closed_mesh(vertices: Array, faces: IntArray, name: str) -> ClosedMesh:
-    """Repair a mesh with `vertices` (n, 3) and `faces` (f, 3) into one closed surface.
+    """Repair a mesh with `vertices` (n, 3) [m] and `faces` (f, 3) into one closed surface.
 
     Raises:
         ShapeError: the holes are too large or too uneven, the surface intersects itself, or it is flat.
@@ -115,7 +115,7 @@ def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArra
     loops = _loops(faces)
     if loops is None or len(loops) > MAX_HOLES:
         raise ShapeError(
-            f"{name}: not a closed body ({holes} open edges that do not run round plain holes): {remedy}"
+            f"{name}: not a closed body ({holes} open edges that do not form simple rings): {remedy}"
         )
     extent = float(np.ptp(vertices, axis=0).max())
     added: list[IntArray] = [faces]
@@ -152,7 +152,7 @@ def _filled(vertices: Array, faces: IntArray, name: str) -> tuple[Array, IntArra
         raise ShapeError(f"{name}: not a closed body ({left} edges stay open): {remedy}")
     part = 100 * widest / extent
     many = f"{len(loops)} holes were" if len(loops) > 1 else "a hole was"
-    border = f", its border uneven by {1000 * uneven:.1f} mm" if uneven else ""
+    border = f", its rim uneven by {1000 * uneven:.1f} mm" if uneven else ""
     what = f"{many} closed (the widest {part:.0f} % of the size{border})"
     return (
         vertices,
@@ -221,7 +221,10 @@ def _exterior(
     if len(outer) > 1:
         united = _united(vertices, faces, [np.flatnonzero(body == index) for index in outer])
         if united is None:
-            notes.append(f"{name}: {len(outer)} separate bodies; where they overlap, volume counts twice")
+            notes.append(
+                f"{name}: {len(outer)} separate bodies that cannot be united; where they overlap, volume "
+                "counts twice: unite them in the CAD program"
+            )
         else:
             apart = float(volumes[outer].sum()) - _volume(*united[:2])
             if apart > 1e-6 * float(volumes.max()):
@@ -231,8 +234,8 @@ def _exterior(
             left = _pieces(faces)
             if left > 1:
                 notes.append(
-                    f"{name}: {left} separate bodies: they are taken as one rigid object, joined by "
-                    "something the file does not show"
+                    f"{name}: {left} separate bodies: they are taken as one rigid object, connected by "
+                    "something that the file does not contain"
                 )
     used, faces = np.unique(faces, return_inverse=True)
     return vertices[used], faces.reshape(-1, 3).astype(np.int64), added
@@ -296,7 +299,7 @@ def _united(
 
 
 def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
-    """Refuse a surface that intersects itself: its winding number at points of the box is not 0 or 1."""
+    """Refuse a surface that intersects itself: its winding number at some points is neither 0 nor 1."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     i = np.arange(1, PROBES + 1)[:, None]
     # A deterministic low-discrepancy sequence: the generalised golden ratio's in three dimensions.
@@ -309,9 +312,9 @@ def _refuse_self_crossing(vertices: Array, faces: IntArray, name: str) -> None:
     if wrong > max(MAX_MULTIPLE_SHARE * inside, 2):
         share = 100 * wrong / max(inside, 1)
         raise ShapeError(
-            f"{name}: the surface runs through itself ({share:.1f} % of its inside counts twice or "
-            "negative): unite the parts "
-            "in the CAD program or a mesh editor, or give a primitive (box, cylinder) instead"
+            f"{name}: the surface intersects itself ({share:.1f} % of its inside counts twice or "
+            "negatively): unite the parts in the CAD program or a mesh editor, or give a primitive (box, "
+            "cylinder) instead"
         )
 
 

@@ -18,8 +18,8 @@ from scipy.spatial import ConvexHull, QhullError
 from analyze.errors import ShapeError
 from analyze.geometry import cloud_files, distance, mesh_files, polyhedron, scanned_surface
 from analyze.geometry.cloud_surface import CloudSurface, cloud_surface, line_sd
-from analyze.geometry.hull_planes import COARSE
 from analyze.geometry.mesh_repair import closed_mesh
+from analyze.geometry.plane_search import COARSE_PATCH_FRACTION
 from analyze.geometry.primitives import box_mesh, cylinder_mesh
 from analyze.geometry.scanned_surface import ScannedSurface
 from analyze.types import Array, IntArray
@@ -34,22 +34,22 @@ DENSITIES = (2.0, 12_000.0)
 MODEL_ERROR = 0.004
 """Relative 1 sigma of each moment of a body modelled by cells: voxels, non-uniform shells."""
 LEVER_ERROR = 1e-4
-"""1 sigma of the centre of mass of a body modelled by cells [m]."""
+"""1 sigma of the centre of mass of a body modelled by cells [m], for the same reasons."""
 LINE_SD = 5e-5
 """1 sigma of an edge's place across itself in a shape that is taken as exact [m]."""
-BARE = 0.01
+REPORTED_BARE_SHARE = 0.01
 """Fraction of a cloud's surface without points above which it is reported."""
-HOLLOW = 0.02
+REPORTED_HOLLOW_SHARE = 0.02
 """Fraction of a cloud's points in hollows above which it is reported."""
-BODY_PLANES = 4
+MIN_BODY_PLANES = 4
 """Smallest number of planes that can bound a body."""
-NOISY = 3e-4
+REPORTED_SCATTER = 3e-4
 """Scatter of a cloud above which its possible bias is reported [m]."""
 CONVEX_TOLERANCE = 1e-3
 """Relative difference of the hull's volume up to which a mesh counts as convex."""
 
 
-_Made = TypeVar("_Made")
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class ObjectModel:
     """Closed exterior of an object, in O [m]."""
 
     name: str
+    """Name of the object."""
     vertices: Array
     """(n, 3) vertices [m]."""
     faces: IntArray
@@ -76,9 +77,9 @@ class ObjectModel:
     primitive: Box | Cylinder | None
     """Primitive that the shape was given as; None for a shape file."""
     warnings: tuple[str, ...]
-    """Repairs made, and peculiarities of the shape."""
+    """Notes on repairs made and on doubtful properties of the shape."""
     surface_sd: float = 0.0
-    """1 sigma of a displacement common to all of the surface [m]."""
+    """1 sigma of an error common to the whole surface, outwards or inwards [m]."""
     cloud: CloudSurface | None = None
     """Fit of the exterior to a point cloud; None for other shapes."""
     scanned: ScannedSurface | None = None
@@ -146,15 +147,15 @@ class ObjectModel:
         normal = np.cross(b - a, c - a)
         return hit[0], normal / np.linalg.norm(normal)
 
-    def once(self, asked: Hashable, make: Callable[[ObjectModel], _Made]) -> _Made:
-        """Result of `make` for this model, computed once for each key `asked`; a model is immutable."""
-        if asked not in self._made:
-            self._made[asked] = make(self)
-        made: _Made = self._made[asked]
-        return made
+    def cached(self, key: Hashable, compute: Callable[[ObjectModel], _Result]) -> _Result:
+        """Result of `compute` for this model, computed only once per key; a model is immutable."""
+        if key not in self._cache:
+            self._cache[key] = compute(self)
+        result: _Result = self._cache[key]
+        return result
 
     @cached_property
-    def _made(self) -> dict[Hashable, Any]:
+    def _cache(self) -> dict[Hashable, Any]:
         return {}
 
     @cached_property
@@ -198,7 +199,9 @@ def load_object_model(spec: ObjectSpec, shape_bytes: bytes | None, shape_name: s
     suffix = PurePath(shape_name).suffix.lower().removeprefix(".")
     known = dict.fromkeys((*mesh_files.FORMATS, *cloud_files.FORMATS))
     if suffix not in known:
-        raise ShapeError(f"{shape_name}: shape files are {', '.join(known).upper()}: convert it")
+        raise ShapeError(
+            f"{shape_name}: this format is not read: convert it to one of {', '.join(known).upper()}"
+        )
     if suffix not in mesh_files.FORMATS or (suffix == "ply" and not mesh_files.ply_has_faces(shape_bytes)):
         return _from_cloud(spec, shape_bytes, shape_name, suffix, shape.unit)
     raw = mesh_files.read_mesh(shape_bytes, shape_name, suffix, shape.unit)
@@ -223,11 +226,11 @@ def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: Len
         raise ShapeError(
             f"{name}: no exterior can be made of it ({reason}): scan the object from all sides"
         ) from None
-    if surface.sheet > 0:
+    if surface.table_overhang > 0:
         raise ShapeError(
-            f"{name}: seems to hold the table: a plane without thickness reaches {1000 * surface.sheet:.0f} "
-            "mm beyond what stands on it: "
-            "cut it off; if it is a thin foot of the object, give a mesh"
+            f"{name}: seems to contain the table: a plane without thickness extends "
+            f"{1000 * surface.table_overhang:.0f} mm beyond what stands on it: cut it off; if it is a thin "
+            "foot of the object, give a mesh"
         )
     scanned = surface.scanned if surface.scanned.bare.any() else None
     return _checked(
@@ -243,6 +246,7 @@ def _from_cloud(spec: ObjectSpec, data: bytes, name: str, suffix: str, unit: Len
 
 
 def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str]:
+    """Notes on the quality of an exterior made from a point cloud."""
     scatter = max([surface.noise.sd, *(plane.scatter for plane in surface.planes)])
     notes = [
         (
@@ -250,31 +254,31 @@ def _cloud_notes(surface: CloudSurface, spec: ObjectSpec, name: str) -> list[str
             "smoothed curves"
         )
     ]
-    if len(surface.planes) < BODY_PLANES and scatter > COARSE * float(np.ptp(surface.vertices, axis=0).max()):
+    extent = float(np.ptp(surface.vertices, axis=0).max())
+    if len(surface.planes) < MIN_BODY_PLANES and scatter > COARSE_PATCH_FRACTION * extent:
         notes.append(
             f"{name}: scatters by {1000 * scatter:.1f} mm, too much to distinguish all faces; edges are "
             "uncertain: scan again"
         )
     if surface.strays:
         notes.append(f"{name}: {surface.strays} stray points are left out")
-    if surface.hollow_share > HOLLOW:
+    if surface.hollow_share > REPORTED_HOLLOW_SHARE:
         share, deep = 100 * surface.hollow_share, 1000 * surface.hollow_depth
         notes.append(
             f"{name}: {share:.0f} % of the points lie up to {deep:.0f} mm below the hull: hollows count as "
             "filled; give a mesh to keep them"
         )
-    if surface.scanned.bare_share > BARE:
+    if surface.scanned.bare_share > REPORTED_BARE_SHARE:
         share = 100 * surface.scanned.bare_share
         notes.append(
             f"{name}: {share:.0f} % of the surface has no points and is closed flat: do not stand the object "
-            "on it, no strike is planned "
-            "there; or scan that side too"
+            "on it, no strike is planned there; or scan that side too"
         )
-    if scatter > NOISY and spec.shape.surface_sd_m == 0:
+    if scatter > REPORTED_SCATTER and spec.shape.surface_sd_m == 0:
         scatter_mm = 1000 * scatter
         notes.append(
-            f"{name}: scatters by {scatter_mm:.1f} mm; whether outwards on the whole the points cannot show: "
-            "declare shape.surface_sd_m"
+            f"{name}: scatters by {scatter_mm:.1f} mm; the points do not show whether all of them lie too "
+            "far out or in: declare shape.surface_sd_m"
         )
     return notes
 
@@ -293,8 +297,8 @@ def _checked(
     extent = np.ptp(vertices, axis=0)
     if properties.volume <= 1e-6 * float(extent.max()) ** 3:
         raise ShapeError(
-            f"{name}: holds no volume ({properties.volume * 1e6:.3g} cm3): it is flat or folded; export the "
-            "solid's exterior"
+            f"{name}: encloses no volume ({properties.volume * 1e6:.3g} cm3): it is flat or folded: export "
+            "the solid's exterior"
         )
     _refuse_implausible(name, extent, properties.volume, spec.mass_kg, unit)
     return _model(spec, vertices, faces, None, notes, cloud, scanned)
@@ -345,17 +349,24 @@ def _refuse_implausible(
     density = mass / volume
     if not DENSITIES[0] <= density <= DENSITIES[1]:
         remedy = f"{_other_unit(longest, unit)}, or correct mass_kg (in kilograms)"
-        raise ShapeError(f"{name}: {size}{given} at {mass:g} kg means {density:.3g} kg/m3: {remedy}")
+        raise ShapeError(
+            f"{name}: {size}{given} at {mass:g} kg means {density:.3g} kg/m3, not {DENSITIES[0]:g} to "
+            f"{DENSITIES[1]:g}: {remedy}"
+        )
 
 
 def _refuse_size(name: str, extent: Array, unit: LengthUnit | None) -> None:
     longest = float(extent.max())
     if not MIN_EXTENT <= longest <= MAX_EXTENT:
         size, given = _size(extent, unit)
-        raise ShapeError(f"{name}: {size}{given} is no object to strike: {_other_unit(longest, unit)}")
+        raise ShapeError(
+            f"{name}: {size}{given} is no object to strike (its longest edge must be {MIN_EXTENT:g} to "
+            f"{MAX_EXTENT:g} m): {_other_unit(longest, unit)}"
+        )
 
 
 def _size(extent: Array, unit: LengthUnit | None) -> tuple[str, str]:
+    """Texts of the edges with their unit, and of the declared unit; for messages."""
     scale, word = (1.0, "m") if float(extent.max()) > MAX_EXTENT else (1000.0, "mm")
     return " x ".join(
         f"{edge * scale:.4g}" for edge in extent
@@ -363,13 +374,13 @@ def _size(extent: Array, unit: LengthUnit | None) -> tuple[str, str]:
 
 
 def _other_unit(longest: float, unit: LengthUnit | None) -> str:
+    """Remedy for an implausible size: a unit in which the longest edge [m] is plausible, if there is one."""
     if unit is None:
         return "give box and cylinder in metres"
     plain = longest / unit.metres
     fits = [other for other in LengthUnit if other is not unit and 0.03 <= plain * other.metres <= 0.6]
     if not fits:
         return (
-            "no unit makes it an object to strike: correct what wrote the file, or give box or cylinder with "
-            "its dimensions"
+            "no unit gives it a plausible size: export it anew, or give a box or cylinder with its dimensions"
         )
     return f'did you mean unit = "{fits[0].value}"?'

@@ -52,8 +52,8 @@ def without_degenerate(faces: IntArray) -> IntArray:
 def consistently_wound(faces: IntArray) -> tuple[IntArray, IntArray, int]:
     """Consistently wound faces (f, 3), the body (f,) of each, and the number of faces turned.
 
-    Neighbours run their common edge in opposite directions. Few faces of a body are turned; call `outward`
-    next.
+    Neighbours run their common edge in opposite directions. As few faces as possible of each body are turned;
+    call `outward` next.
     """
     count = len(faces)
     edges = np.sort(_directed_edges(faces), axis=1)
@@ -78,7 +78,7 @@ def consistently_wound(faces: IntArray) -> tuple[IntArray, IntArray, int]:
 
 
 def outward(vertices: Array, faces: IntArray, body: IntArray) -> tuple[IntArray, int]:
-    """Faces (f, 3) turned so that every body's volume is positive, and the number of bodies turned.
+    """Faces (f, 3) turned so that every body's volume is positive, and the number of turned bodies.
 
     Args:
         vertices: (n, 3) [m].
@@ -146,7 +146,7 @@ def inside(vertices: Array, faces: IntArray, points: Array) -> BoolArray:
 def winding(vertices: Array, faces: IntArray, points: Array) -> IntArray:
     """Winding number (n,) of a closed surface about points: 1 inside, 0 outside, other if self-crossing.
 
-    It is the sum of a ray's signed crossings, with the faces sorted into a grid across it.
+    It is the sum of a ray's signed crossings, with the faces sorted into a grid normal to it.
 
     Args:
         vertices: (v, 3) [m].

@@ -1,4 +1,4 @@
-"""Triangle meshes of boxes and cylinders."""
+"""Triangle meshes of boxes and cylinders, faces counter-clockwise from outside."""
 
 from __future__ import annotations
 

@@ -48,7 +48,10 @@ def matrix_from_vector(vector: Array) -> Array:
 
 
 def vector_from_matrix(matrix: Array) -> Array:
-    """Rotation vectors (..., 3) [rad], length in [0, pi], of matrices (..., 3, 3); any sign at pi."""
+    """Rotation vectors (..., 3) [rad], length in [0, pi], of matrices (..., 3, 3).
+
+    At pi the axis may have either sign.
+    """
     quaternion = wxyz_from_matrix(matrix)
     scalar, axis = quaternion[..., :1], quaternion[..., 1:]
     sine = np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -114,7 +117,10 @@ def angle_about(matrix: Array, axis: Array) -> Array:
 
 
 def nearest_rotation(matrix: Array) -> Array:
-    """Rotation (..., 3, 3) nearest to `matrix` (..., 3, 3) in the Frobenius norm (Kabsch 1976)."""
+    """Rotation (..., 3, 3) nearest to `matrix` (..., 3, 3) in the Frobenius norm (Kabsch 1976).
+
+    It removes the errors that rounding or averaging added to a rotation matrix.
+    """
     u, _, vt = np.linalg.svd(matrix)
     sign = np.linalg.det(u @ vt)
     u = np.concatenate([u[..., :2], u[..., 2:] * sign[..., None, None]], axis=-1)
@@ -138,5 +144,5 @@ def inverse_transform(T_a_b: Array) -> Array:
 
 
 def apply(T_a_b: Array, points_b: Array) -> Array:
-    """Points (n, 3) in frame a of `points_b` (n, 3) in frame b; T_a_b is (4, 4)."""
+    """Points (n, 3) in frame a from `points_b` (n, 3) in frame b, by the rigid transform T_a_b (4, 4)."""
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]

@@ -26,12 +26,12 @@ SAMPLES = 6000
 """Number of samples of the surface."""
 MAX_STEPS = 80
 """Largest number of steps along a line inwards."""
-PATCH = 24
-"""Number of points of a patch whose scatter is measured."""
-DOUBLE = 2.0
+PATCH_POINTS = 24
+"""Number of points of a patch whose scatter shows whether it is one layer or two."""
+TWO_LAYER_SCATTER = 2.0
 """Scatter of a patch over the noise above which it is a thin wall scanned from both sides."""
-LAYERS = 2
-"""Number of layers that a line inwards through a hollow meets."""
+HOLLOW_LAYERS = 2
+"""Number of layers that a line inwards through a hollow meets: its floor and the far side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +54,16 @@ class ScannedSurface:
         """Fraction of the surface that was not scanned."""
         return float(self.bare.mean())
 
-    def unknown_at(self, point: Array) -> float:
-        """Uncertainty [m] of the surface near `point` (3,) [m]: the gaps' width within a gap, else 0."""
+    def uncertainty_at(self, point: Array) -> float:
+        """Uncertainty [m] of the surface near `point` (3,) [m]: within a gap the gaps' width, else 0.
+
+        The width is taken as the root of the area that was not scanned.
+        """
         nearest = int(np.argmin(np.linalg.norm(self.points - point, axis=1)))
         return float(np.sqrt(self.bare_share * self.area)) if self.bare[nearest] else 0.0
 
-    def surely_seen(self) -> Array:
-        """Samples (k, 3) [m] that lie neither on the closure of a gap nor near its rim."""
+    def surely_scanned(self) -> Array:
+        """Samples (k, 3) [m] that lie neither in a gap of the scan nor near its rim."""
         if not self.bare.any():
             return self.points
         away = KDTree(self.points[self.bare]).query(self.points)[0]
@@ -70,7 +73,7 @@ class ScannedSurface:
 def scanned_cloud(
     vertices: Array, faces: IntArray, tree: KDTree, reach: float, probe: float, sd: float
 ) -> ScannedSurface:
-    """Samples of a cloud's hull, bare without points within `reach` or a hollow along a line inwards.
+    """Samples of a cloud's hull; bare where no point lies within `reach`, nor a hollow below.
 
     Args:
         vertices: (n, 3) vertices of the hull [m].
@@ -80,23 +83,30 @@ def scanned_cloud(
         probe: Width of the line [m].
         sd: 1 sigma of the cloud about its surface [m].
     """
-    points, normals, _, area = _spread(vertices, faces)
+    points, normals, _, area = _surface_samples(vertices, faces)
     bare = np.asarray(tree.query(points, distance_upper_bound=reach)[0]) > reach
-    bare[bare] = _layers(points[bare], normals[bare], tree, probe, sd) < LAYERS
+    bare[bare] = _layers(points[bare], normals[bare], tree, probe, sd) < HOLLOW_LAYERS
     return ScannedSurface(points, normals, bare, area, reach)
 
 
 def scanned_mesh(vertices: Array, faces: IntArray, added: BoolArray) -> ScannedSurface:
     """Samples of a repaired mesh, bare on the faces that were `added` (f,) to close holes."""
-    points, normals, owner, area = _spread(vertices, faces)
+    points, normals, owner, area = _surface_samples(vertices, faces)
     return ScannedSurface(points, normals, added[owner], area, 0.0)
 
 
 def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float) -> IntArray:
-    """Number (n,) of cloud layers that lines from `points` (n, 3) [m] against `normals` (n, 3) meet.
+    """Number (n,) of layers of a cloud that straight lines into the body meet.
 
-    Layers are two probes [m] or more apart; nearer ones scatter about their common middle by more than the
-    noise.
+    Layers two probe widths or more apart are counted separately; nearer ones are recognised by a scatter
+    about their common middle larger than the noise.
+
+    Args:
+        points: (n, 3) starts of the lines [m].
+        normals: (n, 3) outward unit normals; the lines run against them.
+        tree: Search tree of the cloud [m].
+        probe: Width of the lines [m].
+        sd: 1 sigma of the noise [m].
     """
     if not len(points):
         return np.zeros(0, dtype=np.int64)
@@ -112,8 +122,8 @@ def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float
     single = np.flatnonzero(count == 1)
     found = np.asarray(nearest).reshape(met.shape)[single, np.argmax(begins[single], axis=1)]
     if len(single):
-        patches = np.asarray(tree.data)[tree.query(np.asarray(tree.data)[found], k=PATCH)[1]]
-        count[single[patch_scatter(patches) > DOUBLE * sd]] = LAYERS
+        patches = np.asarray(tree.data)[tree.query(np.asarray(tree.data)[found], k=PATCH_POINTS)[1]]
+        count[single[patch_scatter(patches) > TWO_LAYER_SCATTER * sd]] = HOLLOW_LAYERS
     through, met_some = np.flatnonzero(count == 0), np.flatnonzero(count)
     if len(through) and len(met_some):
         # A line that meets nothing is given the count of the nearest line that does.
@@ -121,7 +131,7 @@ def _layers(points: Array, normals: Array, tree: KDTree, probe: float, sd: float
     return count
 
 
-def _spread(vertices: Array, faces: IntArray) -> tuple[Array, Array, IntArray, float]:
+def _surface_samples(vertices: Array, faces: IntArray) -> tuple[Array, Array, IntArray, float]:
     """Uniform points (n, 3) [m] on the surface, normals (n, 3), faces (n,), and the surface's area [m^2]."""
     points, owner = even_samples(vertices, faces, SAMPLES)
     a, b, c = np.moveaxis(vertices[faces], 1, 0)

@@ -11,7 +11,10 @@ from analyze.types import CameraModel
 
 
 def turned_camera(camera: CameraModel, heading: float) -> CameraModel:
-    """Camera in the frame W of a strike whose object and striker are turned by `heading` [rad] about z."""
+    """Camera as seen from the frame W of a strike with a heading.
+
+    Object and striker stand turned by `heading` [rad] about z, and W turns with them; the camera does not.
+    """
     if heading == 0.0:
         return camera
     turn = np.eye(4)

@@ -45,7 +45,7 @@ def voxelise(model: ObjectModel, pitch: float, shell_thickness: float) -> Voxels
     """
     if pitch <= 0 or shell_thickness <= 0:
         raise ValueError("pitch and shell_thickness must be above 0")
-    return model.once(
+    return model.cached(
         ("voxels", pitch, shell_thickness), lambda model: _voxelised(model, pitch, shell_thickness)
     )
 

@@ -106,7 +106,7 @@ def hypothesis(model: ObjectModel) -> Hypothesis:
     area, plus the sampling step and `FILLING_ASYMMETRY` of the half extent, since a symmetric exterior may
     hide an asymmetric filling; they are clipped to the half extent.
     """
-    return model.once("hypothesis", _hypothesis)
+    return model.cached("hypothesis", _hypothesis)
 
 
 def _hypothesis(model: ObjectModel) -> Hypothesis:

@@ -144,7 +144,7 @@ def _part_of_a_ball(model: ObjectModel) -> float | None:
     """Diameter [m] of the sphere that fits the scanned surface; None if none fits, or too little is seen."""
     if model.scanned is None:
         return None
-    seen = model.scanned.surely_seen()
+    seen = model.scanned.surely_scanned()
     if len(seen) < DIRECTIONS:
         return None
     origin = seen.mean(axis=0)

@@ -91,7 +91,7 @@ def resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:
     A face grows from its largest facet over neighbours whose corners lie in its plane within `COPLANAR` and
     whose normals agree within `COPLANAR_ANGLE`.
     """
-    return model.once("resting planes", _resting_planes)
+    return model.cached("resting planes", _resting_planes)
 
 
 def _resting_planes(model: ObjectModel) -> tuple[RestingPlane, ...]:

@@ -85,7 +85,7 @@ def refuse_off_surface(model: ObjectModel, spec: ObjectSpec) -> None:
         outside = float(model.signed_distance(centre)[0])
         most = OFF_SURFACE + marker.thickness_m + SURFACE_SDS * unsure
         if model.scanned is not None:
-            most += model.scanned.unknown_at(centre)
+            most += model.scanned.uncertainty_at(centre)
         if -most - hollow <= outside <= most:
             continue
         where = "outside" if outside > 0 else "inside"

@@ -1,4 +1,4 @@
-"""Shapes: what is read, what is repaired, what is refused, and distances against analytic bodies."""
+"""Object models: shapes read, repaired or refused, and depths compared with analytic bodies."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_box_file_and_primitive_are_the_same_body():
     assert np.allclose(mesh.depth(points[within]), box.depth(points[within]), atol=MICROMETRE)
 
 
-def test_depth_of_a_body_with_a_notch():
+def test_depth_of_a_non_convex_body():
     model = mesh_of(notched(), mass=0.02)
     assert np.isclose(model.volume, 0.75 * 0.04 * 0.04 * 0.03, rtol=1e-6)
     probes = np.array(
@@ -71,11 +71,11 @@ def test_depth_of_a_body_with_a_notch():
     assert np.allclose(model.depth_and_gradient(probes[3:4]).gradient, [[0, 1, 0]], atol=1e-6)
 
 
-def test_general_and_convex_distances_agree_inside():
+def test_mesh_and_convex_depth_agree_inside():
     rng = np.random.default_rng(4)
     turned = Rotation.random(rng=5).apply(box_triangles(SIZE).reshape(-1, 3)).reshape(-1, 3, 3)
     convex = mesh_of(turned)
-    # A far small body makes the whole non-convex, and changes nothing inside the first.
+    # A small body far away makes the shape non-convex without effect on depths inside the first.
     general = mesh_of(np.concatenate([turned, box_triangles(np.full(3, 5.0), centre=(300, 0, 0))]))
     points = rng.uniform(-0.1, 0.1, (1500, 3))
     within = convex.contains(points)
@@ -85,7 +85,7 @@ def test_general_and_convex_distances_agree_inside():
     assert any("2 separate bodies" in warning for warning in general.warnings)
 
 
-def test_cylinder_is_exact():
+def test_cylinder_primitive_is_exact():
     model = load_object_model(spec_of({"cylinder": {"radius_m": 0.036, "height_m": 0.15}}), None, "")
     assert np.isclose(model.volume, np.pi * 0.036**2 * 0.15)
     assert np.allclose(
@@ -95,7 +95,7 @@ def test_cylinder_is_exact():
     assert np.allclose(model.depth_and_gradient(np.array([[0.0, 0.03, 0.0]])).gradient, [[0, -1, 0]])
 
 
-def test_turned_normals_are_repaired_and_said():
+def test_wrong_winding_is_repaired_and_reported():
     triangles = box_triangles(SIZE)
     inverted = mesh_of(triangles[:, ::-1])
     assert np.isclose(inverted.volume, np.prod(SIZE) * 1e-9, rtol=1e-6)
@@ -106,7 +106,7 @@ def test_turned_normals_are_repaired_and_said():
     assert any("3 faces" in warning for warning in mixed.warnings)
 
 
-def test_half_of_the_faces_turned_is_repaired():
+def test_half_of_the_faces_wound_wrongly_is_repaired():
     triangles = box_triangles(SIZE)
     triangles[:6] = triangles[:6][:, ::-1]
     assert np.isclose(mesh_of(triangles).volume, np.prod(SIZE) * 1e-9, rtol=1e-6)
@@ -119,7 +119,7 @@ def test_inner_surface_is_ignored():
     assert any("inner" in warning for warning in model.warnings)
 
 
-def test_formats_and_units():
+def test_obj_file_in_centimetres():
     box = load_object_model(spec_of({"box": {"size_m": [0.06, 0.05, 0.2]}}), None, "")
     data = obj(box.vertices * 100, box.faces)
     model = load_object_model(spec_of({"file": "thing.obj", "unit": "cm"}), data, "thing.obj")
@@ -127,7 +127,7 @@ def test_formats_and_units():
 
 
 @pytest.mark.parametrize(
-    ("triangles", "unit", "says"),
+    ("triangles", "unit", "expected"),
     [
         (box_triangles(SIZE)[[1, 2, 3, 4, 6, 7, 8, 9, 10, 11]], "mm", "open edges"),
         (box_triangles(SIZE), "m", 'unit = "mm"'),
@@ -136,10 +136,10 @@ def test_formats_and_units():
         (box_triangles(SIZE) * np.nan, "mm", "no numbers"),
     ],
 )
-def test_unusable_meshes_are_refused_in_one_line(triangles, unit, says):
+def test_unusable_meshes_are_refused_in_one_line(triangles, unit, expected):
     with pytest.raises(ShapeError) as caught:
         mesh_of(triangles, unit=unit)
-    assert says in str(caught.value)
+    assert expected in str(caught.value)
     assert str(caught.value).startswith("thing.stl")
     assert "\n" not in str(caught.value)
 

@@ -1,4 +1,4 @@
-"""Group laws and round trips of rotations."""
+"""Rotations: conversions and their inverses, group laws, agreement with scipy."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_vector_and_matrix_are_inverse(vector):
 
 
 @given(vectors)
-def test_agrees_with_an_independent_library(vector):
+def test_conversions_agree_with_scipy(vector):
     theirs = Rotation.from_rotvec(vector)
     assert np.allclose(rotations.matrix_from_vector(vector), theirs.as_matrix(), atol=1e-12)
     xyzw = theirs.as_quat(canonical=True)
@@ -57,7 +57,7 @@ def test_angle_about_an_axis_ignores_the_swing(angle, swing):
     assert np.isclose(rotations.angle_about(matrix, axis), angle, atol=TOLERANCE_RAD)
 
 
-def test_half_turns_come_back():
+def test_half_turns_survive_conversion_to_vectors():
     for axis in np.vstack([np.eye(3), np.ones(3) / np.sqrt(3)]):
         matrix = rotations.matrix_from_vector(np.pi * axis)
         assert np.allclose(
@@ -65,7 +65,7 @@ def test_half_turns_come_back():
         )
 
 
-def test_many_at_once():
+def test_leading_axes_broadcast():
     vectors_many = np.random.default_rng(1).normal(size=(5, 7, 3)) * 0.5
     matrices = rotations.matrix_from_vector(vectors_many)
     assert matrices.shape == (5, 7, 3, 3)
@@ -83,7 +83,7 @@ def test_nearest_rotation_removes_noise():
     assert np.max(rotations.angle_between(exact, mended)) < 1e-5
 
 
-def test_transforms_invert():
+def test_inverse_transform_undoes_the_transform():
     T = rotations.transform(
         rotations.matrix_from_vector(np.array([0.1, -0.4, 2.0])), np.array([1.0, 2.0, 3.0])
     )

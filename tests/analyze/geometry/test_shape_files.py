@@ -1,5 +1,7 @@
-"""Every format, every kind of damage: read, repaired and said, or refused in one line. All files are made
-here."""
+"""Shape files of every format and kind of damage: read, repaired with a note, or refused in one line.
+
+All files are generated here.
+"""
 
 from __future__ import annotations
 
@@ -40,9 +42,9 @@ def mesh_bytes(kind: str, mesh: trimesh.Trimesh) -> bytes:
     return data.encode() if isinstance(data, str) else data
 
 
-def box_cloud(noise=0.0, many=4000, seed=1, size=SIZE) -> np.ndarray:
+def box_cloud(noise=0.0, count=4000, seed=1, size=SIZE) -> np.ndarray:
     rng = np.random.default_rng(seed)
-    points, _ = trimesh.sample.sample_surface(box_mesh(size), many, seed=seed)
+    points, _ = trimesh.sample.sample_surface(box_mesh(size), count, seed=seed)
     return np.asarray(points) + rng.normal(0, noise, points.shape)
 
 
@@ -60,7 +62,7 @@ def pcd(points, stored="ascii") -> bytes:
     columns = (
         b"".join(np.ascontiguousarray(table["xyz"][:, i]).tobytes() for i in range(3)) + table["i"].tobytes()
     )
-    # Literals, and the intensities, all 0, as one literal and copies of it: both kinds of LZF's records.
+    # Coordinates as literals, the zero intensities as copies of one: both kinds of LZF records.
     literal = columns[: 12 * len(points) + 1]
     packed = b"".join(
         bytes([len(piece) - 1]) + piece for piece in (literal[i : i + 32] for i in range(0, len(literal), 32))
@@ -121,17 +123,17 @@ def test_every_cloud_format_gives_the_same_body(kind):
 
 
 @pytest.mark.parametrize("kind", ["obj", "stl"])
-def test_names_and_comments_may_be_in_any_alphabet(kind):
-    mesh, said = box_mesh(), "Gehäuse, größer".encode("latin-1")
+def test_names_and_comments_may_have_any_encoding(kind):
+    mesh, message = box_mesh(), "Gehäuse, größer".encode("latin-1")
     data = (
-        b"# " + said + b"\n" + mesh_bytes("obj", mesh)
+        b"# " + message + b"\n" + mesh_bytes("obj", mesh)
         if kind == "obj"
-        else said.ljust(80) + mesh_bytes("stl", mesh)[80:]
+        else message.ljust(80) + mesh_bytes("stl", mesh)[80:]
     )
     assert np.allclose(load(data, f"box.{kind}").extent, SIZE / 1000, atol=1e-7)
 
 
-def test_scene_parts_are_put_in_their_places():
+def test_parts_of_a_scene_are_placed():
     scene = trimesh.Scene()
     scene.add_geometry(
         box_mesh([60, 50, 100]), transform=trimesh.transformations.translation_matrix([0, 0, 50])
@@ -144,11 +146,11 @@ def test_scene_parts_are_put_in_their_places():
     assert np.isclose(model.volume, np.prod(SIZE) * 1e-9, rtol=1e-6)
 
 
-def test_a_bottle_of_200_metres_is_a_mistake():
+def test_implausible_size_is_refused_with_the_likely_unit():
     bottle = trimesh.creation.cylinder(35, 200)
     with pytest.raises(
         ShapeError,
-        match=r'^bottle\.stl: 70 x 70 x 200 m with unit = "m" is no object to strike: .*mm.*$',
+        match=r'^bottle\.stl: 70 x 70 x 200 m with unit = "m" is no object to strike .*: .*mm.*$',
     ):
         load(mesh_bytes("stl", bottle), "bottle.stl", unit="m")
     with pytest.raises(ShapeError, match=r'unit = "mm"'):
@@ -156,7 +158,7 @@ def test_a_bottle_of_200_metres_is_a_mistake():
 
 
 def test_a_unit_that_contradicts_the_file_is_refused():
-    with pytest.raises(ShapeError, match=r'the file itself says millimeter.*correct shape.unit to "mm"'):
+    with pytest.raises(ShapeError, match=r'own unit is millimeter.*correct shape.unit to "mm"'):
         load(mesh_bytes("3mf", box_mesh(SIZE / 10)), "box.3mf", unit="cm")
 
 
@@ -166,7 +168,7 @@ def test_parts_in_other_files_are_refused_with_the_remedy():
         load(files["model.gltf"], "box.gltf")
 
 
-def test_stray_vertices_that_no_face_uses_do_not_count():
+def test_unused_vertices_are_ignored():
     mesh = box_mesh()
     data = trimesh.Trimesh(np.vstack([mesh.vertices, [[500, 0, 0]]]), mesh.faces, process=False).export(
         file_type="ply"
@@ -174,7 +176,7 @@ def test_stray_vertices_that_no_face_uses_do_not_count():
     assert np.allclose(load(data, "box.ply").extent, SIZE / 1000, atol=1e-7)
 
 
-def test_missing_bottom_is_closed_flat_and_said():
+def test_missing_bottom_is_closed_flat_and_reported():
     cup = trimesh.creation.cylinder(30, 150, sections=64)
     scan = trimesh.Trimesh(cup.vertices, cup.faces[cup.triangles_center[:, 2] > -74.9], process=False)
     model = load(mesh_bytes("stl", scan), "cup.stl")
@@ -182,7 +184,7 @@ def test_missing_bottom_is_closed_flat_and_said():
     assert "a hole was closed (the widest 40 % of the size)" in model.warnings[0]
 
 
-def test_bottom_torn_off_crookedly_is_refused():
+def test_large_uneven_hole_is_refused():
     cup = trimesh.creation.cylinder(30, 150, sections=64)
     bent = cup.vertices + np.outer(cup.vertices[:, 0] ** 2 / 60, [0, 0, 1])
     scan = trimesh.Trimesh(bent, cup.faces[cup.triangles_center[:, 2] > -74.9], process=False)
@@ -190,7 +192,7 @@ def test_bottom_torn_off_crookedly_is_refused():
         load(mesh_bytes("stl", scan), "cup.stl")
 
 
-def test_a_small_crooked_hole_is_closed():
+def test_small_uneven_hole_is_closed():
     ball = trimesh.creation.icosphere(4, 40)
     torn = trimesh.Trimesh(ball.vertices, np.delete(ball.faces, [10, 11, 12], axis=0), process=False)
     model = load(mesh_bytes("ply", torn), "ball.ply")
@@ -198,7 +200,7 @@ def test_a_small_crooked_hole_is_closed():
     assert "closed" in model.warnings[0]
 
 
-def test_cracks_of_rounded_numbers_are_joined():
+def test_cracks_from_rounded_coordinates_are_closed():
     triangles = box_triangles(SIZE) + np.random.default_rng(1).uniform(-2e-4, 2e-4, (12, 3, 3))
     assert np.isclose(load(stl(triangles), "box.stl").volume, np.prod(SIZE) * 1e-9, rtol=1e-4)
 
@@ -212,33 +214,33 @@ def test_overlapping_bodies_are_united():
     assert any("2 bodies overlapped" in note for note in model.warnings)
 
 
-def test_separate_bodies_and_specks_are_said():
+def test_separate_bodies_and_specks_are_reported():
     far = box_mesh([20, 20, 20], (100, 0, 0))
     dust = box_mesh([0.5, 0.5, 0.5], (300, 0, 0))
-    model = load(mesh_bytes("stl", trimesh.util.concatenate([box_mesh(), far, dust])), "many.stl", mass=0.2)
+    model = load(mesh_bytes("stl", trimesh.util.concatenate([box_mesh(), far, dust])), "count.stl", mass=0.2)
     assert np.isclose(model.extent[0], 0.14)
     assert any("2 separate bodies" in note for note in model.warnings)
     assert any("1 specks" in note for note in model.warnings)
 
 
-def test_a_surface_through_itself_is_refused():
+def test_self_intersecting_surface_is_refused():
     rod = trimesh.creation.cylinder(20, 200, sections=32).subdivide().subdivide()
     x, y, z = rod.vertices.T
-    # Bent by more than a whole turn: the ends run through each other.
+    # Bent by more than a whole turn, so that the ends intersect.
     turn = z / 200 * 2.4 * np.pi
     bent = np.stack([(40 + x) * np.cos(turn), (40 + x) * np.sin(turn), y], axis=1)
-    with pytest.raises(ShapeError, match=r"runs through itself \(\d.*unite the parts"):
+    with pytest.raises(ShapeError, match=r"intersects itself \(\d.*unite the parts"):
         load(mesh_bytes("stl", trimesh.Trimesh(bent, rod.faces, process=False)), "rod.stl")
 
 
-def test_cloud_with_a_missing_bottom_is_closed_and_said():
-    points = box_cloud(noise=0.2, many=8000)
+def test_cloud_with_a_missing_bottom_is_closed_and_reported():
+    points = box_cloud(noise=0.2, count=8000)
     model = load(*cloud_bytes("ply", points[points[:, 2] > -95]))
     assert np.isclose(model.extent[2], 0.195, atol=0.002)
     assert any("closed flat: do not stand" in note for note in model.warnings)
 
 
-def test_cloud_with_strays_and_hollows():
+def test_strays_are_dropped_and_hollows_reported():
     rng = np.random.default_rng(3)
     waist = trimesh.boolean.difference([box_mesh(), box_mesh([80, 30, 60], (0, 30, 0))])
     points = np.vstack(
@@ -250,56 +252,56 @@ def test_cloud_with_strays_and_hollows():
     assert any("hollows count as filled" in note for note in model.warnings)
 
 
-@pytest.mark.parametrize(("many", "half"), [(3000, 200.0), (12_000, 150.0), (6000, 60.0)])
-def test_a_table_left_in_the_scan_is_refused(many, half):
-    table = np.random.default_rng(1).uniform(-half, half, (many, 3)) * [1, 1, 1e-3] - [0, 0, SIZE[2] / 2]
-    with pytest.raises(ShapeError, match=r"seems to hold the table: .* beyond what stands on it: cut it off"):
-        load(*cloud_bytes("xyz", np.vstack([box_cloud(noise=0.1, many=6000), table])))
+@pytest.mark.parametrize(("count", "half"), [(3000, 200.0), (12_000, 150.0), (6000, 60.0)])
+def test_a_table_left_in_the_scan_is_refused(count, half):
+    table = np.random.default_rng(1).uniform(-half, half, (count, 3)) * [1, 1, 1e-3] - [0, 0, SIZE[2] / 2]
+    with pytest.raises(ShapeError, match=r"seems to contain the table: .* what stands on it: cut it off"):
+        load(*cloud_bytes("xyz", np.vstack([box_cloud(noise=0.1, count=6000), table])))
 
 
 @pytest.mark.parametrize("thickness", [1.5, 4.0, 20.0])
-def test_a_foot_is_no_table(thickness):
+def test_thin_foot_is_not_taken_for_a_table(thickness):
     lamp = trimesh.boolean.union([box_mesh(), box_mesh([180, 160, thickness], (0, 0, -100 + thickness / 2))])
     points = np.asarray(trimesh.sample.sample_surface(lamp, 12_000, seed=1)[0])
     model = load(
         *cloud_bytes("xyz", points + np.random.default_rng(1).normal(0, 0.1, points.shape)), mass=0.2
     )
-    assert model.cloud.sheet == 0
+    assert model.cloud.table_overhang == 0
 
 
-def written(row: str) -> tuple[bytes, str]:
-    """The box's cloud, every line as `row` has it."""
-    lines = [row.format(*(f"{value:.2f}" for value in point)) for point in box_cloud(many=1500)]
+def cloud_text(row: str) -> tuple[bytes, str]:
+    """XYZ file of the box's cloud, each line formatted by `row`."""
+    lines = [row.format(*(f"{value:.2f}" for value in point)) for point in box_cloud(count=1500)]
     return "\n".join(["x;y;z", *lines]).encode(), "cloud.xyz"
 
 
 @pytest.mark.parametrize("row", ["{};{};{}", "{} {} {}", "{}; {}; {}; 128", "{}\t{}\t{}\t7\t8\t9"])
 def test_decimal_commas_are_read(row):
-    data, name = written(row)
+    data, name = cloud_text(row)
     model = load(data.replace(b".", b","), name)
     assert np.allclose(model.extent, SIZE / 1000, atol=1e-4)
     assert model.warnings[0] == "cloud.xyz: its commas are read as decimal commas"
 
 
 @pytest.mark.parametrize("row", ["{},{},{}", "{}, {}, {}", "{},{},{} 255 0 0", "{};{};{}", "{} , {} , {}"])
-def test_commas_between_columns_are_no_decimals(row):
-    model = load(*written(row))
+def test_commas_between_columns_are_not_decimal_commas(row):
+    model = load(*cloud_text(row))
     assert np.allclose(model.extent, SIZE / 1000, atol=1e-4)
     assert "decimal" not in model.warnings[0]
 
 
-def test_whole_numbers_in_six_columns_are_columns_where_a_sign_says_so():
-    lines = ["{:.0f},{:.0f},{:.0f},9,9,9".format(*point) for point in box_cloud(many=6000)]
+def test_six_columns_of_integers_with_signs_are_columns():
+    lines = ["{:.0f},{:.0f},{:.0f},9,9,9".format(*point) for point in box_cloud(count=6000)]
     assert np.allclose(load("\n".join(lines).encode(), "cloud.xyz").extent, SIZE / 1000, atol=2e-3)
 
 
 @pytest.mark.parametrize("lines", ["12,5,30,1,7,9", "1.012,5;30,1;7,9", "1,012.5 30.1 7.9", "12.5,30.1;7.9"])
-def test_commas_of_unclear_meaning_are_refused(lines):
+def test_ambiguous_commas_are_refused(lines):
     with pytest.raises(ShapeError, match=r"^cloud\.xyz: [^\n]*write numbers with decimal points"):
         load("\n".join([lines] * 300).encode(), "cloud.xyz")
 
 
-def test_noise_that_drowns_the_faces_is_said():
+def test_noise_too_large_for_the_faces_is_reported():
     prism = trimesh.creation.cylinder(25, 100, sections=6)
     points = trimesh.sample.sample_surface(prism, 3000, seed=1)[0] + np.random.default_rng(1).normal(
         0, 4, (3000, 3)
@@ -309,7 +311,7 @@ def test_noise_that_drowns_the_faces_is_said():
     )
 
 
-def test_declared_bias_of_a_scan_goes_into_every_edge():
+def test_declared_surface_error_is_added_to_every_edge():
     points = box_cloud(noise=1.0)
     plain, declared = (
         load(*cloud_bytes("xyz", points)),
@@ -339,7 +341,7 @@ def damaged(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def refusal(act) -> str:
-    """What a ShapeError says; empty if there is none."""
+    """Message of the ShapeError that `act` raises; empty if it raises none."""
     try:
         act()
     except ShapeError as error:
@@ -349,7 +351,7 @@ def refusal(act) -> str:
 
 @cache
 def samples() -> dict[str, bytes]:
-    mesh, points = box_mesh(), box_cloud(many=600)
+    mesh, points = box_mesh(), box_cloud(count=600)
     found = {f"box.{kind}": mesh_bytes(kind, mesh) for kind in MESHES}
     found |= {f"{kind}-{name}": data for kind in CLOUDS for data, name in [cloud_bytes(kind, points)]}
     text = trimesh.Trimesh(mesh.vertices, mesh.faces).export(file_type="ply", encoding="ascii")
@@ -357,9 +359,8 @@ def samples() -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("name", sorted(samples()))
-def test_damaged_files_end_in_one_line_and_little_memory(name, capfd):
-    """Cut, garbled, with false counts: read or refused in one line; nothing printed; no more memory than
-    honest work needs."""
+def test_damaged_files_are_read_or_refused_in_one_line_with_little_memory(name, capfd):
+    """Files cut short, corrupted or with wrong counts; nothing is printed."""
     data = samples()[name]
     rng = np.random.default_rng(sum(name.encode()))
     cloud = "cloud." in name
@@ -367,9 +368,9 @@ def test_damaged_files_end_in_one_line_and_little_memory(name, capfd):
     tracemalloc.start()
     try:
         for _ in range(25):
-            said = refusal(partial(take, damaged(data, rng)))
-            assert "\n" not in said
-            assert not said or said.startswith((name, "thing"))
+            message = refusal(partial(take, damaged(data, rng)))
+            assert "\n" not in message
+            assert not message or message.startswith((name, "thing"))
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -380,15 +381,15 @@ def test_damaged_files_end_in_one_line_and_little_memory(name, capfd):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_damaged_clouds_that_can_be_read_are_planes_or_refused(seed):
+def test_readable_but_damaged_clouds_are_modelled_or_refused(seed):
     rng = np.random.default_rng(seed)
-    points = box_cloud(many=600).astype(np.float32)
+    points = box_cloud(count=600).astype(np.float32)
     points[rng.integers(600, size=60), rng.integers(3, size=60)] = rng.choice([0.0, np.nan, 1e-30, -3e4], 60)
     points[:, 0] *= rng.choice([0.0, 1e-6, 1.0])
     assert "\n" not in refusal(partial(load, *cloud_bytes("pcd-binary", points)))
 
 
-def test_a_packed_bomb_is_refused():
+def test_zip_bomb_is_refused():
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("3D/3dmodel.model", b"0" * 60_000_000)

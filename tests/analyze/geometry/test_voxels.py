@@ -1,4 +1,4 @@
-"""Voxels against analytic bodies: volume, centroid, moments, wall."""
+"""Voxels compared with analytic bodies: volume, centroid, moments and shell."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_cylinder_with_a_thin_wall():
 
 
 def test_two_joined_blocks():
-    """A T: not convex, so the general distance is used."""
+    """A T-shaped body is not convex, so that the depth below a mesh is used."""
     low, high = (
         box_triangles(np.array([60.0, 60, 40]), (0, 0, 20)),
         box_triangles(np.array([20.0, 20, 40]), (0, 0, 60)),
@@ -75,7 +75,7 @@ def test_two_joined_blocks():
     )
 
 
-def test_pieces_lie_inside_their_body():
+def test_centroids_lie_inside_the_body():
     model = load_object_model(spec_of({"box": {"size_m": [0.06, 0.05, 0.2]}}), None, "")
     voxels = voxelise(model, 0.0061, WALL)
     assert np.all((voxels.shell > -1e-12) & (voxels.shell < 1 + 1e-12))
