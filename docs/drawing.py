@@ -17,7 +17,16 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PICTURE = ROOT / "docs" / "images" / "architecture.svg"
 TOPS = ("acquire", "analyze")
-PURE = {"geometry", "planning", "tracking", "calibration", "motion", "registration", "estimation"}
+PURE = {
+    "geometry",
+    "least_squares",
+    "planning",
+    "tracking",
+    "calibration",
+    "motion",
+    "registration",
+    "estimation",
+}
 """Packages of `analyze` without input, output, clock or chance, as tests/test_architecture.py requires."""
 NODE_WIDTH, NODE_HEIGHT, GAP_X, GAP_Y = 112, 34, 16, 62
 LONGEST_ROW = 7
