@@ -1,4 +1,4 @@
 """The recording format, its MCAP core, and the documents that acquire and analyze exchange.
 
-Imports neither package.
+It imports nothing from either package.
 """

@@ -1,4 +1,4 @@
-"""Command-line conventions of both commands: a problem is one line on standard error, and an exit code.
+"""Command-line conventions of both commands: a problem is one line on standard error and an exit code.
 
 The line begins with the command's name. Exit codes: 0 done, 1 a named problem, 2 wrong usage, 3 ended early
 or with loss, 130 interrupted.
@@ -22,7 +22,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 PROBLEM, LOSS, INTERRUPTED = 1, 3, 130
-"""exit codes"""
+"""Exit codes: a named problem; ended early or with loss; interrupted by Ctrl-C."""
 
 
 class NumberRange(click.FloatRange):
@@ -86,10 +86,9 @@ def one_line_errors(command: str, *problems: type[Exception]) -> Callable[[Calla
     Expected are `problems`, unusable documents, unwritable output files, and errors of the operating system.
 
     Args:
-        command: acquire or analyze; the line begins with it.
+        command: "acquire" or "analyze", with which the line begins.
         problems: errors that the package raises on purpose. Their message names the thing and the remedy;
-            their notes
-            follow, one line each.
+            their notes follow, one line each.
     """
 
     def end(code: int, line: str = "") -> NoReturn:

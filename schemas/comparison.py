@@ -15,14 +15,14 @@ class SessionsAgreement(Document):
     """Test of one common centre of mass against one per session; shared errors stay shared."""
 
     chi_squared: float = Field(ge=0)
-    freedom: int
+    freedom: int = Field(description="degrees of freedom of chi_squared")
     chance: float = Field(
         ge=0,
         le=1,
         description="probability of such a chi squared or a larger one under one common centre of mass",
     )
     apart_m: float = Field(
-        ge=0, description="largest distance of a session's centre of mass from the first session's"
+        ge=0, description="largest distance [m] of a session's centre of mass from the first session's"
     )
 
 
@@ -31,22 +31,22 @@ class SessionAnswer(Document):
 
     recording: ReportRecording
     setup: int = Field(ge=1, description="number of the set-up: rig, level and camera calibration")
-    strikes: int
-    strikes_used: int
+    strikes: int = Field(description="number of strikes recorded")
+    strikes_used: int = Field(description="number of strikes that the answer uses")
     centre_of_mass: Quantity
     moments: list[AxisMoment]
     regions: list[RegionResult] = Field(description="regions named by the first session's dividing plane")
-    against_others: SessionsAgreement
-    stands_out: bool
+    against_others: SessionsAgreement = Field(description="this session against all others together")
+    stands_out: bool = Field(description="true if this session differs from the others beyond chance")
 
 
 class SessionValue(Document):
     """Value of a quantity in one session: its answer, or the mean of its strikes."""
 
-    session: int
+    session: int = Field(description="number of the session by start time, from 1")
     value: float
     interval95: list[float] | None = None
-    results: list[float] = Field(description="values that it is the mean of")
+    results: list[float] = Field(description="values of which `value` is the mean")
 
 
 class QuantityPrecision(Document):
@@ -64,10 +64,10 @@ class QuantityPrecision(Document):
     )
     mean: float
     s_r: float | None = Field(description="repeatability standard deviation: within a group")
-    freedom_r: int
+    freedom_r: int = Field(description="degrees of freedom of s_r")
     s_L: float | None = Field(description="standard deviation between groups")
     s_R: float | None = Field(description="reproducibility standard deviation: s_L and s_r together")
-    freedom_R: int
+    freedom_R: int = Field(description="degrees of freedom of s_R")
     mandel_h: list[float] | None = Field(
         description="Mandel's h of each session in turn; null for fewer than three sessions"
     )
@@ -82,7 +82,9 @@ class Comparison(Document):
     software: str
     verdict: list[str] = Field(description="sentences that begin with trust, doubt or repeat")
     agreement: SessionsAgreement
-    may_join: bool
+    may_join: bool = Field(
+        description="true if one centre of mass fits all sessions, so that their recordings may be merged"
+    )
     sessions: list[SessionAnswer]
     joint: Quantity = Field(description="centre of mass by the joint estimate from all strikes")
     precision: list[QuantityPrecision]

@@ -23,7 +23,7 @@ SCHEMA_VERSION = "1.0"
 POSE_TOLERANCE = 1e-3
 """Largest error of a rotation's column products: numbers typed by people have four digits."""
 MAX_TRANSLATION_M = 10.0
-"""No marker or camera of a table-top rig is farther away."""
+"""Largest translation of a pose: no marker or camera of a table-top rig is farther away."""
 
 T = TypeVar("T", bound=BaseModel)
 
@@ -43,7 +43,7 @@ class Document(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     by_hand: ClassVar[bool] = False
-    """True if people write it: messages then explain how to add a missing entry."""
+    """True if people write such documents: messages then show how to add a missing entry."""
 
 
 def check_pose(T: list[list[float]]) -> None:

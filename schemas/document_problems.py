@@ -1,7 +1,4 @@
-"""Problems of a document in one line.
-
-Unknown keys, missing keys and wrong values, each with its table and the remedy.
-"""
+"""Problems of a document in one line: unknown keys, missing keys and wrong values, each with a remedy."""
 
 from __future__ import annotations
 
@@ -38,7 +35,7 @@ Path = tuple[int | str, ...]
 def problems_in_one_line(
     error: ValidationError, model: type[BaseModel], data: object, *, by_hand: bool
 ) -> str:
-    """Every problem that keeps `data` from being a `model`.
+    """All problems that keep `data` from being a `model`, in one line.
 
     Args:
         error: pydantic's error.

@@ -1,4 +1,4 @@
-"""Impact of the striker's tip on an object that pivots about an edge, as plan and session compute it.
+"""Impact of the striker's tip on an object that pivots about an edge: the model of planner and session.
 
 The tip (effective mass m_s, speed v) meets the object at height h over the pivot edge, about which the
 object's moment of inertia is I. At the impact point the object resists like a free mass I/h^2, so with

@@ -1,4 +1,4 @@
-"""The object specification (TOML): shape, mass and markers, as its owner knows them."""
+"""The object specification (TOML), which the user writes: shape, mass and markers."""
 
 from __future__ import annotations
 
@@ -17,9 +17,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 MAX_THICKNESS_M = 0.1
+"""Largest wall thickness, edge radius or surface error: a larger value was probably given in millimetres."""
 MIN_DENSITY_KG_M3, MAX_DENSITY_KG_M3 = 5.0, 25_000.0
-"""Densities that a filling can have: foam, and more than any metal."""
+"""Range of densities that a filling can have: from foam to above any metal."""
 LABEL_KEYS_AFTER_1_0 = ("fills", "density_kg_m3", "density_sd_kg_m3")
+"""Keys of a label added after version 1.0: the object's hash includes them only if they are given."""
 
 
 class LengthUnit(enum.Enum):
@@ -141,7 +143,7 @@ class MarkerSpec(Document):
 class PartLabel(Document):
     """A part of uniform density whose mass is estimated.
 
-    Bodies of the mesh, the wall, a layer inside it, or a filling.
+    It is made of bodies of the mesh, or is the wall, a layer inside the wall, or a filling.
     """
 
     name: str = Field(min_length=1, description="name of the part")
@@ -199,7 +201,7 @@ class PartLabel(Document):
 
 
 class ObjectSpec(Document):
-    """The object as its user knows it (TOML). Inner masses are not part of it: they are the result."""
+    """The object as the user describes it (TOML), without masses of inner parts: they are the result."""
 
     by_hand: ClassVar[bool] = True
 
@@ -292,7 +294,7 @@ def read_object_spec(path: Path) -> ObjectSpec:
 
 
 def parse_object_spec(text: str, name: str) -> ObjectSpec:
-    """Validate an ObjectSpec given as TOML text; `name` is used in messages."""
+    """Validate an ObjectSpec given as TOML text; messages begin with `name`."""
     try:
         data = tomllib.loads(text)
     except ValueError as error:  # tomllib.TOMLDecodeError, and int's refusal of thousands of digits
@@ -303,12 +305,10 @@ def parse_object_spec(text: str, name: str) -> ObjectSpec:
 
 
 def object_sha256(spec: ObjectSpec, shape_bytes: bytes | None) -> str:
-    """Identity of an object, to which plans are bound.
+    """Identity of an object: SHA-256 (hexadecimal) of its specification and its shape file's bytes.
 
-    SHA-256 of its specification and its shape file's bytes.
-
-    Entries added after version 1.0 count only if they are given, so that older recordings keep their
-    identity.
+    A plan states the identity of the object that it was made for. Entries added after version 1.0 count only
+    if they are given, so that older recordings keep their identity.
     """
     known = spec.model_dump(mode="json")
     if not spec.shape.surface_sd_m:

@@ -12,9 +12,7 @@ class OutputError(Exception):
 
 
 def why_unwritable(output: Path, *inputs: Path) -> str | None:
-    """Reason in one line why `output` cannot be written or would replace one of the `inputs`.
-
-    None if it can be written.
+    """One-line reason why `output` cannot be written or would replace one of the `inputs`; None if it can be.
 
     A missing folder is not created: its name may be misspelt, and the file would not be found again.
     """
@@ -34,7 +32,7 @@ def why_unwritable(output: Path, *inputs: Path) -> str | None:
 def refuse_unwritable(output: Path, *inputs: Path) -> None:
     """Raise OutputError if `output` cannot be written or would replace one of the `inputs`.
 
-    Call it before the work.
+    Call it before a long computation, so that its result is not lost.
     """
     if (reason := why_unwritable(output, *inputs)) is not None:
         raise OutputError(reason)
@@ -46,9 +44,9 @@ def write_text(output: Path, text: str) -> None:
 
 
 def write_bytes(output: Path, data: bytes) -> None:
-    """Write `data` to a temporary file, fsync it and rename it.
+    """Write `data` to a temporary file, fsync it and rename it to `output`.
 
-    After an error an earlier `output` is unchanged.
+    On failure an existing `output` stays unchanged.
 
     Raises:
         OutputError: the file cannot be written.

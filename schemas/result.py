@@ -14,12 +14,12 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from schemas.document import Document, Vector3
 
 RESULT_VERSION = "2.0"
-"""schema version of results, reports and comparisons; recordings and plans have their own"""
+"""Schema version of results, reports and comparisons; recordings and plans have their own."""
 RENAMED_CODES = {
     "strike_not_foretold": "strike_not_predicted",
     "filling_turns_with_it": "filling_assumed_rigid",
 }
-"""warning codes of 2.0 by their codes in 1.x"""
+"""Warning codes of version 2.0, by their codes in 1.x."""
 
 
 def _entries(data: object) -> dict[str, Any] | None:
@@ -31,7 +31,7 @@ class RenamedDocument(Document):
     """Base of result documents whose keys were renamed: reads the old key, writes the new one."""
 
     renamed: ClassVar[dict[str, str]] = {}
-    """new key by old key"""
+    """New key by old key."""
 
     @model_validator(mode="before")
     @classmethod
@@ -46,7 +46,7 @@ class SparseDocument(Document):
     """Base of result documents that leave out optional entries without a value."""
 
     left_out_if_none: ClassVar[tuple[str, ...]] = ()
-    """entries that are not written where they are None"""
+    """Names of entries that are not written if they are None."""
 
     @model_serializer(mode="wrap")
     def _without_empty_entries(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -61,13 +61,20 @@ class Quantity(Document):
     """A quantity with unit, sd and 95 % interval; value and sd may be null if not observed."""
 
     value: float | list[float] | list[list[float]] | None
+    """number, vector (3,) or matrix (3, 3), in `unit`; null if not observed"""
     unit: str
     sd: float | list[float] | None = None
+    """1 sigma of each component, in `unit`; nine numbers row by row for a matrix"""
     covariance: list[list[float]] | None = None
+    """(3, 3) covariance of a vector, in `unit` squared"""
     interval95: list[float] | list[list[float]] | None = None
+    """lower and upper end of the 95 % interval; one such pair per component of a vector"""
     frame: str | None = None
+    """frame of a vector or matrix, such as O; null for a scalar"""
     observed: bool = True
+    """false if no strike determines the quantity, or one of its directions"""
     unobserved_direction: list[float] | None = None
+    """unit direction (3,) in which a vector is not observed"""
     source: Literal["measured", "prior", "given"] = "measured"
     """origin of the number; for several numbers that of the weakest (`inertia_measured` has it entry by
     entry)"""
@@ -198,31 +205,40 @@ class StrikeResult(RenamedDocument):
 
     renamed: ClassVar[dict[str, str]] = {"weight": "information_share", "foretold": "prediction"}
 
-    id: str
-    plan_strike_id: str
-    axis_id: str
-    plane_id: str
+    id: str = Field(description="id of the strike in the recording: plan strike and attempt, as `s3.1`")
+    plan_strike_id: str = Field(description="id of the planned strike")
+    axis_id: str = Field(description="name of the pivot edge")
+    plane_id: str = Field(description="name of the face on which the object rested")
     heading_rad: float = Field(
         default=0.0, description="heading of object and striker on the table, as planned; 0 is not written"
     )
     verdict: Verdict
-    reason: str = ""
-    used: bool
+    reason: str = Field(default="", description="reason for the verdict")
+    used: bool = Field(description="true if the result uses this strike")
     information_share: float = Field(
         ge=0, description="share of the information about the centre of mass; 0 if not used"
     )
     estimator: str | None = None
     estimator_note: str = ""
     """reason for this estimator and this window"""
-    window_ns: list[int] | None = None
-    phi: Quantity | None = None
-    k: Quantity | None = None
-    cov_phi_k: list[list[float]] | None = None
-    i_edge: Quantity | None = None
-    energy_ratio: float | None = None
-    residual_rms_rad: float | None = None
-    equiplane_residual_m: float | None = None
-    alternatives: list[AlternativeFit] = Field(default=[])
+    window_ns: list[int] | None = Field(
+        default=None, description="log times [ns] of the first and last frame that the fit uses"
+    )
+    phi: Quantity | None = Field(default=None, description="balance angle phi about the pivot edge")
+    k: Quantity | None = Field(
+        default=None, description="k = m g R / I_edge for a sharp edge, R the distance of c from it"
+    )
+    cov_phi_k: list[list[float]] | None = Field(default=None, description="(2, 2) covariance of phi and k")
+    i_edge: Quantity | None = Field(default=None, description="moment of inertia about the pivot edge")
+    energy_ratio: float | None = Field(
+        default=None,
+        description="E: kinetic energy after the strike over the energy needed to reach balance; 1 just does",
+    )
+    residual_rms_rad: float | None = Field(default=None, description="rms residual of the fit of theta(t)")
+    equiplane_residual_m: float | None = Field(
+        default=None, description="signed distance of the centre of mass from this strike's equi-plane"
+    )
+    alternatives: list[AlternativeFit] = Field(default=[], description="fits by other estimators")
     prediction: PredictionResult | None = Field(
         default=None, description="leave-one-out prediction of a strike used; not written where there is none"
     )
@@ -238,12 +254,12 @@ class StrikeResult(RenamedDocument):
 
 
 class AxisMoment(Document):
-    """Moments of inertia about one pivot axis and about its parallel through c."""
+    """Moments of inertia about one pivot axis and about its parallel through the centre of mass c."""
 
     axis_id: str
-    direction: Vector3
-    i_edge: Quantity
-    i_com: Quantity
+    direction: Vector3 = Field(description="unit direction of the axis, in O")
+    i_edge: Quantity = Field(description="moment about the pivot edge")
+    i_com: Quantity = Field(description="moment about the parallel through c")
 
 
 class RegionResult(SparseDocument):
@@ -271,7 +287,7 @@ class RegionResult(SparseDocument):
 
 
 class Regions(RenamedDocument, SparseDocument):
-    """Masses of shell and interior parts, the dividing plane (n.x = offset, in O), naive answers.
+    """Masses of the shell and of the interior on either side of the dividing plane, n.x = offset in O.
 
     Intervals hold for a uniform shell with two uniform parts inside. Where no such body has the moments
     (`explained` is false), they are the limits under any filling, and the plane divides the body in the
@@ -299,8 +315,8 @@ class Regions(RenamedDocument, SparseDocument):
         }
 
     regions: list[RegionResult]
-    dividing_plane_normal: Vector3 | None
-    dividing_plane_offset_m: float | None
+    dividing_plane_normal: Vector3 | None = Field(description="unit normal n, towards the upper region")
+    dividing_plane_offset_m: float | None = Field(description="offset n.x [m]")
     dividing_plane_offset_interval95_m: list[float] | None = None
     baselines: dict[str, list[float]] = Field(
         default={}, description="naive answers: masses [kg] of the regions by name of the answer"
@@ -319,7 +335,7 @@ class PartResult(Document):
 
     name: str
     mass: Quantity
-    volume_m3: float
+    volume_m3: float = Field(description="volume [m^3]")
     density: Quantity
 
 
@@ -367,9 +383,9 @@ class TableTilt(Document):
 
 
 class FrameTimes(Document):
-    """Origin of frame times that no rig's clock gave, and the check of the frame rate.
+    """Origin of the frame times of an imported recording, and the check of its frame rate.
 
-    Ratios are true rate over stated rate.
+    A rate ratio is the true frame rate over the stated one.
     """
 
     recording: int = Field(ge=1, description="number of the recording by start time")
@@ -399,7 +415,7 @@ class FrameTimes(Document):
 
 
 class JoinedRecording(Document):
-    """One of several recordings merged into a result."""
+    """One of several recordings that a result merges."""
 
     number: int = Field(ge=1, description="number by start time; strike ids are `<number>:<strike>`")
     recording_id: str

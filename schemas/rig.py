@@ -21,27 +21,29 @@ class CameraConfig(Document):
 
     name: str = Field(default="main", pattern=r"^[a-z][a-z0-9_]*$")
     address: str = Field(description="IP address, or the device id that `acquire discover` prints")
-    width: int = Field(default=656, gt=0)
-    height: int = Field(default=492, gt=0)
-    offset_x: int = Field(default=0, ge=0)
-    offset_y: int = Field(default=0, ge=0)
+    width: int = Field(default=656, gt=0, description="width of the region of interest [px]")
+    height: int = Field(default=492, gt=0, description="height of the region of interest [px]")
+    offset_x: int = Field(default=0, ge=0, description="first column of the region on the sensor [px]")
+    offset_y: int = Field(default=0, ge=0, description="first row of the region on the sensor [px]")
     pixel_format: Literal["Mono8"] = Field(
         default="Mono8", description="Mono8 only: recorder and tracking take no other format"
     )
     frame_rate_hz: float = Field(
-        default=120.0, gt=0, description="frame rate; with a trigger the rate of its pulses"
+        default=120.0, gt=0, description="frame rate [Hz]; with a trigger the rate of its pulses"
     )
-    exposure_us: float = Field(default=1500.0, gt=0)
-    gain_db: float = Field(default=0.0, ge=0)
+    exposure_us: float = Field(default=1500.0, gt=0, description="exposure time [us]")
+    gain_db: float = Field(default=0.0, ge=0, description="gain [dB]")
     trigger: str = Field(
         default="off",
         pattern=r"^(off|Line[0-9]+)$",
         description="off: the camera runs freely; otherwise the input line whose rising edge starts a frame",
     )
-    packet_size: int = Field(default=8192, ge=576, le=9000)
-    receive_buffer_bytes: int = Field(default=16 << 20, gt=0)
-    buffers: int = Field(default=64, ge=8)
-    stall_s: float = Field(default=1.0, gt=0)
+    packet_size: int = Field(default=8192, ge=576, le=9000, description="size of GVSP packets [bytes]")
+    receive_buffer_bytes: int = Field(default=16 << 20, gt=0, description="socket receive buffer [bytes]")
+    buffers: int = Field(default=64, ge=8, description="number of frame buffers")
+    stall_s: float = Field(
+        default=1.0, gt=0, description="time without a frame after which the stream counts as stalled [s]"
+    )
     calibration: CameraCalibrationSpec = Field(
         description="width, height, K, distortion and T_world_camera: docs/how-to/rig.md"
     )
@@ -50,37 +52,50 @@ class CameraConfig(Document):
 class StrikerConfig(Document):
     """Dynamixel servo that swings an arm.
 
-    At angle 0 the arm hangs vertically at the impact point; + swings towards the object.
+    At angle 0 the arm hangs vertically at the impact point; a positive angle is towards the object.
     """
 
     kind: Literal["dynamixel", "manual"] = "dynamixel"
-    port: str = "/dev/ttyUSB0"
-    baud_rate: int = 1_000_000
-    id: int = Field(default=1, ge=0, le=252)
+    port: str = Field(default="/dev/ttyUSB0", description="serial port of the servo bus")
+    baud_rate: int = Field(default=1_000_000, description="bits per second on the bus")
+    id: int = Field(default=1, ge=0, le=252, description="id of the servo on the bus")
     zero_position: int = Field(default=2048, ge=0, le=4095, description="servo ticks at angle 0")
-    direction: Literal[1, -1] = 1
-    arm_length_m: float = Field(default=ARM_LENGTH_M, gt=0, le=2)
-    effective_mass_kg: float = Field(
-        default=0.2, gt=0, le=10, description="effective mass at the tip: arm inertia / arm length^2"
+    direction: Literal[1, -1] = Field(
+        default=1, description="sign of the servo's rotation towards the object"
     )
-    effective_mass_sd_kg: float = Field(default=0.05, ge=0, le=10)
-    restitution: float = Field(default=0.4, ge=0, le=1)
-    restitution_sd: float = Field(default=0.15, ge=0, le=1)
+    arm_length_m: float = Field(
+        default=ARM_LENGTH_M, gt=0, le=2, description="distance from the servo's axis to the tip"
+    )
+    effective_mass_kg: float = Field(
+        default=0.2,
+        gt=0,
+        le=10,
+        description="effective mass at the tip [kg]: moment of inertia / arm length^2",
+    )
+    effective_mass_sd_kg: float = Field(default=0.05, ge=0, le=10, description="1 sigma of it")
+    restitution: float = Field(
+        default=0.4, ge=0, le=1, description="coefficient of restitution of tip and object"
+    )
+    restitution_sd: float = Field(default=0.15, ge=0, le=1, description="1 sigma of it")
     reach_m: tuple[float, float] = Field(
         default=(0.015, 0.4),
         description="lowest and highest setting of the tip above the table, in metres; for `analyze plan`",
     )
-    cocked_angle_rad: float = Field(default=COCKED_ANGLE_RAD, ge=-2.5, lt=0)
+    cocked_angle_rad: float = Field(
+        default=COCKED_ANGLE_RAD, ge=-2.5, lt=0, description="angle from which the arm is released"
+    )
     current_limit_a: float = Field(
         default=1.0,
         gt=0,
         le=3.2,
-        description="limits here and below are at most those of the servo's registers",
+        description="current limit [A]; this and the limits below are at most those of the servo's registers",
     )
-    velocity_limit_rad_s: float = Field(default=VELOCITY_LIMIT_RAD_S, gt=0, le=24.5)
-    temperature_limit_c: int = Field(default=70, gt=0, le=100)
+    velocity_limit_rad_s: float = Field(
+        default=VELOCITY_LIMIT_RAD_S, gt=0, le=24.5, description="limit of the arm's angular speed"
+    )
+    temperature_limit_c: int = Field(default=70, gt=0, le=100, description="limit of the servo's temperature")
     arming_expires_s: float = Field(
-        default=20.0, gt=0, le=600, description="time after which an unused arming expires"
+        default=20.0, gt=0, le=600, description="time after which an unused arming expires [s]"
     )
 
     @field_validator("reach_m")
@@ -101,7 +116,7 @@ class StrikerConfig(Document):
 class RecorderConfig(Document):
     """Recording mode: the frames of strike windows with previews between them, or all frames.
 
-    Frame meta are always kept.
+    The metadata of every frame (FrameMeta) are always recorded.
     """
 
     directory: str = Field(
@@ -117,17 +132,21 @@ class RecorderConfig(Document):
     keep_files: int = Field(
         default=0, ge=0, description="continuous: number of files kept, older ones are deleted; 0: all"
     )
-    pre_trigger_s: float = Field(default=0.25, ge=0)
-    preview_hz: float = Field(default=4.0, ge=0)
-    max_window_s: float = Field(default=6.0, gt=0)
-    image_format: Literal["raw", "png"] = "raw"
-    disk_reserve_bytes: int = Field(default=1 << 30, ge=0)
+    pre_trigger_s: float = Field(
+        default=0.25, ge=0, description="time before the opening of a window from which frames are kept [s]"
+    )
+    preview_hz: float = Field(default=4.0, ge=0, description="rate of images kept between windows [Hz]")
+    max_window_s: float = Field(default=6.0, gt=0, description="longest window; it is then closed [s]")
+    image_format: Literal["raw", "png"] = Field(default="raw", description="raw pixels, or PNG without loss")
+    disk_reserve_bytes: int = Field(
+        default=1 << 30, ge=0, description="disk space that recordings leave free [bytes]"
+    )
 
 
 class DaemonConfig(Document):
     """Socket of the daemon, in a folder private to the user."""
 
-    socket: str | None = None
+    socket: str | None = Field(default=None, description="path; default: in the user's run-time folder")
 
     def socket_path(self) -> Path:
         """Path of the socket: as configured, otherwise in the user's run-time folder."""
@@ -145,8 +164,8 @@ class RigConfig(Document):
     by_hand: ClassVar[bool] = True
 
     name: str = "rig"
-    g_m_s2: float = Field(default=9.81, gt=9.7, lt=9.9)
-    g_sd_m_s2: float = Field(default=0.005, ge=0, le=1)
+    g_m_s2: float = Field(default=9.81, gt=9.7, lt=9.9, description="local gravity [m/s^2]")
+    g_sd_m_s2: float = Field(default=0.005, ge=0, le=1, description="1 sigma of it")
     gravity_tilt_sd_rad: float = Field(
         default=0.0035,
         ge=0,

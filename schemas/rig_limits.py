@@ -7,12 +7,12 @@ from dataclasses import dataclass
 MIN_ARM_SPEED_RAD_S = 0.5
 """Lowest angular speed of the arm: below it the servo's steps are visible."""
 RUN_UP_S = 0.06
-"""Time until the servo follows its profile within 1 %.
+"""Time until the servo follows its speed profile within 1 %.
 
-The fastest strike uses the whole way from the cocked angle.
+The fastest strike accelerates over the whole angle from the cocked position.
 """
 ARM_LENGTH_M, COCKED_ANGLE_RAD, VELOCITY_LIMIT_RAD_S = 0.12, -0.6, 8.0
-"""Arm of the nominal striker."""
+"""Arm length, cocked angle and speed limit of the nominal striker."""
 MIN_TAG_EDGE_PX = 60.0
 """Smallest mean edge of a tag's black square in the image.
 

@@ -1,7 +1,4 @@
-"""The session manifest at the head of every recording: cameras, clocks, gravity, object, hashes.
-
-Also defines the names of its attachments.
-"""
+"""The session manifest at the head of every recording, and the names of a recording's attachments."""
 
 from __future__ import annotations
 
@@ -20,8 +17,11 @@ class TimeSource(enum.Enum):
     """Source of the frames' log times."""
 
     DEVICE_MAPPED = "device_mapped"
+    """camera clock, mapped to the host's monotonic clock (a rig's camera)"""
     HOST_ARRIVAL = "host_arrival"
+    """host clock at the arrival of the frame"""
     CONTAINER_PTS = "container_pts"
+    """time stamps in the imported file"""
 
 
 class LensModel(enum.Enum):
@@ -67,8 +67,8 @@ class CameraCalibrationSpec(Document):
         ):
             raise ValueError(
                 f"a fisheye has {FISHEYE_COEFFICIENTS} coefficients k1, k2, k3, k4, not "
-                f"{len(self.distortion)}: calibrate with "
-                "--model fisheye, or leave `model` out"
+                f"{len(self.distortion)}: calibrate with --model fisheye, "
+                "or leave `model` out"
             )
         return self
 
@@ -81,23 +81,21 @@ class CameraCalibrationSpec(Document):
 
 
 class LevelReading(Document):
-    """Tilt of the table, read from a level or a plumb line.
+    """Tilt of the table, read from a level or a plumb line: its rise towards W's +x and +y.
 
-    Its rise towards W's +x (where objects tip) and +y.
-
-    Relative to the table the vertical leans by the same angles; a tip towards +x then needs as much more. 1
-    mm/m is 0.001 rad.
+    Relative to the table, the vertical leans towards +x and +y by the same angles. Objects tip towards +x,
+    and reach balance only after turning farther by that angle. A level's 1 mm/m is 0.001 rad.
     """
 
     towards_x_rad: float = Field(
         ge=-0.2, le=0.2, description="rise of the table towards W's +x, where objects tip"
     )
-    towards_x_sd_rad: float = Field(ge=0, le=1, description="1 sigma of the reading")
+    towards_x_sd_rad: float = Field(ge=0, le=1, description="1 sigma of towards_x_rad")
     towards_y_rad: float = Field(
         default=0.0, ge=-0.2, le=0.2, description="rise of the table towards W's +y, away from the camera"
     )
     towards_y_sd_rad: float | None = Field(
-        default=None, ge=0, le=1, description="1 sigma of that reading; gravity_tilt_sd_rad if left out"
+        default=None, ge=0, le=1, description="1 sigma of towards_y_rad; gravity_tilt_sd_rad if left out"
     )
     read_by: str = Field(default="level", description="instrument that was read")
 
@@ -109,7 +107,7 @@ class ManifestCamera(Document):
     vendor: str = ""
     model: str = ""
     serial: str = ""
-    frame_rate_hz: float = Field(gt=0)
+    frame_rate_hz: float = Field(gt=0, description="nominal frame rate [Hz]")
     frame_rate_sd_hz: float | None = Field(
         default=None,
         gt=0,
@@ -117,7 +115,7 @@ class ManifestCamera(Document):
         "measured",
     )
     exposure_us: float | None = Field(
-        default=None, gt=0, description="null if not known, as for an imported video"
+        default=None, gt=0, description="exposure time [us]; null if not known, as for an imported video"
     )
     calibration: CameraCalibrationSpec
 
@@ -132,7 +130,7 @@ class ManifestCamera(Document):
 class SessionManifest(Document):
     """Head of every recording (MCAP metadata `percuss.manifest`).
 
-    Everything needed to interpret the rest years later.
+    It contains everything that is needed to interpret the recording years later.
     """
 
     schema_version: str = SCHEMA_VERSION
@@ -141,9 +139,9 @@ class SessionManifest(Document):
     software: str = Field(description="percuss version and git commit")
     wall_anchor_ns: int = Field(description="wall clock minus host monotonic clock, read once at the start")
     time_source: TimeSource
-    time_source_sd_ns: int = Field(ge=0)
-    g_m_s2: float = Field(gt=9.7, lt=9.9)
-    g_sd_m_s2: float = Field(ge=0)
+    time_source_sd_ns: int = Field(ge=0, description="1 sigma of a frame's time against the others'")
+    g_m_s2: float = Field(gt=9.7, lt=9.9, description="local gravity [m/s^2]")
+    g_sd_m_s2: float = Field(ge=0, description="1 sigma of it")
     gravity_tilt_sd_rad: float = Field(
         ge=0, description="1 sigma of the angle between table normal and vertical, if no level was read"
     )

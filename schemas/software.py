@@ -26,7 +26,7 @@ def software_version() -> str:
 
 
 def commit(root: Path) -> str:
-    """Commit checked out in `root`; empty if `root` is not a checkout, or git is missing or fails."""
+    """Commit checked out in `root`; "" if `root` is not a checkout, or git is missing or fails."""
     if not (root / ".git").exists():
         return ""
     # GIT_DIR and similar variables, set in hooks, would name another repository; reading needs no lock.

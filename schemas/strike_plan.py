@@ -1,7 +1,4 @@
-"""The strike plan (JSON, from `analyze plan`).
-
-How to place and strike the object, and the predicted uncertainty.
-"""
+"""The strike plan (JSON, from `analyze plan`): placements, strikes and predicted uncertainty."""
 
 from __future__ import annotations
 
@@ -63,8 +60,8 @@ class PlannedStrike(Document):
     """
 
     id: str
-    plane_id: str
-    axis_id: str
+    plane_id: str = Field(description="name of the face on which the object rests")
+    axis_id: str = Field(description="name of the pivot edge")
     R_world_object: Matrix3
     p_world_object: Vector3
     heading_rad: float = Field(
@@ -73,11 +70,13 @@ class PlannedStrike(Document):
     )
     pivot: Pivot
     impact: Impact
-    impact_height_m: float = Field(gt=0)
+    impact_height_m: float = Field(gt=0, description="height of the impact point above the table")
     impulse_n_s: Range
     tip_speed_m_s: Range
-    energy_ratio: float = Field(gt=0)
-    phi_predicted_rad: float
+    energy_ratio: float = Field(
+        gt=0, description="E: kinetic energy after the strike over the energy needed to reach balance"
+    )
+    phi_predicted_rad: float = Field(description="predicted balance angle phi")
     phi_predicted_sd_rad: float = Field(ge=0)
     phi_measured_sd_rad: float | None = Field(
         default=None, ge=0, description="expected 1 sigma of phi as this strike measures it"
@@ -88,7 +87,7 @@ class PlannedStrike(Document):
     )
     visible_markers: list[MarkerName]
     camera_pose: Matrix4 = Field(description="T_world_camera of a camera that looks along the pivot axis")
-    friction_needed: float = Field(ge=0)
+    friction_needed: float = Field(ge=0, description="friction coefficient that the edge needs not to slip")
     rolls: bool = Field(
         default=False,
         description="true if the edge is a rim or a curved flank, on which the contact can roll",
@@ -102,7 +101,7 @@ class PlannedStrike(Document):
 
 
 class Rejection(Document):
-    """Axis that was considered and left out, with the reason and its number."""
+    """Axis that was considered and left out, with the reason and the number that decided."""
 
     axis_id: str
     code: str

@@ -1,4 +1,4 @@
-"""Families of square tags, and how a document names one marker."""
+"""Families of square tags, and the names of markers in documents."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class TagFamily(enum.StrEnum):
 
     @property
     def codes(self) -> str:
-        """Name of the code set; families with the same one share their tags."""
+        """Name of the code set; families of the same code set share their tags."""
         return self.value if self.value in _COUNTS else self.value.partition("_")[0]
 
 

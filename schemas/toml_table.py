@@ -1,6 +1,4 @@
-"""Edits entries of a TOML file with tomlkit.
-
-Comments, layout and all other entries stay as they were written.
+"""Edits entries of a TOML file; comments, layout and all other entries stay as they were written.
 
 Each function returns None if the file is not TOML, or if the table is not written as [table] or [[table]]: an
 inline table or dotted keys are left to the user.
@@ -59,7 +57,7 @@ def with_entry_in_each(text: str, table: str, key: str, values: Mapping[int, str
     Args:
         text: content of a TOML file.
         table: name of an array of tables.
-        key: of the entry, which is added or replaced.
+        key: key of the entry, which is added or replaced.
         values: values, as TOML, by the number of the [[table]], from 0.
     """
     try:

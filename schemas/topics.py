@@ -1,4 +1,4 @@
-"""The topics of a recording: name, message type and content. README.md is the reference in words."""
+"""The topics of a recording: name, message type and content (reference: schemas/README.md)."""
 
 from __future__ import annotations
 
@@ -64,11 +64,10 @@ def raw_image(camera: str) -> Topic:
 
 
 def compressed_image(camera: str) -> Topic:
-    """Images as PNG or JPEG files, foxglove.CompressedImage, under the same name as raw ones.
+    """Images as PNG or JPEG files, foxglove.CompressedImage, on the topic of raw images.
 
-    A recording holds one kind.
-
-    Recorded images are png, without loss; imported Motion JPEG stays jpeg, as the camera coded it.
+    A recording contains either kind, not both. Recorded images are png, without loss; imported Motion JPEG
+    stays jpeg, as the camera coded it.
     """
     return Topic(f"/camera/{camera}/image", CompressedImage, image=True)
 
@@ -101,7 +100,7 @@ TRUTH_BODY = Topic("/truth/body", pb.TruthBody)
 TRUTH_PREFIX = "/truth/"
 
 VIDEO_CHUNK_BYTES = 1 << 26
-"""Size from which on a chunk of CompressedVideo is ended without a key picture.
+"""Size from which on a new chunk of CompressedVideo begins even without a key picture.
 
-Otherwise each chunk begins with one.
+Below it, every chunk begins with a key picture.
 """

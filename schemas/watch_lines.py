@@ -1,7 +1,4 @@
-"""JSON lines between a session and `analyze watch`.
-
-Observations of the newest image, judge requests, verdicts.
-"""
+"""JSON lines between a session and `analyze watch`: observations, requests and verdicts."""
 
 from __future__ import annotations
 
@@ -27,8 +24,8 @@ class WatchEvent(Document):
     kind: Literal["watch"] = "watch"
     time_ns: int = Field(description="log time of the image [ns]")
     markers: list[SeenMarker]
-    at_rest: bool
-    saturated_fraction: float
+    at_rest: bool = Field(description="true if nothing moved in the last quarter of a second")
+    saturated_fraction: float = Field(description="fraction of saturated pixels in the image")
     placement_error_rad: float | None = Field(
         default=None, description="angle between resting and planned pose, if a planned strike is set"
     )
@@ -41,7 +38,7 @@ _LogTime = Annotated[int, Field(ge=0, lt=1 << 63)]
 class JudgeRequest(Document):
     """Request on the standard input of `analyze watch`.
 
-    `judge` this window, or `expect` that planned strike's placement.
+    `judge` asks for a verdict on the window; `expect` sets the planned strike whose placement is checked.
     """
 
     kind: Literal["judge", "expect"] = "judge"
@@ -59,9 +56,9 @@ class StrikeVerdict(Document):
     strike_id: str
     code: Verdict
     reason: str
-    phi: float | None = None
-    phi_sd: float | None = None
-    energy_ratio: float | None = None
+    phi: float | None = Field(default=None, description="balance angle [rad]")
+    phi_sd: float | None = Field(default=None, description="1 sigma of phi [rad]")
+    energy_ratio: float | None = Field(default=None, description="energy ratio E of the strike")
     theta_max_rad: float | None = Field(
         default=None, description="largest angle of an object that rocked back"
     )

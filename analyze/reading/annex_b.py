@@ -1,6 +1,4 @@
-"""H.264 and H.265 byte streams (ISO/IEC 14496-10 and 23008-2, Annex B).
-
-NAL unit types, key pictures, start codes.
+"""H.264 and H.265 byte streams (ISO/IEC 14496-10 and 23008-2, Annex B): unit types, start codes.
 
 In MP4 and Matroska files each NAL unit has its length before it in place of a start code (ISO/IEC 14496-15).
 """
@@ -76,11 +74,12 @@ def write_start_codes(
 ) -> NDArray[np.bool_]:
     """Replace four-byte lengths by start codes in place, in many access units at once.
 
-    A video may have 100 000.
+    A video may have 100 000 access units.
 
     Args:
         video: codec.
-        data: bytes that hold the access units as in such a file; units with a False result are left unusable.
+        data: bytes that contain the access units as in an MP4 or Matroska file; a unit whose result is False
+            is left unusable.
         starts: (n,) offset of each access unit.
         ends: (n,) offset after each access unit.
 

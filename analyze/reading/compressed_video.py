@@ -1,6 +1,4 @@
-"""Decodes H.264 and H.265 with FFmpeg (PyAV).
-
-Grey images of frames, and of foxglove.CompressedVideo messages.
+"""Decodes H.264 and H.265 to grey images with FFmpeg (PyAV).
 
 A video is stored in decoding order. Where a later picture was coded first (B-frames) this is not the order of
 times; the decoder gives each picture the time of the message it came in, and returns the pictures by time.
@@ -33,10 +31,7 @@ _NANOSECONDS = Fraction(1, 10**9)
 
 
 def grey_image(frame: av.VideoFrame) -> NDArray[np.uint8]:
-    """(height, width) uint8 grey values of a decoded frame.
-
-    A view of its luma plane if that has 8 bits, else converted.
-    """
+    """Grey values (height, width) uint8 of a decoded frame; a view of its luma plane if that has 8 bits."""
     if not _has_luma(frame.format.name):
         frame = frame.reformat(format="gray")
     plane = frame.planes[0]
@@ -70,7 +65,7 @@ def parse_video(data: memoryview) -> tuple[VideoFormat, bytes]:
     try:
         message.ParseFromString(bytes(data))
     except DecodeError:
-        raise ContainerError("not a CompressedVideo") from None
+        raise ContainerError("a message is not a foxglove.CompressedVideo") from None
     return video_format(message.format), message.data
 
 

@@ -1,11 +1,9 @@
-"""The files of one recording.
-
-A series NAME.mcap, NAME-0002.mcap, NAME-0003.mcap, ..., each readable by itself.
+"""The files of one recording: a series NAME.mcap, NAME-0002.mcap, ..., each readable by itself.
 
 A recording has several files if it is continuous, or if the process that wrote it died and another continued.
-Any of its files names all of it. A file belongs to the series if its manifest has the same `recording_id`
-and, as `part`, the number in its name; an older file of that name does not belong to it, nor does a renamed
-one.
+Any of its files can be given for all of them. A file belongs to the series if its manifest has the same
+`recording_id` and, as `part`, the number in its name; an older file of that name does not belong to it, nor
+does a renamed one.
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ class SeriesFiles:
     files: tuple[Path, ...]
     """files in their order; `.part` if one is unfinished"""
     missing: tuple[int, ...] = ()
-    """numbers, up to the last file's, of which there is no file"""
+    """numbers below the last file's for which no file exists"""
 
 
 def final_path(path: Path) -> Path:
@@ -43,7 +41,7 @@ def missing_files_text(numbers: Sequence[int]) -> str:
 
 
 def find_series_files(path: Path) -> SeriesFiles:
-    """Files of the recording that `path` belongs to; a file without a manifest is alone."""
+    """Files of the recording that `path` belongs to; a file without a manifest is a series of its own."""
     ours = _manifest(path)
     if ours is None:
         return SeriesFiles((path,))

@@ -65,11 +65,11 @@ class FollowedRecording:
         )
 
     def poll(self) -> list[RecordedMessage]:
-        """Messages written since the last call, in the file's order, without truth topics. Does not wait.
+        """Messages written since the last call, in the file's order, without ground truth; does not wait.
 
         Raises:
             RecordingVersion: the recording is of another major schema version.
-            RecordingError: what is there is not a recording, or damaged.
+            RecordingError: the file is not a recording, or is damaged.
         """
         if self.finished or not self._open():
             return []
@@ -92,7 +92,7 @@ class FollowedRecording:
         return found
 
     def read_manifest(self) -> SessionManifest | None:
-        """Read the manifest only, without moving on; None if it is not there yet.
+        """Read the manifest only, so that `poll` still returns everything; None if it is not written yet.
 
         Raises:
             RecordingError: the file is not a recording, or is damaged.
@@ -122,8 +122,7 @@ class FollowedRecording:
         if self._schema_of.get(message.topic) == VIDEO:
             raise RecordingError(
                 f"{self.path}: is an imported video, which is complete and cannot be followed: use `analyze "
-                "estimate` or "
-                "`analyze replay`"
+                "estimate` or `analyze replay`"
             )
         try:
             image = decode_image(self._schema_of.get(message.topic, ""), message.data)
@@ -193,7 +192,8 @@ class FollowedRecording:
     def _read_record(self, opcode: int, body: memoryview, found: list[RecordedMessage]) -> None:
         if opcode == container.CHUNK:
             chunk = container.parse_chunk(body)
-            # No checksum: it would read every image, and what was just written comes from memory anyway.
+            # The checksum is not verified: that would read every image, and bytes just written come from the
+            # page cache anyway.
             messages = chunk_messages(chunk) if chunk.compression else chunk.records
             for kind, _, record in walk(messages):
                 self._read_record(kind, record, found)

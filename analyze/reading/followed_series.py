@@ -1,4 +1,4 @@
-"""Follows a recording that is a series of numbered files from one file to the next."""
+"""Follows a recording that continues in numbered files, from one file to the next."""
 
 from __future__ import annotations
 
@@ -67,10 +67,7 @@ class FollowedSeries:
         return found
 
     def image(self, message: RecordedMessage) -> ImageFrame:
-        """Decode the image in a message of an image topic, from any file of the series.
-
-        All have the same topics.
-        """
+        """Decode the image in a message of an image topic, from any file of the series."""
         return self._present.image(message)
 
     def refuse_missing(self) -> None:

@@ -30,9 +30,9 @@ def decode_image(schema: str, data: memoryview) -> NDArray[np.uint8]:
 
 
 def decode_image_file(data: bytes) -> NDArray[np.uint8] | None:
-    """Decode an image file's content to (height, width) uint8 grey values, ignoring its orientation tag.
+    """Decode an image file's bytes to (height, width) uint8 grey values; None if they are no image.
 
-    None if it is no image.
+    An orientation tag is ignored.
     """
     import cv2
 
@@ -76,7 +76,7 @@ def _compressed_image(data: memoryview) -> NDArray[np.uint8]:
     try:
         message.ParseFromString(bytes(data))
     except DecodeError:
-        raise ContainerError("not a CompressedImage") from None
+        raise ContainerError("a message is not a foxglove.CompressedImage") from None
     image = decode_image_file(message.data)
     if image is None:
         raise ContainerError(f"a {message.format!r} image cannot be decoded")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from analyze.errors import RecordingCut, RecordingError, RecordingForeign
 from schemas.mcap import records as container
-from schemas.mcap.chunks import ChunkEntry, chunk_messages
+from schemas.mcap.chunks import chunk_messages, parse_chunk_offsets
 from schemas.mcap.records import AttachmentRecord, ChannelRecord, ContainerError, MessageRecord
 from schemas.mcap.summary import EndsEarly, find_summary
 from schemas.mcap.walk import index_entries_at, record_at, walk, walk_messages
@@ -37,12 +37,12 @@ class RecordedMessage:
 
 @dataclass(frozen=True)
 class TopicIndex:
-    """Places of a topic's messages, by time; messages of equal time keep the file's order."""
+    """Positions of a topic's messages in a file, by time; messages of equal time keep the file's order."""
 
     time_ns: NDArray[np.int64]
-    """(n,) log times"""
+    """(n,) log times [ns]"""
     chunk: NDArray[np.int64]
-    """(n,) number of the chunk"""
+    """(n,) number of the chunk in the file"""
     offset: NDArray[np.int64]
     """(n,) offset among the chunk's messages [bytes]"""
 
@@ -94,7 +94,7 @@ class IndexedFile:
         return next((self.schemas.get(channel.schema_id, "") for channel in channels), "")
 
     def index(self, topic: str) -> TopicIndex:
-        """Places of the topic's messages; read once.
+        """Positions of the topic's messages; read from the file once.
 
         Raises:
             RecordingError: the file is damaged.
@@ -270,9 +270,9 @@ def _add_record(file: IndexedFile, opcode: int, body: memoryview) -> None:
         channel = container.parse_channel(body)
         file.channels[channel.id] = channel
     elif opcode == container.CHUNK_INDEX:
-        entry = ChunkEntry.parse(body)
-        record_at(file.data, entry.offset, container.CHUNK)
-        file.chunks.append(_ChunkPlace(entry.offset, entry.index_offsets))
+        offset, index_offsets = parse_chunk_offsets(body)
+        record_at(file.data, offset, container.CHUNK)
+        file.chunks.append(_ChunkPlace(offset, index_offsets))
     elif opcode == container.ATTACHMENT_INDEX:
         _add_attachment(file, record_at(file.data, *struct.unpack_from("<Q", body), container.ATTACHMENT))
     elif opcode == container.METADATA_INDEX:

@@ -17,13 +17,13 @@ from analyze.reading.indexed_file import IndexedFile, RecordedMessage
 
 @dataclass(frozen=True)
 class SeriesIndex:
-    """Places of a topic's messages over all files, by time.
+    """Positions of a topic's messages over all files, by time.
 
     Messages of equal time keep the order of the files.
     """
 
     time_ns: NDArray[np.int64]
-    """(n,) log times"""
+    """(n,) log times [ns]"""
     file: NDArray[np.int64]
     """(n,) number of the file in the series"""
     number: NDArray[np.int64]
@@ -57,7 +57,7 @@ class IndexedSeries:
         return next((schema for file in self.files if (schema := file.schema_of(topic))), "")
 
     def index(self, topic: str) -> SeriesIndex:
-        """Places of the topic's messages; read once.
+        """Positions of the topic's messages; read from the files once.
 
         Raises:
             RecordingError: a file is damaged.
@@ -98,8 +98,8 @@ class IndexedSeries:
             topic: the video.
             start_ns: start of the range; None for the first message.
             end_ns: end of the range, included; None for the last message.
-            is_start: True if a decoder can begin with a message. The latest such message before the range
-                comes first.
+            is_start: returns True if a decoder can begin with a message. The latest such message before the
+                range comes first.
 
         Raises:
             RecordingError: a file is damaged.
@@ -125,7 +125,7 @@ class IndexedSeries:
         return RecordedMessage(topic, message.log_time_ns, message.sequence, message.data)
 
     def _file_order(self, topic: str, index: SeriesIndex) -> NDArray[np.intp]:
-        """(n,) places in the index, in the order in which the messages stand in the files."""
+        """(n,) numbers of the index's messages in file order."""
         chunk, offset = np.empty_like(index.number), np.empty_like(index.number)
         for number, file in enumerate(self.files):
             own = index.file == number
@@ -142,7 +142,8 @@ def open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], Ind
     """Open every file of the recording that `path` belongs to.
 
     Raises:
-        RecordingError: from `open_file` for `path` itself; for another file with its relation to `path`.
+        RecordingCut: a file ends early; the message names the file and how to recover it.
+        RecordingError: a file cannot be opened.
     """
     files: list[IndexedFile] = []
     try:
@@ -165,9 +166,9 @@ def open_series(path: Path, series: SeriesFiles, open_file: Callable[[Path], Ind
 
 
 def series_content_id(content_ids: Sequence[str | None]) -> str | None:
-    """content_id of a series: its only file's, or BLAKE2b-256 over its files' (hexadecimal, in order).
+    """content_id of a series: that of its only file, or BLAKE2b-256 over those of its files in order.
 
-    None if one is None.
+    None if a file has none. The hash is over the hexadecimal texts.
     """
     known = [each for each in content_ids if each is not None]
     if len(known) < len(content_ids):

@@ -1,4 +1,4 @@
-"""Inspects any MCAP file, whoever wrote it: topics and their times, encodings, compression, damage.
+"""Inspects MCAP files of any program: topics and their times, encodings, compression, damage.
 
 Source: the MCAP format specification (https://mcap.dev/spec). Schemas, channels, chunks and indexes are taken
 from the data section, so that the file needs no summary and no end. A chunk is decompressed only if it has no
@@ -80,8 +80,8 @@ class McapContents:
         return sum(len(part) for parts in self._times.values() for part in parts)
 
     @property
-    def nameless(self) -> int:
-        """Messages of channels that the file does not describe."""
+    def undescribed_messages(self) -> int:
+        """Number of messages on channels that the file does not describe."""
         return sum(
             len(part)
             for number, parts in self._times.items()
@@ -95,11 +95,11 @@ class McapContents:
 
 
 def read_contents(path: Path, progress: Progress | None = None) -> McapContents:
-    """Walk a file from its beginning, as far as it goes.
+    """Contents of an MCAP file, read from its beginning up to the last whole record.
 
     Args:
         path: the file.
-        progress: called with a text, bytes walked and bytes in all.
+        progress: called with (text, bytes read, bytes in all).
 
     Raises:
         RecordingError: it is missing, empty, or not MCAP.
@@ -223,7 +223,7 @@ class _Inspection:
     def _describe_channels(self) -> None:
         """Parse the first chunk for publish times, and further ones for undescribed channels."""
         for start in self._chunk_offsets:
-            if self._found.delays_ns and not self._found.nameless:
+            if self._found.delays_ns and not self._found.undescribed_messages:
                 return
             body = record_at(self._data, start, container.CHUNK)
             with contextlib.suppress(ContainerError):

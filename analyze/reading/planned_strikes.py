@@ -1,4 +1,4 @@
-"""Planned strikes that a recording holds.
+"""Planned strikes of a recording, and which of them are missing.
 
 An interrupted session leaves a complete file with too few strikes.
 """
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from schemas.strike_plan import StrikePlan
 
 MAX_NAMED_STRIKES = 12
-"""missing strikes that a message names"""
+"""largest number of missing strikes that a message names"""
 
 
 @dataclass(frozen=True)

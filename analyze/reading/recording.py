@@ -1,8 +1,7 @@
 """Reads a recording: manifest, plan, shape, images without copying, messages by topic and time.
 
-Truth by `read_truth` only.
-
-A recording may be a series of files (file_series.py): any of them opens all.
+A recording may be a series of files (file_series.py): any of them opens all. Ground truth is not accessible
+here; `analyze.reading.truth` reads it.
 """
 
 from __future__ import annotations
@@ -71,7 +70,7 @@ class FilePart:
 
     path: Path
     content_id: str | None
-    """None if the file is cut"""
+    """content_id in the file's seal; None if the file is cut"""
     damaged_chunks: int
 
 
@@ -100,7 +99,6 @@ class Recording:
         self.damaged_chunks = sum(part.damaged_chunks for part in self.parts)
 
     # --- head
-    # -----------------------------------------------------------------------------------------------------
 
     @property
     def attachments(self) -> dict[str, bytes]:
@@ -144,7 +142,6 @@ class Recording:
         return self.manifest.cameras[0].name
 
     # --- messages
-    # -------------------------------------------------------------------------------------------------
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """Topics with count and time span of their messages."""
@@ -169,10 +166,13 @@ class Recording:
         """A topic's messages by time.
 
         Raises:
-            RecordingError: the file is damaged, or the topic is truth, which only `read_truth` reads.
+            RecordingError: the file is damaged, or the topic is ground truth.
         """
         if topic.startswith(topics.TRUTH_PREFIX):
-            raise RecordingError(f"{self.path}: {topic} is truth: only `analyze score` may read it")
+            raise RecordingError(
+                f"{self.path}: {topic} is ground truth, which only `analyze score` may read: choose another "
+                "topic"
+            )
         yield from self._series.messages(topic, start_ns, end_ns)
 
     def decoded(
@@ -218,9 +218,8 @@ class Recording:
     ) -> Iterator[ImageFrame]:
         """Images by time, of `camera` or the first camera.
 
-        Uncompressed images are read-only views of the file.
-
-        A range of a video is decoded from the last keyframe before it.
+        Uncompressed images are read-only views of the file. A range of a video is decoded from the last
+        keyframe before it.
 
         Raises:
             RecordingError: the file is damaged, or an image has an unknown format.
@@ -282,8 +281,7 @@ class Recording:
             if not any(sample.clock == f"camera/{camera.name}" for _, sample in clocks):
                 raise RecordingError(
                     f"{self.path}: frame times are mapped from the clock of camera {camera.name!r}, but the "
-                    "file holds no sample of "
-                    "that clock: they cannot be trusted: record again"
+                    "file holds no sample of that clock: they cannot be trusted: record again"
                 )
 
 
@@ -325,7 +323,12 @@ def _open(path: Path, open_file: Callable[[Path], IndexedFile]) -> Recording:
 
 
 def _checked_manifest(file: IndexedFile) -> SessionManifest:
-    """Manifest of a file; refused if it or an attachment differs from what was sealed."""
+    """Manifest of a file.
+
+    Raises:
+        RecordingForeign: the file has none.
+        RecordingError: the manifest or an attachment differs from what was sealed.
+    """
     entries = file.metadata.get(MANIFEST_NAME)
     if entries is None or "json" not in entries:
         raise RecordingForeign(
@@ -335,12 +338,15 @@ def _checked_manifest(file: IndexedFile) -> SessionManifest:
     manifest = parse_manifest(entries["json"], str(file.path))
     seal = file.metadata.get(SEAL_NAME, {})
     if seal.get("manifest_sha256", digest := hashlib.sha256(entries["json"].encode()).hexdigest()) != digest:
-        raise RecordingError(f"{file.path}: damaged: the manifest is not the one that was sealed")
+        raise RecordingError(
+            f"{file.path}: damaged: the manifest is not the one that was sealed: restore it from a copy"
+        )
     for name, expected in manifest.hashes.items():
         attachment = file.attachments.get(name)
         if attachment is not None and hashlib.sha256(attachment.data).hexdigest() != expected:
             raise RecordingError(
-                f"{file.path}: damaged: attachment {name!r} is not the one that was recorded"
+                f"{file.path}: damaged: attachment {name!r} is not the one that was recorded: restore the "
+                "file from a copy"
             )
     return manifest
 

@@ -1,4 +1,4 @@
-"""Parses manifest and plan of a recording, of this schema version or a newer minor one."""
+"""Parses the manifest and the plan of a recording, of this major schema version."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def parse_manifest(text: str, name: str) -> SessionManifest:
     """Parse the manifest of the recording `name`.
 
     Raises:
-        RecordingVersion: written by another major schema version.
-        RecordingError: not a manifest.
+        RecordingVersion: it has another major schema version.
+        RecordingError: the text is not a manifest.
     """
     return _parse(SessionManifest, text, name, "manifest")
 
@@ -29,8 +29,8 @@ def parse_plan(text: str, name: str) -> StrikePlan:
     """Parse the strike plan attached to the recording `name`.
 
     Raises:
-        RecordingVersion: written by another major schema version.
-        RecordingError: not a plan.
+        RecordingVersion: it has another major schema version.
+        RecordingError: the text is not a plan.
     """
     return _parse(StrikePlan, text, name, "plan")
 

@@ -1,4 +1,4 @@
-"""Reads the ground truth of a virtual recording, which only `analyze score` and tests may use."""
+"""Reads the ground truth of a virtual recording, for `analyze score` and tests only."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from schemas.proto import percuss_pb2 as pb
 
 @dataclass(frozen=True)
 class Truth:
-    """Ground truth of a virtual recording. Only `analyze score` may read it."""
+    """Ground truth of a virtual recording: poses, contacts and the body's parameters."""
 
     pose_time_ns: np.ndarray
     """(n,) int64 log times of the poses"""
@@ -42,7 +42,8 @@ def read_truth(path: Path) -> Truth:
         ]
         if not bodies:
             raise RecordingError(
-                f"{path}: holds no truth: only recordings of the virtual rig (`acquire demo`) can be scored"
+                f"{path}: holds no ground truth: only recordings of the virtual rig (`acquire demo`) can be "
+                "scored"
             )
         return Truth(
             pose_time_ns=series.index(topics.TRUTH_POSE.name).time_ns,

@@ -1,4 +1,4 @@
-"""Verification of a recording's content: every message is read and its hash compared with the seal."""
+"""Verifies a recording's content: reads every message and compares their hash with the seal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from schemas.session_manifest import SEAL_NAME
 
 
 def refuse_changed_content(path: Path) -> None:
-    """Compare the content of a recording, all its files, with its seals.
+    """Compare the content of all files of a recording with their seals.
 
     Raises:
         RecordingError: it is damaged, or its content differs from what was sealed.

@@ -1,6 +1,6 @@
-"""Expands the few FrameMeta of an imported video to one per frame.
+"""Expands the few FrameMeta stored with an imported video to one per frame.
 
-Most frames only continue the frame before.
+A frame without a stored FrameMeta continues the frame before it.
 """
 
 from __future__ import annotations

@@ -54,10 +54,8 @@ class ChunkEntry(NamedTuple):
         """
         try:
             start_ns, end_ns, offset, length, size = _CHUNK_PLACE.unpack_from(body)
-            if size > len(body) - _CHUNK_PLACE.size or size % _INDEX_OFFSET.size:
-                raise ContainerError("a chunk index record ends early")
+            offsets = _parse_index_offsets(body, size)
             at = _CHUNK_PLACE.size + size
-            offsets = dict(_INDEX_OFFSET.iter_unpack(body[_CHUNK_PLACE.size : at]))
             index_length, name_size = struct.unpack_from("<QI", body, at)
             at += 12 + name_size
             compression = str(body[at - name_size : at], "ascii") if name_size else ""
@@ -75,9 +73,31 @@ class ChunkEntry(NamedTuple):
         return container.pack_record(container.CHUNK_INDEX, place + offsets + compression + sizes)
 
 
+def parse_chunk_offsets(body: memoryview) -> tuple[int, dict[int, int]]:
+    """Offset of a chunk, and of its message index records by channel id, from a chunk index record's body.
+
+    Opening a recording with thousands of chunks needs only these; `ChunkEntry.parse` also reads the rest.
+
+    Raises:
+        ContainerError: the record ends early.
+    """
+    try:
+        _, _, offset, _, size = _CHUNK_PLACE.unpack_from(body)
+    except struct.error:
+        raise ContainerError("a chunk index record is damaged") from None
+    return offset, _parse_index_offsets(body, size)
+
+
+def _parse_index_offsets(body: memoryview, size: int) -> dict[int, int]:
+    end = _CHUNK_PLACE.size + size
+    if end > len(body) or size % _INDEX_OFFSET.size:
+        raise ContainerError("a chunk index record ends early")
+    return dict(_INDEX_OFFSET.iter_unpack(body[_CHUNK_PLACE.size : end]))
+
+
 @dataclass
 class PendingMessages:
-    """Messages that are gathered for a chunk."""
+    """Messages gathered for the next chunk."""
 
     data: bytearray = field(default_factory=bytearray)
     """whole message records"""
@@ -139,11 +159,11 @@ def pack_chunk_of_channel(
     """Pack the frame of a chunk of one channel whose message index entries are packed already.
 
     Args:
-        offset: of the chunk in the file.
-        times_ns: first and last log time.
-        chunk: its messages, compressed or not.
-        channel_id: of all its messages.
-        index_entries: log time and offset of each message, packed, by time.
+        offset: offset of the chunk in the file [bytes].
+        times_ns: first and last log time [ns].
+        chunk: size, checksum and compression of its messages.
+        channel_id: channel of all its messages.
+        index_entries: packed log time and offset of each message, by time.
     """
     start, end = times_ns
     if chunk.compression:

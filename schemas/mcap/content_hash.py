@@ -1,6 +1,6 @@
-"""The `content_id` of a recording.
+"""The `content_id` of a recording: a hash of its messages.
 
-A hash of its messages that does not depend on chunking, compression or interleaving.
+It does not depend on chunking, compression or interleaving.
 """
 
 from __future__ import annotations

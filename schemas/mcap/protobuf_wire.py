@@ -1,6 +1,4 @@
-"""Protobuf wire format of the messages that are packed for every frame.
-
-Varints and the leading time stamp of Foxglove's messages.
+"""Protobuf wire format of messages that are packed for every frame: varints and Foxglove's time stamps.
 
 Fields may stand in any order, and a message may be concatenated from parts (protobuf.dev, "Encoding").
 """

@@ -1,6 +1,6 @@
 """Writes the records of one MCAP file in order.
 
-Where the bytes go is the caller's policy; offsets and summary are kept here.
+The caller appends the bytes to the file; the offsets and the summary are tracked here.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from schemas.topics import Topic
 LIBRARY: Final = "percuss"
 """Library name in the header record."""
 _JOINED_BYTES: Final = 512
-"""a first buffer below this size is joined to the chunk's head: one buffer less for the system call"""
+"""A first buffer below this size is copied behind the chunk's head: one buffer less for the system call."""
 
 Append = Callable[[Sequence[Buffer]], object]
 """Appends all of its buffers to the file, or raises and appends none."""
@@ -75,7 +75,7 @@ class RecordWriter:
         self.summary.add_attachment(offset, len(whole), attachment)
 
     def write_pending(self, pending: PendingMessages) -> None:
-        """Write gathered messages as a chunk. They must not be changed afterwards."""
+        """Write gathered messages as a chunk; they must not be changed afterwards."""
         self.write_chunk([pending.data], len(pending.data), zlib.crc32(pending.data), pending.places)
 
     def write_chunk(
@@ -93,7 +93,7 @@ class RecordWriter:
             size: bytes of all buffers.
             crc: CRC-32 of all buffers.
             places: log time and offset of each message, by channel.
-            append: used in place of the file's own.
+            append: appends these buffers, in place of the function given at construction.
         """
         packed = pack_chunk(self.size, size, crc, places)
         self._put_chunk(packed, buffers, append)
@@ -108,12 +108,12 @@ class RecordWriter:
         self.summary.message_counts[channel_id] += count
 
     def note_chunks(self, size: int, entries: Sequence[bytes], channel_id: int, count: int) -> None:
-        """Take into the summary what the caller appended itself.
+        """Add chunks to the summary that the caller has appended to the file itself.
 
         Args:
             size: bytes that were appended.
             entries: chunk index records of the chunks among them.
-            channel_id: of all their messages.
+            channel_id: channel of all their messages.
             count: number of messages.
         """
         self.size += size

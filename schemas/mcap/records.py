@@ -57,7 +57,6 @@ class ContainerError(ValueError):
 
 
 # --- packing
-# ------------------------------------------------------------------------------------------------------
 
 
 def pack_record(opcode: int, body: bytes) -> bytes:
@@ -104,9 +103,9 @@ def chunk_head(start_ns: int, end_ns: int, size: int, crc: int) -> bytes:
 def compressed_chunk_head(
     start_ns: int, end_ns: int, size: int, crc: int, compression: str, stored: int
 ) -> bytes:
-    """Bytes of a compressed chunk record before its `stored` bytes.
+    """Bytes of a compressed chunk record before its `stored` bytes of compressed messages.
 
-    `size` and `crc` are of the uncompressed messages.
+    `size` [bytes] and `crc` are those of the uncompressed messages.
     """
     name = pack_string(compression)
     fixed = struct.pack("<BQQQQI", CHUNK, 36 + len(name) + stored, start_ns, end_ns, size, crc)
@@ -114,10 +113,7 @@ def compressed_chunk_head(
 
 
 def pack_message_index(channel_id: int, entries: list[tuple[int, int]]) -> bytes:
-    """Message index record of one channel in one chunk.
-
-    Log time [ns] and offset in the chunk of each message.
-    """
+    """Message index record of one channel in one chunk; entries are (log time [ns], offset in the chunk)."""
     numbers = itertools.chain.from_iterable(sorted(entries))
     return message_index_record(channel_id, struct.pack(f"<{2 * len(entries)}Q", *numbers))
 
@@ -131,7 +127,6 @@ def message_index_record(channel_id: int, packed_entries: bytes) -> bytes:
 
 
 # --- parsing
-# ------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,4 @@
-"""The summary section that ends an MCAP file.
-
-Gathered while the data section is written, and located in a finished file.
-"""
+"""The summary section that ends an MCAP file: gathered while writing, located in a finished file."""
 
 from __future__ import annotations
 
@@ -27,7 +24,6 @@ class EndsEarly(ContainerError):
 
 
 # --- writing
-# ------------------------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -112,7 +108,6 @@ def parse_message_counts(body: memoryview) -> Counter[int]:
 
 
 # --- reading
-# ------------------------------------------------------------------------------------------------------
 
 
 class SummarySection(NamedTuple):
@@ -128,7 +123,7 @@ def summary_start(tail: Buffer, size: int) -> tuple[int, int]:
 
     Args:
         tail: the file's last FOOTER_AND_MAGIC bytes.
-        size: of the whole file.
+        size: size of the whole file [bytes].
 
     Raises:
         EndsEarly: the file has no footer.

@@ -19,10 +19,7 @@ _HEAD: Final = struct.Struct("<BQ")
 
 
 def walk(data: memoryview, start: int = 0) -> Iterator[tuple[int, int, memoryview]]:
-    """Whole records from `start` on, as (opcode, offset of the record, body).
-
-    Ends at the first incomplete one.
-    """
+    """Whole records from `start` on, as (opcode, record offset, body), up to the first incomplete one."""
     at, size = start, len(data)
     while at + RECORD_HEAD <= size:
         opcode, length = _HEAD.unpack_from(data, at)
@@ -68,7 +65,7 @@ def whole_records(read: Callable[[int, int], Buffer], start: int, size: int) -> 
     """Extent of the whole records of a file from `start` on; only their heads are read.
 
     Args:
-        read: returns at most so many bytes (first argument) of the file at an offset (second argument).
+        read: function of (count, offset) that returns at most `count` bytes of the file from `offset` on.
         start: offset of a record.
         size: present size of the file.
     """
