@@ -1,4 +1,4 @@
-"""Analysis of one recording in a batch: its row of results, or the reason why there is none."""
+"""Analyses one recording of a batch: writes its row of results, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -51,7 +51,9 @@ FAILURE_OF_ERROR: tuple[tuple[type[Exception], str], ...] = (
 
 
 def analyse(request: Request, scratch: Path) -> Outcome:
-    """Analyse one recording and write its row into the folder of results; a bad recording raises nothing.
+    """Analyse one recording and write its row into the folder of results.
+
+    A recording that cannot be analysed gives a row with the reason, not an exception.
 
     Args:
         request: the recording, the settings and the folder of results.
@@ -128,7 +130,7 @@ def _row(head: RecordingHead, settings: BatchSettings) -> dict[str, Any]:
 
 
 class _NoStrikesError(EstimationError):
-    """The recording contains no strike."""
+    """A recording that contains no strike."""
 
 
 def _failure(error: Exception, source: Source, scratch: Path) -> dict[str, str]:

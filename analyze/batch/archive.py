@@ -1,6 +1,6 @@
-"""Recordings of an archive: found under folders, globs and buckets without being opened.
+"""Finds the recordings of an archive in folders, globs and buckets, without opening them.
 
-A recording is identified by place, size and time of change.
+A recording is identified by its URL, size and time of change.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class SourceFile:
     size: int
     """bytes"""
     stamp: str
-    """time of change or ETag; a different one means that the content may have changed"""
+    """time of change or ETag; if it differs, the content may have changed"""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Source:
 
     @property
     def id(self) -> str:
-        """Short hash of place, size and stamp of all files."""
+        """Short hash of URL, size and stamp of all files."""
         text = "\n".join(f"{file.url}\t{file.size}\t{file.stamp}" for file in self.files)
         return hashlib.sha256(text.encode()).hexdigest()[:32]
 
@@ -66,10 +66,10 @@ class Source:
         return "://" not in self.url
 
     def others(self, names: Iterable[str]) -> list[Source]:
-        """Files of the series that are not part of its recording, each as a recording of its own.
+        """Files of the series that do not belong to its recording, each as a recording of its own.
 
         Args:
-            names: names of the files that are part of the recording.
+            names: names of the files that belong to the recording.
         """
         own = set(names)
         return [Source((file,)) for file in self.files[1:] if file.url.rsplit("/", 1)[-1] not in own]
@@ -82,8 +82,7 @@ def find_sources(places: Sequence[str], exclude: Sequence[str] = ()) -> list[Sou
         places: files, folders (with everything below) and globs; local, or with a protocol that fsspec knows
             (`s3://bucket/folder`).
         exclude: globs of recordings to leave out; matched against the whole URL, the file name, and any
-            folders and
-            names below the place ("tests", "2025/*", "*-test.mcap").
+            folders and names below the place ("tests", "2025/*", "*-test.mcap").
 
     Raises:
         ArchiveError: a place does not exist, cannot be listed, or contains no recording.
@@ -110,12 +109,9 @@ class _Place:
 
     system: fsspec.AbstractFileSystem
     root: str
-    """folder that exclusions are relative to.
-
-    The one named, or of a glob the last one before its wildcards
-    """
+    """folder that exclusions are relative to: the place itself, or the folder before a glob's wildcards"""
     paths: list[str]
-    """files and folders that it names"""
+    """files and folders that the place names"""
     is_local: bool
 
 
@@ -141,8 +137,8 @@ def _list_recordings(place: str, exclude: Sequence[str]) -> tuple[str, dict[str,
         for name, info in files.items()
         if [name] == resolved.paths == [path] or name.endswith((SUFFIX, PART_SUFFIX))
     }
-    urls = {_full(system, name): info for name, info in wanted.items() if info["type"] == "file"}
-    return _full(system, resolved.root), urls
+    urls = {_full_url(system, name): info for name, info in wanted.items() if info["type"] == "file"}
+    return _full_url(system, resolved.root), urls
 
 
 def _file_system(place: str) -> tuple[fsspec.AbstractFileSystem, str]:
@@ -166,7 +162,7 @@ def _file_system(place: str) -> tuple[fsspec.AbstractFileSystem, str]:
 def _resolve(place: str, system: fsspec.AbstractFileSystem, path: str) -> _Place:
     is_local = "file" in _protocols(system)
     if any(sign in path for sign in "*?[") and not system.exists(path):
-        # The working folder may have such signs in its own name.
+        # The working folder's own name may contain glob characters.
         pattern = str(Path(place).expanduser()) if is_local and "://" not in place else path
         root = re.split(r"[*?\[]", pattern, maxsplit=1)[0].rpartition("/")[0]
         if not is_local:
@@ -219,7 +215,7 @@ def _local_info(path: str) -> dict[str, Any]:
     return {"size": about.st_size, "mtime": about.st_mtime_ns, "type": kind}
 
 
-def _full(system: fsspec.AbstractFileSystem, name: str) -> str:
+def _full_url(system: fsspec.AbstractFileSystem, name: str) -> str:
     return name if "file" in _protocols(system) else str(system.unstrip_protocol(name))
 
 

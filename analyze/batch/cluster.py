@@ -1,7 +1,4 @@
-"""A batch on a Dask cluster.
-
-Each task has a worker process of its own, as on one machine (`worker_process`).
-"""
+"""Runs a batch on a Dask cluster; each task uses a worker process, as on one machine (`worker_process`)."""
 
 from __future__ import annotations
 
@@ -29,12 +26,12 @@ _this_thread = threading.local()
 def cluster_answers(
     requests: Sequence[Request], scheduler: str, limits: Limits
 ) -> Iterator[Iterator[tuple[Source, Outcome]]]:
-    """Answers from a Dask cluster as they come; Dask repeats a task whose worker is lost on another worker.
+    """Outcomes from a Dask cluster as they arrive; a task whose worker is lost is repeated on another worker.
 
     Args:
         requests: recordings to analyse.
         scheduler: address of the Dask scheduler.
-        limits: of time and memory per recording.
+        limits: limits of time and memory per recording.
 
     Raises:
         ArchiveError: Dask is not installed, or the scheduler does not answer.
@@ -50,11 +47,10 @@ def cluster_answers(
             f"{scheduler}: no Dask scheduler answers ({' '.join(str(error).split())}): start it, or check "
             "the address"
         ) from None
-    # Dask logs a lost connection as a traceback; the error below says it in one line.
+    # Dask logs a lost connection as a traceback; the error below reports it in one line.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     plain_limits, version = (limits.seconds, limits.memory_bytes), analysis_version()
-    # Under a key of another run Dask would answer with what that run made, in its folder and with its
-    # settings.
+    # Under another run's key, Dask would return that run's outcome, from its folder and with its settings.
     run = uuid4().hex[:8]
     futures = {
         client.submit(

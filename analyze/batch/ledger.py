@@ -1,4 +1,4 @@
-"""Ledger of an archive: what became of each recording, so that later runs need not open it.
+"""Ledger of an archive: the outcome of each recording, so that later runs need not open it.
 
 Each run appends a line per recording as soon as its row is written; the last line of a recording counts. An
 unfinished line, left by a killed run, is ignored: its recording is analysed again, unless its row exists.

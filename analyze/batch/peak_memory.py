@@ -1,6 +1,6 @@
-"""Peak memory of this process's own while it works.
+"""Measures the peak of this process's own memory.
 
-Pages of mapped files do not count: the system takes them back when it needs them.
+Pages of mapped files do not count: the system reclaims them when it needs memory.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ SAMPLE_INTERVAL_S = 0.05
 
 
 class PeakMemory:
-    """Peak of anonymous and shared memory while entered, sampled every 50 ms.
+    """Peak of anonymous and shared memory in a `with` block, sampled every 50 ms.
 
-    0 if the system does not report it.
+    `peak_bytes` is 0 if the system does not report it.
     """
 
     def __init__(self) -> None:

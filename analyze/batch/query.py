@@ -13,11 +13,11 @@ from analyze.batch.stored_results import read_results
 from analyze.errors import ArchiveError
 
 LIST_TABLES = ("strikes", "moments", "regions", "warnings")
-"""columns of lists that are tables as well, each row with its recording's key and object"""
+"""list columns that are also tables, each row with its recording's key and object"""
 
 
 def read_recording_rows(output: Path) -> pa.Table:
-    """One row per recording, in the order of their URLs, failures last.
+    """Table with one row per recording, in the order of their URLs, failures last.
 
     Copies of the same recording share a row.
 
@@ -36,7 +36,7 @@ def read_recording_rows(output: Path) -> pa.Table:
 
 
 def run_query(output: Path, sql: str) -> pa.Table:
-    """Answer to an SQL query, which can read these tables and nothing else.
+    """Answer to an SQL query, which can read the result tables and nothing else.
 
     Raises:
         ArchiveError: there are no results, or the query is not valid.
@@ -44,7 +44,7 @@ def run_query(output: Path, sql: str) -> pa.Table:
     with connect(read_recording_rows(output)) as connection:
         try:
             relation = connection.sql(sql)
-            # DuckDB computes the answer only here.
+            # DuckDB runs the query only here.
             return _SCHEMALESS if relation is None else _unique_and_typed(relation.to_arrow_table())
         except duckdb.Error as error:
             raise ArchiveError(f"query: {' '.join(str(error).split())}") from None

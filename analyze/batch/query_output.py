@@ -1,4 +1,4 @@
-"""Answers of `analyze query`, printed as a table, CSV or JSON, or written to a file."""
+"""Prints answers of `analyze query` as a table, CSV or JSON, or writes them to a file."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _csv(answer: pa.Table) -> bytes:
 
 
 def _flat(column: pa.ChunkedArray) -> Any:
-    """The column as CSV can hold it: lists and structures as JSON, intervals and bytes as text."""
+    """Column in a form that CSV can hold: lists and structures as JSON, intervals and bytes as text."""
     if pa.types.is_nested(column.type):
         return pa.array(
             [

@@ -42,7 +42,7 @@ _AXIS = pa.struct(
 _REGION = pa.struct([("name", _S), ("mass_kg", _F), ("sd_kg", _F), ("low_kg", _F), ("high_kg", _F)])
 _WARNING = pa.struct([("code", _S), ("text", _S)])
 TENSOR_COLUMNS = {tensor_entry_name(entry).lower(): entry for entry in TENSOR_ENTRIES}
-"""entries of the tensor by the names that their columns begin with"""
+"""tensor entries by the prefix of their columns' names"""
 
 SCHEMA = pa.schema(
     [
@@ -91,17 +91,17 @@ SCHEMA = pa.schema(
 )
 """columns of a recording's row, in SI units and radians.
 
-The tensor about the centre of mass, both in the frame O
+Centre of mass in the object frame O; inertia tensor about it, along the axes of O.
 """
 STAMPS = ("seconds", "peak_memory_bytes", "analysed_at", "estimated_by", "result_json")
 """columns that may differ between two analyses of the same recording.
 
-`result_json` names the program's commit
+`result_json` contains the program's commit.
 """
 
 
 def answer_columns(answer: Answer) -> dict[str, Any]:
-    """Columns that a recording's estimate fills in."""
+    """Columns of a recording's row that its estimate determines, by name."""
     evidence, result = answer.estimate.evidence, answer.result
     manifest = evidence.manifest
     centre, tensor = _numbers(result.centre_of_mass.value), result.inertia
@@ -172,7 +172,7 @@ def write_row(row: Mapping[str, Any], path: Path) -> None:
     """Write a table of one row; columns that it does not name are null.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the file cannot be written.
     """
     write_rows(pa.Table.from_pylist([dict(row)], schema=SCHEMA), path)
 

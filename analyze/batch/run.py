@@ -1,7 +1,4 @@
-"""A run over an archive.
-
-The recordings to analyse, the workers that analyse them, and the record of what was done.
-"""
+"""Runs an analysis over an archive: selects recordings, starts workers, records their outcomes."""
 
 from __future__ import annotations
 
@@ -30,12 +27,14 @@ Answer = tuple[Source, Outcome]
 
 @dataclass(frozen=True)
 class BatchOptions:
-    """The user's choices for one run."""
+    """Options of one batch run."""
 
     jobs: int = field(default_factory=lambda: max(1, len(os.sched_getaffinity(0))))
     limits: Limits = field(default_factory=Limits)
     only_failed: bool = False
+    """True to analyse only recordings that failed before"""
     verify: bool = False
+    """True to compare every recording's content with its seal"""
     shard: tuple[int, int] = (1, 1)
     """number of this shard, from 1, and number of shards"""
     scheduler: str = ""
@@ -50,7 +49,7 @@ class Work:
     unchanged: tuple[Entry, ...]
     """recordings already analysed with these settings, unchanged since"""
     failed_before: tuple[Entry, ...]
-    """those of `unchanged` whose analysis failed"""
+    """entries of `unchanged` whose analysis failed"""
 
 
 @dataclass(frozen=True)
@@ -75,10 +74,10 @@ def plan_work(
     """Decide which recordings to analyse, without opening one.
 
     Args:
-        sources: the archive.
+        sources: recordings of the archive.
         output: folder of the results; need not exist.
-        settings: of the analysis.
-        options: of the run.
+        settings: settings of the analysis.
+        options: options of the run.
     """
     number, shards = options.shard
     mine = (
@@ -102,7 +101,7 @@ def plan_work(
             todo.append(source)
         else:
             unchanged.append(entry)
-            # Files named alike that are not part of its recording have entries of their own.
+            # Files with a name of the series that belong to another recording have entries of their own.
             for other in source.others(entry.own_files) if entry.own_files else []:
                 own = known.get(other.url)
                 if own is None or own.source_id != other.id:
@@ -124,7 +123,7 @@ def run_batch(
 ) -> Report:
     """Analyse the recordings of `work`.
 
-    Ctrl-C ends the run in order: finished results stay, the next run does the rest.
+    Ctrl-C ends the run in an orderly way: finished results stay, and the next run analyses the rest.
 
     Raises:
         ArchiveError: the results cannot be written, another run writes them, or the scheduler cannot be
@@ -163,7 +162,7 @@ def run_batch(
 def _answers(
     requests: Sequence[Request], output: Path, options: BatchOptions
 ) -> AbstractContextManager[Iterator[Answer]]:
-    """Answers to the requests as they come, from a cluster or from processes of this machine."""
+    """Outcomes of the requests as they arrive, from a cluster or from processes of this machine."""
     if options.scheduler:
         from analyze.batch.cluster import cluster_answers
 
@@ -194,7 +193,7 @@ def _local_answers(
 
 
 class _SharedQueue:
-    """Requests that several threads take from."""
+    """Iterator of requests that several threads can share."""
 
     def __init__(self, requests: Iterable[Request]) -> None:
         self._requests = iter(requests)
@@ -264,7 +263,7 @@ def _supersede(
 
 
 def _remove_rows_of_missing_files(output: Path, known: Iterable[Entry]) -> None:
-    """Remove failure rows of local files that are gone, as a `.part` that was recovered.
+    """Remove failure rows of local files that no longer exist, such as a `.part` file that was recovered.
 
     Results always stay.
     """

@@ -20,9 +20,9 @@ from analyze.batch.run import Report
 from analyze.batch.worker_messages import Outcome
 
 SPEED_PERIOD_S = 3600
-"""period over which the rate is estimated.
+"""period over which the rate is estimated [s].
 
-Recordings may take minutes each, so rich's usual 30 s are too short
+A recording may take minutes, so rich's default of 30 s is too short.
 """
 
 
@@ -55,7 +55,7 @@ class BatchProgress:
         """Add one recording's outcome.
 
         Args:
-            outcome: of the recording.
+            outcome: outcome of the recording.
             done: number of recordings done.
             total: number of recordings in all.
         """

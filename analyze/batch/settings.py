@@ -1,4 +1,4 @@
-"""Settings and version of an analysis, on which its result depends beside the recording."""
+"""Settings and version of an analysis: its result depends on them and on the recording."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ WITHOUT_EFFECT = (
     "analyze/reproduce",
     "analyze/report/templates",
 )
-"""modules that request or show results"""
+"""folders of modules that request or show results, without effect on them"""
 EXCEPTIONS = ("analyze/batch/analysis.py", "analyze/batch/sparse_copy.py", "analyze/batch/result_rows.py")
-"""modules of these folders that do affect the rows"""
+"""modules in these folders that nevertheless affect the rows"""
 NUMERICAL_LIBRARIES = ("numpy", "scipy", "opencv-python-headless", "trimesh")
 
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """The user's choices for every recording's analysis."""
+    """Settings for the analysis of every recording of a batch."""
 
     object_path: str = ""
-    """use this object file instead of the recordings' own"""
+    """object file to use instead of the recordings' own; "" for theirs"""
     object_sha256: str = ""
     """hash of that file and its shape"""
     estimator: str = ""
     """estimator, as in `EstimateOptions`; "" for the one that suits each strike"""
     seed: int = 0
+    """seed of the random generator"""
 
     @property
     def digest(self) -> str:
@@ -79,7 +80,7 @@ def _sha256_of(path: Path) -> str:
 
 @cache
 def analysis_version() -> str:
-    """Short hash of the code and libraries that compute: a different version may give different numbers."""
+    """Short hash of the code and libraries that compute the numbers: other versions may give others."""
     digest = hashlib.sha256()
     for package in _PACKAGES:
         for path in sorted((_ROOT / package).rglob("*.py")):

@@ -29,10 +29,7 @@ from schemas.topics import VIDEO_CHUNK_BYTES
 FIRST_REQUEST_BYTES = 1 << 16
 """bytes fetched first, from the end: the summary of some hundred frames"""
 MAX_GAP_BYTES = 1 << 18
-"""largest gap between two ranges that are fetched together.
-
-A request costs as much time as this many bytes
-"""
+"""largest gap between two ranges that are fetched together: a request takes as long as this many bytes"""
 MAX_REQUEST_BYTES = 1 << 25
 """largest request, which is held in memory"""
 
@@ -84,12 +81,12 @@ class _Remote:
 
 @contextmanager
 def sparse_copies(source: Source, folder: Path, *, whole: bool = False) -> Iterator[Path]:
-    """Local path of the recording's first file; the copies are removed at the end.
+    """Copy a recording from a bucket; the local path of its first file. The copies are removed at the end.
 
     Args:
         source: recording in the bucket.
         folder: folder for the copies.
-        whole: fetch every byte, which checking the content hash needs.
+        whole: True to fetch every byte, which verifying the content hash needs.
 
     Raises:
         OSError: it cannot be fetched.
@@ -124,8 +121,7 @@ def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[ChunkEntry
         needed = False
         for chunk in reversed(chunks):
             # A video without a key picture for long continues from one chunk of this size into the next:
-            # decoding
-            # needs the chunks before it too.
+            # decoding needs the chunks before it too.
             goes_on = needed and chunk.end - chunk.offset >= VIDEO_CHUNK_BYTES
             needed = goes_on or any(chunk.start_ns <= end and chunk.end_ns >= start for start, end in windows)
             wanted += [chunk] if needed else []
@@ -133,7 +129,7 @@ def _fetch_windows(first: Path, remotes: Sequence[tuple[_Remote, list[ChunkEntry
 
 
 def fetched_without_images(url: str, folder: Path) -> tuple[Path, int]:
-    """Copy of a remote recording without its images, and the number of bytes fetched for it."""
+    """Path of a copy of a remote recording without its images, and the number of bytes fetched for it."""
     system, path = url_to_fs(url)
     remote = _Remote(system, path, int(system.info(path)["size"]), folder / url.rsplit("/", 1)[-1])
     _without_images(remote, url)
@@ -219,7 +215,7 @@ def _parse_chunk_entry(body: memoryview, file_size: int) -> ChunkEntry:
 
 
 def _merged(ranges: Sequence[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """The same bytes in fewer requests, none larger than the limit."""
+    """Ranges that cover the given ones in fewer requests, none larger than MAX_REQUEST_BYTES."""
     start = stop = -1
     for each_start, each_stop in sorted(ranges):
         if (

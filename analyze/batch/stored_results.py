@@ -1,7 +1,7 @@
-"""Rows of results, gathered in one file so that a query need not open thousands of files.
+"""Reads rows of results, and gathers them in one file so that a query need not open thousands.
 
-A row's key is a hash of the recording's content, the analysis and its settings: a row never changes but for
-its stamps, so gathered rows stay valid. Failures are not gathered, since a later try may fail for another
+A row's key is a hash of the recording's content, the analysis and its settings: a row never changes except
+for its stamps, so gathered rows stay valid. Failures are not gathered, since a later try may fail for another
 reason.
 """
 
@@ -20,10 +20,7 @@ from schemas.output_file import OutputError
 
 GATHERED = "gathered.parquet"
 GATHER_FROM_ROWS = 50
-"""number of rows in files of their own from which on they are gathered.
-
-Each takes some milliseconds to read
-"""
+"""number of rows in files of their own from which they are gathered; each takes milliseconds to read"""
 
 
 def read_results(output: Path, keys: Sequence[str], failures: Sequence[str]) -> pa.Table:

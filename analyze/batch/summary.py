@@ -1,8 +1,8 @@
 """Summary of an archive's results: objects, repeatability, drift, and the reasons for failures.
 
 Repeatability is the standard deviation of an answer from session to session of one object (ISO 5725-1, 3.14),
-with whatever changed between the sessions; the sd that the answers stated is shown with it. Drift is the
-slope of a weighted straight line over time.
+including everything that changed between the sessions; the sd that the answers state is shown with it. Drift
+is the slope of a weighted straight line over time.
 """
 
 # scipy is only partly typed.
@@ -26,7 +26,7 @@ from schemas.session_manifest import TimeSource
 
 SECONDS_PER_DAY = 86400.0
 MAX_CHANCE_PROBABILITY = 1e-4
-"""probability below which scatter or drift is reported; low, since a table has hundreds of values"""
+"""p-value below which scatter or drift is reported; low, since a table has hundreds of values"""
 QUANTITIES: tuple[tuple[str, str, str, float, str], ...] = (
     ("centre of mass x", "com_x_m", "com_sd_x_m", 1e3, "mm"),
     ("centre of mass y", "com_y_m", "com_sd_y_m", 1e3, "mm"),
@@ -61,6 +61,7 @@ class Repeated:
     drift: float
     """drift per day; NaN if the sessions span less than an hour"""
     drift_sd: float
+    """sd of the drift"""
     drift_half: float
     """half width of the drift's 95 % interval (Student's t, for few sessions)"""
 
@@ -158,9 +159,8 @@ def _repeated(name: str, sha256: str, sessions: Sequence[dict[str, Any]]) -> Ite
         if known:
             yield _statistics(name, sha256, quantity, unit, factor, known)
     for region in dict.fromkeys(each["name"] for row in sessions for each in row["regions"] or []):
-        # If the body is not a shell with two uniform parts, its region masses are the middle of an interval
-        # that any
-        # filling allows: they repeat without being measured.
+        # If the body is not a shell with two uniform parts, its region masses are the middle of the interval
+        # that any filling allows: they repeat without being measured.
         known = [
             (each["mass_kg"], each["sd_kg"], _seconds(row["created"]))
             for row in sessions

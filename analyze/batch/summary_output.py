@@ -1,4 +1,4 @@
-"""Summaries of an archive, printed or written as HTML, CSV or Parquet."""
+"""Prints summaries of an archive, or writes them as HTML, CSV or Parquet."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _FAILURES = [("failure", pa.string()), ("recordings", pa.int64()), ("example", p
 
 
 MAX_SHOWN = 20
-"""lines printed of quantities that stand out; files contain all"""
+"""largest number of outstanding quantities that are printed; files contain all"""
 
 
 def render_summary(summary: Summary) -> None:
@@ -107,7 +107,7 @@ def _print_failures(console: Console, summary: Summary) -> None:
 
 
 def cells(each: Repeated) -> tuple[str, str, str, str, str]:
-    """Mean, scatter, stated sd, chi-square and drift as text; – where there is none."""
+    """Mean, scatter, stated sd, chi-square and drift as text; "–" for a missing value."""
     digits = 3 if each.unit == "mm" else 1
     drift = (
         "–"
@@ -124,7 +124,7 @@ def cells(each: Repeated) -> tuple[str, str, str, str, str]:
 
 
 def stands_out_text(each: Repeated) -> str:
-    """Text of why a quantity stands out, with its figures."""
+    """Reason why a quantity stands out, in words with its figures."""
     _, scatter, stated, _, drift = cells(each)
     drifts = f" by {drift} a day" if each.stands_out.endswith("drifts") else ""
     return (

@@ -1,7 +1,8 @@
 """Main program of a worker process: requests on standard input, answers on standard output, a line each.
 
-A separate process can be stopped and limited in memory whatever a file makes it do. It ends when its parent
-does. The lines are JSON, not pickles, so that a worker compromised by a file cannot compromise its parent.
+A separate process can be stopped and limited in memory, whatever a recording makes it do. It ends when its
+parent ends. The lines are JSON, not pickles, so that a worker compromised by a file cannot compromise its
+parent.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ PARENT_CHECK_INTERVAL_S = 0.5
 def main() -> None:
     """Serve requests: `python -m analyze.batch.worker_main SCRATCH MEMORY_LIMIT_BYTES PARENT_PID`."""
     scratch, limit, parent = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
-    # Standard output is for answers alone: what libraries print goes to standard error.
+    # Standard output is for answers alone: output of libraries goes to standard error.
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     threading.Thread(target=_exit_with, args=(parent,), daemon=True).start()

@@ -1,4 +1,4 @@
-"""Messages between a batch run and its workers, and the row of a recording whose worker failed."""
+"""Messages between a batch run and its workers, and rows of recordings whose worker failed."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of one recording."""
+    """Outcome of one recording's analysis."""
 
     url: str
     source_id: str
@@ -51,7 +51,7 @@ class Outcome:
     known: bool = False
     """True if the same content had been analysed before"""
     own_files: list[str] = field(default_factory=list[str])
-    """names of the files that are part of its recording"""
+    """names of the files that belong to its recording"""
 
     def json(self) -> dict[str, Any]:
         """The outcome as JSON values."""

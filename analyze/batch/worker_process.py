@@ -1,4 +1,4 @@
-"""A worker process that analyses one recording after the other, within limits of time and memory."""
+"""Worker process that analyses one recording after the other, within limits of time and memory."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SCRATCH = "unfinished"
 ONE_THREAD_ENVIRONMENT = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
 )
-"""results must not depend on the number of workers, and more threads would compete for the cores"""
+"""results must not depend on the number of workers, and several threads would compete for the cores"""
 ERROR_TAIL_BYTES = 2000
 
 
@@ -40,6 +40,7 @@ class Limits:
 
     seconds: float = 900.0
     memory_bytes: int = 4 << 30
+    """0 for no limit"""
 
 
 class WorkerProcess:

@@ -1,4 +1,4 @@
-"""Images for a calibration: from files, folders, patterns, recordings and videos."""
+"""Reads the images of a calibration: files, folders, patterns, recordings and videos."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from schemas import topics
 RECORDING = ".mcap"
 VIDEOS = (".mp4", ".mov", ".m4v", ".mkv", ".avi", ".webm", ".3gp")
 SAMPLE_INTERVAL_NS = 200_000_000
-"""interval between images taken from a recording or video: a board moved by hand changes place in it"""
+"""interval between images taken from a recording or video: a hand moves the board noticeably in this time"""
 
 Image = NDArray[np.uint8]
 
 
 def resolve_inputs(inputs: Sequence[Path]) -> list[Path]:
-    """Files that the inputs name, each once: files themselves, images of folders, files that match a pattern.
+    """Files that the inputs name, each once: files, images in folders, and files that match a pattern.
 
     Raises:
         CalibrationError: a file does not exist, or a folder contains no image.
@@ -78,7 +78,7 @@ def read_images(files: Sequence[Path], progress: Progress) -> Iterator[tuple[str
 
 
 def read_image(path: Path) -> Image:
-    """Grey values (height, width) of an image file, in the sensor's orientation; of a video its first image.
+    """Grey values (height, width) of an image file, or of a video's first image, in the sensor's orientation.
 
     A photo's orientation tag is ignored, since the lens belongs to the sensor.
 

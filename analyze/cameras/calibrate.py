@@ -10,7 +10,7 @@ import numpy as np
 
 from analyze.calibration.calibrate import Calibration, Dropped, Shot, calibrate
 from analyze.calibration.choose import distinct_views, outline
-from analyze.calibration.detect import Sight, families_seen, find_corners, likely_squares, read_board
+from analyze.calibration.detect import BoardSighting, families_seen, find_corners, likely_squares, read_board
 from analyze.calibration.place import LYING, STANDING, CameraPlace, implausibilities, place_camera
 from analyze.calibration.verdict import MIN_VIEWS
 from analyze.cameras.board_images import Image, read_image, read_images, resolve_inputs
@@ -25,6 +25,7 @@ from schemas.session_manifest import LensModel
 MAX_BLUR_RATIO = 2.0
 """blur of a view, relative to the median, above which it is left out"""
 MAX_BLUR_PX = 1.6
+"""blur up to which a view is used in any case"""
 IMAGES_SEARCHED = 5
 """images in which another tag family or board layout is searched for"""
 MAX_TABLE_MISFIT_PX = 0.5
@@ -33,7 +34,7 @@ MAX_TABLE_MISFIT_PX = 0.5
 
 @dataclass(frozen=True)
 class CalibrateOptions:
-    """The user's choices."""
+    """Options of `analyze calibrate` without --drop."""
 
     inputs: tuple[Path, ...]
     board: Board
@@ -41,21 +42,23 @@ class CalibrateOptions:
     table: Path | None = None
     """image of the board on the table; None if the camera's pose is not measured"""
     upright: bool = False
+    """True if the board stands in that image, False if it lies on the table"""
     mark_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """position of the board's mark in W in that image [m]"""
     rig: Path | None = None
+    """rig file, with the expected image size and a camera pose; None if there is none"""
 
 
 @dataclass(frozen=True)
 class CalibrationAnswer:
-    """A calibration, with what became of each image."""
+    """A calibration, with the images that it uses and leaves out."""
 
     options: CalibrateOptions
     calibration: Calibration
     place: CameraPlace | None
     rig: RigConfig | None
     rig_place: list[list[float]] | None
-    """T_world_camera of the rig file"""
+    """T_world_camera (4, 4) of the rig file; None if it has none"""
     looked_at: int
     """number of images"""
     without_board: tuple[str, ...]
@@ -64,10 +67,11 @@ class CalibrationAnswer:
     """number of views left out because another shows the same"""
     dropped: tuple[Dropped, ...]
     doubts: tuple[str, ...]
+    """reasons to doubt the calibration, each with a remedy"""
 
     @property
     def world_camera(self) -> list[list[float]] | None:
-        """T_world_camera as measured, else as in the rig file; None if neither is known."""
+        """T_world_camera (4, 4) as measured, otherwise as in the rig file; None if neither is known."""
         return self.rig_place if self.place is None else self.place.T_world_camera.tolist()
 
     def refuse_undetermined(self) -> None:
@@ -80,7 +84,7 @@ class CalibrationAnswer:
 
 
 def calibrate_camera(options: CalibrateOptions, progress: Progress) -> CalibrationAnswer:
-    """Calibrate the camera from the images named.
+    """Calibrate a camera from the images that the options name.
 
     Raises:
         CalibrationError: an image cannot be read, sizes differ, no board is seen, or there are too few views.
@@ -88,7 +92,7 @@ def calibrate_camera(options: CalibrateOptions, progress: Progress) -> Calibrati
         DocumentError: the rig file cannot be used.
     """
     rig, rig_place = (None, None) if options.rig is None else read_rig(options.rig)
-    seen: list[tuple[str, Image, Sight]] = []
+    seen: list[tuple[str, Image, BoardSighting]] = []
     blind: list[str] = []
     looked_at = 0
     nothing: list[Image] = []
@@ -127,7 +131,6 @@ def calibrate_camera(options: CalibrateOptions, progress: Progress) -> Calibrati
 
 
 # --- refusals
-# -----------------------------------------------------------------------------------------------------
 
 
 def _refuse_size(name: str, image: Image, first: tuple[str, tuple[int, ...]], rig: RigConfig | None) -> None:
@@ -152,8 +155,8 @@ def _no_board(looked_at: int, some: Sequence[Image], board: Board) -> str:
     for image in some:
         for family, many in families_seen(image).items():
             others[family] = max(many, others.get(family, 0))
-    # Tag families of one kind contain each other: of equally likely ones take the one that boards are printed
-    # with.
+    # A large tag family contains the smaller ones of its kind: if several are equally likely, choose the one
+    # that boards are printed with.
     likely = max(others, key=lambda family: (others[family], family == ON_BOARDS), default=None)
     if likely is not None and others[likely] >= 3:
         seen = f"but {others[likely]} tags of {likely}: try --family {likely}"
@@ -164,12 +167,12 @@ def _no_board(looked_at: int, some: Sequence[Image], board: Board) -> str:
     )
 
 
-def _refuse_other_board(sights: Sequence[Sight], board: Board) -> None:
-    beyond = sorted({tag for sight in sights for tag in sight.beyond})
+def _refuse_other_board(sights: Sequence[BoardSighting], board: Board) -> None:
+    beyond = sorted({tag for sight in sights for tag in sight.foreign_ids})
     another = sum(sight.another_layout for sight in sights)
     arranged = sum(sight.pairs >= 3 for sight in sights)
     if (not another or 2 * another < arranged) and not (
-        beyond and sum(bool(sight.beyond) for sight in sights) > len(sights) / 2
+        beyond and sum(bool(sight.foreign_ids) for sight in sights) > len(sights) / 2
     ):
         return
     likely = likely_squares([sight.read for sight in sights[:IMAGES_SEARCHED]], board)
@@ -209,13 +212,12 @@ def _counted(count: int, noun: str) -> str:
 
 
 # --- views
-# --------------------------------------------------------------------------------------------------------
 
 
 def _shots(
-    seen: Sequence[tuple[str, Image, Sight]], board: Board, progress: Progress
+    seen: Sequence[tuple[str, Image, BoardSighting]], board: Board, progress: Progress
 ) -> tuple[list[Shot], int, list[Dropped]]:
-    """One view with corners per place of the board, the number of alike views left out, and unusable ones."""
+    """One view with corners per position of the board, the number of duplicate views, and unusable views."""
     outlined = [(name, image, sight, outline(sight, board)) for name, image, sight in seen]
     dropped = [Dropped(name, "too few tags are seen") for name, _, _, where in outlined if where is None]
     usable = [(name, image, sight, where) for name, image, sight, where in outlined if where is not None]

@@ -1,4 +1,4 @@
-"""A calibration as TOML: as a file of its own, or written into a rig file."""
+"""Writes a calibration as TOML, to a file of its own or into a rig file."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from schemas.session_manifest import CameraCalibrationSpec
 from schemas.toml_table import with_table
 
 TABLE = "camera.calibration"
+"""table of the rig file"""
 
 
 def calibration_spec(answer: CalibrationAnswer) -> CameraCalibrationSpec | None:
@@ -39,9 +40,8 @@ def toml_entries(answer: CalibrationAnswer) -> Mapping[str, str]:
     T = answer.world_camera
     if T is not None:
         entries["T_world_camera"] = _matrix_toml(T, 8)
-    if (
-        answer.rig is not None and answer.rig.camera.calibration.line_time_s
-    ):  # a property of the sensor, not of the lens
+    # The line time is a property of the sensor, not of the lens.
+    if answer.rig is not None and answer.rig.camera.calibration.line_time_s:
         entries["line_time_s"] = repr(answer.rig.camera.calibration.line_time_s)
     return entries | {"rms_px": f"{answer.calibration.rms_px:.4f}"}
 

@@ -37,11 +37,11 @@ class CameraFile:
 
     @property
     def file_name(self) -> str:
-        """Name of the content as an attached file."""
+        """Name of the calibration as an attachment of a recording."""
         return f"{self.path.name}.json" if self.of_topic else self.path.name
 
     def content(self) -> bytes:
-        """Bytes of the file; of a topic its calibration as JSON."""
+        """Content of the calibration as an attachment: the file's bytes, or a topic's calibration as JSON."""
         return (
             self.calibration.model_dump_json(exclude={"T_world_camera"}).encode()
             if self.of_topic
@@ -78,7 +78,7 @@ def read_camera(path: Path) -> CameraFile:
 
 
 def camera_of(sources: Sequence[FrameSource]) -> CameraFile:
-    """The lens that the sources' own topics state.
+    """Lens from the camera calibration topics in the sources themselves.
 
     Raises:
         ImportRefused: they state none, or different ones.

@@ -1,4 +1,4 @@
-"""Rig files as the analysis reads them: the camera, its pose, and the level reading."""
+"""Reads rig files for the analysis: the camera, its pose, and the level reading."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PLUMB_LINE = "plumb line"
 
 
 def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
-    """The rig of a rig file, and its T_world_camera or None; calibration and address may be missing.
+    """Content of a rig file, and its T_world_camera (4, 4) or None; calibration and address may be missing.
 
     Raises:
         CalibrationError: the file is missing or not valid TOML.
@@ -38,7 +38,7 @@ def read_rig(path: Path) -> tuple[RigConfig, list[list[float]] | None]:
         calibration = camera.setdefault("calibration", {})
         if isinstance(calibration, dict):
             placed = "T_world_camera" in calibration
-            # Entries that are missing are what the command is about to measure: any valid ones do meanwhile.
+            # The command is about to measure the missing entries: any valid values serve until then.
             some: dict[str, Any] = {
                 "width": 1,
                 "height": 1,

@@ -1,7 +1,4 @@
-"""The body that is exported.
-
-Its exterior and ten inertial parameters, in the object's frame O and SI units.
-"""
+"""The exported body: exterior and ten inertial parameters, in the object frame O and SI units."""
 
 from __future__ import annotations
 
@@ -64,7 +61,7 @@ class ExportBody:
     """Content of an exported file."""
 
     name: str
-    """name that the user gave the object, any text"""
+    """object name from the object file, any text"""
     model: ObjectModel
     inertial: Inertial
     provenance: Mapping[str, object]
@@ -72,7 +69,7 @@ class ExportBody:
 
     @property
     def identifier(self) -> str:
-        """Name that every format allows."""
+        """`name` as an identifier that every format allows."""
         return identifier(self.name)
 
 
@@ -93,7 +90,7 @@ def inertial_of(result: Result, name: str) -> Inertial:
     """Ten inertial parameters of a result, including those from a prior.
 
     Raises:
-        ExportError: the result lacks some, or they are not physically possible.
+        ExportError: the result lacks one of them, or they are not physically possible.
     """
     mass, com, inertia = result.mass.value, result.centre_of_mass.value, result.inertia.value
     if mass is None or com is None or inertia is None:
@@ -117,10 +114,10 @@ def inertial_of(result: Result, name: str) -> Inertial:
 
 
 def refuse_impossible(inertial: Inertial, name: str) -> None:
-    """Refuse a body without mass, or with a negative second moment, which no simulator accepts.
+    """Refuse a body with mass 0 or a negative second moment, which no simulator accepts.
 
     Raises:
-        ExportError: it is such a body.
+        ExportError: mass or moments are not physically possible.
     """
     least, middle, most = np.linalg.eigvalsh(inertial.inertia)
     if not (inertial.mass > 0 and least > 0 and least + middle >= most):

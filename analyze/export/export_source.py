@@ -1,7 +1,4 @@
-"""Input of an export.
-
-Recordings, estimated now, or a result of `analyze estimate --json` with its object file.
-"""
+"""Reads the input of an export: recordings, or a result of `analyze estimate --json` with its object file."""
 
 from __future__ import annotations
 
@@ -24,7 +21,7 @@ RESULT_SUFFIX = ".json"
 
 @dataclass(frozen=True)
 class ExportInput:
-    """A result and its object."""
+    """A result, with the object that it belongs to."""
 
     result: Result
     spec: ObjectSpec
@@ -35,7 +32,7 @@ def is_result(files: Sequence[Path]) -> bool:
     """True if `files` are one result instead of recordings.
 
     Raises:
-        ExportError: there are results among several files.
+        ExportError: a result is given together with other files.
     """
     results = [file for file in files if file.suffix.lower() == RESULT_SUFFIX]
     if results and len(files) > 1:
@@ -48,7 +45,7 @@ def is_result(files: Sequence[Path]) -> bool:
 def read_export_input(
     files: Sequence[Path], object_path: Path | None, exclude: frozenset[str], progress: Progress | None
 ) -> ExportInput:
-    """Estimate from recordings, or read a result.
+    """Result and object of an export: estimated from recordings, or read from a file.
 
     Raises:
         AnalyzeError: see `estimate_recordings`.

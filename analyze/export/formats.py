@@ -1,4 +1,4 @@
-"""The formats, with their suffixes and numerical precision."""
+"""Formats of simulators' files, with their suffixes and numerical precision."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Format(enum.Enum):
 
     @property
     def suffixes(self) -> tuple[str, ...]:
-        """Suffixes of its files, the usual one first; USD's select one of its encodings."""
+        """Suffixes of the format's files, the usual one first; USD's suffix selects the encoding."""
         return {
             "urdf": (".urdf",),
             "sdf": (".sdf",),
@@ -26,15 +26,15 @@ class Format(enum.Enum):
 
     @property
     def tolerance(self) -> float:
-        """Relative error of a number that was written and read.
+        """Largest relative error of a number that is written and read back.
 
-        Text keeps double precision, UsdPhysics single.
+        Text formats keep double precision, UsdPhysics single precision.
         """
         return 1e-6 if self is Format.USD else 1e-9
 
 
 def why_misnamed(output: Path, wanted: Format) -> str | None:
-    """Line on why readers would not take `output` for a file of format `wanted`; None if it is well named."""
+    """One-line reason why `output` has a wrong suffix for the format `wanted`; None if it has not."""
     suffix = output.suffix.lower()
     if wanted is Format.USD and suffix not in wanted.suffixes:
         kinds = ".usda (text), .usd or .usdc (binary)"

@@ -1,6 +1,6 @@
-"""Tips that would measure entries of the inertia tensor that come from the shape so far.
+"""Finds the edges over which tips would measure inertia tensor entries that come from the shape so far.
 
-A tip over an edge along l determines l.I.l, and no more.
+A tip over an edge with the direction l determines l.I.l and nothing else.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ STRIKE_SD_FRACTION = 0.02
 MEASURED_FRACTION = 0.5
 """sd relative to the prior's below which an entry counts as measured (as in analyze.estimation.inertia)"""
 FOOTING_MARGIN = 0.0
-"""part of the region of c that a resting face must support; 0, since c is known here"""
+"""margin around c that a resting face must support; 0, since c is known here"""
 MIN_GAIN = 0.05
-"""reduction of an entry's sd (relative) for which a strike is worth naming"""
+"""relative reduction of an entry's sd above which an edge is named"""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class AdditionalEdges:
     """Edges whose tips would measure entries from the prior."""
 
     axes: tuple[PivotAxis, ...]
-    """edges to tip over; together they measure all that is possible"""
+    """edges to tip over; together they measure all entries that can be measured"""
     unreachable: tuple[tuple[int, int], ...]
     """entries that no edge of this object determines"""
 
@@ -43,17 +43,17 @@ class AdditionalEdges:
 def additional_edges(
     model: ObjectModel, spec: ObjectSpec, com: Array, made: Sequence[Array], prior: Sequence[tuple[int, int]]
 ) -> AdditionalEdges:
-    """Fewest additional edges, chosen one by one, each of which makes the most entries measured.
+    """Additional edges to tip over, chosen one by one: each makes the largest number of entries measured.
 
     The edges are those that the planner would consider, under its names; whether camera and striker reach one
     is for the planner to decide.
 
     Args:
-        model: the exterior.
-        spec: markers and edge radius, as the planner takes them.
+        model: exterior of the object.
+        spec: object specification, of which markers and edge radius are used.
         com: (3,) estimated centre of mass [m].
         made: directions (3,) of the axes whose moments are known.
-        prior: entries to measure.
+        prior: tensor entries to measure.
     """
     expected = hypothesis(model)
     believed = replace(expected, region=replace(expected.region, centre=com))

@@ -1,4 +1,4 @@
-"""Refusal of bodies that are not fully measured, with the edges that would measure the rest."""
+"""Refuses bodies that are not fully measured, and names the edges that would measure the rest."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ MAX_NAMED = 3
 
 
 def refuse_prior(result: Result, spec: ObjectSpec, model: ObjectModel, name: str) -> None:
-    """Refuse a body unless its centre of mass is observed and every entry of its tensor measured.
+    """Refuse a body unless its centre of mass is observed and every tensor entry is measured.
 
     Raises:
-        ExportError: something comes from the shape; names it, and the edges that would measure it.
+        ExportError: a value comes from the shape; the message names it and the edges that would measure it.
     """
     com, missing = result.centre_of_mass, prior_entries(result)
     if not com.observed:
@@ -57,7 +57,7 @@ def _remedy_text(found: AdditionalEdges, missing: int) -> str:
 
 
 def _along(direction: Array) -> str:
-    """A line's direction as an axis name or in numbers; its largest component is positive."""
+    """Direction (3,) of a line as an axis name or in numbers, with its largest component positive."""
     direction = direction * (1 if direction[np.argmax(np.abs(direction))] > 0 else -1)
     for i, axis in enumerate("xyz"):
         if abs(direction[i]) > 0.9999:

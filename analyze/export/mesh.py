@@ -1,4 +1,4 @@
-"""The exterior as an OBJ file beside the body's own: it keeps every digit, and all simulators read it."""
+"""The exterior as an OBJ file beside the body's file: OBJ keeps every digit, and all simulators read it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class MeshFile:
     """Mesh file and its name."""
 
     name: str
-    """valid in a URI (letters, digits, underscore, hyphen); the same bytes have the same name"""
+    """file name valid in a URI (letters, digits, underscore, hyphen); the same bytes have the same name"""
     data: bytes
 
 
@@ -33,6 +33,6 @@ def mesh_file(body: ExportBody) -> MeshFile | None:
 
 
 def numbers(values: np.ndarray | list[float] | tuple[float, ...]) -> str:
-    """Numbers separated by blanks, each with as many digits as reading it back exactly takes."""
+    """Text of numbers separated by blanks, each with enough digits to be read back exactly."""
     # Adding 0.0 turns -0 into 0, which readers treat alike.
     return " ".join(repr(float(value) + 0.0) for value in values)

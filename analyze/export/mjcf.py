@@ -22,7 +22,7 @@ ROLES = {"visual": {"contype": "0", "conaffinity": "0", "group": "2"}, "collisio
 
 
 def mjcf_text(body: ExportBody, mesh: MeshFile | None) -> str:
-    """Text of the file; `mesh` is beside it."""
+    """Text of the MJCF file, which refers to `mesh` in the same folder."""
     inertial = body.inertial
     moments, wxyz = inertial.principal_quaternion()
     root = ET.Element("mujoco", model=body.identifier)

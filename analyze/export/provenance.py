@@ -1,7 +1,4 @@
-"""Provenance in an exported file.
-
-Origin of its numbers, measured or from the shape's prior, each with its sd.
-"""
+"""Provenance in an exported file: origin of its numbers, measured or from the shape's prior, with sd."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ UNPRINTABLE = re.compile(
 
 
 def prior_entries(result: Result) -> list[tuple[int, int]]:
-    """Tensor entries from the shape instead of strikes; all of them if an older result does not state it."""
+    """Tensor entries (i, j) from the shape instead of strikes; all if an older result does not state them."""
     if result.inertia.observed:
         return []
     if result.inertia_measured is None:
@@ -30,12 +27,12 @@ def prior_entries(result: Result) -> list[tuple[int, int]]:
 
 
 def provenance(result: Result, name: str, software: str) -> dict[str, object]:
-    """Provenance as JSON values, the same for the same result and program.
+    """Provenance as JSON values; the same result and program give the same values.
 
     Args:
-        result: what is exported.
-        name: the object's, as its owner writes it.
-        software: the program that writes the file.
+        result: result that is exported.
+        name: object name from the object file.
+        software: name and version of the program that writes the file.
     """
     inputs = result.inputs
     prior = prior_entries(result)

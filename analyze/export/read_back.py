@@ -1,6 +1,6 @@
-"""The ten parameters as another library reads them: yourdfpy, rod, mujoco, usd-core.
+"""Reads the ten parameters back with other libraries: yourdfpy, rod, mujoco, usd-core.
 
-Shares no code with the writers.
+No code is shared with the writers.
 """
 
 # These libraries are only partly typed.
@@ -38,18 +38,18 @@ def refuse_without_reader(wanted: Format) -> None:
     """Refuse, before any work, a format whose reader is not installed.
 
     Raises:
-        ExportError: it is missing.
+        ExportError: the reader is missing.
     """
     module, package = READERS[wanted]
     if importlib.util.find_spec(module) is None:
         raise ExportError(
-            f"no {wanted.value.upper()} is written that was not read back, and the package that reads it is "
+            f"every {wanted.value.upper()} file is read back after writing, but the package that reads it is "
             f"missing: {package}: install it with pip install 'percuss[export]'"
         )
 
 
 def read_back(path: Path, written: Format) -> Inertial:
-    """Parameters of the first body, in its link's or prim's frame.
+    """Inertial parameters of the first body in a file, in its link's or prim's frame.
 
     Raises:
         ExportError: the library cannot read the file, or finds no body in it.
@@ -130,14 +130,14 @@ def _required(part: Part | None, name: str) -> Part:
 
 
 def _refuse_missing(path: Path, meshes: Sequence[str]) -> None:
-    """Refuse a file that names a mesh which does not exist: only drawing it would show that."""
+    """Refuse a file that names a missing mesh, which the readers do not open."""
     for name in meshes:
         if not (path.parent / name).is_file():
             raise FileNotFoundError(f"{name} is not beside it")
 
 
 def _in_frame(mass: float, com: Array, tensor: Array, axes: Array) -> Inertial:
-    """The body whose `tensor` (3, 3) is written along `axes` (columns)."""
+    """Parameters of a body whose `tensor` (3, 3) is given along `axes` (3, 3), in columns."""
     return Inertial(
         float(mass), np.array(com, dtype=np.float64), axes @ np.asarray(tensor, dtype=np.float64) @ axes.T
     )

@@ -18,7 +18,7 @@ VERSION = "1.7"
 
 
 def sdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
-    """Text of the file; `mesh` is beside it."""
+    """Text of the SDF file, which refers to `mesh` in the same folder."""
     inertial, tensor = body.inertial, body.inertial.inertia
     root = ET.Element("sdf", version=VERSION)
     link = child(child(root, "model", name=body.identifier), "link", name=body.identifier)

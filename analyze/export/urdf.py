@@ -15,7 +15,7 @@ from schemas.object_spec import Box, Cylinder
 
 
 def urdf_text(body: ExportBody, mesh: MeshFile | None) -> str:
-    """Text of the file; `mesh` is beside it."""
+    """Text of the URDF file, which refers to `mesh` in the same folder."""
     robot = ET.Element("robot", name=body.identifier)
     link = child(robot, "link", name=body.identifier)
     link.append(inertial_element(body.inertial))

@@ -30,7 +30,7 @@ METADATA = "percuss"
 
 
 def write_usd(body: ExportBody, path: Path) -> None:
-    """Write the file at `path`, whose suffix selects the encoding."""
+    """Write a USD file at `path`, whose suffix selects the encoding."""
     from pxr import Gf, Sdf, Tf, Usd, UsdGeom, UsdPhysics
 
     layer = Sdf.Layer.CreateAnonymous(path.suffix)

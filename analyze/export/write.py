@@ -1,7 +1,4 @@
-"""Writing of a body's file and its mesh.
-
-Staged, read back by another library, compared, then put in place.
-"""
+"""Writes a body's file and its mesh: staged, read back by another library, compared, put in place."""
 
 from __future__ import annotations
 
@@ -24,9 +21,9 @@ from schemas.output_file import OutputError, refuse_unwritable
 
 
 def write_body(body: ExportBody, wanted: Format, output: Path) -> list[Path]:
-    """Write and check `body`, and return the files written.
+    """Write `body`, check it by reading it back, and return the files written.
 
-    They are `output`, and a mesh beside it if the format needs one. On failure, existing files stay as they
+    These are `output`, and a mesh beside it if the format needs one. On failure, existing files stay as they
     were.
 
     Raises:
@@ -37,19 +34,20 @@ def write_body(body: ExportBody, wanted: Format, output: Path) -> list[Path]:
     mesh = None if wanted is Format.USD else mesh_file(body)
     try:
         # Below the output's folder, so that putting in place is a rename; in a folder of its own, so that the
-        # mesh can
-        # have its own name.
+        # mesh can have its final name.
         with tempfile.TemporaryDirectory(dir=output.parent, prefix=f".{output.name}.") as folder:
             staged = Path(folder) / f"body{output.suffix or wanted.suffixes[0]}"
             _write(body, wanted, staged, mesh)
-            refuse_other(body.inertial, read_back(staged, wanted), wanted)
+            refuse_changed_parameters(body.inertial, read_back(staged, wanted), wanted)
             return _put_in_place(staged, output, mesh)
     except OSError as error:
         raise OutputError(f"{output}: cannot be written: {error.strerror}: choose another place") from None
 
 
-def refuse_other(written: Inertial, found: Inertial, where: Format) -> None:
-    """Compare mass, centre of mass and tensor, each relative to its size (of the largest entry).
+def refuse_changed_parameters(written: Inertial, found: Inertial, where: Format) -> None:
+    """Refuse a file that is read back with other parameters.
+
+    Mass, centre of mass and tensor are compared, each relative to its largest entry.
 
     Raises:
         ExportError: one differs by more than the format's precision.

@@ -1,4 +1,4 @@
-"""XML documents, for the formats that are XML."""
+"""XML text of URDF, SDF and MJCF files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from analyze.export.provenance import provenance_text
 
 
 def document(root: ET.Element, body: ExportBody) -> str:
-    """The document as text, with the provenance as a comment on top."""
+    """Text of an XML document, with the provenance as a comment at the top."""
     root.insert(0, ET.Comment(provenance_text(body.provenance)))
     ET.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"

@@ -41,9 +41,11 @@ class EstimatedCameraPose:
     T_world_camera: Array
     """(4, 4)"""
     deviation_rad: float
-    """root mean square deviation of the strikes from the mean"""
+    """root mean square deviation of the strikes' orientations from the mean"""
     deviation_m: float
+    """root mean square deviation of the strikes' positions from the mean"""
     views: int
+    """number of strikes"""
 
 
 def camera_pose_from_strike(
@@ -57,12 +59,12 @@ def camera_pose_from_strike(
     """The camera's pose from one strike; None if no marker of known pose on the object is at rest in view.
 
     Args:
-        frames: from rest into the motion, which resolves a tag's pose ambiguity.
-        rest_until_ns: time of the last frame at rest.
-        camera: its lens; its pose is not used.
-        markers: of the object.
-        planned: the object's planned resting pose.
-        strike_id: for messages.
+        frames: images from rest into the motion, which resolves a tag's pose ambiguity.
+        rest_until_ns: time of the last frame at rest [ns].
+        camera: lens of the camera; its pose is not used.
+        markers: markers of the object.
+        planned: planned strike with the object's resting pose.
+        strike_id: id of the strike, for messages.
 
     Raises:
         TrackingError: the images are of another camera or another object.
@@ -91,7 +93,7 @@ def mean_camera_pose(views: Sequence[StrikeCameraPose]) -> EstimatedCameraPose:
     """Mean of the poses from the strikes.
 
     Raises:
-        ImportRefused: there is none, or one is far from the others.
+        ImportRefused: there are none, or one of them differs from the others by more than a placing error.
     """
     if not views:
         raise ImportRefused(

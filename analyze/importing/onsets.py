@@ -1,7 +1,7 @@
 """Onsets of strikes in a clip: a marker at rest that then turns about a point near it.
 
 A marker at rest is searched for once; from then on each image's region around it is compared with its
-appearance at rest, which costs next to nothing. When the region changes, the marker is searched for again
+appearance at rest, which takes little time. When the region changes, the marker is searched for again
 until it is found at rest (a finger passed in front of it), at rest a little aside (it was pushed), turned
 about a point as near as an object's edge (a strike), or gone (the object was taken away).
 """
@@ -25,12 +25,11 @@ if TYPE_CHECKING:
     from analyze.types import Array
 
 SLOW_MOTION_INTERVAL_NS = 1e9 / 61
-"""stated interval between images above which a clip may be slow motion, which states 60 a second or fewer"""
+"""interval between images above which a clip may be slow motion, which plays at most 60 a second"""
 SLOW_MOTION_CAPTURE_NS = 1e9 / 240
 """longest capture interval of slow motion; the waits below are scaled by the ratio of the intervals"""
-SEARCH_INTERVAL_NS = 50_000_000
-WATCH_INTERVAL_NS = 20_000_000
-"""interval between two searches for a marker, and for one that has begun to move"""
+SEARCH_INTERVAL_NS, WATCH_INTERVAL_NS = 50_000_000, 20_000_000
+"""interval between two searches for a marker, and for a marker that has begun to move"""
 SEARCHES_AT_REST = 3
 """consecutive searches that must find a marker in one place for it to be at rest"""
 MAX_REST_SHIFT = 0.03
@@ -62,11 +61,11 @@ class Onset:
     """Onset of a strike in a clip."""
 
     rest_ns: int
-    """time from which the marker was seen at rest, on the source's clock"""
+    """time from which a marker was seen at rest [ns], on the source's clock"""
     time_ns: int
-    """last time at which it was seen at rest"""
+    """last time at which it was seen at rest [ns]"""
     moved_ns: int
-    """first time at which it was not"""
+    """time of the first image in which it had moved [ns]"""
     markers: tuple[int | str, ...]
     """markers that were seen at rest"""
 
@@ -83,16 +82,14 @@ class _Rest:
 
 
 class OnsetFinder:
-    """Finder of onsets; feed it the images of a clip in the order of their times.
+    """Finder of strike onsets; call `add` with the images of a clip in the order of their times.
 
     Args:
         markers: names of the object's markers.
-        frame_ns: interval between two images. Where it is long the clip may be unannounced slow motion: all
-            waits are then
-            longer, so that slow movement is not mistaken for rest.
-        directions: in which strikes turn a marker in the image, True for clockwise; an object that is set up
-            again turns
-            the other way.
+        frame_ns: interval between two images [ns]. If it is long the clip may be undeclared slow motion: all
+            waits are then longer, so that slow movement is not mistaken for rest.
+        directions: directions in which strikes turn a marker in the image, True for clockwise; an object
+            that is set up again turns the other way.
     """
 
     def __init__(
@@ -116,7 +113,7 @@ class OnsetFinder:
         """True if any of the markers was at rest"""
 
     def add(self, frame: TimedImage) -> Onset | None:
-        """Onset of a strike that has just begun; None if none has."""
+        """Take the next image; the onset of a strike if this image shows that one has begun, else None."""
         if self._rest is None:
             if frame.time_ns >= self._next_ns:
                 self._search(frame)

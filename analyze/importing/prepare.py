@@ -1,4 +1,4 @@
-"""Preparation of an import: sources are searched for strikes, and strikes assigned to the plan."""
+"""Prepares an import: searches the sources for strikes and assigns them to the planned strikes."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from schemas.session_manifest import CameraCalibrationSpec
 from schemas.strike_plan import StrikePlan, parse_strike_plan
 
 MAX_RATE_RATIO = 1.2
-"""ratio of two frame rates above which they differ: a phone's rate changes with the light by less"""
+"""ratio of two frame rates above which they differ; the light changes a phone's rate by less"""
 MAX_SLOW_MOTION_HZ = 61.0
 """frame rate below which a video may be slow motion"""
 PROGRESS_EVERY_FRAMES = 50
@@ -49,7 +49,7 @@ MOTION_AFTER_ONSET_NS = 600_000_000
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """The user's choices."""
+    """Options of `analyze import`."""
 
     sources: tuple[Path, ...]
     object_path: Path
@@ -87,11 +87,11 @@ class PreparedImport:
     rate_hz: float
     calibration: CameraCalibrationSpec
     place: EstimatedCameraPose | None
-    """the camera's pose from the resting object; None if the camera file has one"""
+    """camera pose estimated from the resting object; None if the camera file states the pose"""
     _open: ExitStack
 
     @property
-    def kept(self) -> tuple[VideoSource, ...] | None:
+    def storable_videos(self) -> tuple[VideoSource, ...] | None:
         """The sources if all are videos that are stored as coded; None otherwise."""
         return _storable_videos(self.sources)
 
@@ -102,19 +102,27 @@ class PreparedImport:
 
     @property
     def formats(self) -> str:
-        """Text on how the images will be stored."""
+        """Format in which the images will be stored, in words."""
         if self.are_files:
             return "PNG or JPEG files unchanged, of the strikes' windows"
-        if self.kept is None:
+        if self.storable_videos is None:
             return "decoded images, of the strikes' windows"
         names = {VideoFormat.H264: "H.264", VideoFormat.H265: "H.265"}
         return (
-            " and ".join(sorted({names[video.keeps] for video in self.kept if video.keeps is not None}))
+            " and ".join(
+                sorted(
+                    {
+                        names[video.storable_format]
+                        for video in self.storable_videos
+                        if video.storable_format is not None
+                    }
+                )
+            )
             + ", stored unchanged"
         )
 
     def remarks(self) -> list[str]:
-        """Lines about the sources, as far as they were read."""
+        """Remarks on the sources, complete once all of them have been read."""
         lens = [f"the lens is that of {self.camera.path}"] if self.camera.of_topic else []
         return [*lens, *self._other_rates(), *self._slow_motion(), *_merged_remarks(self.sources)]
 
@@ -168,7 +176,7 @@ def prepare(options: ImportOptions, progress: Progress = no_progress) -> Prepare
 
     Raises:
         ImportRefused: a source cannot be read or is of another camera, or the strikes cannot be assigned.
-        OutputError: the disk has no room for what will certainly be written.
+        OutputError: the disk has no room for the videos that will be stored.
         ShapeError, DocumentError, CalibrationError: the object's, the plan's or the camera's file cannot be
             used.
         TrackingError: the images show another object.
@@ -271,7 +279,7 @@ def _refuse_other_camera(source: FrameSource, camera: CameraFile) -> None:
 
 def _storable_videos(sources: Sequence[FrameSource]) -> tuple[VideoSource, ...] | None:
     videos = tuple(
-        source for source in sources if isinstance(source, VideoSource) and source.keeps is not None
+        source for source in sources if isinstance(source, VideoSource) and source.storable_format is not None
     )
     return videos if len(videos) == len(sources) else None
 
@@ -281,7 +289,7 @@ def _are_files(sources: Sequence[FrameSource]) -> bool:
 
 
 def _spools(options: ImportOptions, sources: Sequence[FrameSource], stack: ExitStack) -> list[Spool | None]:
-    """An image store for each source that would otherwise be decoded twice, to search and to write."""
+    """Image store of each source that would otherwise be decoded twice; None for the other sources."""
     if options.aside is None or options.whole or _storable_videos(sources) is not None or _are_files(sources):
         return [None for _ in sources]
     return [
@@ -294,7 +302,7 @@ class _Search(NamedTuple):
 
     markers: Sequence[int | str]
     every_strike: bool
-    """True to store the images of every strike of a source, False for its first alone"""
+    """True to store the images of all strikes of a source, False for those of its first strike only"""
     directions: frozenset[bool]
     """directions in which the plan's strikes turn in the image, True for clockwise"""
     progress: Progress

@@ -1,4 +1,4 @@
-"""Images of strikes, stored while a source is searched, so that no image is decoded twice.
+"""Stores the images of strikes while a source is searched, so that no image is decoded twice.
 
 A strike is recognised a moment after it began, and its window begins before it: the latest images are held in
 memory, and written to an unnamed file once a window needs them. Images that neither memory nor disk had room
@@ -67,7 +67,7 @@ class Spool:
             self._append(frame.time_ns, slot)
 
     def keep(self, start_ns: int, end_ns: int) -> None:
-        """Store the images of this interval, those already added and those to come."""
+        """Store the images of this interval [ns], both those still held and those to come."""
         wanted = [(time_ns, image) for time_ns, image in self._latest if time_ns >= start_ns]
         if not wanted or not self._has_room(end_ns - start_ns):
             return
@@ -83,7 +83,7 @@ class Spool:
                 break
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """See Frames."""
+        """Images from `start_ns` to `end_ns`, both included: stored ones, otherwise decoded again."""
         kept = self._interval_ending_at(end_ns)
         if kept is None or start_ns is None or end_ns is None:
             yield from self._source.frames(start_ns, end_ns)
@@ -114,7 +114,6 @@ class Spool:
         self.close()
 
     # --- the file
-    # -------------------------------------------------------------------------------------------------
 
     def _interval_ending_at(self, end_ns: int | None) -> _Interval | None:
         if end_ns is None:
@@ -122,7 +121,7 @@ class Spool:
         return next((each for each in self._intervals if each.start_ns <= end_ns <= each.end_ns), None)
 
     def _has_room(self, length_ns: int) -> bool:
-        """True if the disk has room for an interval, and after it for all intervals as a recording."""
+        """True if the disk has room for this interval and then for a recording with all intervals."""
         more = math.ceil(length_ns * 1e-9 * self._source.rate_hz)
         return shutil.disk_usage(self._folder).free > (len(self._times) + 2 * more) * self._size
 
@@ -141,6 +140,6 @@ class Spool:
 
 
 def _unnamed_file(folder: Path) -> int:
-    """Descriptor of an open file that disappears with this process."""
+    """Descriptor of an open file without a name, which the system removes when it is closed."""
     with tempfile.TemporaryFile(dir=folder) as file:
         return os.dup(file.fileno())

@@ -1,4 +1,4 @@
-"""An import on the terminal: the strikes that it will write, and what it wrote."""
+"""Prints an import on the terminal: the strikes before writing, and the recording written."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def render_import(prepared: PreparedImport) -> list[str]:
 
 
 def render_written(written: Written, shown: list[str]) -> None:
-    """Print what was written, with remarks that only writing revealed."""
+    """Print the recording written, with remarks that were not printed before."""
     _remark([remark for remark in written.remarks if remark not in shown])
     size = f"{written.size / 1e6:.1f} MB"
     click.echo(

@@ -1,7 +1,4 @@
-"""Coded pictures gathered into chunks.
-
-Each chunk begins with a key picture, and chunks of small pictures are compressed.
-"""
+"""Gathers coded pictures into chunks that begin with a key picture; compresses chunks of small pictures."""
 
 from __future__ import annotations
 
@@ -21,17 +18,14 @@ from schemas.mcap.content_hash import LARGE_MESSAGE_BYTES, HashedMessage
 from schemas.mcap.records import Buffer
 
 FULL_CHUNK_BYTES: Final = 1 << 20
-"""bytes of pictures from which on the next key picture begins another chunk.
-
-A chunk costs as much time as ten pictures.
-"""
+"""Size above which the next key picture begins a new chunk; a chunk costs as much time as ten pictures."""
 _SMALL_PICTURE_BYTES: Final = 1024
-"""mean picture size below which compression pays.
+"""Mean picture size below which chunks are compressed.
 
-Each picture has 100 bytes around it, most equal to those of the one before.
+The 100 bytes around each picture are mostly those around the previous one.
 """
 _MAX_COMPRESSED_BYTES: Final = 4 << 20
-"""size from which on a chunk is not compressed, since it would be held in memory twice"""
+"""Size above which a chunk is not compressed, since it would be in memory twice."""
 _COMPRESSION: Final = "zstd"
 _COMPRESSION_LEVEL: Final = 3
 

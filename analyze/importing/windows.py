@@ -11,11 +11,11 @@ from analyze.errors import ImportRefused
 from analyze.importing.onsets import Onset
 
 SKIPPED = "-"
-"""given in place of a strike's id to leave a strike out"""
+"""given to --strike in place of an id, to leave a strike out"""
 BEFORE_ONSET_NS = 500_000_000
-"""length of a window before the onset"""
+"""length of a window before the onset [ns]"""
 AFTER_ONSET_NS = 3_000_000_000
-"""length of a window after the onset: a large object falls in two seconds"""
+"""length of a window after the onset [ns]: a large object falls in two seconds"""
 MIN_FRAMES_AFTER_ONSET = 720
 """least number of frames after the onset, so that undeclared slow motion shows enough of the fall"""
 
@@ -26,7 +26,7 @@ class Clip:
 
     path: Path
     onsets: tuple[Onset, ...] = ()
-    """in the order of their times"""
+    """onsets in the order of their times"""
     last_ns: int | None = None
     """time of the last image; None if it was not searched"""
     frame_ns: float = 0.0
@@ -39,11 +39,11 @@ class Clip:
         """Reason why no strike is found, with a remedy."""
         if not self.rested:
             return (
-                "its tag is seen, but never lies still: put the camera on a stand and take your hand off the "
+                "its tag is seen, but is never at rest: put the camera on a stand and take your hand off the "
                 "object"
             )
         return (
-            "no tag lies still in view and then tips: record the whole tag, sharp, from a second before the "
+            "no tag is at rest in view and then tips: record the whole tag, sharp, from a second before the "
             "strike until the object has fallen"
         )
 
@@ -81,11 +81,10 @@ def one_window_per_clip(
     """Windows of clips that show one strike each: around the first onset, or the whole clip without one.
 
     Args:
-        clips: in the order in which they were named.
+        clips: clips in the order in which they were given.
         planned: ids of the plan's strikes, in its order.
-        strike_ids: ids of the clips' strikes, in the clips' order; if empty the clips' names if all are ids,
-            else the
-            plan's order.
+        strike_ids: ids of the clips' strikes, in the clips' order. If empty, the clips' file names are the
+            ids if all of them are ids of the plan; otherwise the plan's order applies.
 
     Raises:
         ImportRefused: the clips cannot be assigned to strikes.
@@ -111,7 +110,7 @@ def split_clip(clip: Clip, planned: Sequence[str], strike_ids: Sequence[str]) ->
     """Windows of a clip in which each onset is a strike.
 
     Args:
-        clip: that was searched.
+        clip: clip that was searched for onsets.
         planned: ids of the plan's strikes, in its order.
         strike_ids: ids of the onsets' strikes, in their order; if empty the plan's order.
 

@@ -1,6 +1,7 @@
-"""Writing of a prepared import as a recording.
+"""Writes a prepared import as a recording.
 
-H.264 and H.265 are stored complete and as coded; of everything else, the images of the strikes' windows.
+H.264 and H.265 videos are stored whole, as coded. Of other sources, the images in the strikes' windows are
+stored.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ from schemas.software import software_version
 CAMERA = "main"
 CAMERA_ATTACHMENT_PREFIX = "camera/"
 DEFAULT_START_NS = 946_684_800 * 10**9
-"""2000-01-01, for sources without a date, so that the same source always gives the same content id"""
+"""2000-01-01 [ns since 1970], for sources without a date: the same source always gives the same content id"""
 SOURCE_GAP_NS = 1_000_000_000
 """time between a source's last image and the next one's first"""
 PROGRESS_EVERY_IMAGES = 100
@@ -66,7 +67,7 @@ class Written:
     images: int
     strikes: int
     remarks: tuple[str, ...]
-    """about missing frames and files that end early"""
+    """remarks on missing frames and files that end early"""
 
 
 @dataclass
@@ -93,7 +94,7 @@ class _LogTimes:
 
 
 class _Session:
-    """A recording while it is written.
+    """Writer of an import's messages: the sources, then the strikes.
 
     Frames are numbered over all sources, and the sources follow each other on one clock.
     """
@@ -102,7 +103,7 @@ class _Session:
         self._prepared, self._writer, self._progress = prepared, writer, progress
         self.anchor_ns = prepared.sources[0].wall_start_ns or DEFAULT_START_NS
         self._at_ns = self.anchor_ns
-        """log time of the source's start"""
+        """log time of the present source's start [ns]"""
         self._end_ns = self.anchor_ns
         self._sequence = 0
         self.images = 0
@@ -127,10 +128,10 @@ class _Session:
             if not windows:
                 continue
             missing = MissingFrames(1e9 / prepared.rate_hz)
-            if prepared.kept is None:
+            if prepared.storable_videos is None:
                 self._images(source, windows, missing)
             else:
-                self._video(prepared.kept[number], windows, missing)
+                self._video(prepared.storable_videos[number], windows, missing)
             if (remark := missing.remark(source.name)) is not None:
                 self.remarks.append(remark)
             self._at_ns = self._end_ns + SOURCE_GAP_NS
@@ -167,10 +168,10 @@ class _Session:
     def _video(
         self, video: VideoSource, windows: list[tuple[_LogTimes, StrikeWindow]], missing: MissingFrames
     ) -> None:
-        if video.keeps is None:
+        if video.storable_format is None:
             return
         channel, chunk = self._writer.channel_id(self._image_topic), OpenChunk()
-        room = image_messages.video_room(CAMERA, video.keeps)
+        room = image_messages.video_room(CAMERA, video.storable_format)
         first = last = self._sequence
         lost: dict[int, tuple[int, int]] = {}
         for pictures, numbers, in_order_ns in number_pictures(video.coded(room), video.name):
@@ -184,7 +185,7 @@ class _Session:
             self._report_progress(video)
             sizes = np.fromiter(map(len, pictures.data), np.int64, len(pictures.data)) - room
             messages = VideoMessages(self._at_ns + pictures.times_ns, first + numbers, sizes)
-            image_messages.put_video_heads(CAMERA, video.keeps, channel, messages, pictures.data)
+            image_messages.put_video_heads(CAMERA, video.storable_format, channel, messages, pictures.data)
             for part, begins in _parts(pictures.keys):
                 if chunk.size >= (FULL_CHUNK_BYTES if begins else topics.VIDEO_CHUNK_BYTES):
                     self._video_chunk(chunk, lost)
@@ -224,7 +225,7 @@ class _Session:
     def _report_progress(self, source: FrameSource) -> None:
         total = (
             sum(each.frame_count or 0 for each in self._prepared.sources)
-            if self._prepared.kept
+            if self._prepared.storable_videos
             else self.images
         )
         self._progress(f"writing {source.name}", self.images, max(total, self.images))
@@ -249,7 +250,7 @@ class _Session:
         )
 
     def _origin(self, window: StrikeWindow) -> str:
-        """Text on the source of a strike and the time of its onset."""
+        """Log text that names the source of a strike and the time of its onset."""
         clip = self._prepared.clips[window.clip]
         text = f"strike {window.strike_id}: of {clip.path.name}; the contact was not measured"
         if window.onset is None:
@@ -261,7 +262,7 @@ class _Session:
 
 
 def _image_topic(prepared: PreparedImport) -> topics.Topic:
-    if prepared.kept is not None:
+    if prepared.storable_videos is not None:
         return topics.compressed_video(CAMERA)
     return topics.compressed_image(CAMERA) if prepared.are_files else topics.raw_image(CAMERA)
 
@@ -274,7 +275,7 @@ def _parts(keys: NDArray[np.bool_]) -> Iterator[tuple[slice, bool]]:
 
 
 def write_recording(prepared: PreparedImport, output: Path, progress: Progress = no_progress) -> Written:
-    """Write the recording; on failure nothing is left.
+    """Write the recording; on failure no file is left.
 
     Raises:
         OutputError: it exists already, or cannot be written.

@@ -31,10 +31,10 @@ from schemas.session_manifest import MANIFEST_NAME, SEAL_NAME, SessionManifest
 from schemas.topics import Topic
 
 _QUEUED_WRITES: Final = 3
-"""writes that wait between the two threads"""
+"""largest number of writes that wait for the writing thread"""
 _SMALL_CHUNK_BYTES: Final = 64 << 10
 _MAX_BUFFERS: Final = 1024
-"""buffers that writev takes at once on Linux"""
+"""largest number of buffers of one writev on Linux (IOV_MAX)"""
 PART_SUFFIX: Final = ".part"
 
 
@@ -49,7 +49,7 @@ class Message(NamedTuple):
 def refuse_taken(path: Path) -> None:
     """Raise OutputError if a recording, finished or begun, has this path.
 
-    Also called before a long video is read.
+    Call it before a long video is read, too.
     """
     if path.exists() and not path.is_dir():
         raise OutputError(f"{path}: exists already: choose another name or move it away")
@@ -119,7 +119,7 @@ class RecordingWriter:
         Their parts are written later and must stay unchanged until then.
 
         Raises:
-            OutputError: the disk refused something that was passed earlier.
+            OutputError: an earlier chunk could not be written.
         """
         if not messages:
             return
@@ -143,7 +143,7 @@ class RecordingWriter:
         self._records.write_chunk(buffers, at, crc, {channel_id: places})
 
     def write_video(self, topic: Topic, chunk: VideoChunk) -> None:
-        """Write coded pictures as one chunk; otherwise as `write_chunk`."""
+        """Write coded pictures as one chunk; errors as for `write_chunk`."""
         channel_id, times, ready = self._channels[topic.name], chunk.messages.times_ns, prepare_chunk(chunk)
         self._hash.add_all(topic.name, ready.hashed)
         span = int(times.min()), int(times.max())
@@ -202,7 +202,6 @@ class RecordingWriter:
                 self._part.unlink()
 
     # --- the file
-    # -------------------------------------------------------------------------------------------------
 
     def _flush_small(self) -> None:
         if self._pending.data:
@@ -251,5 +250,5 @@ def _part_path(path: Path) -> Path:
 
 def _part_taken(part: Path) -> OutputError:
     return OutputError(
-        f"{part}: is being written, or is left of an import that failed: choose another name or move it away"
+        f"{part}: is being written, or remains of an import that failed: choose another name or move it away"
     )

@@ -1,4 +1,4 @@
-"""Packets of a video file as access units with start codes (Annex B), as recordings store them.
+"""Converts packets of a video file to access units with start codes (Annex B), as recordings store them.
 
 The access unit of a key picture contains its parameter sets.
 """
@@ -32,12 +32,12 @@ def has_lengths(stream: av.VideoStream) -> bool:
 
 
 class AccessUnits:
-    """Converter of one stream's packets.
+    """Converter of one stream's packets to access units.
 
     Args:
         video: codec.
-        stream: the stream.
-        room: bytes left free before each access unit, for the message's head in a recording.
+        stream: video stream of the file.
+        room: number of bytes left free before each access unit, for the message's head in a recording.
     """
 
     def __init__(self, video: VideoFormat, stream: av.VideoStream, room: int) -> None:
@@ -48,7 +48,7 @@ class AccessUnits:
         self._filter = av.BitStreamFilterContext(_FILTER[video], stream)
 
     def convert(self, packets: Sequence[av.Packet]) -> list[memoryview | None]:
-        """Room and access unit of each packet, writable; None for a damaged packet.
+        """Free bytes and access unit of each packet, as one writable buffer; None for a damaged packet.
 
         The packets may be consumed.
         """

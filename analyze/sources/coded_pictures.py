@@ -23,13 +23,13 @@ class CodedPictures(NamedTuple):
     """Consecutive coded pictures of a file."""
 
     times_ns: IntArray
-    """(n,) times since the source's start, in decoding order, which may differ from time order"""
+    """(n,) times since the source's start [ns], in decoding order, which may differ from time order"""
     keys: NDArray[np.bool_]
     """(n,) True where a decoder may begin"""
     data: list[memoryview]
-    """n access units with start codes, each after the room asked for.
+    """n access units with start codes, each after the requested number of free bytes.
 
-    Key pictures contain their parameter sets
+    Key pictures contain their parameter sets.
     """
 
 
@@ -40,7 +40,7 @@ class NumberedPictures(NamedTuple):
     numbers: IntArray
     """(n,) number of each picture in the order of times"""
     in_order_ns: IntArray
-    """(m,) times of the next m pictures of the stream, in order"""
+    """(m,) times of the stream's next m pictures [ns], increasing"""
 
 
 def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[NumberedPictures]:
@@ -52,13 +52,10 @@ def number_pictures(groups: Iterable[CodedPictures], name: str) -> Iterator[Numb
     none = np.empty(0, np.int64)
     waiting = CodedPictures(none, np.empty(0, np.bool_), [])
     unplaced = placed = none
-    first, last_ns = 0, -1  # number of the first in `placed`; time of the last that was placed
+    first, last_ns = 0, -1  # number of the first time in `placed`; the last time that was placed
 
     def place(count: int) -> tuple[CodedPictures, NumberedPictures]:
-        """Place the earliest of those that have no place yet.
-
-        What waits now, and what need not wait any more.
-        """
+        """Move the `count` earliest times to `placed`; pictures still waiting, and pictures now numbered."""
         nonlocal unplaced, placed, first, last_ns
         ordered = np.sort(unplaced)
         newly, unplaced = ordered[:count], ordered[count:]

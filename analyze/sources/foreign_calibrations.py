@@ -1,4 +1,4 @@
-"""Lens calibrations of other programs: OpenCV (YAML, JSON), Kalibr, and ROS camera_info.
+"""Reads lens calibrations of other programs: OpenCV (YAML, JSON), Kalibr, and ROS camera_info.
 
 Programs name the same numbers differently: names are compared without case, underscores and dashes. A matrix
 may be nested lists, or `data` with `rows` and `cols`. Nothing in such a file is executed: YAML is read with
@@ -28,7 +28,7 @@ from schemas.session_manifest import CameraCalibrationSpec, LensModel
 
 SUFFIXES = (".yaml", ".yml", ".json")
 MAX_BYTES = 1 << 20
-"""largest size of a calibration; a larger file is something else"""
+"""largest size of a calibration file; a larger file is something else"""
 
 _MODELS = {
     **dict.fromkeys(
@@ -59,7 +59,7 @@ _SIZE = ("resolution", "imagesize", "imgsize")
 
 
 def read_calibration(path: Path) -> tuple[CameraCalibrationSpec, bool]:
-    """Lens of another program's camera file, and whether the file has the camera's pose.
+    """Lens in another program's camera file, and True if the file has the camera's pose.
 
     Beside the program's own entries the file may contain `T_world_camera` (4 x 4), the unit matrix by
     default, and `line_time_s`.
@@ -82,8 +82,8 @@ def parse_calibration(data: bytes, name: str, *, as_json: bool = False) -> tuple
 
     Args:
         data: content of the file.
-        name: of the file, for messages.
-        as_json: whether the content is JSON; else it is YAML.
+        name: name of the file, for messages.
+        as_json: True if the content is JSON, False if it is YAML.
     """
     if len(data) > MAX_BYTES:
         raise CalibrationError(
@@ -113,7 +113,7 @@ def parse_calibration(data: bytes, name: str, *, as_json: bool = False) -> tuple
 
 
 def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibrationSpec, bool]:
-    """Calibration from one camera's entries, whatever their names, and whether they have the camera's pose.
+    """Calibration from one camera's entries under any known names, and True if they have the camera's pose.
 
     Raises:
         CalibrationError: they contain no lens of a known model.
@@ -145,7 +145,6 @@ def calibration_of(entries: Mapping[str, Any], name: str) -> tuple[CameraCalibra
 
 
 # --- entries
-# ------------------------------------------------------------------------------------------------------
 
 
 def _camera_matrix(entries: Mapping[str, Any], name: str) -> Array:
@@ -254,7 +253,6 @@ def _coefficients(entries: Mapping[str, Any], model: LensModel, name: str) -> li
 
 
 # --- reading
-# ------------------------------------------------------------------------------------------------------
 
 
 def _one_camera(found: Any, name: str) -> Mapping[str, Any]:
@@ -307,7 +305,7 @@ def _numbers(value: Any, name: str, what: str, counts: tuple[int, ...]) -> Array
     for row in rows:
         for each in row if isinstance(row, list) else [row]:
             if isinstance(each, bool) or not isinstance(each, int | float) or not abs(each) < 1e12:
-                raise CalibrationError(f"{name}: {what} contains {each!r:.40}, which is no number")
+                raise CalibrationError(f"{name}: {what} contains {each!r:.40}, which is not a number")
             flat.append(float(each))
     if len(flat) not in counts:
         few = " or ".join(str(count) for count in counts)

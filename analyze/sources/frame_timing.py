@@ -12,20 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 SAME_INTERVAL_FRACTION = 0.5
-"""largest deviation from the median interval, relative to it, of an interval of one frame"""
+"""largest deviation of a one-frame interval from the median interval, relative to it"""
 GAP_INTERVALS = 1.6
 """gap between two frames, in intervals, above which a frame is missing"""
 COARSE_STEP_FRACTION = 0.01
-"""step of the stamps, relative to the interval, above which it is coarse: Matroska counts milliseconds"""
+"""step of the stamps, relative to the frame interval, above which it is coarse (Matroska: milliseconds)"""
 RECENT_INTERVALS = 15
 """number of intervals that determine the current rate: a phone's changes with the light"""
 
 
 @dataclass(frozen=True)
 class FrameTiming:
-    """Clock of a stream: time stamps to capture times.
+    """Conversion of a stream's time stamps to capture times.
 
-    A slow-motion file plays, say, at 30 frames a second what was captured at 240: then `slowed` is 8, and its
+    A slow-motion file may play at 30 frames a second what was captured at 240: `slowed` is then 8, and the
     times are divided by it.
     """
 
@@ -34,12 +34,13 @@ class FrameTiming:
     unit: Fraction
     """step of the stamps as the file plays [s]"""
     interval_s: float
-    """interval between two frames as captured"""
+    """interval between two frames as captured [s]"""
     slowed: Fraction = Fraction(1)
+    """playing time over capture time"""
     steady_s: Fraction | None = None
-    """playing interval of a constant rate whose stamps are rounded to coarse steps.
+    """playing interval [s] of a constant rate whose stamps are rounded to coarse steps.
 
-    None if the stamps are times
+    None if the stamps themselves are the times.
     """
 
     @property
@@ -52,7 +53,7 @@ class FrameTiming:
         steps = stamp - self.first
         if self.steady_s is not None:
             number = round(steps / self._steady_steps)
-            # Only as long as it agrees: a stated rate that is slightly wrong drifts away from the stamps.
+            # Only while both agree: a stated rate that is slightly wrong drifts away from the stamps.
             if abs(number * self._steady_steps - steps) <= 1:
                 return round(number * self.steady_s / self.slowed * 10**9)
         over, under = self._step_ns
@@ -93,7 +94,7 @@ def frame_timing(
     """Timing from the stamps of a stream's first frames; None for fewer than two.
 
     Args:
-        stamps: in any order.
+        stamps: time stamps in any order.
         unit: duration of one step [s].
         stated_hz: frame rate that the container states.
         capture_hz: true frame rate if the container plays slower than was captured; None if the stamps are
@@ -154,14 +155,18 @@ def interval_range(times_ns: NDArray[np.int64]) -> tuple[float, float]:
 
 @dataclass
 class MissingFrames:
-    """Counter of missing frames; feed it increasing times."""
+    """Counter of missing frames; call it with increasing times."""
 
     interval_ns: float
-    """initial interval between two frames"""
+    """initial interval between two frames [ns]"""
     frames: int = 0
+    """number of missing frames so far"""
     places: int = 0
+    """number of gaps so far"""
     longest_ns: int = 0
+    """longest gap [ns]"""
     longest_at_ns: int = 0
+    """time of the last frame before it [ns]"""
     _last_ns: int | None = None
     _recent: deque[int] = field(default_factory=lambda: deque(maxlen=RECENT_INTERVALS))
 
@@ -196,7 +201,7 @@ class MissingFrames:
             if len(self._recent) == RECENT_INTERVALS
             else [self.interval_ns, *self._recent, *known.tolist()]
         )
-        if max(usual) < GAP_INTERVALS * min(usual):  # then none is missing, whatever the median is
+        if max(usual) < GAP_INTERVALS * min(usual):  # no frame is missing, whatever the median is
             self._last_ns = int(times_ns[-1])
             self._recent.extend(known[-RECENT_INTERVALS:].tolist())
             return np.zeros(len(times_ns), np.int64)

@@ -1,4 +1,4 @@
-"""Images that are PNG or JPEG files already, which are stored unchanged."""
+"""Images as PNG or JPEG files: images that are such files already are stored unchanged."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PNG_SIZE_OFFSET = 16
 
 
 class ImageFile(NamedTuple):
-    """One image's file, as readers of recordings understand it."""
+    """Content of a PNG or JPEG file, as recordings store it."""
 
     format: str
     data: Buffer

@@ -1,4 +1,4 @@
-"""A folder of images with a CSV of their times as a source, as high-speed cameras' programs write it."""
+"""A folder of images with a CSV of their times, as programs of high-speed cameras write it, as a source."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _NAME, _TIME = "name", "time_s"
 COLUMNS = f"{_NAME},{_TIME}"
 FILE_SUFFIXES = {".png", ".jpg", ".jpeg"}
 MIN_INTERVAL_S, MAX_INTERVAL_S = 1e-5, 0.5
-"""bounds of the interval between two images: no camera is faster, no tip slower"""
+"""bounds of the interval between two images: no camera is faster, and a slower one misses the tip"""
 
 
 class ImageFolder:
     """Images of a folder, in the order of their times.
 
     Args:
-        folder: with the images.
+        folder: folder with the images.
         times: CSV with the columns `name` and `time_s`; None for the only one in the folder.
 
     Raises:
@@ -142,7 +142,9 @@ def _read_times(path: Path, folder: Path) -> list[tuple[int, Path]]:
     """Time since the first image [ns] and path of each image, in the order of the times."""
     found = _read_lines(path, folder)
     if len(found) < 2:
-        raise ImportRefused(f"{path}: names {len(found)} images: a strike needs more")
+        raise ImportRefused(
+            f"{path}: names {len(found)} images: a strike needs more: name all images with their times"
+        )
     start = found[0][0]
     timed = [(round((time_s - start) * 10**9), image) for time_s, image in found]
     often, count = Counter(str(image) for _, image in found).most_common(1)[0]

@@ -25,7 +25,10 @@ _FILE_DATA = bytes([2 << 3 | 2])
 _RAW_DATA = bytes([6 << 3 | 2])
 _VIDEO_DATA = bytes([3 << 3 | 2])
 VARINT_BYTES = 5
-"""length of a video's varints, so that all heads have one length: seconds until the year 3058"""
+"""Length to which a video's varints are padded, so that all heads are equally long.
+
+It is enough for the seconds until the year 3058.
+"""
 MESSAGE_RECORD_HEAD = np.dtype(
     [
         ("opcode", "u1"),
@@ -52,10 +55,10 @@ def _file_head(camera: str, kind: str) -> bytes:
 
 
 class VideoMessages(NamedTuple):
-    """Messages of n coded pictures, without the pictures."""
+    """Times, sequence numbers and sizes of n coded pictures."""
 
     times_ns: NDArray[np.int64]
-    """(n,) log times"""
+    """(n,) log times [ns]"""
     sequences: NDArray[np.int64]
     """(n,) sequence numbers"""
     sizes: NDArray[np.int64]
@@ -84,7 +87,7 @@ def _video_head(camera: str, kind: VideoFormat) -> bytes:
 
 
 def video_room(camera: str, kind: VideoFormat) -> int:
-    """Bytes before each picture in the recording."""
+    """Number of bytes that precede each picture in the recording: record head and protobuf fields."""
     return _video_layout(camera, kind).itemsize
 
 
@@ -96,10 +99,10 @@ def put_video_heads(
     All heads are made at once, as columns: a gigabyte of video has 100 000 pictures.
 
     Args:
-        camera: its name.
+        camera: name of the camera.
         kind: codec of the pictures.
-        channel: of the topic.
-        messages: n messages of the pictures.
+        channel: channel id of the topic.
+        messages: times, sequence numbers and sizes of the n pictures.
         data: n pictures, each after `video_room` bytes.
     """
     heads = np.empty(len(data), _video_layout(camera, kind))

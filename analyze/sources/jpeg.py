@@ -1,7 +1,6 @@
 """Pictures of Motion JPEG as JPEG files (ITU-T T.81), stored as the camera coded them.
 
-Cameras that stream omit the Huffman tables if they are those of the standard's annex K, which some readers
-need.
+Streaming cameras omit the Huffman tables if they are those of the standard's annex K; some readers need them.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ def _segments(picture: Buffer) -> Iterator[tuple[int, int, int]]:
     at = 2
     while at + 4 <= len(picture) and picture[at] == 0xFF:
         marker = picture[at + 1]
-        if marker == 0xFF:  # filling
+        if marker == 0xFF:  # fill byte
             at += 1
             continue
         length = int.from_bytes(picture[at + 2 : at + 4], "big")

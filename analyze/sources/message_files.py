@@ -21,11 +21,11 @@ from schemas.session_manifest import MANIFEST_NAME
 BAG_FILE = ".db3"
 METADATA = "metadata.yaml"
 MAX_RECORD_BYTES = 1 << 30
-"""largest record read; a damaged length would ask for all memory"""
+"""largest record that is read: a damaged length could demand any amount of memory"""
 
 
 @dataclass(frozen=True)
-class Topic:
+class LoggedTopic:
     """A topic of a file."""
 
     name: str
@@ -45,7 +45,7 @@ class LoggedMessage(NamedTuple):
 
 
 class MessageFile(Protocol):
-    """Topics and messages of a file, which every call opens anew.
+    """Topics and messages of a file; every call opens the file anew.
 
     Raises (all methods):
         ImportRefused: the file is damaged, or of an unknown kind.
@@ -56,22 +56,19 @@ class MessageFile(Protocol):
         """The file or folder."""
         ...
 
-    def topics(self) -> list[Topic]:
+    def topics(self) -> list[LoggedTopic]:
         """All topics, by name."""
         ...
 
     def messages(
         self,
-        topic: Topic,
+        topic: LoggedTopic,
         start_ns: int | None = None,
         end_ns: int | None = None,
         *,
         as_written: bool = False,
     ) -> Iterator[LoggedMessage]:
-        """Messages of a topic by log time, both ends included.
-
-        Of an MCAP file in file order if `as_written`.
-        """
+        """Messages of a topic by log time, both ends included; in an MCAP file's order if `as_written`."""
         ...
 
 
@@ -81,7 +78,7 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def topics(self) -> list[Topic]:
+    def topics(self) -> list[LoggedTopic]:
         """See MessageFile."""
         with self._named_damage(), self.path.open("rb") as stream:
             summary = self._reader(stream).get_summary()
@@ -103,11 +100,11 @@ class McapFile:
                 many = None if counts is None else counts.get(number, 0)
                 before = found.get(key, 0)
                 found[key] = None if many is None or before is None else before + many
-        return [Topic(*key, many) for key, many in sorted(found.items())]
+        return [LoggedTopic(*key, many) for key, many in sorted(found.items())]
 
     def messages(
         self,
-        topic: Topic,
+        topic: LoggedTopic,
         start_ns: int | None = None,
         end_ns: int | None = None,
         *,
@@ -151,18 +148,18 @@ class BagFile:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def topics(self) -> list[Topic]:
+    def topics(self) -> list[LoggedTopic]:
         """See MessageFile."""
         with self._opened() as reader:
             found: dict[tuple[str, str, str], int] = {}
             for connection in reader.connections:
                 key = (connection.topic, connection.msgtype, _serialization(connection))
                 found[key] = found.get(key, 0) + connection.msgcount
-        return [Topic(*key, many or None) for key, many in sorted(found.items())]
+        return [LoggedTopic(*key, many or None) for key, many in sorted(found.items())]
 
     def messages(
         self,
-        topic: Topic,
+        topic: LoggedTopic,
         start_ns: int | None = None,
         end_ns: int | None = None,
         *,
@@ -189,11 +186,10 @@ class BagFile:
             raise
         except OSError as error:
             raise ImportRefused(f"{self.path}: cannot be read: {error.strerror or error}") from None
-        except (
-            Exception
-        ) as error:  # the reader, its two storages and its decompressor raise errors of their own
+        except Exception as error:  # reader, storages and decompressor raise errors of their own
             raise ImportRefused(
-                f"{self.path}: not a readable ROS 2 bag ({' '.join(str(error).split())[:120]})"
+                f"{self.path}: not a readable ROS 2 bag ({' '.join(str(error).split())[:120]}): check it "
+                "with `ros2 bag info`"
             ) from None
 
 
@@ -212,5 +208,5 @@ def is_message_file(path: Path) -> bool:
 
 
 def open_message_file(path: Path) -> MessageFile:
-    """The message file at a path, by its name."""
+    """Message file at a path; bag or MCAP is decided by its name."""
     return BagFile(path) if is_bag(path) else McapFile(path)

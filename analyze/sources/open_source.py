@@ -1,4 +1,4 @@
-"""The source at a path of the command line: video, folder of images, MCAP file or ROS 2 bag."""
+"""Opens the source at a path: a video, a folder of images, an MCAP file or a ROS 2 bag."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from analyze.sources.video import VideoSource
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """The user's statements about the sources."""
+    """Options that say how sources are read."""
 
     capture_hz: float | None = None
-    """frame rate at which a slow-motion video was captured"""
+    """frame rate at which a slow-motion video was captured [Hz]"""
     times: Path | None = None
     """CSV with the times of a folder's images"""
     topic: str | None = None

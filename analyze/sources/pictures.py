@@ -1,6 +1,6 @@
-"""Image messages of other programs as grey values, with the stamps of their headers.
+"""Parses image messages of other programs to grey values, with the time stamps of their headers.
 
-Read are Foxglove's messages (protobuf, JSON) and ROS 2's (CDR): raw, JPEG or PNG.
+Messages of Foxglove (protobuf, JSON) and ROS 2 (CDR) are supported, with raw, JPEG or PNG images.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class RawPicture:
     """Pixels as stored in a message."""
 
     stamp_ns: int
-    """stamp of the message's header; 0 if it has none"""
+    """time stamp of the message's header [ns]; 0 if it has none"""
     width: int
     height: int
     encoding: str
@@ -55,7 +55,7 @@ class CodedPicture:
     """Content of an image file, or a coded picture of a video."""
 
     stamp_ns: int
-    """stamp of the message's header; 0 if it has none"""
+    """time stamp of the message's header [ns]; 0 if it has none"""
     format: str
     data: bytes
 
@@ -87,7 +87,7 @@ def parse_picture(message_encoding: str, schema: str, data: bytes) -> Picture:
         RecursionError,
         OverflowError,
     ):
-        raise ContainerError(f"a message is no {schema}") from None
+        raise ContainerError(f"a message is not a {schema}") from None
 
 
 def grey_values(picture: Picture) -> Image:
@@ -105,7 +105,6 @@ def grey_values(picture: Picture) -> Image:
 
 
 # --- raw pixels
-# ---------------------------------------------------------------------------------------------------
 
 COLOUR_CONVERSIONS = {
     "rgb8": (3, cv2.COLOR_RGB2GRAY),
@@ -143,7 +142,7 @@ def _raw_grey_values(picture: RawPicture) -> Image:
     )
     if width <= 0 or height <= 0 or step < width * channels or step * height != len(data):
         raise ContainerError(
-            f"an image of {width} x {height} {encoding} with rows of {step} bytes must not have "
+            f"an image of {width} x {height} {encoding} with rows of {step} bytes cannot have "
             f"{len(picture.data)} bytes"
         )
     rows = data.reshape(height, step)[:, : width * channels]
@@ -163,7 +162,6 @@ def _raw_grey_values(picture: RawPicture) -> Image:
 
 
 # --- messages
-# -----------------------------------------------------------------------------------------------------
 
 
 def _bytes(data: Any) -> Image:
@@ -279,7 +277,7 @@ def camera_info(message_encoding: str, schema: str, data: bytes) -> dict[str, An
             else ros_message(data, schema)
         )
     except (DecodeError, SerdeError, ValueError, TypeError, RecursionError):
-        raise ContainerError(f"a message is no {schema}") from None
+        raise ContainerError(f"a message is not a {schema}") from None
     names = ("K", "D") if message_encoding == "protobuf" else ("k", "d")
     K, D = ([float(each) for each in getattr(found, name)] for name in names)
     return {

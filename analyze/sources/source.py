@@ -17,16 +17,16 @@ class TimedImage(NamedTuple):
     """One image of a source."""
 
     time_ns: int
-    """time of mid-exposure since the source's start, as the source states it, on the capture's clock"""
+    """capture time (mid-exposure) since the source's start, as the source states it [ns]"""
     image: NDArray[np.uint8]
-    """(height, width) mono, to be analysed; valid until the next image is read, unless copied"""
+    """(height, width) grey values; valid until the next image is read, unless copied"""
 
 
 class TimedFile(NamedTuple):
     """One image of a source as a file."""
 
     time_ns: int
-    """as in TimedImage"""
+    """as in TimedImage [ns]"""
     file: ImageFile
 
 
@@ -42,7 +42,7 @@ class FrameSource(Frames, Protocol):
     """Images of a file or folder, to be used in a `with` statement.
 
     Raises (all methods):
-        ImportRefused: it cannot be read, or not as asked.
+        ImportRefused: it cannot be read, or not with these options.
     """
 
     @property
@@ -87,7 +87,7 @@ class FrameSource(Frames, Protocol):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Lines that a user must know: cut short, rotated, times assumed. Complete after reading all."""
+        """Remarks for the user: cut short, rotated, times assumed. Complete once all images were read."""
         ...
 
     @property
@@ -97,11 +97,11 @@ class FrameSource(Frames, Protocol):
 
     @property
     def holds_files(self) -> bool:
-        """True if the images are PNG or JPEG files, which `files` gives."""
+        """True if the images are PNG or JPEG files, which `files` yields."""
         ...
 
     def files(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedFile]:
-        """The same images as `frames` gives, not decoded."""
+        """The images that `frames` yields, as files, not decoded."""
         ...
 
     def close(self) -> None:

@@ -23,7 +23,7 @@ from analyze.sources import pictures
 from analyze.sources.foreign_calibrations import calibration_of
 from analyze.sources.frame_timing import usual_interval
 from analyze.sources.image_file import image_file, is_image_file
-from analyze.sources.message_files import LoggedMessage, MessageFile, Topic, open_message_file
+from analyze.sources.message_files import LoggedMessage, LoggedTopic, MessageFile, open_message_file
 from analyze.sources.pictures import CodedPicture, Picture, grey_values, is_readable, parse_picture
 from analyze.sources.source import TimedFile, TimedImage
 from analyze.sources.video_units import video_units
@@ -38,12 +38,14 @@ LOG_MARGIN_NS = 2_000_000_000
 MIN_DECODED_FRACTION = 0.8
 """smallest fraction of a video's pictures that decode; fewer if they are not in decoding order"""
 MIN_TIME_SD_NS = 1_000
+"""smallest standard deviation of a time stamp [ns]"""
 _CALIBRATIONS = {
     ("cdr", "sensor_msgs/msg/CameraInfo"),
     ("protobuf", "foxglove.CameraCalibration"),
     ("json", "foxglove.CameraCalibration"),
 }
 MAX_NAMED = 6
+"""largest number of topics or types that a message names"""
 
 
 class _Timed(Protocol):
@@ -59,7 +61,7 @@ class TopicSource:
 
     Args:
         path: an MCAP file, a bag's folder or its .db3 file.
-        topic: its name; None for the only one with images.
+        topic: name of the topic; None for the only one with images.
 
     Raises:
         ImportRefused: the file cannot be read, has no such topic, or several and none is named.
@@ -153,7 +155,6 @@ class TopicSource:
         self.close()
 
     # --- messages
-    # -------------------------------------------------------------------------------------------------
 
     def _pictures(
         self, log_from: int | None = None, log_to: int | None = None
@@ -177,9 +178,9 @@ class TopicSource:
                 raise ImportRefused(f"{self.name}: {error}: the file is damaged") from None
 
     def _between(self, start_ns: int | None, end_ns: int | None) -> Iterator[tuple[int, Picture]]:
-        """Time since the start and picture of the messages in a range.
+        """Time since the start [ns] and picture of the messages in a range.
 
-        For video, of all messages before it too, which its decoder needs.
+        For video, all earlier messages too, which its decoder needs.
         """
         margin = LOG_MARGIN_NS if self._by_header or self._is_video else 0
         log_from = None if start_ns is None or self._is_video else max(self._logged_ns + start_ns - margin, 0)
@@ -210,7 +211,9 @@ class TopicSource:
         for time_ns, picture in self._between(start_ns, end_ns):
             file = image_file(picture.data) if isinstance(picture, CodedPicture) else None
             if file is None:
-                raise ImportRefused(f"{self.name}: an image at {1e-9 * time_ns:.3f} s cannot be decoded")
+                raise ImportRefused(
+                    f"{self.name}: an image at {1e-9 * time_ns:.3f} s cannot be decoded: the file is damaged"
+                )
             yield TimedFile(time_ns, file)
 
     def _increasing(self, found: Iterator[_Image]) -> Iterator[_Image]:
@@ -257,7 +260,9 @@ class TopicSource:
                 "with the key pictures"
             )
         if len(found) < 2:
-            raise ImportRefused(f"{self.name}: contains {len(found)} images: a strike needs more")
+            raise ImportRefused(
+                f"{self.name}: contains {len(found)} images: a strike needs more: record it again"
+            )
         self._by_header, self._start_ns, self._logged_ns = False, found[0][1], found[0][1]
         if self._is_video:
             first, shown = self._decode_first(len(found))
@@ -306,7 +311,7 @@ class TopicSource:
         )
 
 
-def _choose_topic(path: Path, topics: list[Topic], name: str | None) -> Topic:
+def _choose_topic(path: Path, topics: list[LoggedTopic], name: str | None) -> LoggedTopic:
     images = [topic for topic in topics if is_readable(topic.encoding, topic.schema) and topic.count != 0]
     listed = ", ".join(topic.name for topic in images[:MAX_NAMED]) + (
         ", ..." if len(images) > MAX_NAMED else ""

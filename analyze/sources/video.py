@@ -1,4 +1,4 @@
-"""A video file as a source, with grey values and time stamps; of some codecs also the pictures as coded.
+"""A video file as a source: grey values, time stamps, and for some codecs the pictures as coded.
 
 Any codec that FFmpeg reads is accepted. Images are in the sensor's orientation: a file's rotation tag is
 ignored, as in a calibration's images, since the lens belongs to the sensor, and the camera's orientation is
@@ -39,10 +39,10 @@ from analyze.sources.video_container import (
 from schemas.session_manifest import TimeSource
 
 FILE_CODECS = {"mjpeg", "png"}
-"""codecs whose pictures are image files, or nearly"""
+"""codecs whose pictures are image files, at most without tables"""
 KEPT_CODECS = {"h264": VideoFormat.H264, "hevc": VideoFormat.H265}
 EXAMINED_FRAMES = 1000
-"""frames from which the timing is read"""
+"""number of first frames from which the timing is determined"""
 MIN_RATE_JUMP = 2.5
 """ratio of two frame rates above which the change is not a phone's reaction to the light"""
 MIN_SLOW_FACTOR = 1.2
@@ -57,10 +57,9 @@ class VideoSource:
     """Images of a video file.
 
     Args:
-        path: of the file.
-        capture_hz: rate at which it was captured, if it plays slower; None for the rate that the file states,
-            else its
-            time stamps are true.
+        path: video file.
+        capture_hz: frame rate at which it was captured, if it plays slower [Hz]. None: the capture rate that
+            the file states, otherwise its time stamps are true.
 
     Raises:
         ImportRefused: it is not a video, cannot be decoded, or has no time stamps.
@@ -89,7 +88,7 @@ class VideoSource:
                 )
 
     @property
-    def keeps(self) -> VideoFormat | None:
+    def storable_format(self) -> VideoFormat | None:
         """Codec in which the pictures can be stored as coded; None if they cannot."""
         return KEPT_CODECS.get(self.codec)
 
@@ -119,7 +118,7 @@ class VideoSource:
         return tuple(self._remarks.values())
 
     def frames(self, start_ns: int | None = None, end_ns: int | None = None) -> Iterator[TimedImage]:
-        """See FrameSource."""
+        """Decoded images from `start_ns` to `end_ns`; see FrameSource."""
         decoded, damaged, last_ns = 0, 0, -1
         with closing(self._open()) as container:
             stream = video_stream(container, self.path)
@@ -154,17 +153,17 @@ class VideoSource:
         """Coded pictures in decoding order, in groups.
 
         Args:
-            room: bytes left free before each picture, for the message's head in a recording.
+            room: number of bytes left free before each picture, for the message's head in a recording.
 
         Raises:
             ImportRefused: a picture has no time stamp, or the codec cannot be stored.
         """
-        if self.keeps is None:
+        if self.storable_format is None:
             raise ImportRefused(f"{self.path}: {self.codec} is not stored as coded")
         seen = damaged = last_ns = 0
         with closing(self._open(WITHOUT_PARSER if self._has_lengths else {})) as container:
             stream = video_stream(container, self.path)
-            units = AccessUnits(self.keeps, stream, room)
+            units = AccessUnits(self.storable_format, stream, room)
             for packets in _groups(self._packets(container, stream)):
                 stamps, keys = [packet.pts for packet in packets], [packet.is_keyframe for packet in packets]
                 if None in stamps:
@@ -244,7 +243,6 @@ class VideoSource:
         self.close()
 
     # --- the file
-    # -------------------------------------------------------------------------------------------------
 
     def _open(self, options: dict[str, str] | None = None) -> InputContainer:
         try:
@@ -327,7 +325,7 @@ class VideoSource:
             raise ImportRefused(
                 f"{self.path}: its {self.codec} cannot be decoded ({error.strerror}): record it again"
             ) from None
-        raise ImportRefused(f"{self.path}: contains no image that can be decoded")
+        raise ImportRefused(f"{self.path}: contains no image that can be decoded: record it again")
 
     def _refuse_decreasing(self, time_ns: int, last_ns: int) -> None:
         if time_ns <= last_ns:

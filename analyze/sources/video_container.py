@@ -1,4 +1,4 @@
-"""Facts that a video file's container states: its stream, capture rate, duration and date."""
+"""Properties that a video file's container states: stream, capture rate, duration and date."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ def capture_rate_hz(container: InputContainer) -> float | None:
 
 
 def stated_end_s(container: InputContainer, timing: FrameTiming) -> float | None:
-    """Time [s] that the last frame of a complete file surely reaches, from the duration that it states.
+    """Earliest possible time [s] of the last frame of a complete file, from the duration that it states.
 
-    None if unknown.
+    None if it states none.
     """
     if container.duration is None:
         return None

@@ -1,6 +1,6 @@
-"""Coded pictures from messages of video.
+"""Assembles whole coded pictures from video messages.
 
-foxglove.CompressedVideo requires one whole picture per message, which some programs do not respect.
+foxglove.CompressedVideo requires one whole picture per message, but some programs split pictures.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ Unit = tuple[LoggedMessage, CodedPicture]
 
 
 def video_units(messages: Iterable[Unit]) -> Iterator[Unit]:
-    """Whole pictures, from the first key picture with its parameter sets on, with which a decoder may begin.
+    """Whole pictures, from the first key picture with parameter sets on, where a decoder can begin.
 
     Args:
-        messages: in the order in which they were written.
+        messages: messages in the order in which they were written.
 
     Raises:
         ContainerError: a message contains no picture, or several.

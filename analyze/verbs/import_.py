@@ -1,7 +1,4 @@
-"""`analyze import`.
-
-Videos, image folders, MCAP files and ROS 2 bags of other cameras, made into a recording.
-"""
+"""`analyze import`: a recording made from videos, image folders, MCAP files or ROS 2 bags."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _estimate_options = [
         "--object",
         "object_file",
         type=click.Path(path_type=Path),
-        help="Use this object file instead of the recording's.",
+        help="Use this object file instead of the one in the recording.",
     ),
     click.option(
         "--exclude",

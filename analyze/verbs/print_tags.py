@@ -35,7 +35,7 @@ class _PrintTagsOptions:
 )
 @click.option("--ids", help="Tags to print: 0-11, or 0,3,7.  [default: 0-11]")
 @click.option("--size-mm", type=float, help="Edge of a tag's black square in mm.  [default: 30]")
-@click.option("--family", help="Tag family, as 25h9 or 4x4_100.  [default: 36h11; for a board 5x5_100]")
+@click.option("--family", help="Tag family, such as 25h9 or 4x4_100.  [default: 36h11; for a board 5x5_100]")
 @click.option(
     "--board",
     type=click.Choice(["charuco"]),

@@ -94,7 +94,7 @@ def _page_path(files: Sequence[Path], output: Path | None, compare: bool, as_jso
 
 @dataclass(frozen=True)
 class _Page:
-    """Ways to write one report."""
+    """One report in its three forms: HTML page, CSV tables and JSON."""
 
     write: Callable[[Path], None]
     tables: Callable[[], list[CsvTable]]

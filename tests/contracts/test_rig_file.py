@@ -1,5 +1,7 @@
-"""One rig file for both commands: what a plan asks for the striker accepts, and what `acquire` refuses is not
-planned with."""
+"""`analyze plan` and `acquire` interpret one rig file alike.
+
+The striker accepts every planned strike, and `analyze plan` refuses each rig file that `acquire` refuses.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,8 @@ from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
 from analyze.planning.paper_strikes import paper_strike_plan
-from analyze.planning.plan import Request, finish
-from analyze.planning.prepared import Prepared, prepare
+from analyze.planning.plan import PlanRequest, plan_strikes
+from analyze.planning.prepared import PreparedObject, prepare_object
 from analyze.verbs.plan.rig import planned_rig, striker_model
 from schemas.rig import StrikerConfig
 from tests.analyze.geometry.shapes import spec_of
@@ -103,16 +105,17 @@ def test_a_speed_that_may_be_planned_is_one_that_is_accepted(
 
 
 @pytest.fixture(scope="module")
-def prepared() -> Prepared:
+def prepared() -> PreparedObject:
     """A box before striker and rig are known."""
     spec = spec_of({"box": {"size_m": [0.08, 0.06, 0.15]}}, markers=[FAR_TAG])
-    return prepare(load_object_model(spec, None, ""), spec, Bench(StrikerModel(), view.default_camera(), 0.5))
+    model = load_object_model(spec, None, "")
+    return prepare_object(model, spec, Bench(StrikerModel(), view.default_camera(), 0.5))
 
 
 @pytest.mark.parametrize(
     "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
 )
-def test_every_speed_of_a_plan_is_accepted(prepared: Prepared, seed: int) -> None:
+def test_every_speed_of_a_plan_is_accepted(prepared: PreparedObject, seed: int) -> None:
     rng = np.random.default_rng((seed, 0x5A11))
     config = StrikerConfig(
         arm_length_m=rng.uniform(0.04, 0.3),
@@ -121,10 +124,10 @@ def test_every_speed_of_a_plan_is_accepted(prepared: Prepared, seed: int) -> Non
         effective_mass_kg=rng.uniform(0.05, 0.5),
     )
     bench = replace(prepared.bench, striker=striker_model(config))
-    mine = prepare(prepared.model, prepared.spec, bench)
+    mine = prepare_object(prepared.model, prepared.spec, bench)
     strikes, refused = [], ""
     try:
-        strikes = finish(mine, "0" * 64, Request(6)).strikes
+        strikes = plan_strikes(mine, "0" * 64, PlanRequest(6)).strikes
     except PlanError as error:
         refused = str(error)
     assert strikes or "speed" in refused
@@ -228,7 +231,7 @@ def test_a_value_of_the_wrong_kind_is_named_with_how_to_write_it(
 
 def test_an_arm_that_can_swing_at_no_speed(tmp_path: Path) -> None:
     path = rig_file(tmp_path / "rig.toml", striker="cocked_angle_rad = -0.02")
-    with pytest.raises(PlanError, match="can swing at no speed"):
+    with pytest.raises(PlanError, match="has no possible speed"):
         planned_rig(path)
 
 

@@ -37,7 +37,7 @@ class _LensArguments:
     picture: Path | None
 
     def named(self) -> list[str]:
-        """Options that were given on the command line, by their names."""
+        """Names of the options that were given on the command line."""
         given = {
             "-o": self.output,
             "--squares": self.squares,
@@ -60,7 +60,7 @@ class _LensArguments:
     "-o",
     "--output",
     type=click.Path(path_type=Path),
-    help="The calibration to write: the rig file's [camera.calibration] (TOML).",
+    help="Calibration file to write (TOML): the table [camera.calibration] of a rig file.",
 )
 @click.option(
     "--model",
@@ -99,7 +99,8 @@ class _LensArguments:
 @click.option(
     "--rig",
     type=click.Path(path_type=Path),
-    help="The rig file: its image region must be the images', its T_world_camera is kept.",
+    help="Rig file. Its image size must be that of the images; its T_world_camera is kept unless --table is "
+    "given.",
 )
 @click.option("--write", is_flag=True, help="Write the calibration into the rig file.")
 @click.option(

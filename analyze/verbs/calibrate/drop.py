@@ -23,7 +23,7 @@ from analyze.tracking.pose import position_covariance
 from analyze.tracking.track import MarkerFollower
 from analyze.types import CameraModel, ImageFrame, Marker, MarkerTrack
 from schemas.session_manifest import TimeSource
-from schemas.tags import USUAL_FAMILY
+from schemas.tags import USUAL_FAMILY, family_and_id
 
 RECORDING_SUFFIX = ".mcap"
 SEARCH_EVERY_FRAMES = 5
@@ -35,17 +35,19 @@ SHARED_CORNER_SD_PX = 0.05
 WORLDWIDE_G = (9.81, 0.02)
 """g [m/s^2] and its standard deviation, between equator and poles"""
 STATED_G_SD = 0.002
+"""standard deviation of g given with --g [m/s^2]"""
 
 
 @dataclass(frozen=True)
 class DropOptions:
-    """The user's choices."""
+    """Options of `analyze calibrate --drop`."""
 
     source: Path
     """video, folder of images or recording"""
     size: float
     """edge of the tag's black square [m]"""
     size_sd: float
+    """standard deviation of that edge [m]"""
     mass: float
     """mass of the falling body [kg]"""
     camera: Path | None = None
@@ -53,10 +55,11 @@ class DropOptions:
     marker: str | None = None
     """id of the tag; None for the first that is seen"""
     capture_hz: float | None = None
+    """frame rate that the camera states [Hz]; None for the video's time stamps"""
     gravity: float | None = None
     """local g [m/s^2]; None for the recording's, else the worldwide mean"""
     global_shutter: bool = False
-    """True if all rows are read at once; else the line time is known of a rig's camera or as stated only"""
+    """True if the camera reads all rows at once; else the line time is that of the file, or unknown"""
 
 
 @dataclass(frozen=True)
@@ -78,12 +81,12 @@ class DropAnswer:
     @property
     def true_hz(self) -> float:
         """Measured frame rate [Hz]."""
-        return self.stated_hz / self.time.slower
+        return self.stated_hz / self.time.time_ratio
 
     @property
     def true_sd_hz(self) -> float:
         """Standard deviation of the measured frame rate [Hz]."""
-        return self.true_hz * self.time.sd / self.time.slower
+        return self.true_hz * self.time.sd / self.time.time_ratio
 
 
 @dataclass(frozen=True)
@@ -98,12 +101,13 @@ class _Footage:
     time_sd: float
     """standard deviation of a frame's time [s]"""
     gravity: tuple[float, float]
+    """g and its standard deviation [m/s^2]"""
     rig: bool
-    """True if a rig's camera took it, whose line time is known (and may be 0)"""
+    """True if a rig's camera recorded it, whose line time is known (and may be 0)"""
 
 
 def measure_drop(options: DropOptions, progress: Progress = no_progress) -> DropAnswer:
-    """Follow the tag, find its falls, and measure the true duration of a stated second.
+    """Measure the true frame rate of a video from the falls of a tag in it.
 
     Raises:
         CalibrationError: no camera is given, no tag is seen, or it does not fall.
@@ -225,13 +229,17 @@ def _consistent(falls: list[Fall]) -> list[Fall]:
     return [
         fall
         for fall in falls
-        if abs(fall.slower - best.slower)
+        if abs(fall.time_ratio - best.time_ratio)
         <= 4 * float(np.hypot(fall.noise_sd + fall.shared_sd, best.noise_sd + best.shared_sd))
     ]
 
 
 def _marker_id(name: str) -> int | str:
-    return int(name) if name.isdecimal() else name
+    try:
+        family_and_id(found := int(name) if name.isdecimal() else name)
+    except ValueError as error:
+        raise CalibrationError(f"--marker {name}: {error}") from None
+    return found
 
 
 def _first_tag(footage: _Footage) -> int | str:

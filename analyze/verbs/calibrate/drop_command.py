@@ -30,13 +30,13 @@ _options = [
     click.option(
         "--marker",
         metavar="ID",
-        help="With --drop: the tag, as 3 or 25h9/0.  [default: the first that is seen]",
+        help="With --drop: the tag, as 3 or 25h9-0.  [default: the first that is seen]",
     ),
     click.option(
         "--camera",
         "camera_file",
         type=click.Path(path_type=Path),
-        help="With --drop: the lens (a file of -o, a rig file, or a calibration of OpenCV, Kalibr or ROS).",
+        help="With --drop: the lens: a file written by -o, a rig file, or a file of OpenCV, Kalibr or ROS.",
     ),
     click.option(
         "--capture-fps",
@@ -66,7 +66,7 @@ DROP_OPTIONS = {
     "gravity": "--g",
     "global_shutter": "--global-shutter",
 }
-"""parameters that only --drop uses, with their names on the command line"""
+"""names on the command line of the parameters that only --drop uses"""
 DEFAULT_SIZE_SD_MM, DEFAULT_MASS_G = 0.1, 100.0
 
 

@@ -33,10 +33,11 @@ COMMON_FRAME_RATES_HZ = (
     1000.0,
     1920.0,
 )
-"""frame rates that cameras state"""
+"""usual frame rates of cameras"""
 MAX_DRAG_SHARE = 0.05
 """largest drag at the end of the fall, as a fraction of g"""
 MAX_BIRGE_RATIO = 3.0
+"""largest scatter of the falls, relative to their uncertainty"""
 MAX_SCATTER = 2.0
 """largest scatter, relative to the corners' noise"""
 
@@ -62,9 +63,9 @@ def capture_fps_sd(answer: DropAnswer) -> float:
 
 
 def drop_text(answer: DropAnswer) -> list[str]:
-    """Lines of text for the terminal."""
+    """Measured frame rate, its uncertainty and doubts, as lines for the terminal."""
     time, setup, falls = answer.time, answer.setup, answer.falls
-    to_hz = SIGMAS_95 * answer.true_hz / time.slower
+    to_hz = SIGMAS_95 * answer.true_hz / time.time_ratio
     longest = max(falls, key=lambda fall: fall.dropped)
     many = "1 fall" if len(falls) == 1 else f"{len(falls)} falls"
     size = f"{1e3 * setup.size:g} ± {SIGMAS_95 * 1e3 * setup.size_sd:.2g} mm"
@@ -86,10 +87,10 @@ def drop_text(answer: DropAnswer) -> list[str]:
             f"frame rate: {answer.true_hz:.2f} ± {to_hz * time.sd:.2f} a second (95 % interval); the video "
             f"states {answer.stated_hz:.2f}"
         ),
-        f"one second of the video's times lasts {time.slower:.5f} ± {SIGMAS_95 * time.sd:.5f} s",
+        f"one second of the video's times lasts {time.time_ratio:.5f} ± {SIGMAS_95 * time.sd:.5f} s",
         f"contributions to that ±: {', '.join(shares)}",
     ]
-    if abs(time.slower - 1) <= SIGMAS_95 * time.sd:
+    if abs(time.time_ratio - 1) <= SIGMAS_95 * time.sd:
         lines.append("the video's times are true within this interval")
     lines.append(
         f"import this camera's videos of that mode with --capture-fps {capture_fps(answer):g} "
@@ -99,7 +100,7 @@ def drop_text(answer: DropAnswer) -> list[str]:
 
 
 def doubts(answer: DropAnswer) -> list[str]:
-    """Lines of doubt about the measurement."""
+    """Reasons to doubt the measurement, each with a remedy, as lines for the terminal."""
     found: list[str] = []
     worst = max(answer.falls, key=lambda fall: abs(fall.drag_share))
     if worst.drag_share > MAX_DRAG_SHARE:
@@ -133,7 +134,7 @@ def doubts(answer: DropAnswer) -> list[str]:
 
 
 def drop_json(answer: DropAnswer) -> dict[str, Any]:
-    """The measurement as JSON values."""
+    """Measured frame rate, its uncertainty and all falls, as JSON values."""
     time, setup = answer.time, answer.setup
     return {
         "schema_version": SCHEMA_VERSION,
@@ -143,7 +144,7 @@ def drop_json(answer: DropAnswer) -> dict[str, Any]:
         "stated_frame_rate_hz": answer.stated_hz,
         "frame_rate_hz": answer.true_hz,
         "frame_rate_sd_hz": answer.true_sd_hz,
-        "seconds_per_stated_second": time.slower,
+        "seconds_per_stated_second": time.time_ratio,
         "seconds_per_stated_second_sd": time.sd,
         "sd_by": {"falls": time.by_noise, "marker_size": time.by_size, "gravity": time.by_gravity},
         "falls_apart": time.birge_ratio,
@@ -161,7 +162,7 @@ def drop_json(answer: DropAnswer) -> dict[str, Any]:
                 "end_ns": fall.end_ns,
                 "frames": fall.frames,
                 "fall_m": fall.dropped,
-                "seconds_per_stated_second": fall.slower,
+                "seconds_per_stated_second": fall.time_ratio,
                 "sd": math.hypot(fall.noise_sd, fall.shared_sd),
                 "residual_m": fall.residual,
                 "scatter": fall.scatter,

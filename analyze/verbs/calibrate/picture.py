@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 COLOUR_LEVELS_PX = (0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
 """Ticks of the colour scale."""
 _ARROW_FRACTION = 0.06
-"""Length of the arrow of the 95 % quantile of the residuals, as a fraction of the image's width."""
+"""Length of an arrow for the 95 % quantile of the residuals, as a fraction of the image's width."""
 
 
 def picture(found: Calibration) -> Figure:

@@ -47,7 +47,7 @@ def render_calibration(answer: CalibrationAnswer, console: Console | None = None
         f"{many}, {found.rms_px:.3f} px rms residual, over {100 * found.covered.share:.0f} % of the image",
     )
     table.add_row(
-        "a direction's pixel",
+        "projection",
         f"± {found.pixels.median:.3f} px in the median, ± {found.pixels.worst:.3f} px at worst "
         f"({place_in_image(lens, *found.pixels.worst_at)})",
     )
@@ -83,7 +83,7 @@ def render_calibration(answer: CalibrationAnswer, console: Console | None = None
 
 
 def notes(answer: CalibrationAnswer) -> list[str]:
-    """Lines on what the calibration does not determine."""
+    """Notes on what the calibration does not determine, as lines for the terminal."""
     lines: list[str] = []
     if answer.place is not None:
         lines.append(
@@ -106,7 +106,7 @@ def notes(answer: CalibrationAnswer) -> list[str]:
 
 
 def calibration_json(answer: CalibrationAnswer) -> dict[str, Any]:
-    """The calibration as JSON values."""
+    """Lens, uncertainty, views and camera pose, as JSON values."""
     found = answer.calibration
     lens, place, spec = found.lens, answer.place, calibration_spec(answer)
     units = {"fx": "px", "fy": "px", "cx": "px", "cy": "px"}

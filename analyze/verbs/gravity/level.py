@@ -11,11 +11,11 @@ import numpy as np
 from analyze.calibration.plumb import (
     MAX_SD_SHARE,
     MIN_SEPARATION_PX,
-    PlumbedTable,
     PlumbLine,
+    TableLean,
     find_plumb_lines,
     merged_line,
-    plumbed_table,
+    table_lean,
     upright,
 )
 from analyze.cameras.board_images import RECORDING, Image, read_images, resolve_inputs
@@ -29,12 +29,14 @@ from schemas.output_file import write_text
 from schemas.toml_table import with_table
 
 TABLE = "level"
+"""table of the rig file"""
 MAX_IMAGES = 60
+"""largest number of images that are searched"""
 
 
 @dataclass(frozen=True)
 class GravityOptions:
-    """The user's choices."""
+    """Options of `analyze gravity`."""
 
     inputs: tuple[Path, ...]
     rig: Path | None = None
@@ -45,14 +47,15 @@ class GravityOptions:
 
 @dataclass(frozen=True)
 class GravityAnswer:
-    """The table's tilt, and the strings that it was read from."""
+    """The table's tilt, and the strings that it was measured from."""
 
-    table: PlumbedTable
+    table: TableLean
     lines: tuple[PlumbLine, ...]
     """one line per string"""
     seen_in: tuple[int, ...]
     """number of images that show each string"""
     looked_at: int
+    """number of images searched"""
     first: Image
     camera: CameraModel
     options: GravityOptions
@@ -81,7 +84,7 @@ class GravityAnswer:
 
 
 def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> GravityAnswer:
-    """Find the strings, and the direction of gravity from them.
+    """Find the strings in the images, and compute the table's tilt from them.
 
     Raises:
         CalibrationError: an image cannot be read or has another size, no camera is given, or no string is
@@ -122,7 +125,7 @@ def read_gravity(options: GravityOptions, progress: Progress = no_progress) -> G
     lines = tuple(merged_line([seen[i] for i in group]) for group in groups)
     seen_in = tuple(len({of_image[i] for i in group}) for group in groups)
     return GravityAnswer(
-        plumbed_table(lines, camera, prior_sd, options.camera_turn_sd),
+        table_lean(lines, camera, prior_sd, options.camera_turn_sd),
         lines,
         seen_in,
         looked_at,

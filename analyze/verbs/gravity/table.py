@@ -12,7 +12,7 @@ from schemas.document import SCHEMA_VERSION
 
 
 def gravity_text(answer: GravityAnswer) -> list[str]:
-    """Lines of text for the terminal."""
+    """Tilt, strings, notes and doubts, as lines for the terminal."""
     table = answer.table
     lines: list[str] = []
     for line, place, many in zip(answer.lines, answer.places_px, answer.seen_in, strict=True):
@@ -40,8 +40,11 @@ def gravity_text(answer: GravityAnswer) -> list[str]:
         f"note: the camera's rotation against the table is taken as known to {sd:.2g}° (1 sigma; "
         "--camera-sd-deg), which the intervals include"
     )
-    if table.unlikely:
-        shown, known = float(np.degrees(np.max(np.abs(table.shown)))), float(np.degrees(table.prior_sd))
+    if table.contradicts_prior:
+        shown, known = (
+            float(np.degrees(np.max(np.abs(table.lean_by_lines)))),
+            float(np.degrees(table.prior_sd)),
+        )
         lines.append(
             f"doubt: the strings lean by {shown:.2f}°, the table is stated level to ±{known:.2f}° "
             "(gravity_tilt_sd_rad), and the answer is in between: level the table, state a larger "

@@ -91,7 +91,7 @@ def out_of_order_lines(topics: list[dict[str, Any]]) -> list[str]:
 
 
 def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
-    """Lines of problems."""
+    """Problems of the file, each with a remedy where there is one."""
     recover = f"`acquire recover {contents.path} -o NEW.mcap`"
     found: list[str] = []
     if not contents.finished:
@@ -106,8 +106,10 @@ def _health(contents: McapContents, topics: list[dict[str, Any]]) -> list[str]:
         found.append(
             f"{contents.messages} messages were found, its statistics state {contents.stated_messages}"
         )
-    if contents.nameless:
-        found.append(f"{contents.nameless} messages are on channels that the file does not describe")
+    if contents.undescribed_messages:
+        found.append(
+            f"{contents.undescribed_messages} messages are on channels that the file does not describe"
+        )
     if any(topic["count"] and topic["first_ns"] < EARLIEST_REAL_TIME_NS for topic in topics):
         found.append(
             "times begin before the year 2000: simulated, or from a computer whose clock was not set"

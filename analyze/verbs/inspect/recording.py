@@ -29,7 +29,7 @@ def inspect_recording(path: Path, progress: Progress | None = None) -> dict[str,
 
     Args:
         path: the file.
-        progress: called with a text, bytes read and bytes in all.
+        progress: called with (text, bytes read, bytes in all).
 
     Raises:
         RecordingError: the file is missing, not MCAP, or a damaged recording.
@@ -106,7 +106,7 @@ def _topic(recording: Recording, topic: TopicInfo) -> dict[str, Any]:
 
 
 def _health(session: dict[str, Any]) -> list[str]:
-    """Lines of problems in the session."""
+    """Problems of the session, each with a remedy where there is one."""
     path = session["files"][0]["path"]
     found: list[str] = []
     cut = [Path(file["path"]).name for file in session["files"] if file["content_id"] is None]
@@ -124,8 +124,8 @@ def _health(session: dict[str, Any]) -> list[str]:
             )
         if camera["meta_missing"]:
             found.append(
-                f"camera {camera['name']}: {camera['meta_missing']} frames between its first and last left "
-                "no record"
+                f"camera {camera['name']}: {camera['meta_missing']} frames between its first and last have "
+                "no metadata"
             )
     missing = {
         strike["strike_id"]: strike["images_missing"]

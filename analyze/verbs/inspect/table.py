@@ -1,4 +1,4 @@
-"""The inspection of a file on the terminal: at most 100 x 40 for a dozen strikes, less if it is narrow."""
+"""The inspection of a file on the terminal: 100 columns x 40 lines for a dozen strikes, or narrower."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from analyze.reading.file_series import missing_files_text
 from analyze.reading.planned_strikes import PlannedStrikes
 
 WIDE_COLUMNS, NARROW_COLUMNS = 96, 58
-"""terminal widths from which tables show all columns, and all but the least important"""
+"""smallest terminal widths at which tables show all columns, and all but the least important ones"""
 
 
 def render_inspection(found: dict[str, Any], console: Console | None = None) -> None:

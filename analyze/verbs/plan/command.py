@@ -158,9 +158,10 @@ def _refuse_early(arguments: _PlanArguments) -> None:
 
 
 def _write(planned: PlannedObject, arguments: _PlanArguments) -> Path | None:
-    """Write the plan, its cards and scenes where they are asked for.
+    """Write the files that the options name: plan, cards and scenes.
 
-    The cards' path, None if there are none.
+    Returns:
+        Path of the cards' page; None if it is not written.
     """
     from analyze.verbs.plan.plan_object import write_plan
 

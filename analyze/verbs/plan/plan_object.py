@@ -1,7 +1,4 @@
-"""A plan from the object file, the rig file and results so far.
-
-The planning itself is in `analyze.planning`.
-"""
+"""Reads object file, rig file and earlier results, and plans the strikes with `analyze.planning`."""
 
 from __future__ import annotations
 
@@ -17,10 +14,10 @@ from analyze.planning.earlier_results import EarlierResult
 from analyze.planning.examine import Bench
 from analyze.planning.fillings import Pieces
 from analyze.planning.impact import StrikerModel
-from analyze.planning.information import Errors
+from analyze.planning.information import SharedErrors
 from analyze.planning.paper_strikes import paper_strike_plan
-from analyze.planning.plan import Request, finish
-from analyze.planning.prepared import prepare
+from analyze.planning.plan import PlanRequest, plan_strikes
+from analyze.planning.prepared import prepare_object
 from analyze.planning.striker_update import updated_striker
 from analyze.progress import Progress, no_progress
 from analyze.reading.object_file import ObjectFiles, read_object_files
@@ -42,11 +39,13 @@ STEPS = 7
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """The user's choices beside the object."""
+    """Options of `analyze plan`."""
 
     rig_path: Path | None = None
     strikes: int = STRIKES
+    """number of strikes; with `given`, of additional strikes"""
     target_com_mm: float | None = None
+    """rms error of the centre of mass to reach [mm], in place of a number of strikes"""
     given: tuple[Path, ...] = ()
     """recordings and results of strikes already made"""
     method: PlanMethod = PlanMethod.OURS
@@ -71,10 +70,9 @@ def plan_object(object_path: Path, options: PlanOptions, progress: Progress = no
 
     Raises:
         DocumentError, ShapeError: the object file or its shape cannot be used.
-        RecordingError, JoinError, EstimationError: the recordings given cannot be used.
+        RecordingError, MergeError, EstimationError: the recordings given cannot be used.
         PlanError: the rig file or a result cannot be used, or no set of strikes determines the centre of
-            mass. Its notes
-            (`__notes__`) are the warnings about the shape.
+            mass. Its notes (`__notes__`) are the warnings about the shape.
     """
     progress("reading the files", 0, STEPS)
     rig, notes = _rig_of(options)
@@ -107,21 +105,24 @@ def _plan_of(
     files: ObjectFiles,
     model: ObjectModel,
     bench: Bench,
-    errors: Errors,
+    errors: SharedErrors,
     given: EarlierResult | None,
     options: PlanOptions,
     progress: Progress,
 ) -> StrikePlan:
     progress("examining the axes", 3, STEPS)
-    prepared = prepare(model, files.spec, bench, errors, given)
+    prepared = prepare_object(model, files.spec, bench, errors, given)
     if options.method is PlanMethod.PAPER:
         return paper_strike_plan(prepared, files.sha256, options.strikes)
     progress("dividing the body into voxels", 4, STEPS)
     cells = _pieces(model, shell_thickness(files.spec, model))
     progress("choosing the strikes", 5, STEPS)
     target = None if options.target_com_mm is None else options.target_com_mm / 1000
-    return finish(
-        prepared, files.sha256, Request(options.strikes, target, options.gravity, options.most_axes), cells
+    return plan_strikes(
+        prepared,
+        files.sha256,
+        PlanRequest(options.strikes, target, options.gravity, options.most_axes),
+        cells,
     )
 
 

@@ -1,7 +1,4 @@
-"""The rig that a plan is made for.
-
-Camera, striker, friction and gravity of a rig file, or the nominal ones.
-"""
+"""The rig that a plan is made for: camera, striker, friction and gravity of a rig file, or nominal ones."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from analyze.errors import PlanError
 from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
-from analyze.planning.information import Errors
+from analyze.planning.information import SharedErrors
 from analyze.planning.prepared import FRICTION
 from analyze.types import CameraModel
 from schemas.document import DocumentError, validate
@@ -25,10 +22,10 @@ from schemas.rig import RigConfig, StrikerConfig
 
 @dataclass(frozen=True)
 class PlannedRig:
-    """The rig that a plan is made for."""
+    """Camera, striker, friction and gravity that a plan assumes, with their errors."""
 
     bench: Bench
-    errors: Errors
+    errors: SharedErrors
     config: RigConfig | None = None
     """content of the rig file; None for the nominal rig"""
 
@@ -40,7 +37,7 @@ def planned_rig(path: Path | None) -> PlannedRig:
         PlanError: the file cannot be read, or see `rig_from_text`.
     """
     if path is None:
-        return PlannedRig(Bench(StrikerModel(), view.default_camera(), FRICTION), Errors())
+        return PlannedRig(Bench(StrikerModel(), view.default_camera(), FRICTION), SharedErrors())
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -59,7 +56,7 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
 
     Args:
         text: content of the rig file.
-        name: of the file, for messages.
+        name: name of the file, for messages.
 
     Raises:
         PlanError: `acquire` would refuse it, or its striker has no possible speed.
@@ -78,7 +75,7 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
     striker = striker_model(rig.striker)
     if striker.slowest_m_s > striker.fastest_m_s:
         raise PlanError(
-            f"{name}: its striker can swing at no speed: its least is {striker.slowest_m_s:.3g} m/s, but "
+            f"{name}: its striker has no possible speed: the slowest is {striker.slowest_m_s:.3g} m/s, but "
             f"velocity_limit_rad_s and cocked_angle_rad limit it to {striker.fastest_m_s:.3g} m/s: raise them"
         )
     seen = rig.camera.calibration
@@ -91,7 +88,7 @@ def rig_from_text(text: str, name: str) -> PlannedRig:
         seen.model,
     )
     tilt = rig.gravity_tilt_sd_rad if rig.level is None else rig.level.towards_x_sd_rad
-    errors = Errors(tilt=max(tilt, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
+    errors = SharedErrors(tilt=max(tilt, 1e-6), gravity=max(rig.g_sd_m_s2 / rig.g_m_s2, 1e-7))
     return PlannedRig(
         Bench(striker, lens, rig.table_friction, rig.g_m_s2, rig.camera.frame_rate_hz), errors, rig
     )

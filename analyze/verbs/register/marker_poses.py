@@ -38,6 +38,7 @@ from schemas.session_manifest import OBJECT_ATTACHMENT
 from schemas.toml_table import with_entry, with_entry_in_each
 
 ROTATION_DIGITS, POSITION_DIGITS = 9, 6
+"""decimals of a written pose: of its rotation, and of its position in metres"""
 CALIBRATION, CAMERA_POSE = "camera.calibration", "T_world_camera"
 POSE_TOLERANCE = 1e-6
 """largest difference of two equal poses' entries [rad, m]"""
@@ -45,7 +46,7 @@ POSE_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class RegisterOptions:
-    """The user's choices."""
+    """Options of `analyze register`."""
 
     object_path: Path | None = None
     """object file to use instead of the recording's"""
@@ -91,7 +92,7 @@ def register_recordings(
 
     Raises:
         RecordingError: a file cannot be read.
-        JoinError: the recordings are not of one object, or one is named twice.
+        MergeError: the recordings are not of one object, or one is named twice.
         ShapeError: the object's shape cannot be used.
         EstimationError: strikes contradict each other, or determine no marker's pose.
         CalibrationError: the result could not be written into the rig file.
@@ -211,7 +212,7 @@ def _refuse_other_place(heads: Sequence[RecordingHead], rig: Path) -> None:
 
 
 def pose_toml(T: Array) -> str:
-    """A pose (4, 4) as TOML."""
+    """Pose (4, 4) as a TOML array of rows."""
 
     def row(values: Array) -> str:
         turn = ", ".join(f"{value + 0.0:.{ROTATION_DIGITS}f}" for value in values[:3])
@@ -238,7 +239,10 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
         planned = evidence.planned(motion)
         if planned.heading_rad:
             unused.append(
-                LeftOut(motion.strike_id, "turned on the table: the table's tilt acts the other way")
+                LeftOut(
+                    motion.strike_id,
+                    "turned on the table, where the table's tilt acts in the other direction",
+                )
             )
             continue
         report = evidence.tracking.get(motion.strike_id)
@@ -253,7 +257,7 @@ def _views(evidence: Evidence, exclude: frozenset[str]) -> tuple[list[StrikeView
             unused.append(
                 LeftOut(
                     motion.strike_id,
-                    f"shows no marker surely at rest: {motion.verdict.value}: {motion.reason}",
+                    f"no marker is surely at rest: {motion.verdict.value}: {motion.reason}",
                 )
             )
         else:

@@ -27,7 +27,7 @@ def render_registration(answer: RegisterAnswer, console: Console | None = None) 
         "centre in O (mm)",
         "± (mm)",
         "± (deg)",
-        "left (px)",
+        "rms (px)",
         "strikes",
         title=f"{answer.evidence.spec.name}: {len(found.markers)} markers from {len(used)} strikes, 1 "
         "sigma along the worst direction",
@@ -103,7 +103,7 @@ def _table_text(answer: RegisterAnswer, table: TablePlace) -> str:
 
 
 def registration_json(answer: RegisterAnswer) -> dict[str, Any]:
-    """The poses as JSON values."""
+    """Marker poses, table poses and strikes not used, as JSON values."""
     found, given = answer.registration, answer.given
     markers: list[dict[str, Any]] = []
     for place in found.markers:

@@ -1,8 +1,8 @@
 """`analyze watch`: follow a growing recording, report what is in view, and judge strikes.
 
 Requests, events and verdicts are JSON lines. It runs as a child of the daemon on a core that it shares with
-the capture: it is single-threaded, looks at twelve images a second at most, and decodes no others. Images of
-a strike are kept as references until the strike is judged.
+the capture: it is single-threaded and decodes at most twelve images a second. Images of a strike are kept as
+references until the strike is judged.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from analyze.reading.indexed_file import RecordedMessage
 
 FRESH_NS = 1_000_000_000
-"""age before the newest image up to which an image is looked at.
+"""largest age, relative to the newest image, of an image that is evaluated.
 
-A watcher that starts late or lags skips the rest
+A watcher that starts late or lags skips older ones.
 """
 POLL_INTERVAL_S = 0.04
 MAX_WAIT_FOR_IMAGES_S = 3.0
@@ -49,7 +49,7 @@ class WatchClock(Protocol):
         ...
 
     def sleep(self, seconds: float) -> None:
-        """Wait."""
+        """Wait for a time [s]."""
         ...
 
 
@@ -61,7 +61,7 @@ class SystemWatchClock:
         return time.monotonic()
 
     def sleep(self, seconds: float) -> None:
-        """Wait."""
+        """Wait for a time [s]."""
         time.sleep(seconds)
 
 
@@ -77,7 +77,7 @@ def _read_lines(stream: TextIO, lines: queue.SimpleQueue[str | None]) -> None:
 def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock | None = None) -> None:
     """Follow a recording, and the files that continue it, until `stdin` ends.
 
-    Images recorded before the start are not looked at.
+    Images recorded more than a second before the start are not evaluated.
 
     Args:
         path: the growing recording; it may not exist yet.
@@ -101,11 +101,11 @@ def watch_recording(path: Path, stdin: TextIO, stdout: TextIO, clock: WatchClock
 
 
 class _ReaderGoneError(Exception):
-    """Nobody reads the output any more."""
+    """The reader of the output has closed it."""
 
 
 class _Watcher:
-    """One recording while it is followed."""
+    """Loop that follows one recording and answers requests."""
 
     def __init__(
         self,
@@ -150,7 +150,7 @@ class _Watcher:
             try:
                 request = validate(JudgeRequest, json.loads(line), "standard input")
             except (DocumentError, ValueError, RecursionError):
-                continue  # a line for somebody else
+                continue  # not a request
             if request.kind == "expect":
                 self._expected_strike = request.plan_strike_id
                 if self._observer is not None:

@@ -32,19 +32,18 @@ if TYPE_CHECKING:
     from schemas.strike_plan import PlannedStrike, StrikePlan
 
 LOOK_INTERVAL_NS = 83_000_000
-"""shortest time between two images that are decoded: at most twelve a second"""
+"""shortest interval between two images that are decoded: at most twelve a second"""
 KEPT_NS = 12_000_000_000
 """time for which images are kept for a verdict"""
-REST_BEFORE_NS = 600_000_000
-TIP_AFTER_NS = 1_800_000_000
-"""part of a strike's window that a verdict uses, around the contact.
+REST_BEFORE_NS, TIP_AFTER_NS = 600_000_000, 1_800_000_000
+"""part of a strike's window that a verdict uses, before and after the contact.
 
-The slowest tip over the top takes about 1 s
+The slowest tip over the balance takes about 1 s.
 """
 MOVED_PX = 3.0
-"""distance of a corner from its place at rest from which on the marker moves.
+"""distance of a corner from its position at rest above which the marker counts as moving.
 
-Hands near the object move it less
+Hands near the object move it less.
 """
 
 
@@ -74,8 +73,8 @@ class Observer:
         camera: the camera's model.
         markers: markers of the object.
         plan: the planned strikes.
-        decode: decodes an image message; called only for images that are looked at.
-        sections: sections of the object's mesh; None without a shape.
+        decode: decodes an image message; called only for images that are evaluated.
+        sections: sections of the object's mesh; None if the shape is unknown.
     """
 
     def __init__(
@@ -111,13 +110,13 @@ class Observer:
         self._expected = self._strikes.get(plan_strike_id)
 
     def keep(self, image: StoredImage) -> None:
-        """Keep an image for verdicts without looking at it."""
+        """Keep an image for verdicts without evaluating it."""
         self._images.append(image)
         while image.log_time_ns - self._images[0].log_time_ns > KEPT_NS:
             self._images.popleft()
 
     def add(self, image: StoredImage) -> WatchEvent | None:
-        """Keep an image, and look at it if it is time; the event of that look, else None."""
+        """Keep an image and, at most every `LOOK_INTERVAL_NS`, evaluate it; the event if it was evaluated."""
         self.keep(image)
         if 0 <= image.log_time_ns - self._last_look_ns < LOOK_INTERVAL_NS:
             return None
@@ -148,7 +147,7 @@ class Observer:
         )
 
     def judge(self, request: JudgeRequest) -> StrikeVerdict:
-        """Verdict on a strike whose images are here; unreadable data give a verdict, not an exception."""
+        """Verdict on a strike from the images kept; unreadable data give a verdict, not an exception."""
         planned = self._strikes.get(request.plan_strike_id)
         if planned is None:
             known = ", ".join(self._strikes) or "none"
@@ -160,7 +159,7 @@ class Observer:
         try:
             camera = turned_camera(self._camera, planned.heading_rad)
             report = track_markers(self._window(request), camera, self._markers, planned.visible_markers)
-            section = None if self._sections is None else self._sections.of(planned)
+            section = None if self._sections is None else self._sections.outline(planned)
             landing_angle_rad = None if self._sections is None else self._sections.landing_angle_rad(planned)
             task = StrikeTask(
                 request.strike_id,
@@ -187,7 +186,7 @@ class Observer:
         return start, end
 
     def _last_rest_ns(self, start: int, end: int) -> int:
-        """Time [ns] of the last look that saw a marker at its place of rest; 0 if none moved.
+        """Time [ns] of the last evaluated image with a marker at its position of rest; 0 if none was seen.
 
         Locates a contact that the striker did not measure. A strike by hand may take seconds: following the
         marker through all of its images would take longer than a verdict may.

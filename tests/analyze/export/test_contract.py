@@ -25,7 +25,7 @@ from analyze.export.mesh import mesh_file
 from analyze.export.provenance import parse_provenance, printable, provenance_text
 from analyze.export.read_back import read_back
 from analyze.export.usd import write_usd
-from analyze.export.write import refuse_other, write_body
+from analyze.export.write import refuse_changed_parameters, write_body
 from schemas.output_file import OutputError
 from tests.analyze.export.bodies import HOSTILE, SHAPES, body_of, inertials
 
@@ -47,7 +47,7 @@ def test_the_same_ten_parameters_whatever_the_body(wanted, tmp_path):
     @given(inertials())
     def holds(inertial: Inertial) -> None:
         path = written(replace(box, inertial=inertial), wanted, tmp_path)
-        refuse_other(inertial, read_back(path, wanted), wanted)
+        refuse_changed_parameters(inertial, read_back(path, wanted), wanted)
         path.unlink()
 
     holds()
@@ -58,7 +58,7 @@ def test_the_same_ten_parameters_whatever_the_body(wanted, tmp_path):
 def test_every_shape_and_a_hostile_name(wanted, shape, tmp_path):
     body = body_of(shape, HOSTILE)
     path = written(body, wanted, tmp_path)
-    refuse_other(body.inertial, read_back(path, wanted), wanted)
+    refuse_changed_parameters(body.inertial, read_back(path, wanted), wanted)
     mesh = None if wanted is Format.USD else mesh_file(body)
     assert {each.name for each in tmp_path.iterdir()} == {path.name} | (
         set() if mesh is None else {mesh.name}
@@ -138,7 +138,7 @@ def test_usd_is_encoded_as_the_ending_says(ending, tmp_path):
     path = tmp_path / f"out{ending}"
     write_body(body_of("mesh"), Format.USD, path)
     assert path.read_bytes().startswith(b"#usda" if ending == ".usda" else b"PXR-USDC")
-    refuse_other(body_of().inertial, read_back(path, Format.USD), Format.USD)
+    refuse_changed_parameters(body_of().inertial, read_back(path, Format.USD), Format.USD)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -237,11 +237,13 @@ def test_what_is_read_otherwise_is_no_export(wanted, tmp_path, monkeypatch):
 @pytest.mark.parametrize("what", ["mass", "com", "inertia"])
 def test_each_parameter_is_compared(what):
     body = body_of().inertial
-    refuse_other(body, replace(body, **{what: getattr(body, what) * (1 + 5e-10)}), Format.URDF)
+    refuse_changed_parameters(body, replace(body, **{what: getattr(body, what) * (1 + 5e-10)}), Format.URDF)
     with pytest.raises(ExportError, match="is read back with another"):
-        refuse_other(body, replace(body, **{what: getattr(body, what) * (1 + 5e-9)}), Format.URDF)
+        refuse_changed_parameters(
+            body, replace(body, **{what: getattr(body, what) * (1 + 5e-9)}), Format.URDF
+        )
     with pytest.raises(ExportError, match="is read back with another"):
-        refuse_other(body, replace(body, **{what: getattr(body, what) * np.nan}), Format.URDF)
+        refuse_changed_parameters(body, replace(body, **{what: getattr(body, what) * np.nan}), Format.URDF)
 
 
 def test_what_the_reader_refuses_is_no_export(tmp_path):

@@ -20,7 +20,7 @@ from analyze.export.formats import Format
 from analyze.export.measured_only import refuse_prior
 from analyze.export.provenance import prior_entries, provenance
 from analyze.export.read_back import read_back
-from analyze.export.write import refuse_other
+from analyze.export.write import refuse_changed_parameters
 from analyze.reading.object_file import read_object_files
 from analyze.reading.recording import open_recording
 from analyze.types import TENSOR_ENTRIES
@@ -66,7 +66,7 @@ def test_a_recording_becomes_a_body(answered, tmp_path):
     assert (code, out) == (0, f"URDF: {path}; read back: the same ten parameters\n")
     assert "from the shape, not from strikes: Ixy, Ixz, Iyz" in error
     wanted = inertial_of(Result.model_validate_json((answered / "result.json").read_text()), "result")
-    refuse_other(wanted, read_back(path, Format.URDF), Format.URDF)
+    refuse_changed_parameters(wanted, read_back(path, Format.URDF), Format.URDF)
 
 
 @pytest.mark.parametrize("wanted", list(Format), ids=lambda each: each.value)
@@ -77,7 +77,7 @@ def test_a_result_becomes_the_same_body_in_every_format(answered, wanted, tmp_pa
     assert code == 0, error
     assert "the same ten parameters" in out
     stated = Result.model_validate_json(files[0].read_text())
-    refuse_other(inertial_of(stated, "result"), read_back(path, wanted), wanted)
+    refuse_changed_parameters(inertial_of(stated, "result"), read_back(path, wanted), wanted)
     assert stated.inputs.content_id in path.read_text()
     once = path.read_bytes()
     assert run("export", *files, "--format", wanted.value, "-o", path)[0] == 0

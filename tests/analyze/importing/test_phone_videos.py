@@ -100,7 +100,7 @@ def test_one_capture_rate_for_videos_that_play_differently_is_told(tmp_path):
 
 def test_a_camera_held_by_hand_is_told(tmp_path):
     swing = [picture(theta, (25 * np.sin(0.09 * number), 0.0)) for number, theta in enumerate(angles())]
-    assert "never lies still: put the camera on a stand" in refused(
+    assert "is never at rest: put the camera on a stand" in refused(
         tmp_path, write_video(tmp_path / "a.mp4", swing)
     )
 
@@ -108,7 +108,7 @@ def test_a_camera_held_by_hand_is_told(tmp_path):
 def test_a_video_that_begins_with_the_strike_is_told(tmp_path):
     said = refused(tmp_path, write_video(tmp_path / "a.mp4", [*tip()[REST:], *[tip()[-1]] * 40]))
     assert (
-        "no tag lies still in view and then tips: record the whole tag, sharp, from a second before the "
+        "no tag is at rest in view and then tips: record the whole tag, sharp, from a second before the "
         "strike" in said
     )
 

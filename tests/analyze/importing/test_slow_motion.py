@@ -44,7 +44,7 @@ def test_8_times_is_found_and_the_remedy_is_right(tmp_path, drawn):
     found = answer(wrong)
     (said,) = [sentence for sentence in found["verdict"] if "frame rate" in sentence]
     assert said.startswith(
-        "doubt the frame rate: no body of this shape tips so at the stated 15 frames a second"
+        "doubt the frame rate: no body of this shape tips like this at the stated 15 frames a second"
     )
     assert "probably 120 (8 times): import again with --capture-fps 120" in said
     (times,) = found["frame_times"]

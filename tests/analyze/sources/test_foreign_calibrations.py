@@ -180,7 +180,7 @@ def without(entries, *names):
         (json.dumps(PYTHONS | {"camera_matrix": "big"}), "lens: the camera matrix has 0 numbers, not 4 or 9"),
         (
             json.dumps(PYTHONS | {"dist_coeffs": [0.1, "x", 0, 0]}),
-            "lens: the distortion contains 'x', which is no number",
+            "lens: the distortion contains 'x', which is not a number",
         ),
         (
             json.dumps(PYTHONS | {"dist_coeffs": [0.1] * 12}),

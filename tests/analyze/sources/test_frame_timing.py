@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from analyze.motion.free_motion import scatter
+from analyze.motion.free_motion import frame_noise
 from analyze.sources.frame_timing import frame_timing, usual_interval
 
 
@@ -31,5 +31,5 @@ def test_three_frames_have_a_pace():
 
 
 def test_the_noise_of_two_frames_is_not_known():
-    assert math.isnan(scatter(np.zeros(2)))
-    assert scatter(np.array([0.0, 1.0, 0.0])) > 0
+    assert math.isnan(frame_noise(np.zeros(2)))
+    assert frame_noise(np.array([0.0, 1.0, 0.0])) > 0
