@@ -47,7 +47,7 @@ class SessionProgress:
         self._console.print(text, highlight=False, soft_wrap=True)
 
     def ask(self, text: str) -> str:
-        """Answer of the operator to a question on the terminal; the progress bar pauses meanwhile."""
+        """Ask the operator a question and return the answer; the progress bar pauses meanwhile."""
         self._progress.stop()
         self._console.print(text, highlight=False)
         answer = sys.stdin.readline()
@@ -65,7 +65,7 @@ class SessionProgress:
 
 
 class ConsoleOperator:
-    """Thread that puts the daemon's prompts to the operator at the terminal and prints its troubles."""
+    """Thread that shows the daemon's prompts and problems and sends back the operator's answers."""
 
     def __init__(self, socket: Path, progress: SessionProgress) -> None:
         self._socket = socket

@@ -15,12 +15,18 @@ from acquire.daemon.client import DaemonClient
 from acquire.errors import ConfigError, SessionError
 from acquire.session import single_strike
 from acquire.session.energy import EnergyLearner
-from acquire.striker.calibration import StrikerParameters, Swing, SwingRatio, estimate_striker, swing_ratio
+from acquire.striker.calibration import (
+    MeasuredSwing,
+    StrikerParameters,
+    SwingRatio,
+    estimate_striker,
+    swing_ratio,
+)
 from schemas.document import DocumentError
 from schemas.strike_plan import read_strike_plan
 
 NOTABLE_RATIO_ERROR = 0.02
-"""relative difference of reached and commanded tip speed above which a remark is printed"""
+"""relative difference of reached and commanded tip speed above which advice is printed"""
 
 
 def strike_once(socket: Path, tip_speed_m_s: float, *, yes: bool, as_json: bool) -> bool:
@@ -91,7 +97,7 @@ def parse_speeds(text: str | None) -> tuple[float, ...] | None:
 
 
 def calibrate(rig_path: Path, request: CalibrationRequest, *, write: bool, yes: bool, as_json: bool) -> None:
-    """Swing, estimate the striker's parameters, print them and, with `write`, put them into the rig file."""
+    """Swing, estimate the striker's parameters and print them; with `write`, store them in the rig file."""
     speeds = parse_speeds(request.speeds)
     rig = read_rig(rig_path)
     order = single_strike.CalibrationOrder(
@@ -128,18 +134,18 @@ def _confirm(yes: bool) -> single_strike.Confirm:
     return (lambda _text: True) if yes else lambda text: click.confirm(text, err=True)
 
 
-def _print_swing(swing: Swing) -> None:
+def _print_swing(swing: MeasuredSwing) -> None:
     target = "in the air" if swing.body_kg is None else f"at {single_strike.body_name(swing.body_kg)}"
     reached = f"reached {swing.speed_m_s:.4f} ± {swing.speed_sd_m_s:.4f} m/s"
     click.echo(f"{swing.command_m_s:.3f} m/s {target}: {reached}", err=True)
 
 
-def _json_swing(swing: Swing) -> dict[str, float | str | None]:
+def _json_swing(swing: MeasuredSwing) -> dict[str, float | str | None]:
     """Swing as a JSON object; a wall's infinite mass becomes "wall", because JSON has no infinity."""
     return asdict(swing) | ({"body_kg": "wall"} if swing.body_kg == float("inf") else {})
 
 
-def _print_swing_ratio(swings: list[Swing], ratio: SwingRatio) -> None:
+def _print_swing_ratio(swings: list[MeasuredSwing], ratio: SwingRatio) -> None:
     table = Table(title="tip speed in the air", title_justify="left")
     for heading in ("commanded [m/s]", "reached [m/s]", "ratio", "swings"):
         table.add_column(heading, justify="right")
@@ -160,7 +166,7 @@ def _print_swing_ratio(swings: list[Swing], ratio: SwingRatio) -> None:
 
 
 def _print_striker(
-    swings: list[Swing], prior: StrikerParameters, learned: StrikerParameters, entries: dict[str, str]
+    swings: list[MeasuredSwing], prior: StrikerParameters, learned: StrikerParameters, entries: dict[str, str]
 ) -> None:
     if learned is prior:
         click.echo(

@@ -37,46 +37,49 @@ LOG_ENERGY_SD = 0.03
 LOG_ENERGY_SD_DISTURBED = 0.25
 """the same for strikes with a disturbed contact, see `_DISTURBED`"""
 T_DEGREES_OF_FREEDOM = 3.0
-"""of the measurements' t distribution: a second contact of the arm sometimes adds a third or a half of the
-energy"""
+"""degrees of freedom of the measurements' t distribution; its tails are heavy because a second contact of the
+arm sometimes adds a third or a half of the energy"""
 PHI_EXTRA_SD_RAD = math.radians(0.3)
-"""uncertainty of a balance angle beside its own: gravity's tilt, the edge's position, the placement"""
+"""standard deviation added to that of a balance angle: gravity's tilt, the edge's position, the placement"""
 LOG_ENERGY_SD_FROM_TOP = 0.08
 """standard deviation of ln E derived from the largest angle of a tip that fell back"""
 BOUND_SD = 0.05
-"""softness of the bounds on ln E that "tipped over" and "fell back" give"""
+"""standard deviation of the bounds on ln E from strikes that tipped over or fell back"""
 MAX_ENERGY_UNMOVED = 0.4
 """largest energy ratio of a strike that turned the object by less than half a degree"""
 TIP_SPEED_SD = 0.012
 """relative standard deviation of one measured tip speed"""
 DRAW_COUNT, DRAW_SEED = 600, 20070601
+"""number of draws from the posterior, and seed of their generator"""
 REGION_HALF_EDGE_SDS = 2.0
 """half edge of the hypothesis region in standard deviations of c"""
 MAX_ITERATIONS, UNWEIGHTED_ITERATIONS = 14, 4
 DIFFERENCE_STEP, CONVERGED_STEP = 1e-4, 1e-3
 STEP_FRACTIONS = (1.0, 0.5, 0.25, 0.1)
+"""fractions of a Gauss-Newton step tried, until one does not increase the cost"""
 _DISTURBED = frozenset(
     {Verdict.SLID, Verdict.ROLLED, Verdict.TWISTED, Verdict.AIRBORNE, Verdict.STRUCK_TWICE}
 )
+"""verdicts on strikes whose energy ratio is known, but only roughly"""
 
 
 @dataclass(frozen=True)
 class EnergyGoal:
-    """Quantiles that the energy ratio of the next strike must respect."""
+    """Upper limits of three quantiles of the next strike's energy ratio E."""
 
     median: float = 1.15
-    """largest median"""
+    """limit of the median"""
     quantile_95: float = 2.0
-    """value exceeded with at most 5 % probability"""
+    """limit of the 95 % quantile: exceeded with at most 5 % probability"""
     quantile_99_5: float = 2.7
-    """value exceeded with at most 0.5 % probability"""
+    """limit of the 99.5 % quantile: exceeded with at most 0.5 % probability"""
 
 
 @dataclass(frozen=True)
 class StrikerEstimate:
     """Striker parameters estimated from the strikes so far, with standard deviations.
 
-    Tips alone hardly separate effective mass and restitution.
+    Tips alone hardly distinguish effective mass from restitution.
     """
 
     effective_mass_kg: float
@@ -88,7 +91,7 @@ class StrikerEstimate:
     swing_ratio_sd: float
 
     def text(self) -> str:
-        """One line for the terminal."""
+        """Restitution, effective mass and reached speed as one line for the terminal."""
         mass, mass_sd = 1000 * self.effective_mass_kg, 1000 * self.effective_mass_sd_kg
         reached, reached_sd = 100 * self.swing_ratio, 100 * self.swing_ratio_sd
         return (
@@ -165,7 +168,10 @@ class EnergyLearner:
         self._draws = np.random.default_rng(DRAW_SEED).standard_normal((DRAW_COUNT, self._model.size + 1))
 
     def tip_speed(self, strike: PlannedStrike) -> float:
-        """Tip speed to command for the next strike on this axis [m/s], within the plan's limits."""
+        """Tip speed [m/s] to command for the next strike on this axis, within the plan's limits.
+
+        The largest speed at which every quantile of the goal is respected.
+        """
         log_energy = self._log_energy_draws(strike)
         goal = self._goal
         limits = [(0.5, goal.median), (0.95, goal.quantile_95), (0.995, goal.quantile_99_5)]
@@ -179,7 +185,7 @@ class EnergyLearner:
         return math.exp(0.5 * (math.log(energy) - float(np.median(self._log_energy_draws(strike)))))
 
     def energy(self, strike: PlannedStrike, tip_speed_m_s: float) -> tuple[float, float, float]:
-        """Energy ratio expected at a commanded tip speed: median, then the bounds of the 90 % interval."""
+        """Predicted energy ratio E at a commanded tip speed: median, then the ends of the 90 % interval."""
         quantiles = np.quantile(self._log_energy_draws(strike), [0.05, 0.5, 0.95])
         low, middle, high = np.exp(quantiles + 2 * math.log(tip_speed_m_s))
         return float(middle), float(low), float(high)
@@ -213,7 +219,7 @@ class EnergyLearner:
 
     @property
     def striker(self) -> StrikerEstimate:
-        """Striker parameters estimated from all strikes so far."""
+        """Effective mass, restitution and swing ratio, estimated from all strikes so far."""
         states = self._posterior_draws()
         mass = np.exp(self._model.log_striker_mass(states))
         restitution = np.exp(self._model.log_rebound(states)) - 1
@@ -240,8 +246,7 @@ class EnergyLearner:
         """Find the posterior's mode by damped Gauss-Newton steps from the last mode.
 
         The first iterations weight all measurements fully: otherwise a body or striker far from the prior
-            would make
-        every measurement an outlier and could never be learned.
+        would make every measurement an outlier and could never be learned.
         """
         z = self._mode
         residual = self._residuals(z[None])[0]
@@ -285,7 +290,7 @@ class EnergyLearner:
 
 
 def _observations(axis: int, log_speed: float, verdict: StrikeVerdict) -> list[_Observation]:
-    """Observations that a verdict gives; none if the marker was lost or the object was misplaced."""
+    """Observations from one verdict; none if the marker was lost or the object was misplaced."""
     code = verdict.code
     if code is Verdict.NOT_MOVED:
         return [

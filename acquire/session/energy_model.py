@@ -30,9 +30,10 @@ MIN_RISE_M = 1e-4
 
 
 class EnergyModel:
-    """Physics as a function of the state z, whose prior is N(0, 1) in every entry.
+    """Model of one session's strikes as a function of a state z, whose prior is N(0, 1) in every entry.
 
-    Entries: position of c (3), scale of the moments, m_s, 1 + e, swing ratio, then one model error per axis.
+    Entries of z: position of c (3), scale of the moments, m_s, 1 + e, swing ratio, and one model error per
+    axis.
     """
 
     def __init__(self, plan: StrikePlan, strikes: list[PlannedStrike]) -> None:
@@ -106,13 +107,13 @@ class _Axis:
     point: Array
     """(3,) point on the axis [m]"""
     tip: Array
-    """(3,) unit vector of the strike"""
+    """(3,) unit vector in the direction of the strike"""
     up: Array
     """(3,) unit vector, vertical at rest"""
     radius: float
-    """of the edge's rounding [m]"""
+    """radius of the edge's rounding [m]"""
     height: float
-    """of the impact point over the table [m]"""
+    """height of the impact point over the table [m]"""
     i_com: float
     """moment of inertia about the parallel axis through c [kg m^2]"""
     phi: float

@@ -26,14 +26,17 @@ class SessionSettings:
     """Limits on repetitions, and the energy ratios aimed at and accepted."""
 
     max_attempts: int = 4
+    """largest number of attempts per planned strike"""
     max_placements: int = 3
+    """number of rejected placements after which a planned strike is skipped"""
     max_faults: int = 3
+    """number of device faults after which the next one ends the session"""
     energy_goal: EnergyGoal = field(default_factory=EnergyGoal)
     energy_accepted: tuple[float, float] = (1.0, 2.5)
+    """range of energy ratios E in which a good strike is not repeated"""
 
 
 # --- events
-# ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -48,10 +51,12 @@ class Placed:
 
 @dataclass(frozen=True)
 class PoseChecked:
-    """Result of comparing the object's pose with the plan."""
+    """The object's pose has been compared with the plan."""
 
     good: bool
+    """True if the object lies as planned, or could not be checked"""
     text: str = ""
+    """reason if the pose is not good, or was not checked"""
 
 
 @dataclass(frozen=True)
@@ -61,9 +66,10 @@ class Ready:
 
 @dataclass(frozen=True)
 class Struck:
-    """The strike is finished. Times are host monotonic."""
+    """The striker has completed the strike. Times are host monotonic."""
 
     contact_time_ns: int | None
+    """time of first contact as the striker measured it; None if it measured none"""
     contact_time_sd_ns: float
     tip_speed_m_s: float
     contacts: int
@@ -76,19 +82,22 @@ class Recorded:
     window_start_ns: int
     window_end_ns: int
     frames: int
+    """number of frames recorded in the window"""
     lost: int
+    """number of frames lost in the window"""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """The verdict on the strike; None if there was none in time."""
+    """`analyze watch` has judged the strike, or did not answer in time."""
 
     verdict: StrikeVerdict | None
+    """None if there was no answer in time"""
 
 
 @dataclass(frozen=True)
 class StopRequested:
-    """The operator ends the session."""
+    """The operator, or an error that cannot be cleared, ends the session."""
 
     text: str = "stopped by the operator"
 
@@ -121,12 +130,11 @@ Event = (
 )
 
 # --- actions
-# ---------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Announce:
-    """Write the session's state into the recording and notify the subscribers."""
+    """Write the session's state into the recording and send it to the daemon's subscribers."""
 
     state: State
     strike_id: str
@@ -175,7 +183,7 @@ class RecordUntilRest:
 
 @dataclass(frozen=True)
 class Judge:
-    """Ask `analyze watch` for the verdict."""
+    """Ask `analyze watch` for the verdict on a strike."""
 
     strike: PlannedStrike
     strike_id: str
@@ -184,7 +192,7 @@ class Judge:
 
 
 @dataclass(frozen=True)
-class Keep:
+class WriteRecord:
     """Write the strike's record into the recording."""
 
     strike: PlannedStrike
@@ -197,16 +205,16 @@ class Keep:
 
 
 @dataclass(frozen=True)
-class Finish:
+class CloseRecording:
     """Close the recording."""
 
     aborted: bool = False
     text: str = ""
 
 
-Step = Announce | AskToPlace | CheckPose | Arm | ClearFault | Strike | RecordUntilRest | Judge | Keep
+Step = Announce | AskToPlace | CheckPose | Arm | ClearFault | Strike | RecordUntilRest | Judge | WriteRecord
 """an action after which the session continues"""
-Action = Step | Finish
+Action = Step | CloseRecording
 
 
 @dataclass
@@ -244,7 +252,7 @@ class SessionMachine:
 
     @property
     def progress(self) -> tuple[int, int]:
-        """Number of planned strikes done, and of all planned strikes."""
+        """Number of planned strikes done, and number of all planned strikes."""
         return self._index, len(self.plan.strikes)
 
     def handle(self, event: Event) -> list[Action]:
@@ -261,7 +269,7 @@ class SessionMachine:
     def on_stop_requested(self, event: StopRequested) -> list[Action]:
         """End the session from any state."""
         self.state = State.ABORTED
-        return [self._announce(event.text), Finish(aborted=True, text=event.text)]
+        return [self._announce(event.text), CloseRecording(aborted=True, text=event.text)]
 
     def on_started(self, _event: Started) -> list[Action]:
         """Begin with the first planned strike."""
@@ -330,12 +338,14 @@ class SessionMachine:
         return [self._announce(text), *remedy, *self._place(hint)]
 
     def on_judged(self, event: Judged) -> list[Action]:
-        """Keep the strike, learn from it, and repeat it or go on to the next."""
+        """Write the strike's record, learn from the strike, and repeat it or go on to the next."""
         verdict, struck, recorded = event.verdict, self._struck, self._recorded
         assert struck is not None  # noqa: S101 - set on the way into JUDGING
         assert recorded is not None  # noqa: S101 - set on the way into JUDGING
         self._last_judged = (self._index, self._attempt)
-        keep = Keep(self.strike, self.strike_id, self._attempt, self._command, struck, recorded, verdict)
+        record = WriteRecord(
+            self.strike, self.strike_id, self._attempt, self._command, struck, recorded, verdict
+        )
         good = False
         if verdict is not None:
             energy = verdict.energy_ratio
@@ -345,10 +355,10 @@ class SessionMachine:
         if not missed:
             self.learner.learn(self.strike, self._command, struck.tip_speed_m_s or None, verdict)
         if good or verdict is None or self._attempt >= self.settings.max_attempts:
-            return [keep, *self._next()]
+            return [record, *self._next()]
         self._attempt += 1
         self._placements = 0
-        return [keep, *self._place(f"again: {verdict.reason}")]
+        return [record, *self._place(f"again: {verdict.reason}")]
 
     def _next(self) -> list[Action]:
         self._attempt, self._placements = 1, 0
@@ -356,7 +366,7 @@ class SessionMachine:
             self._index += 1
             return self._place()
         self.state = State.FINISHED
-        return [self._announce(), Finish()]
+        return [self._announce(), CloseRecording()]
 
 
 _REACTIONS: dict[type, tuple[frozenset[State], Callable[[SessionMachine, Any], list[Action]]]] = {

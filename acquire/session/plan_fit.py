@@ -13,9 +13,10 @@ from acquire.config import RigLimits
 from schemas.strike_plan import PlannedStrike, StrikePlan
 
 MAX_CAMERA_SHIFT_M, MAX_CAMERA_TURN_RAD = 0.02, math.radians(2.0)
-"""difference to the plan's camera above which tags may leave the image: each shifts them by some 50 of 656
-pixels"""
+"""differences from the plan's camera pose above which tags may leave the image: each shifts them by some 50
+of 656 pixels"""
 MAX_STRIKES_NAMED = 4
+"""largest number of strikes that a message lists by id"""
 
 
 def striker_limit_problem(plan: StrikePlan, limits: RigLimits) -> str:
@@ -64,7 +65,7 @@ def camera_pose_problem(plan: StrikePlan, limits: RigLimits) -> str:
 
 
 def _station_camera_pose(strike: PlannedStrike) -> list[list[float]]:
-    """T_world_camera of a strike (4, 4), with the strike's heading taken back."""
+    """Camera pose T_world_camera (4, 4) of a strike, with the rotation by the strike's heading undone."""
     pose, cos, sin = strike.camera_pose, math.cos(strike.heading_rad), math.sin(strike.heading_rad)
     x, y = pose[0], pose[1]
     turned_x = [cos * a - sin * b for a, b in zip(x, y, strict=True)]

@@ -21,7 +21,7 @@ from acquire.errors import (
     StrikerRefused,
     StrikerStopped,
 )
-from acquire.session import machine as s
+from acquire.session import machine
 from acquire.session.plan_fit import camera_pose_problem, striker_limit_problem
 from acquire.session.session_input import SessionInput
 from acquire.striker.base import StrikerState
@@ -37,13 +37,14 @@ POSE_TOLERANCE_RAD = 0.14
 SERVO_TIMEOUT_S = 120.0
 """time for a person to mend the servo's cable or supply during a session"""
 SERVO_RETRY_S = 0.5
+"""interval between attempts to reach the servo meanwhile"""
 REST_TIMEOUT_S = 3.0
 """recorded time after which the window is closed although the object moves: it has long landed and only
 rolls"""
 LATE_TIMEOUT_S = 9.0
-"""the same in host time, for images that arrive late"""
+"""time on the host's clock after which the window is closed in any case; longer, as images may arrive late"""
 REST_MINIMUM_S = 0.9
-"""shortest window: an object that hesitates at the balance point looks as if it were at rest"""
+"""shortest recorded time: an object that hesitates at the balance point looks as if it were at rest"""
 
 
 @dataclass(frozen=True)
@@ -56,9 +57,13 @@ class SessionReport:
     strikes: int
     """number of strikes recorded"""
     frames: int
+    """number of frames recorded"""
     lost: int
+    """number of frames lost"""
     aborted: bool
+    """True if the session ended before its last planned strike"""
     text: str
+    """reason if the session was aborted"""
 
 
 Progress = Callable[[str, int, int], None]
@@ -66,7 +71,7 @@ Progress = Callable[[str, int, int], None]
 
 
 class SessionRunner:
-    """Runs one session to its end.
+    """Runner of one session, from opening the recording to closing it.
 
     Raises:
         SessionError, StrikerError, CameraError, DaemonError: as the daemon reports them; the recording so far
@@ -80,12 +85,12 @@ class SessionRunner:
         self._input = given
         self._output = output
         self._progress = progress
-        self._machine = s.SessionMachine(given.plan)
+        self._machine = machine.SessionMachine(given.plan)
         self._anchor_ns = 0
         self._ordered = 0
-        """number of strikes ordered from the striker"""
+        """number of strikes that the striker was told to make"""
         self._kept = 0
-        """number of those whose record is in the file"""
+        """number of strikes whose record is in the file"""
         self._frames = 0
         self._lost = 0
 
@@ -111,18 +116,18 @@ class SessionRunner:
         self._anchor_ns = int(opened["wall_anchor_ns"])
         if problem := camera_pose_problem(self._input.plan, limits):
             self._report(f"{self._input.plan_path}: {problem}: {self._input.replan_advice}")
-        event: s.Event = s.Started()
+        event: machine.Event = machine.Started()
         try:
             self._client.call("striker.home", after_stop=False)
             while True:
                 for action in self._machine.handle(event):
-                    if isinstance(action, s.Finish):
-                        return self._finish(action)
+                    if isinstance(action, machine.CloseRecording):
+                        return self._close_recording(action)
                     answer = self._execute(action)
                     if answer is not None:
                         event = answer
-                    if isinstance(answer, s.FileCutShort | s.StopRequested):
-                        break  # the actions that were to follow come after the repeated strike, or not at all
+                    if isinstance(answer, machine.FileCutShort | machine.StopRequested):
+                        break  # the actions that remain follow the repeated strike, or are dropped
         except BaseException:
             with contextlib.suppress(Exception), self._client.another() as client:
                 client.call("striker.stop")
@@ -146,7 +151,7 @@ class SessionRunner:
             path.unlink(missing_ok=True)
         self._report(f"discarded: {names}: no strike was ordered yet")
 
-    def _finish(self, action: s.Finish) -> SessionReport:
+    def _close_recording(self, action: machine.CloseRecording) -> SessionReport:
         report = self._client.call("recording.close")
         if self._kept:
             self._report(f"learned: {self._machine.learner.striker.text()}")
@@ -160,38 +165,38 @@ class SessionRunner:
             text=action.text,
         )
 
-    def _execute(self, action: s.Step) -> s.Event | None:
-        """Event that results from an action; None if it has no answer."""
+    def _execute(self, action: machine.Step) -> machine.Event | None:
+        """Execute an action and return the event that results from it; None if it causes no event."""
         try:
             return self._call_daemon(action)
         except RecordingBroken as error:
             self._report(f"{error}: strike again")
-            return s.FileCutShort(str(error))
+            return machine.FileCutShort(str(error))
 
-    def _call_daemon(self, action: s.Step) -> s.Event | None:
-        event: s.Event | None = None
+    def _call_daemon(self, action: machine.Step) -> machine.Event | None:
+        event: machine.Event | None = None
         match action:
-            case s.Announce():
+            case machine.Announce():
                 self._announce(action)
-            case s.AskToPlace(strike=strike, hint=hint):
+            case machine.AskToPlace(strike=strike, hint=hint):
                 event = self._ask_to_place(strike, hint)
-            case s.CheckPose(strike=strike):
+            case machine.CheckPose(strike=strike):
                 event = self._check_pose(strike)
-            case s.Arm():
+            case machine.Arm():
                 event = self._arm()
-            case s.ClearFault():
+            case machine.ClearFault():
                 event = self._clear_fault()
-            case s.Strike():
+            case machine.Strike():
                 event = self._strike(action)
-            case s.RecordUntilRest():
+            case machine.RecordUntilRest():
                 event = self._record_until_rest()
-            case s.Judge():
+            case machine.Judge():
                 event = self._judge(action)
-            case s.Keep():
-                self._keep(action)
+            case machine.WriteRecord():
+                self._write_record(action)
         return event
 
-    def _announce(self, action: s.Announce) -> None:
+    def _announce(self, action: machine.Announce) -> None:
         self._client.call(
             "recording.state",
             state=action.state,
@@ -199,10 +204,10 @@ class SessionRunner:
             attempt=action.attempt,
             text=action.text,
         )
-        name = s.State.Name(action.state).replace("_", " ").lower()
+        name = machine.State.Name(action.state).replace("_", " ").lower()
         self._report(f"{action.strike_id} {name} {action.text}".strip())
 
-    def _ask_to_place(self, strike: PlannedStrike, hint: str) -> s.Event:
+    def _ask_to_place(self, strike: PlannedStrike, hint: str) -> machine.Event:
         rotation, p = strike.R_world_object, strike.p_world_object
         impact = [sum(rotation[i][j] * strike.impact.point[j] for j in range(3)) + p[i] for i in range(3)]
         answer = self._client.call(
@@ -216,9 +221,13 @@ class SessionRunner:
             impact_point_world=impact,
             heading_rad=strike.heading_rad,
         )
-        return s.Placed() if answer["ok"] else s.StopRequested(answer["text"] or "stopped by the operator")
+        return (
+            machine.Placed()
+            if answer["ok"]
+            else machine.StopRequested(answer["text"] or "stopped by the operator")
+        )
 
-    def _check_pose(self, strike: PlannedStrike) -> s.Event:
+    def _check_pose(self, strike: PlannedStrike) -> machine.Event:
         since_ns = int(self._client.call("watch.expect", plan_strike_id=strike.id)["now_ns"])
         end = time.monotonic() + POSE_TIMEOUT_S
         text = "none of the object's markers is in view"
@@ -229,7 +238,7 @@ class SessionRunner:
             if answer["alive"]:
                 alive_until = time.monotonic() + WATCHER_RESTART_S
             elif time.monotonic() > alive_until:
-                return s.PoseChecked(
+                return machine.PoseChecked(
                     good=True, text="analyze watch is not running: the placement was not checked"
                 )
             event = WatchEvent.model_validate(answer["event"]) if answer["event"] else None
@@ -240,21 +249,21 @@ class SessionRunner:
             if event is not None and event.time_ns > since_ns and event.markers:
                 error = event.placement_error_rad
                 if event.at_rest and error is not None and error < POSE_TOLERANCE_RAD:
-                    return s.PoseChecked(good=True)
+                    return machine.PoseChecked(good=True)
                 text = event.text or "the object does not come to rest"
             time.sleep(0.05)
         trouble = self._client.call("status")["trouble"]
-        return s.PoseChecked(good=False, text=trouble or text)
+        return machine.PoseChecked(good=False, text=trouble or text)
 
-    def _arm(self) -> s.Event:
+    def _arm(self) -> machine.Event:
         try:
             self._client.call("striker.arm")
             self._client.call("striker.cock")
         except StrikerError as error:
             return self._striker_failed(error)
-        return s.Ready()
+        return machine.Ready()
 
-    def _clear_fault(self) -> s.StopRequested | None:
+    def _clear_fault(self) -> machine.StopRequested | None:
         """Home the striker; if its servo does not answer, wait until it does or the session is stopped."""
         end = time.monotonic() + SERVO_TIMEOUT_S
         reported = ""
@@ -262,7 +271,7 @@ class SessionRunner:
             try:
                 self._client.call("striker.home", after_stop=False)
             except StrikerStopped as error:
-                return s.StopRequested(str(error))
+                return machine.StopRequested(str(error))
             except (StrikerNotFound, StrikerLost) as error:
                 if time.monotonic() > end:
                     raise
@@ -273,17 +282,17 @@ class SessionRunner:
             else:
                 return None
 
-    def _striker_failed(self, error: StrikerError) -> s.Event:
+    def _striker_failed(self, error: StrikerError) -> machine.Event:
         """Event for a striker error.
 
         A fault can be cleared; a stop, or a refusal without a fault, ends the session.
         """
         in_fault = self._client.call("status")["striker"] == StrikerState.FAULT.value
         if isinstance(error, StrikerStopped) or (isinstance(error, StrikerRefused) and not in_fault):
-            return s.StopRequested(str(error))
-        return s.StrikerFailed(str(error))
+            return machine.StopRequested(str(error))
+        return machine.StrikerFailed(str(error))
 
-    def _strike(self, action: s.Strike) -> s.Event:
+    def _strike(self, action: machine.Strike) -> machine.Event:
         self._client.call("window.open")
         self._ordered += 1  # from here on the file may hold images that cannot be made again
         try:
@@ -294,14 +303,14 @@ class SessionRunner:
             with contextlib.suppress(RecordingBroken):  # this window is not needed
                 self._client.call("window.close")
             return self._striker_failed(error)
-        return s.Struck(
+        return machine.Struck(
             contact_time_ns=outcome["contact_time_ns"],
             contact_time_sd_ns=outcome["contact_time_sd_ns"],
             tip_speed_m_s=outcome["tip_speed_m_s"],
             contacts=outcome["contacts"],
         )
 
-    def _record_until_rest(self) -> s.Event:
+    def _record_until_rest(self) -> machine.Event:
         start = time.monotonic()
         struck_ns, end_ns = time.monotonic_ns() + self._anchor_ns, 0
         while time.monotonic() - start < LATE_TIMEOUT_S:
@@ -319,11 +328,11 @@ class SessionRunner:
         report = self._client.call("window.close", end_ns=end_ns)
         self._frames += int(report["frames"])
         self._lost += int(report["lost"])
-        return s.Recorded(
+        return machine.Recorded(
             int(report["start_ns"]), int(report["end_ns"]), int(report["frames"]), int(report["lost"])
         )
 
-    def _judge(self, action: s.Judge) -> s.Event:
+    def _judge(self, action: machine.Judge) -> machine.Event:
         contact = action.struck.contact_time_ns
         answer = self._client.call(
             "watch.judge",
@@ -333,9 +342,9 @@ class SessionRunner:
             window_end_ns=action.recorded.window_end_ns,
             contact_time_ns=contact + self._anchor_ns if contact else 0,
         )
-        return s.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
+        return machine.Judged(StrikeVerdict.model_validate(answer["verdict"]) if answer["verdict"] else None)
 
-    def _contact(self, action: s.Keep) -> tuple[int, float]:
+    def _contact(self, action: machine.WriteRecord) -> tuple[int, float]:
         """Log time of the contact and its standard deviation [ns]; both 0 if unknown.
 
         The striker's measurement, or the images' if a person struck by hand.
@@ -347,7 +356,7 @@ class SessionRunner:
             return verdict.contact_time_ns, verdict.contact_time_sd_ns or 0.0
         return 0, 0.0
 
-    def _keep(self, action: s.Keep) -> None:
+    def _write_record(self, action: machine.WriteRecord) -> None:
         verdict = action.verdict
         contact_ns, contact_sd_ns = self._contact(action)
         record: dict[str, Any] = {

@@ -13,7 +13,11 @@ from schemas.strike_plan import StrikePlan, read_strike_plan
 
 @dataclass
 class SessionInput:
-    """Object and plan files of a session, read and checked against each other."""
+    """Object and plan files of a session, read and checked against each other.
+
+    Raises:
+        SessionError: a file cannot be read, or the plan was made for another object.
+    """
 
     object_path: Path
     plan_path: Path
@@ -22,6 +26,7 @@ class SessionInput:
     spec: ObjectSpec = field(init=False)
     plan: StrikePlan = field(init=False)
     shape: tuple[str, bytes] | None = field(init=False, default=None)
+    """name and content of the object's shape file; None if the shape is given in the object file"""
 
     def __post_init__(self) -> None:
         try:

@@ -18,17 +18,18 @@ from acquire.config import RigConfig
 from acquire.daemon.client import DaemonClient
 from acquire.errors import ConfigError, SessionError, StrikerRefused
 from acquire.striker.base import StrikeOutcome
-from acquire.striker.calibration import StrikerParameters, Swing
+from acquire.striker.calibration import MeasuredSwing, StrikerParameters
 from schemas.rig_limits import MIN_ARM_SPEED_RAD_S, tip_speeds
 
 Confirm = Callable[[str], bool]
 """asks the person at the rig; False if the answer is no"""
 DEFAULT_SPEED_COUNT = 5
 SLOWEST_FACTOR, RUN_UP_FACTOR = 1.2, 1.08
-"""margins of a calibration's speeds to the speeds that the striker refuses"""
+"""margins of a calibration's default speeds to the slowest and fastest speed that the striker accepts"""
 SPEED_DECIMALS = 4
+"""decimals of the default tip speeds in m/s"""
 MAX_SWING_TRIES = 4
-"""tries of one swing: a host that pauses for 100 ms stops the arm"""
+"""largest number of tries of one swing; a try fails if this host pauses for 100 ms, which stops the arm"""
 
 
 @contextlib.contextmanager
@@ -52,14 +53,14 @@ def held_striker(client: DaemonClient) -> Iterator[None]:
 def strike_once(
     client: DaemonClient, name: str, tip_speed_m_s: float, confirm: Confirm, *, after_stop: bool = True
 ) -> StrikeOutcome:
-    """Ask, home if necessary, arm for one strike, cock, strike.
+    """Make one strike: ask the person, home if necessary, arm, cock and strike.
 
     Args:
         client: client of the daemon.
         name: id of the strike.
         tip_speed_m_s: commanded tip speed.
         confirm: asks a person before anything moves.
-        after_stop: whether this call may start the striker again after somebody stopped it.
+        after_stop: True if this call may home the striker again after somebody stopped it.
 
     Raises:
         StrikerRefused: the answer was no, or an interlock refused.
@@ -106,7 +107,9 @@ class CalibrationOrder:
     """Swings of a calibration: each speed in the air, then each speed at each body."""
 
     speeds_m_s: tuple[float, ...]
+    """tip speeds to command"""
     repeats: int
+    """number of swings at each speed and target"""
     bodies_kg: tuple[float, ...]
     """masses of the free bodies to strike; infinite for a wall"""
 
@@ -125,8 +128,8 @@ def calibrate(
     rig: RigConfig,
     order: CalibrationOrder,
     confirm: Confirm,
-    on_swing: Callable[[Swing], None] = lambda _swing: None,
-) -> list[Swing]:
+    on_swing: Callable[[MeasuredSwing], None] = lambda _swing: None,
+) -> list[MeasuredSwing]:
     """Swing in the air, then at each body, from slow to fast.
 
     Args:
@@ -149,7 +152,7 @@ def calibrate(
             f"the daemon runs rig {running!r}, the file describes {rig.name!r}: "
             "give the file the daemon was started with"
         )
-    swings: list[Swing] = []
+    swings: list[MeasuredSwing] = []
     with held_striker(client):
         if not confirm("The arm will swing in the air. Is everything out of its way?"):
             raise StrikerRefused("not calibrated: the answer was no")
@@ -158,7 +161,7 @@ def calibrate(
             for speed in (speed for speed in order.speeds_m_s for _ in range(order.repeats)):
                 name = f"calibrate-{len(swings) + 1}"
                 outcome = _completed_swing(client, name, speed, _confirm_target(body, confirm))
-                swings.append(_swing(outcome, speed, body, rig))
+                swings.append(_measured_swing(outcome, speed, body, rig))
                 on_swing(swings[-1])
     return swings
 
@@ -188,14 +191,16 @@ def body_name(body_kg: float) -> str:
     return "a wall" if body_kg == float("inf") else f"the free body of {1000 * body_kg:g} g"
 
 
-def _swing(outcome: StrikeOutcome, command_m_s: float, body_kg: float | None, rig: RigConfig) -> Swing:
-    """Swing with the tip's loss of speed: measured impulse over the effective mass used to compute it."""
+def _measured_swing(
+    outcome: StrikeOutcome, command_m_s: float, body_kg: float | None, rig: RigConfig
+) -> MeasuredSwing:
+    """Calibration swing of an outcome; its loss of tip speed is impulse over configured effective mass."""
     drop, drop_sd = None, 0.0
     if body_kg is not None and outcome.impulse_n_s is not None:
         mass, mass_sd = rig.striker.effective_mass_kg, rig.striker.effective_mass_sd_kg
         drop = outcome.impulse_n_s / mass
         drop_sd = max(outcome.impulse_sd_n_s**2 - (mass_sd * drop) ** 2, 0.0) ** 0.5 / mass
-    return Swing(command_m_s, outcome.tip_speed_m_s, outcome.tip_speed_sd_m_s, drop, drop_sd, body_kg)
+    return MeasuredSwing(command_m_s, outcome.tip_speed_m_s, outcome.tip_speed_sd_m_s, drop, drop_sd, body_kg)
 
 
 def striker_entries(numbers: StrikerParameters) -> dict[str, str]:
@@ -262,7 +267,7 @@ def _only_changes(before: str, after: str, entries: dict[str, str]) -> bool:
     return old == new
 
 
-def air_swings_by_speed(swings: Sequence[Swing]) -> list[tuple[float, list[Swing]]]:
+def air_swings_by_speed(swings: Sequence[MeasuredSwing]) -> list[tuple[float, list[MeasuredSwing]]]:
     """Swings in the air grouped by commanded speed, slowest first."""
     air = [each for each in swings if each.body_kg is None]
     speeds = sorted({each.command_m_s for each in air})

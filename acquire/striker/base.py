@@ -14,7 +14,10 @@ from schemas.proto import percuss_pb2 as pb
 
 
 class StrikerState(enum.Enum):
-    """States of one strike; any state can go to FAULT, and only `home` leaves it."""
+    """States of the striker during one strike.
+
+    Any state can go to FAULT, and only `home` leaves FAULT.
+    """
 
     DISARMED = "disarmed"
     HOMED = "homed"
@@ -37,13 +40,13 @@ class StrikeOutcome:
     """host monotonic time of first contact; None if there was none"""
     contact_time_sd_ns: float
     tip_speed_m_s: float
-    """tip speed just before contact"""
+    """tip speed just before contact [m/s]"""
     tip_speed_sd_m_s: float
     impulse_n_s: float | None
-    """impulse on the object; None if the arm lost no significant speed"""
+    """impulse on the object [N s]; None if the arm lost no significant speed"""
     impulse_sd_n_s: float
     contacts: int
-    """number of contacts that may have occurred"""
+    """number of contacts that may have occurred; 0 if no contact was measured"""
     released_ns: int
     """host monotonic time at which the swing began"""
 
@@ -71,14 +74,13 @@ class Striker(ABC):
     """Device that strikes the object once per arming.
 
     Order of calls: open, home, (arm, cock, strike)*, close. `stop` and `close` may be called at any time,
-        from any
-    thread.
+    from any thread.
     """
 
     @property
     @abstractmethod
     def state(self) -> StrikerState:
-        """Current state."""
+        """Current state of the strike sequence."""
 
     @property
     def health(self) -> ServoHealth | None:
@@ -95,7 +97,9 @@ class Striker(ABC):
 
     @abstractmethod
     def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Clear faults and watchdog, switch torque on, move slowly to the cocked angle. Leaves state HOMED.
+        """Clear faults and watchdog, switch the torque on, and move slowly to the cocked angle.
+
+        The state is HOMED afterwards.
 
         Args:
             stopped: called after earlier stop requests are cleared; True if a stop was requested since this
@@ -107,15 +111,22 @@ class Striker(ABC):
 
     @abstractmethod
     def arm(self) -> None:
-        """Allow one strike, for a limited time."""
+        """Allow one strike, for the `arming_expires_s` of the rig file. The state is ARMED afterwards."""
 
     @abstractmethod
     def cock(self) -> None:
-        """Move to the cocked angle and settle there. Requires ARMED; leaves SETTLED."""
+        """Move to the cocked angle and settle there.
+
+        Requires state ARMED; the state is SETTLED afterwards.
+        """
 
     @abstractmethod
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
-        """Swing once, catch after the contact, verify exactly one contact, disarm.
+        """Swing once, retract after the contact, count the contacts, disarm.
+
+        Args:
+            strike_id: id of the strike in the events.
+            tip_speed_m_s: tip speed to command.
 
         Raises:
             StrikerRefused: not armed and settled, or the speed is outside the limits.

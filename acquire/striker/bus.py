@@ -24,10 +24,12 @@ if TYPE_CHECKING:
 
 MIN_ATTEMPTS = 3
 MIN_RETRY_S = 0.5
-"""a servo counts as lost after MIN_ATTEMPTS and this time: a busy host, a USB hub that restarts"""
+"""a servo counts as lost after MIN_ATTEMPTS and this time, which allows for a busy host or a USB hub that
+restarts"""
 QUIET_S = 0.02
 """silence on the line required after a time-out before the next request; longer than FTDI's 16 ms latency"""
 MAX_QUIET_WAIT_NS = 200_000_000
+"""longest wait for that silence; the next request is sent after it in any case"""
 _SYNC_WRITE = 0x83
 _ALL = 0xFE
 _STATUS_TEXT = {
@@ -64,7 +66,9 @@ class Block:
 
     data: bytes
     host_before_ns: int
+    """host monotonic time before the request was sent"""
     host_after_ns: int
+    """host monotonic time after the answer arrived"""
     alert: bool
     """True if the servo reports a hardware error"""
 
@@ -188,11 +192,10 @@ class ServoBus:
                 quiet_since_ns = now_ns
 
     def read_block(self, address: int, size: int, interrupted: Callable[[], bool] = never) -> Block | None:
-        """Consecutive bytes of the control table; None if no complete answer came in time.
+        """Read consecutive bytes of the control table; None if no complete answer came in time.
 
         Lost answers are not requested again: the next sample is as good. This is a plain read, because sync
-            and fast
-        reads discard the status error, and with it ALERT.
+        and fast reads discard the status error, and with it ALERT.
 
         Args:
             address: address of the first byte.
@@ -221,7 +224,7 @@ class ServoBus:
         return Block(bytes(data), before_ns, after_ns, self.alert)
 
     def read(self, register: Register) -> int:
-        """Value of a register, signed if the register is.
+        """Read a register; its value is signed if the register is.
 
         Raises:
             StrikerLost: no answer.
@@ -263,8 +266,7 @@ class ServoBus:
         """Write one register twice without waiting for any answer, not even to an earlier request.
 
         A sync write to this one servo: servos do not answer it, so that it can be repeated at once and a lost
-            frame
-        costs no time.
+        packet costs no time.
 
         Raises:
             StrikerLost: the port failed.
@@ -318,7 +320,11 @@ class ServoBus:
 
 
 def _refuse_unstuffed(register: Register, value: int, data: bytes) -> None:
-    """Refuse bytes that need stuffing: the SDK's txPacket stuffs them, then sends the plain packet."""
+    """Refuse bytes that need stuffing.
+
+    The SDK's txPacket builds the stuffed packet, then sends the plain one
+    (protocol2_packet_handler.addStuffing).
+    """
     if b"\xff\xff\xfd" in data:
         raise StrikerRefused(
             f"{register.name} = {value} cannot be sent: the SDK does not stuff FF FF FD; choose a "

@@ -19,18 +19,21 @@ late"""
 MIN_SPEED_SD = 0.002
 """smallest relative standard deviation of a tip speed: the resolution of the velocity register"""
 MIN_MASS_SD_KG, MIN_RESTITUTION_SD = 1e-4, 1e-3
+"""smallest standard deviations accepted from the prior"""
 MAX_ITERATIONS, DIFFERENCE_STEP = 20, 1e-5
+"""limits of Gauss-Newton: iterations, and step of the numerical derivatives"""
 
 
 @dataclass(frozen=True)
-class Swing:
-    """One swing of the striker, in the air or at a body."""
+class MeasuredSwing:
+    """Tip speeds measured in one calibration swing, in the air or at a body."""
 
     command_m_s: float
     """commanded tip speed"""
     speed_m_s: float
     """reached tip speed"""
     speed_sd_m_s: float
+    """standard deviation of the reached tip speed"""
     drop_m_s: float | None = None
     """loss of tip speed at contact; None if it was not significant"""
     drop_sd_m_s: float = 0.0
@@ -43,7 +46,9 @@ class SwingRatio:
     """Ratio of reached to commanded tip speed."""
 
     mean: float
+    """mean over the swings, weighted by inverse variance"""
     mean_sd: float
+    """standard deviation of the mean"""
     scatter: float
     """standard deviation between swings"""
 
@@ -53,15 +58,18 @@ class StrikerParameters:
     """Effective mass and restitution of the striker, with standard deviations."""
 
     effective_mass_kg: float
+    """effective mass of the tip, m_s = I / r^2"""
     effective_mass_sd_kg: float
     restitution: float
+    """coefficient of restitution e of tip and object, 0-1"""
     restitution_sd: float
 
 
-def swing_ratio(swings: Sequence[Swing]) -> SwingRatio:
+def swing_ratio(swings: Sequence[MeasuredSwing]) -> SwingRatio:
     """Mean ratio of reached to commanded tip speed, weighted by inverse variance.
 
-    Its standard deviation follows from the scatter or from the swings' own, whichever gives more.
+    Its standard deviation is the larger of two: from the scatter between swings, and from the standard
+    deviations of the swings.
     """
     ratio = np.array([each.speed_m_s / each.command_m_s for each in swings])
     sd = np.array([max(each.speed_sd_m_s / each.command_m_s, MIN_SPEED_SD) for each in swings])
@@ -72,11 +80,13 @@ def swing_ratio(swings: Sequence[Swing]) -> SwingRatio:
     return SwingRatio(mean, mean_sd, scatter)
 
 
-def estimate_striker(prior: StrikerParameters, swings: Sequence[Swing]) -> StrikerParameters:
-    """Posterior of the striker's parameters given the swings at bodies; the prior itself if there are none.
+def estimate_striker(prior: StrikerParameters, swings: Sequence[MeasuredSwing]) -> StrikerParameters:
+    """Posterior of effective mass and restitution given the swings at bodies.
+
+    The prior itself (the same object) is returned if no swing at a body lost speed significantly.
 
     Unknowns: ln m_s, ln(1 + e) and the common relative error of all speed losses; Gauss-Newton from the
-        prior.
+    prior.
     """
     hits = [
         each

@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from acquire.striker.velocity_register import (
-    FINE_S,
     READ_FRACTION_SD,
+    RESPONSE_STEP_S,
     VELOCITY_SD,
     Reads,
     RegisterModel,
     estimate_register,
-    filtered,
+    low_pass,
 )
 
 if TYPE_CHECKING:
@@ -39,29 +39,32 @@ CONTACT_POSITION_SD_M = 0.001
 CONTACT_DURATION_S, CONTACT_DURATION_SD_S = 0.003, 0.0005
 """duration of the contact of a hard tip with a package"""
 DURATION_GRID = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-"""durations tried, in standard deviations from the mean"""
+"""contact durations tried, in standard deviations from the mean"""
 FORCE_EXPONENTS = (1.0, 1.5)
-"""exponents of the depth in the force: a spring; a sphere on a plane"""
+"""force laws tried, as the exponent of the depth: a linear spring (1); a sphere on a plane (1.5)"""
 FORCE_LAW_SD_S = 1e-4
 """standard deviation of the contact time due to other force laws"""
 SIMULATION_STEP, MAX_SIMULATION_STEPS = 0.02, 1000
+"""integration of the contact force: time step in the units of `_contact_force`, largest number of steps"""
 FIT_BEFORE_S = 0.04
 """length of the fitted constant speed before the contact"""
 SEARCH_BEFORE_S = 0.02
 """start of the search for a contact, before the last sample of the swing"""
 RECOVERY_PER_S, RECOVERY_SD_PER_S = 150.0, 40.0
-"""rate at which the servo recovers a loss of speed: acceleration over loss (XM430 with 0.0025 kg m2: 149 by
-its data sheet)"""
+"""rate at which the servo recovers a loss of speed (acceleration over loss), and its standard deviation; an
+XM430 with 0.0025 kg m2 has 149 by its data sheet"""
 TYPICAL_DROP, DROP_SD = 0.2, 0.5
-"""prior of the loss as a fraction of the speed: an arm that bounces back from a wall loses 1.5; with it, even
-few reads give no absurd loss"""
-GRID_S = 1e-4
+"""mean and standard deviation of the prior of the loss, as fractions of the speed: wide, because an arm that
+bounces back from a wall loses 1.5; with the prior, even few reads give no absurd loss"""
+CONTACT_TIME_STEP_S = 1e-4
+"""spacing of the contact times tried"""
 MIN_NOISE = 0.4
-"""smallest variance of the residuals relative to the expected one (the registers' rounding, doubled for a
-servo that differs); smaller values are chance"""
+"""lower limit of the residuals' variance relative to the expected one (the registers' rounding, doubled for a
+servo that differs); smaller values occur by chance"""
 SIGNIFICANT_CHI2 = 9.0
-"""reduction of chi-square against a constant speed from which on a contact is significant"""
+"""smallest reduction of chi-square, against a constant speed, at which a loss of speed is significant"""
 MIN_READS = 8
+"""fewest reads near the contact for a fit; with fewer, the time at angle 0 is interpolated"""
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,9 @@ def fit_contact(
     if (line.chi2 - fits.chi2[best]) / scale > SIGNIFICANT_CHI2 and mean[2] > 0:
         time = float(weight @ fits.time)
         variance = min(1.0, noise) * (weight @ (fits.time - time) ** 2)
-        time_sd = float(np.sqrt(variance + GRID_S**2 / 12 + read_sd**2 + FORCE_LAW_SD_S**2 + lag_sd**2))
+        time_sd = float(
+            np.sqrt(variance + CONTACT_TIME_STEP_S**2 / 12 + read_sd**2 + FORCE_LAW_SD_S**2 + lag_sd**2)
+        )
         velocity_sd, drop_sd = np.sqrt(np.diag(spread)[1:3])
         return ImpactMeasurement(
             time_ns=origin_ns + round(time * 1e9),
@@ -161,15 +166,19 @@ def _zero_crossing(samples: Sequence[Sample], arm_length: float) -> ImpactMeasur
 
 
 @dataclass(frozen=True)
-class _Line:
+class _ConstantSpeedFit:
+    """Straight line x = position + velocity * t fitted to the reads."""
+
     position: float
+    """arm angle at t = 0 [rad]"""
     velocity: float
+    """[rad/s]"""
     velocity_sd: float
     chi2: float
 
 
-def _fit_constant_speed(reads: Reads) -> _Line:
-    """Constant speed fitted to all reads: position at t = 0, velocity and chi-square."""
+def _fit_constant_speed(reads: Reads) -> _ConstantSpeedFit:
+    """Least-squares fit of a constant speed to all position and velocity reads."""
     one, zero = np.ones_like(reads.time), np.zeros_like(reads.time)
     x_sd, v_sd = reads.position_sd, np.full_like(one, VELOCITY_SD)
     A = np.concatenate(
@@ -181,7 +190,7 @@ def _fit_constant_speed(reads: Reads) -> _Line:
     residual = y - A @ np.array([position, velocity])
     chi2 = float(residual @ residual)
     velocity_sd = float(np.sqrt(inverse[1, 1] * max(1.0, chi2 / (len(y) - 2))))
-    return _Line(float(position), float(velocity), velocity_sd, chi2)
+    return _ConstantSpeedFit(float(position), float(velocity), velocity_sd, chi2)
 
 
 @dataclass(frozen=True)
@@ -191,21 +200,22 @@ class _ImpactFits:
     time: NDArray[np.float64]
     """(g,) time of first contact tc [s]"""
     solution: NDArray[np.float64]
-    """(g, 4) x(tc), b, d, d_r"""
+    """(g, 4) x(tc) [rad], b [rad/s], d [rad/s], d_r [rad/s2]: see `fit_contact`"""
     covariance: NDArray[np.float64]
-    """(g, 4, 4)"""
+    """(g, 4, 4) covariance of the solution"""
     chi2: NDArray[np.float64]
-    """(g,)"""
+    """(g,) sum of squared residuals, plus twice the log of the velocity reads' standard deviations"""
     log_prior: NDArray[np.float64]
-    """(g,)"""
+    """(g,) logarithm of the prior probability"""
 
 
 def _fit_impacts(reads: Reads, models: Sequence[RegisterModel], restitution: float) -> _ImpactFits:
-    """Least-squares fit of every hypothesis.
+    """Least-squares fits of all hypotheses on contact time, duration, force law and register model.
 
-    A contact after the last read does not show; a very early one leaves no speed before it to compare with.
+    Contact times after the last read are left out, because they do not show; so are very early ones, because
+    they leave no speed before the contact to compare with.
     """
-    tc = np.arange(max(-SEARCH_BEFORE_S, 0.67 * reads.time[0]), reads.time[-1], GRID_S)
+    tc = np.arange(max(-SEARCH_BEFORE_S, 0.67 * reads.time[0]), reads.time[-1], CONTACT_TIME_STEP_S)
     u = reads.time[None, :] - tc[:, None]
     one, zero = np.ones_like(u), np.zeros_like(u)
     x_sd = reads.position_sd
@@ -219,13 +229,13 @@ def _fit_impacts(reads: Reads, models: Sequence[RegisterModel], restitution: flo
     for z, exponent in itertools.product(DURATION_GRID, FORCE_EXPONENTS):
         duration = CONTACT_DURATION_S + float(z) * CONTACT_DURATION_SD_S
         courses = _loss_courses(_contact_force(restitution, exponent), duration, -float(reads.time[0]))
-        angle = [_interpolated(np.cumsum(course) * FINE_S, u) for course in courses]
+        angle = [_interpolate_course(np.cumsum(course) * RESPONSE_STEP_S, u) for course in courses]
         from_position = np.stack([one, u, -angle[0], -angle[1]], -1) / x_sd[None, :, None]
         for model in models:
             age, age_sd = reads.age(model.phase_ns)
             v_sd = reads.velocity_sd(age_sd)
             seen = u - age - model.lag
-            shown = [_interpolated(filtered(course, model.tau), seen) for course in courses]
+            shown = [_interpolate_course(low_pass(course, model.tau), seen) for course in courses]
             from_velocity = np.stack([zero, one, -shown[0], -shown[1]], -1) / v_sd[None, :, None]
             A = np.concatenate([from_position, from_velocity, known], axis=1)
             y = np.concatenate([reads.position / x_sd, reads.velocity / v_sd, [TYPICAL_DROP / DROP_SD, 0.0]])
@@ -239,9 +249,12 @@ def _fit_impacts(reads: Reads, models: Sequence[RegisterModel], restitution: flo
     return _ImpactFits(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def _interpolated(course: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Course (n,), given from u = 0 in steps of FINE_S, at times u [s] of any shape; 0 before u = 0."""
-    return np.interp(u.ravel(), np.arange(len(course)) * FINE_S, course, left=0.0).reshape(u.shape)
+def _interpolate_course(course: NDArray[np.float64], u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Course (n,), sampled from u = 0 in steps of RESPONSE_STEP_S, at times u [s] of any shape.
+
+    Zero before u = 0.
+    """
+    return np.interp(u.ravel(), np.arange(len(course)) * RESPONSE_STEP_S, course, left=0.0).reshape(u.shape)
 
 
 def _loss_courses(
@@ -249,12 +262,14 @@ def _loss_courses(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Fraction of the drop that is lost (n,), and its derivative by the recovery rate (n,) [s].
 
-    Both run from first contact in steps of FINE_S for `length` [s].
+    Both run from first contact in steps of RESPONSE_STEP_S for `length` [s].
     """
-    force = np.interp(np.arange(0.0, length + FINE_S, FINE_S) / duration, *force_course, right=0.0)
+    force = np.interp(
+        np.arange(0.0, length + RESPONSE_STEP_S, RESPONSE_STEP_S) / duration, *force_course, right=0.0
+    )
     taken = (np.cumsum(force) - 0.5 * force) / force.sum()
     slower, lost, faster = (
-        taken - filtered(taken, 1.0 / rate)
+        taken - low_pass(taken, 1.0 / rate)
         for rate in (RECOVERY_PER_S - RECOVERY_SD_PER_S, RECOVERY_PER_S, RECOVERY_PER_S + RECOVERY_SD_PER_S)
     )
     return lost, (faster - slower) / (2 * RECOVERY_SD_PER_S)
@@ -262,7 +277,7 @@ def _loss_courses(
 
 @cache
 def _contact_force(restitution: float, exponent: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Time over duration (n,) and force (n,) of a contact; the force is zero instead of pulling.
+    """Time over duration (n,), and force (n,) in arbitrary units, of a contact; the force never pulls.
 
     x'' = -x^n (1 + c x') for a sphere on a plane, n = 1.5 (Hunt and Crossley 1975); x'' = -x - c x' for a
     linear spring and damper, n = 1 (Kelvin and Voigt; Nagurka and Huang 2004); from x = 0, x' = 1. The

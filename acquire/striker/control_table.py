@@ -22,8 +22,13 @@ SIGNED = frozenset(
         "Goal Position",
         "Present PWM",
         "Present Current",
+        "Present Velocity",
+        "Present Position",
+        "Velocity Trajectory",
+        "Position Trajectory",
     }
-) | frozenset({"Present Velocity", "Present Position", "Velocity Trajectory", "Position Trajectory"})
+)
+"""names of the registers whose value is two's complement; the vendor's files do not mark them"""
 
 EEPROM_END = 64
 """registers below this address are EEPROM: writable only with torque off"""
@@ -34,6 +39,7 @@ class Register:
     """One entry of the control table."""
 
     name: str
+    """the vendor's name"""
     address: int
     size: int
     """bytes, little endian"""

@@ -13,9 +13,10 @@ import sys
 import time
 
 DELAY_S = 0.13
-"""the servo's watchdog stops a swinging arm after a little over 100 ms; without torque before that, it would
-swing on"""
+"""delay before the torque goes off: the servo's watchdog stops a swinging arm after a little over 100 ms; an
+arm without torque before that would swing on"""
 REPETITIONS, REPETITION_PAUSE_S = 3, 0.005
+"""the packet is sent this often, because nothing confirms it"""
 READY, DISMISSED = b"!", b"."
 """byte that the process sends when it is ready, and byte that it receives when it is no longer needed"""
 

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 OVERTRAVEL_M = 0.002
 """distance beyond angle 0 at which the swing ends at the latest, whether or not a contact was detected"""
 EARLY_CONTACT_M = 0.02
-"""distance before angle 0 from which a drop of speed counts: an object placed this much too near is struck
-early"""
+"""distance before angle 0 from which a drop of speed counts, so that the early contact with an object placed
+this much too near is still detected"""
 DROP_FRACTION = 0.08
 """fraction of the speed whose loss counts as a drop while the arm swings"""
 DROP_READS = 3
@@ -26,7 +26,7 @@ MAX_TURN_NS = 30_000_000
 
 
 class ContactDetector:
-    """Online decision, sample by sample, when the arm must turn back.
+    """Detector of the moment, sample by sample, at which a swinging arm must turn back.
 
     Args:
         arm_length: length of the arm [m].
@@ -40,8 +40,8 @@ class ContactDetector:
         self._before: deque[float] = deque(maxlen=12)
         self._low = 0
 
-    def turn_back(self, sample: Sample) -> bool:
-        """True if the contact is over, or must be over at this angle."""
+    def must_turn_back(self, sample: Sample) -> bool:
+        """True if the arm must turn back now: the speed has dropped, or the arm is past the impact point."""
         if sample.position_rad > self._beyond:
             return True
         steady = sum(self._before) / len(self._before) if len(self._before) == self._before.maxlen else 0.0
@@ -60,7 +60,7 @@ def count_contacts(samples: Sequence[Sample], contact_ns: int, turned_ns: int, a
 
     A second contact while the arm brakes does not show in the samples. It is excluded if the arm was
     commanded to turn back within 30 ms: the struck object left faster than the arm followed and has not yet
-        slowed to the arm's speed.
+    slowed to the arm's speed. One more contact is counted if the samples never show the arm moving back.
 
     Args:
         samples: samples of swing and retraction, in order.

@@ -26,7 +26,7 @@ from acquire.striker.detector import ContactDetector
 from acquire.striker.motion import SLOW_RAD_S, SLOW_RAD_S2, ArmMotion, MotionStopped
 from acquire.striker.outcome import strike_outcome
 from acquire.striker.servo import RUN_THROUGH_RAD, Sample, Servo
-from acquire.striker.states import GUARD_S, StrikerStatus, advance, arming_expired, overdue, unhomed
+from acquire.striker.states import GUARD_S, StrikerStatus, advance, arming_expired, is_overdue, unhomed_status
 from acquire.striker.tick import TickClock
 from schemas.proto import percuss_pb2 as pb
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from acquire.striker.bus import MonotonicClock
 
 IDLE_S = 0.1
-"""interval of the idle watch"""
+"""interval at which the idle thread reads the servo"""
 HEALTH_NS = 1_000_000_000
 """interval between readings of supply voltage and temperature while nothing moves"""
 RETRACT_RAD = 0.15
@@ -57,7 +57,7 @@ class DynamixelStriker(Striker):
 
     Args:
         config: the rig file's section.
-        sample_sink, event_sink, clock_sink: called from the calling thread or the idle watch's thread; they
+        sample_sink, event_sink, clock_sink: called from the calling thread or from the idle thread; they
             must not block for long.
         clock: host monotonic time.
     """
@@ -80,27 +80,26 @@ class DynamixelStriker(Striker):
         self._fault_text = ""
         self._health: ServoHealth | None = None
         self._stop_requested = False  # a plain flag: a signal handler may do no more than set it
-        self._verb = threading.Lock()  # not re-entrant: a signal handler must not enter during a verb
+        self._call_lock = threading.Lock()  # not re-entrant: a signal handler must not enter during a call
         self._motion = ArmMotion(config, self._servo, clock, self._stop_is_requested, self._publish)
         self._closing = threading.Event()
         self._watch: threading.Thread | None = None
 
     @property
     def state(self) -> StrikerState:
-        """Current state."""
+        """Current state of the strike sequence."""
         return self._status.state
 
     @property
     def health(self) -> ServoHealth | None:
-        """See Striker. Read about once a second while nothing moves."""
+        """Health of the servo, read about once a second while nothing moves; None if it was not read yet."""
         return self._health
 
     # --- open and close
-    # ---------------------------------------------------------------------------------------------
 
     def open(self) -> None:
         """See Striker."""
-        with self._verb:
+        with self._call_lock:
             self._servo.open()
             self._closing.clear()
             self._watch = threading.Thread(target=self._watch_idle, name="striker-watch", daemon=True)
@@ -108,41 +107,40 @@ class DynamixelStriker(Striker):
 
     def close(self) -> None:
         """See Striker."""
-        self._stop_requested = True  # ends a verb that runs in another thread
+        self._stop_requested = True  # ends a call that runs in another thread
         self._closing.set()
         watch, self._watch = self._watch, None
         if watch is not None and watch is not threading.current_thread():
             watch.join()
-        with self._verb:
+        with self._call_lock:
             if self._servo.is_open:
                 with contextlib.suppress(StrikerError):
                     self._servo.stop_watchdog()
                     self._servo.torque_off()
                 self._servo.close()
-            self._status = unhomed(self._clock.monotonic_ns())
+            self._status = unhomed_status(self._clock.monotonic_ns())
             self._stop_requested = False
 
     def stop(self) -> None:
         """See Striker. A call that is running in another thread ends within its next read."""
         self._stop_requested = True
-        if self._verb.acquire(blocking=False):
+        if self._call_lock.acquire(blocking=False):
             try:
                 self._consume_stop()
             finally:
-                self._verb.release()
+                self._call_lock.release()
 
-    # --- verbs
-    # ------------------------------------------------------------------------------------------------------
+    # --- strike sequence
 
     def home(self, stopped: Callable[[], bool] = lambda: False) -> None:
         """See Striker. Also leaves FAULT, and opens the port again if it was lost."""
-        with self._verb:
+        with self._call_lock:
             self._consume_stop()
             if stopped():
                 raise StrikerStopped
             if self._status.state not in {StrikerState.FAULT, StrikerState.HOMED, StrikerState.DISARMED}:
-                self._set(StrikerState.DISARMED)
-            self._guarded(self._home)
+                self._enter(StrikerState.DISARMED)
+            self._run_guarded(self._home)
 
     def _home(self) -> None:
         if not self._servo.is_open:
@@ -152,10 +150,10 @@ class DynamixelStriker(Striker):
         self._servo.torque_on()
         self._servo.start_watchdog()
         angle = self._servo.require_sample().position_rad
-        self._servo.go(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
+        self._servo.move_to(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
         self._motion.settle(2.0 + 2 * abs(angle - self._config.cocked_angle_rad) / SLOW_RAD_S)
         self._servo.stop_watchdog()
-        self._set(StrikerState.HOMED, _Event.HOMED)
+        self._enter(StrikerState.HOMED, _Event.HOMED)
 
     def arm(self) -> None:
         """See Striker.
@@ -164,13 +162,13 @@ class DynamixelStriker(Striker):
             StrikerRefused: not homed, or a strike is running.
             StrikerFault: the servo reports a hardware error.
         """
-        with self._verb:
+        with self._call_lock:
             self._consume_stop()
-            self._expire()
+            self._disarm_if_expired()
             advance(self._status, StrikerState.ARMED, self._clock.monotonic_ns())
-            self._guarded(self._servo.raise_hardware_error)
-            self._guarded(self._servo.keep_dead_man_switch)
-            self._set(StrikerState.ARMED, _Event.ARMED)
+            self._run_guarded(self._servo.raise_hardware_error)
+            self._run_guarded(self._servo.keep_dead_man_switch)
+            self._enter(StrikerState.ARMED, _Event.ARMED)
 
     def cock(self) -> None:
         """See Striker.
@@ -179,29 +177,29 @@ class DynamixelStriker(Striker):
             StrikerRefused: not armed, the arming expired, or a stop was requested.
             StrikerFault: the servo reports a hardware error, or the arm does not settle.
         """
-        with self._verb:
+        with self._call_lock:
             self._consume_stop()
-            self._expire()
-            self._set(StrikerState.COCKING)
-            self._guarded(self._cock)
+            self._disarm_if_expired()
+            self._enter(StrikerState.COCKING)
+            self._run_guarded(self._cock)
 
     def _cock(self) -> None:
         self._servo.start_watchdog()
-        self._servo.go(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
+        self._servo.move_to(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
         self._motion.settle(min(self._config.arming_expires_s, GUARD_S[StrikerState.COCKING]))
         self._servo.stop_watchdog()
-        self._set(StrikerState.SETTLED, _Event.COCKED)
+        self._enter(StrikerState.SETTLED, _Event.COCKED)
 
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
         """See Striker."""
-        with self._verb:
+        with self._call_lock:
             self._consume_stop()
-            self._expire()
+            self._disarm_if_expired()
             now_ns = self._clock.monotonic_ns()
             advance(self._status, StrikerState.RELEASED, now_ns)
             velocity = self._checked_velocity(tip_speed_m_s)
             self._strike_id = strike_id
-            outcome: StrikeOutcome = self._guarded(lambda: self._strike(velocity))
+            outcome: StrikeOutcome = self._run_guarded(lambda: self._strike(velocity))
             return outcome
 
     def _checked_velocity(self, tip_speed_m_s: float) -> float:
@@ -219,24 +217,24 @@ class DynamixelStriker(Striker):
     def _strike(self, velocity: float) -> StrikeOutcome:
         self._servo.start_watchdog()
         released_ns = self._clock.monotonic_ns()
-        self._set(StrikerState.RELEASED, _Event.RELEASED)
+        self._enter(StrikerState.RELEASED, _Event.RELEASED)
         samples: list[Sample] = []
         detector = ContactDetector(self._config.arm_length_m, velocity)
         try:
-            self._servo.go(RUN_THROUGH_RAD, velocity, 0.0)
-            reached = self._motion.swing(samples, detector.turn_back, self._overdue)
+            self._servo.move_to(RUN_THROUGH_RAD, velocity, 0.0)
+            reached = self._motion.swing(samples, detector.must_turn_back, self._is_overdue)
             stalled = not reached and self._servo.watchdog_tripped()
-            self._servo.go(-RETRACT_RAD, 0.0, 0.0)
+            self._servo.move_to(-RETRACT_RAD, 0.0, 0.0)
             turned_ns = self._clock.monotonic_ns()
             self._status = advance(
                 self._status, StrikerState.CONTACT if reached else StrikerState.MISS, turned_ns
             )
-            self._motion.swing(samples, _retracted, self._overdue)
-            self._servo.go(self._config.cocked_angle_rad, 2 * SLOW_RAD_S, 2 * SLOW_RAD_S2)
+            self._motion.swing(samples, _retracted, self._is_overdue)
+            self._servo.move_to(self._config.cocked_angle_rad, 2 * SLOW_RAD_S, 2 * SLOW_RAD_S2)
         finally:
             for sample in samples:
                 self._publish(sample)
-        self._set(StrikerState.CATCH)
+        self._enter(StrikerState.CATCH)
         self._motion.settle(GUARD_S[StrikerState.CATCH])
         self._servo.stop_watchdog()
         # The fit takes a tenth of a second, as long as the watchdog's time: the arm stands still by now.
@@ -245,15 +243,14 @@ class DynamixelStriker(Striker):
             impact = fit_contact(samples, turned_ns, self._config.arm_length_m, self._config.restitution)
         outcome = strike_outcome(self._config, impact, samples, released_ns, turned_ns)
         self._announce(outcome, _HOST_PAUSED if stalled else _NOT_REACHED)
-        self._set(StrikerState.VERIFY, _Event.CAUGHT)
+        self._enter(StrikerState.VERIFY, _Event.CAUGHT)
         self._servo.raise_hardware_error()
         if outcome.contacts == 1:
             self._emit(_Event.VERIFIED)
-        self._set(StrikerState.DISARMED, _Event.DISARMED)
+        self._enter(StrikerState.DISARMED, _Event.DISARMED)
         return outcome
 
     # --- outcome
-    # ----------------------------------------------------------------------------------------------------
 
     def _announce(self, outcome: StrikeOutcome, missed: str) -> None:
         if outcome.contact_time_ns is None:
@@ -287,12 +284,11 @@ class DynamixelStriker(Striker):
         self._event_sink(_Event(kind=kind, strike_id=self._strike_id, **fields))
 
     # --- states
-    # -----------------------------------------------------------------------------------------------------
 
-    def _overdue(self, now_ns: int) -> bool:
-        return overdue(self._status, now_ns)
+    def _is_overdue(self, now_ns: int) -> bool:
+        return is_overdue(self._status, now_ns)
 
-    def _set(self, state: StrikerState, kind: _Event.Kind | None = None) -> None:
+    def _enter(self, state: StrikerState, kind: _Event.Kind | None = None) -> None:
         now_ns = self._clock.monotonic_ns()
         self._status = advance(self._status, state, now_ns)
         if state is StrikerState.DISARMED:
@@ -302,7 +298,7 @@ class DynamixelStriker(Striker):
         elif kind is not None:
             self._emit(kind, host_time_ns=now_ns)
 
-    def _guarded(self, action: Callable[[], Any]) -> Any:
+    def _run_guarded(self, action: Callable[[], Any]) -> Any:
         """Result of an action; a stop holds the arm where it is, an error switches the torque off."""
         try:
             return action()
@@ -312,7 +308,7 @@ class DynamixelStriker(Striker):
         except StrikerRefused:
             raise
         except StrikerError as error:
-            self._fault(error)
+            self._enter_fault(error)
             raise
 
     def _hold(self) -> None:
@@ -323,11 +319,11 @@ class DynamixelStriker(Striker):
             self._servo.hold()
             self._servo.stop_watchdog()
         except StrikerError as error:
-            self._fault(error)
+            self._enter_fault(error)
             return
         finally:
             self._emit(_Event.STOPPED)
-        self._status = unhomed(self._clock.monotonic_ns())
+        self._status = unhomed_status(self._clock.monotonic_ns())
 
     def _stop_is_requested(self) -> bool:
         return self._stop_requested
@@ -339,13 +335,13 @@ class DynamixelStriker(Striker):
         self._stop_requested = False
         self._emit(_Event.STOPPED)
         if self._status.armed_ns is not None:
-            self._set(StrikerState.DISARMED, _Event.DISARMED)
+            self._enter(StrikerState.DISARMED, _Event.DISARMED)
 
-    def _expire(self) -> None:
+    def _disarm_if_expired(self) -> None:
         if arming_expired(self._status, self._clock.monotonic_ns(), self._config.arming_expires_s):
-            self._set(StrikerState.DISARMED, _Event.DISARMED)
+            self._enter(StrikerState.DISARMED, _Event.DISARMED)
 
-    def _fault(self, error: StrikerError) -> None:
+    def _enter_fault(self, error: StrikerError) -> None:
         # The same fault again after homing is not announced twice.
         again = self._status.state is StrikerState.FAULT and str(error) == self._fault_text
         self._fault_text = str(error)
@@ -358,13 +354,13 @@ class DynamixelStriker(Striker):
             self._emit(_Event.FAULT, text=str(error))
 
     def _watch_idle(self) -> None:
-        """Thread between the verbs: reads servo and clock slowly, and ends an expired arming."""
+        """Read servo and clock while no call runs, and disarm when the arming expires; runs as a thread."""
         while not self._closing.wait(IDLE_S):
-            if not self._verb.acquire(blocking=False):
+            if not self._call_lock.acquire(blocking=False):
                 continue
             try:
                 self._consume_stop()
-                self._expire()
+                self._disarm_if_expired()
                 if not self._servo.is_open:
                     self._health = None
                     continue
@@ -375,11 +371,11 @@ class DynamixelStriker(Striker):
                     self._health = self._servo.health()
             except StrikerError as error:
                 if self._status.state is not StrikerState.FAULT:
-                    self._fault(error)
+                    self._enter_fault(error)
                 elif isinstance(error, StrikerLost):
                     self._servo.close()
             finally:
-                self._verb.release()
+                self._call_lock.release()
 
 
 def _retracted(sample: Sample) -> bool:

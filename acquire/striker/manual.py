@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from acquire.errors import StrikerStopped
 from acquire.striker.base import ClockSink, EventSink, SampleSink, StrikeOutcome, Striker, StrikerState
-from acquire.striker.states import StrikerStatus, advance, arming_expired, unhomed
+from acquire.striker.states import StrikerStatus, advance, arming_expired, unhomed_status
 from schemas.proto import percuss_pb2 as pb
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from acquire.striker.bus import MonotonicClock
 
 HAND_S = 5.0
-"""time that the person has to strike after the call"""
+"""time that `strike` waits for the person to strike [s]"""
 _Event = pb.StrikerEvent
 
 
@@ -45,7 +45,7 @@ class ManualStriker(Striker):
 
     @property
     def state(self) -> StrikerState:
-        """Current state."""
+        """Current state of the strike sequence."""
         return self._status.state
 
     def open(self) -> None:
@@ -56,17 +56,17 @@ class ManualStriker(Striker):
         self._stop_requested = False
         if stopped():
             raise StrikerStopped
-        self._set(StrikerState.HOMED, _Event.HOMED)
+        self._enter(StrikerState.HOMED, _Event.HOMED)
 
     def arm(self) -> None:
-        """See Striker."""
+        """Allow one strike; see Striker."""
         self._stop_requested = False
-        self._set(StrikerState.ARMED, _Event.ARMED)
+        self._enter(StrikerState.ARMED, _Event.ARMED)
 
     def cock(self) -> None:
         """Go to state SETTLED at once."""
-        self._set(StrikerState.COCKING)
-        self._set(StrikerState.SETTLED, _Event.COCKED)
+        self._enter(StrikerState.COCKING)
+        self._enter(StrikerState.SETTLED, _Event.COCKED)
 
     def strike(self, strike_id: str, tip_speed_m_s: float) -> StrikeOutcome:
         """Wait while the person strikes; the contact is unknown.
@@ -79,30 +79,30 @@ class ManualStriker(Striker):
         """
         now_ns = self._clock.monotonic_ns()
         if arming_expired(self._status, now_ns, self._config.arming_expires_s):
-            self._set(StrikerState.DISARMED, _Event.DISARMED)
-        self._set(StrikerState.RELEASED, _Event.RELEASED, strike_id)
+            self._enter(StrikerState.DISARMED, _Event.DISARMED)
+        self._enter(StrikerState.RELEASED, _Event.RELEASED, strike_id)
         while self._clock.monotonic_ns() - now_ns < HAND_S * 1e9:
             if self._stop_requested:
-                self._status = unhomed(self._clock.monotonic_ns())
+                self._status = unhomed_status(self._clock.monotonic_ns())
                 self._event_sink(
                     _Event(kind=_Event.STOPPED, strike_id=strike_id, host_time_ns=self._clock.monotonic_ns())
                 )
                 raise StrikerStopped
             time.sleep(0.02)
-        self._set(StrikerState.DISARMED, _Event.DISARMED, strike_id)
+        self._enter(StrikerState.DISARMED, _Event.DISARMED, strike_id)
         return StrikeOutcome(None, 0.0, tip_speed_m_s, tip_speed_m_s, None, 0.0, 0, now_ns)
 
     def stop(self) -> None:
         """Disarm, and end a wait for the person's strike."""
         self._stop_requested = True
         if self._status.armed_ns is not None and self._status.state is not StrikerState.RELEASED:
-            self._set(StrikerState.DISARMED, _Event.STOPPED)
+            self._enter(StrikerState.DISARMED, _Event.STOPPED)
 
     def close(self) -> None:
         """End a wait for the person's strike."""
         self._stop_requested = True
 
-    def _set(self, state: StrikerState, kind: _Event.Kind | None = None, strike_id: str = "") -> None:
+    def _enter(self, state: StrikerState, kind: _Event.Kind | None = None, strike_id: str = "") -> None:
         now_ns = self._clock.monotonic_ns()
         self._status = advance(self._status, state, now_ns)
         if kind is not None:

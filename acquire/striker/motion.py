@@ -17,18 +17,20 @@ if TYPE_CHECKING:
     from acquire.striker.bus import MonotonicClock
 
 SLOW_RAD_S, SLOW_RAD_S2 = 0.8, 8.0
-"""profile of a slow motion"""
-APPROACH_S = 0.01
+"""velocity and acceleration of a slow motion"""
+SLOW_READ_PERIOD_S = 0.01
 """interval between reads while the arm moves slowly or settles"""
-SWING_NS = 1_000_000
+SWING_READ_PERIOD_NS = 1_000_000
 """interval between reads of a swing"""
 DITHER_NS = 600_000
 """range over which the reads of a swing are shifted within their period: the servo renews its registers at 1
 kHz too, and in step with it every read could fall on a renewal, so that its value would be ambiguous"""
-GOLDEN = 0.6180339887498949
+GOLDEN_RATIO_FRACTION = 0.6180339887498949
+"""increment of the shift, as a fraction of its range: spreads any number of reads evenly"""
 SETTLED_TICKS = 4.5
 SETTLED_UNITS = 1.5
 SETTLED_READS = 20
+"""the arm is settled if this many consecutive reads are within these limits, in units of the registers"""
 MAX_SILENCE_NS = 200_000_000
 """longest time without an answer in a swing: by then the servo's own watchdog (100 ms) has stopped it, if
 this host paused"""
@@ -70,14 +72,14 @@ class ArmMotion:
         self._recent: deque[Sample] = deque(maxlen=3)
 
     def swing(
-        self, samples: list[Sample], ended: Callable[[Sample], bool], overdue: Callable[[int], bool]
+        self, samples: list[Sample], is_last: Callable[[Sample], bool], is_overdue: Callable[[int], bool]
     ) -> bool:
-        """Read at 1 kHz until `ended`; False if the time limit comes first.
+        """Read samples at 1 kHz until `is_last` is true; False if the time limit passes first.
 
         Args:
             samples: list that receives the samples.
-            ended: called with every sample; True ends the reading.
-            overdue: called with the host monotonic time [ns]; True once the time limit has passed.
+            is_last: called with every sample; True ends the reading.
+            is_overdue: called with the host monotonic time [ns]; True once the time limit has passed.
 
         Raises:
             MotionStopped: a stop was requested.
@@ -85,7 +87,7 @@ class ArmMotion:
         """
         answered_ns = next_ns = self._clock.monotonic_ns()
         spread = 0.0
-        while not overdue(answered_ns):
+        while not is_overdue(answered_ns):
             self._brake_if_stopped()
             sample = self._servo.sample(self._stop_requested)
             now_ns = self._clock.monotonic_ns()
@@ -93,16 +95,15 @@ class ArmMotion:
                 answered_ns = now_ns
                 samples.append(sample)
                 self._recent.append(sample)
-                if ended(sample):
+                if is_last(sample):
                     return True
             elif now_ns - answered_ns > MAX_SILENCE_NS:
                 raise StrikerLost(
                     f"{self._config.port}: the servo stopped answering during the swing; its watchdog "
-                    "stops the arm; "
-                    "check power and cable"
+                    "stops the arm; check power and cable"
                 )
-            next_ns = max(next_ns + SWING_NS, now_ns)  # time lost on a slow bus is not caught up
-            spread = (spread + GOLDEN) % 1.0
+            next_ns = max(next_ns + SWING_READ_PERIOD_NS, now_ns)  # time lost on a slow bus is not caught up
+            spread = (spread + GOLDEN_RATIO_FRACTION) % 1.0
             time.sleep(max(0, next_ns + int(spread * DITHER_NS) - now_ns) * 1e-9)
         return False
 
@@ -130,7 +131,7 @@ class ArmMotion:
             settled = settled + 1 if self._at_rest(sample) else 0
             if settled >= SETTLED_READS:
                 return
-            next_ns = self._clock.monotonic_ns() + int(APPROACH_S * 1e9)
+            next_ns = self._clock.monotonic_ns() + int(SLOW_READ_PERIOD_S * 1e9)
             while not self._stop_requested() and self._clock.monotonic_ns() < next_ns:
                 time.sleep(POLL_S)
         raise StrikerFault(
@@ -145,7 +146,7 @@ class ArmMotion:
         still = abs(sample.velocity_rad_s) <= SETTLED_UNITS * VELOCITY_UNIT_RAD_S
         if still and not there and self._servo.watchdog_tripped():  # this host paused for 100 ms
             self._servo.start_watchdog()
-            self._servo.go(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
+            self._servo.move_to(self._config.cocked_angle_rad, SLOW_RAD_S, SLOW_RAD_S2)
         return there and still
 
     def _brake_if_stopped(self) -> None:
@@ -157,7 +158,7 @@ class ArmMotion:
         """Bring a moving arm to rest with as little waiting as possible; holding its position follows later.
 
         The last samples give its velocity, and the current limit the time that full reverse current needs to
-        stop it: so no answer is needed meanwhile, late or lost.
+        stop it. So the brake waits for no answer, which could be late or lost.
         """
         now_ns = self._clock.monotonic_ns()
         if not self._recent or now_ns - self._recent[-1].time_ns > MAX_SAMPLE_AGE_NS:
@@ -172,5 +173,5 @@ class ArmMotion:
             VELOCITY_LAG_S + min(age_s, VELOCITY_LAG_S)
         )
         if abs(velocity) > REST_RAD_S:
-            time.sleep(self._servo.push_back(last.position_rad + velocity * age_s, velocity))
+            time.sleep(self._servo.brake(last.position_rad + velocity * age_s, velocity))
         self._servo.damp()

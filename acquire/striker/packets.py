@@ -63,7 +63,7 @@ class BlockingPort(PortHandler):
         return True
 
     def clearPort(self) -> None:  # noqa: N802 - the SDK's name
-        """Discard all bytes received so far."""
+        """Discard all received bytes."""
         self._received = b""
         termios.tcflush(self.ser.fileno(), termios.TCIFLUSH)
 

@@ -22,16 +22,19 @@ if TYPE_CHECKING:
     from acquire.config import StrikerConfig
 
 TICK_RAD = 2 * math.pi / 4096
+"""unit of the position registers"""
 VELOCITY_UNIT_RAD_S = 0.229 * 2 * math.pi / 60
 ACCELERATION_UNIT_RAD_S2 = 214.577 * 2 * math.pi / 3600
 CURRENT_UNIT_A = 2.69e-3
 CURRENT_BASED_POSITION = 5
+"""value of Operating Mode: position control with a current limit"""
 SHUTDOWN = 52
 """value of the Shutdown register: overheating, electrical shock and overload switch the torque off"""
 WATCHDOG_UNITS = 5
 """watchdog time in units of 20 ms: a killed host stops the motor after 100 ms; without it the servo keeps
 turning"""
 WATCHDOG_TRIPPED = 0xFF
+"""value of Bus Watchdog after the watchdog has stopped the motor"""
 POSITION_P_GAIN = 1600
 """twice the default: the arm's weight then shifts it by 2 ticks, and it follows a swing within 10 ms"""
 DAMPING_D_GAIN = 4000
@@ -46,6 +49,7 @@ on a little stops sooner than one that is thrown back"""
 TORQUE_PER_AMPERE = {1020: 4.1 / 2.3, 1030: 3.0 / 2.3}
 """N m/A by model number (data sheets: stall torque and current at 12 V)"""
 TICK_WRAP = 32768
+"""value at which Realtime Tick starts again from 0"""
 RUN_THROUGH_RAD = 0.35
 """goal of a swing beyond the impact point, so that the speed is constant there"""
 _BLOCK = struct.Struct(
@@ -74,8 +78,11 @@ class Sample:
     """One reading of the servo in arm angles: 0 at the impact point, positive towards the object."""
 
     host_before_ns: int
+    """host monotonic time before the request was sent"""
     host_after_ns: int
+    """host monotonic time after the answer arrived"""
     tick_ms: int
+    """Realtime Tick: counts 1 ms, wraps at 32768"""
     position_rad: float
     velocity_rad_s: float
     current_a: float
@@ -102,7 +109,6 @@ class Servo:
         self._model = 0
 
     # --- open and close
-    # ---------------------------------------------------------------------------------------------
 
     def open(self) -> None:
         """Open the port, check the model, write the limits and read them back.
@@ -189,14 +195,13 @@ class Servo:
                 )
 
     # --- state
-    # ------------------------------------------------------------------------------------------------------
 
     def ticks(self, angle: float) -> int:
         """Value of the position register at an arm angle [rad]."""
         return self._config.zero_position + self._config.direction * round(angle / TICK_RAD)
 
     def sample(self, interrupted: Callable[[], bool] = lambda: False) -> Sample | None:
-        """Tick, current, velocity and position at one instant; None if the answer is lost or implausible.
+        """Read tick, current, velocity and position at one instant; None if the answer is lost or absurd.
 
         Args:
             interrupted: called while waiting; True ends the wait for the answer.
@@ -237,7 +242,7 @@ class Servo:
         raise StrikerLost(f"{self._config.port}: the servo no longer answers; check its power and cable")
 
     def health(self) -> ServoHealth:
-        """Supply voltage, temperature and hardware error.
+        """Read supply voltage, temperature and hardware error.
 
         Raises:
             StrikerLost: no answer.
@@ -249,7 +254,7 @@ class Servo:
         )
 
     def hardware_error(self) -> str | None:
-        """Description of the servo's hardware error; None if there is none."""
+        """Read the servo's hardware error and describe it; None if there is none."""
         return hardware_error_text(self._bus.read(self._table["Hardware Error Status"]))
 
     def raise_hardware_error(self) -> None:
@@ -259,7 +264,10 @@ class Servo:
             raise StrikerFault(f"{self._config.port}: the servo reports {text}, then home it")
 
     def clear_hardware_error(self) -> bool:
-        """Reboot after a hardware error, or if the arm was turned by more than half a turn; True if it did.
+        """Reboot the servo after a hardware error, or if the arm was turned by more than half a turn.
+
+        Returns:
+            True if the servo was rebooted.
 
         Raises:
             StrikerFault: the error persists after the reboot.
@@ -274,7 +282,6 @@ class Servo:
         return True
 
     # --- motion
-    # -----------------------------------------------------------------------------------------------------
 
     def torque_on(self) -> None:
         """Hold the arm where it is, with this module's gains and the current limit."""
@@ -300,7 +307,7 @@ class Servo:
         """End the bus watchdog: the servo holds its position although the bus is silent."""
         self._bus.write(self._table["Bus Watchdog"], 0)
 
-    def go(self, angle: float, velocity: float, acceleration: float) -> None:
+    def move_to(self, angle: float, velocity: float, acceleration: float) -> None:
         """Move to an arm angle [rad] with profile velocity [rad/s] and acceleration [rad/s2].
 
         A velocity or acceleration of 0 means as fast as the current limit allows. If the watchdog stopped the
@@ -334,7 +341,6 @@ class Servo:
         return Register(f"Profile and Goal Position ({angle:.3f} rad)", first.address, 12), value
 
     # --- stopping
-    # ---------------------------------------------------------------------------------------------------
 
     @property
     def full_acceleration_rad_s2(self) -> float:
@@ -346,7 +352,7 @@ class Servo:
             / inertia
         )
 
-    def push_back(self, angle: float, velocity: float) -> float:
+    def brake(self, angle: float, velocity: float) -> float:
         """Brake an arm at an angle [rad] and velocity [rad/s] with full current; return its time [s].
 
         Does not wait for an answer. A servo in this mode cannot brake harder: its current is limited by Goal
@@ -361,7 +367,7 @@ class Servo:
         return BRAKE_TIME_FACTOR * abs(velocity) / self.full_acceleration_rad_s2
 
     def damp(self) -> None:
-        """Release the position goal and only damp the motion; does not wait for an answer.
+        """Stop controlling the position and only damp the motion; does not wait for an answer.
 
         Raises:
             StrikerLost: the port failed.
@@ -375,7 +381,7 @@ class Servo:
             StrikerFault: the servo reports a hardware error.
             StrikerLost: the servo does not answer.
         """
-        self.go(self.require_sample().position_rad, 0.0, 0.0)
+        self.move_to(self.require_sample().position_rad, 0.0, 0.0)
         self._bus.write(*self._gains(POSITION_P_GAIN, 0))
 
     def _gains(self, proportional: int, derivative: int) -> tuple[Register, int]:

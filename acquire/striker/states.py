@@ -22,7 +22,7 @@ TRANSITIONS: dict[StrikerState, frozenset[StrikerState]] = {
     _S.VERIFY: frozenset({_S.DISARMED}),
     _S.FAULT: frozenset({_S.HOMED}),
 }
-"""allowed transitions; FAULT may follow any state and is not listed, and only homing leaves it"""
+"""states that may follow each state; FAULT may follow any and is not listed"""
 
 GUARD_S: dict[StrikerState, float] = {
     _S.COCKING: 5.0,
@@ -32,22 +32,24 @@ GUARD_S: dict[StrikerState, float] = {
     _S.CATCH: 3.0,
     _S.VERIFY: 2.0,
 }
-"""longest duration of the moving states; DISARMED, HOMED and FAULT are unlimited, ARMED and SETTLED end with
-the arming"""
+"""longest duration of the states in which the arm moves; DISARMED, HOMED and FAULT are unlimited, ARMED and
+SETTLED end when the arming expires"""
 
 MOVING = frozenset(GUARD_S)
+"""states in which the arm moves"""
 
 
 @dataclass(frozen=True)
 class StrikerStatus:
-    """State of a striker and the host monotonic time since when it holds."""
+    """State of a striker, with the times that limit it."""
 
     state: StrikerState
     since_ns: int
+    """host monotonic time at which the state began"""
     homed: bool = False
     """True if the arm is at a known place with torque on"""
     armed_ns: int | None = None
-    """time at which one strike was allowed; None if not armed"""
+    """host monotonic time at which one strike was allowed; None if not armed"""
 
 
 def advance(status: StrikerStatus, to: StrikerState, now_ns: int) -> StrikerStatus:
@@ -82,18 +84,18 @@ def _remedy(status: StrikerStatus, to: StrikerState) -> str:
     return "finish or stop the strike first"
 
 
-def unhomed(now_ns: int) -> StrikerStatus:
+def unhomed_status(now_ns: int) -> StrikerStatus:
     """Status DISARMED after an interrupted motion: the arm's position is unknown."""
     return StrikerStatus(_S.DISARMED, now_ns, homed=False)
 
 
 def arming_expired(status: StrikerStatus, now_ns: int, expires_s: float) -> bool:
-    """True if an arming was not used in time; its time counts until the release."""
+    """True if the striker was armed more than `expires_s` ago and has not been released since."""
     waiting = status.state in {_S.ARMED, _S.COCKING, _S.SETTLED}
     return waiting and status.armed_ns is not None and now_ns - status.armed_ns > expires_s * 1e9
 
 
-def overdue(status: StrikerStatus, now_ns: int) -> bool:
+def is_overdue(status: StrikerStatus, now_ns: int) -> bool:
     """True if a moving state lasts longer than its limit."""
     guard_s = GUARD_S.get(status.state)
     return guard_s is not None and now_ns - status.since_ns > guard_s * 1e9

@@ -12,14 +12,14 @@ if TYPE_CHECKING:
     from acquire.striker.servo import Sample
 
 PERIOD_NS = 500_000_000
+"""interval between published clock samples"""
 
 
 class TickClock:
     """Continuous device time from the tick, which counts 1 ms, wraps at 32768 and restarts with the servo.
 
     Each read bounds the device clock: at some time between `host_before_ns` and `host_after_ns` it showed at
-        least the
-    tick's value and less than 1 ms more. Intersecting these bounds over 5-10 s leaves about 0.4 ms.
+    least the tick's value and less than 1 ms more. Intersecting these bounds over 5-10 s leaves about 0.4 ms.
     """
 
     def __init__(self, sink: ClockSink) -> None:

@@ -1,4 +1,4 @@
-"""Model of the servo's velocity register, estimated from every swing: filter, lag and renewal phase.
+"""Model of the servo's velocity register, estimated anew from every swing: filter, lag and renewal phase.
 
 The vendor does not publish the filter, and the register is renewed every millisecond at an unknown phase;
 together they delay its value by 1-5 ms. In the run-up and the retraction the speed changes by hundreds of
@@ -24,30 +24,43 @@ if TYPE_CHECKING:
     from acquire.striker.servo import Sample
 
 POSITION_SD = 0.4 * TICK_RAD
+"""standard deviation of one position reading [rad]"""
 VELOCITY_SD = 0.5 * VELOCITY_UNIT_RAD_S
-FINE_S = 1e-4
+"""standard deviation of one velocity reading [rad/s]"""
+RESPONSE_STEP_S = 1e-4
 """time step of computed responses"""
-TAU_S = np.array([0.5, 1.0, 1.5, 2.0, 2.25, 2.5, 2.75, 3.0, 3.5, 4.0, 5.0, 6.0]) * 1e-3
-LAG_S = np.arange(7) * 5e-4
+TAU_GRID_S = np.array([0.5, 1.0, 1.5, 2.0, 2.25, 2.5, 2.75, 3.0, 3.5, 4.0, 5.0, 6.0]) * 1e-3
+"""time constants of the filter that are tried"""
+LAG_GRID_S = np.arange(7) * 5e-4
+"""lags after the filter that are tried"""
 LAG_PRIOR_S, LAG_PRIOR_SD_S = 7e-4, 5e-4
+"""prior of the lag: mean and standard deviation"""
 PERIOD_NS = 1_000_000
+"""renewal period of the register"""
 PHASES_NS: tuple[int | None, ...] = (None, 0, 200_000, 400_000, 600_000, 800_000)
 """phases of the register's renewal that are tried; None for an irregular renewal, at an age of 0-1 ms"""
 PHASE_STEP_S = 2e-4
+"""spacing of these phases"""
 UNKNOWN_AGE_SD_S = 1e-3 / math.sqrt(12)
+"""standard deviation of an age distributed uniformly over 0-1 ms"""
 RUN_UP_S, BEFORE_RUN_UP_S = 0.06, 0.01
+"""fitted part of the run-up: length after the arm has begun to move, and before that"""
 RETRACTION_DELAY_NS = 2_000_000
 """start of the fitted smooth motion after the jerk with which the retraction begins"""
-KNOT_S = 0.004
+KNOT_SPACING_S = 0.004
+"""distance between the knots of the cubic spline that describes the motion"""
 ROUGHNESS = 3.0
-"""weight of third differences between knots: only bounds coefficients that no read determines"""
+"""weight of the third differences of the spline's coefficients; it only bounds coefficients that no read
+determines"""
 READ_FRACTION, READ_FRACTION_SD = 0.35, 0.2
-"""time of the sample as a fraction of the read: the request (14 bytes) is sent before, the answer (27 bytes,
-and the adapter's delay) after it"""
+"""time of the sample as a fraction of the read's duration, and its standard deviation: the request (14 bytes)
+is sent before the sample, the answer (27 bytes, and the adapter's delay) after it"""
 READ_FRACTIONS = READ_FRACTION + np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
+"""times of the sample over which the age of the register's value is averaged"""
 MIN_WEIGHT = 0.01
 """smallest probability of a hypothesis that is kept"""
 MIN_READS = 16
+"""fewest reads in run-up or retraction for which that part is fitted"""
 
 
 @dataclass(frozen=True)
@@ -63,7 +76,7 @@ class RegisterModel:
     phase_ns: int | None
     """renewal time (host monotonic, modulo 1 ms); None if irregular"""
     weight: float
-    """probability"""
+    """probability of this hypothesis"""
 
 
 @dataclass(frozen=True)
@@ -128,17 +141,18 @@ class Reads:
         return np.hypot(VELOCITY_SD, age_sd * slope)
 
 
-def filtered(signal: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
+def low_pass(signal: NDArray[np.float64], tau: float) -> NDArray[np.float64]:
     """Signal (n, ...) after a first-order low-pass filter along axis 0, at rest before the first row.
 
-    Steps of FINE_S. Computed as a sum of 1, 2, 4, ... decaying terms, each from the one before. scipy.signal
-    has it as `lfilter`, but importing that takes longer than everything else at the start of a daemon.
+    The rows are RESPONSE_STEP_S apart. The result is computed as a sum of 1, 2, 4, ... decaying terms, each
+    from the one before. scipy.signal has this filter as `lfilter`, but importing that takes longer than
+    everything else at the start of a daemon.
 
     Args:
         signal: (n, ...) values.
         tau: time constant [s].
     """
-    kept = math.exp(-FINE_S / tau)
+    kept = math.exp(-RESPONSE_STEP_S / tau)
     total = signal - signal[:1]
     weight, terms = kept, 1
     while terms < len(signal):
@@ -154,24 +168,29 @@ def cubic_splines(
 
     Args:
         time: (n,) times [s].
-        start: start of the knots [s]; the i-th spline ends KNOT_S * (i + 1) after it.
+        start: start of the knots [s]; the i-th spline ends KNOT_SPACING_S * (i + 1) after it.
         count: number of splines.
     """
-    u = (time[:, None] - start) / KNOT_S - np.arange(count) + 1.0
+    u = (time[:, None] - start) / KNOT_SPACING_S - np.arange(count) + 1.0
     far = np.minimum(np.abs(u), 2.0)
     value = np.where(far < 1, 2 / 3 - far**2 + far**3 / 2, (2 - far) ** 3 / 6)
     slope = np.where(far < 1, 1.5 * far**2 - 2 * far, -((2 - far) ** 2) / 2) * np.sign(u)
-    return value, slope / KNOT_S
+    return value, slope / KNOT_SPACING_S
 
 
 def estimate_register(samples: Sequence[Sample], turned_ns: int) -> tuple[RegisterModel, ...]:
-    """Register models compatible with the samples, the most probable first; all if there are few reads.
+    """Register models with their probabilities given the samples, the most probable first.
+
+    With too few reads no model is excluded.
 
     Args:
         samples: samples of swing and retraction, in order.
         turned_ns: host monotonic time at which the retraction was commanded.
     """
-    score = np.zeros((len(PHASES_NS), len(TAU_S), len(LAG_S))) + ((LAG_S - LAG_PRIOR_S) / LAG_PRIOR_SD_S) ** 2
+    score = (
+        np.zeros((len(PHASES_NS), len(TAU_GRID_S), len(LAG_GRID_S)))
+        + ((LAG_GRID_S - LAG_PRIOR_S) / LAG_PRIOR_SD_S) ** 2
+    )
     total = 0
     retraction = [s for s in samples if s.time_ns > turned_ns + RETRACTION_DELAY_NS]
     for part in (_run_up(samples, turned_ns), retraction):
@@ -179,11 +198,11 @@ def estimate_register(samples: Sequence[Sample], turned_ns: int) -> tuple[Regist
             score += _scores(Reads.from_samples(part, part[0].time_ns))
             total += 2 * len(part)
     scale = max(1.0, float(score.min()) / max(total, 1))
-    best = np.clip(score.argmin(axis=2), 1, len(LAG_S) - 2)
+    best = np.clip(score.argmin(axis=2), 1, len(LAG_GRID_S) - 2)
     left, middle, right = (np.take_along_axis(score, (best + k)[..., None], 2)[..., 0] for k in (-1, 0, 1))
     bend = np.maximum(left + right - 2 * middle, 1e-3)
     shift = np.clip(0.5 * (left - right) / bend, -1.0, 1.0)
-    lag = np.maximum(0.0, LAG_S[best] + shift * LAG_S[1])
+    lag = np.maximum(0.0, LAG_GRID_S[best] + shift * LAG_GRID_S[1])
     log_weight = -0.5 * (middle - 0.25 * (left - right) * shift) / scale - 0.5 * np.log(bend)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -191,18 +210,19 @@ def estimate_register(samples: Sequence[Sample], turned_ns: int) -> tuple[Regist
         RegisterModel(
             tau=float(tau),
             lag=float(lag[i, j]),
-            lag_sd=float(LAG_S[1] * np.sqrt(2 * scale / bend[i, j])),
+            lag_sd=float(LAG_GRID_S[1] * np.sqrt(2 * scale / bend[i, j])),
             phase_ns=phase,
             weight=float(weight[i, j]),
         )
         for i, phase in enumerate(PHASES_NS)
-        for j, tau in enumerate(TAU_S)
+        for j, tau in enumerate(TAU_GRID_S)
         if weight[i, j] > MIN_WEIGHT
     ]
     return tuple(sorted(kept, key=lambda model: -model.weight))
 
 
 def _run_up(samples: Sequence[Sample], turned_ns: int) -> list[Sample]:
+    """Samples of the run-up, which ends 20 ms before the retraction at the latest."""
     highest = max((s.velocity_rad_s for s in samples), default=0.0)
     moving = next((s.time_ns for s in samples if s.velocity_rad_s > 0.1 * highest), turned_ns)
     begin, end = moving - int(BEFORE_RUN_UP_S * 1e9), moving + int(RUN_UP_S * 1e9)
@@ -210,23 +230,23 @@ def _run_up(samples: Sequence[Sample], turned_ns: int) -> list[Sample]:
 
 
 def _scores(reads: Reads) -> NDArray[np.float64]:
-    """Minus 2 log-likelihood (phase, tau, lag) of a smooth motion (cubic spline) in both registers."""
-    margin = KNOT_S + LAG_S[-1] + PERIOD_NS * 1e-9
-    inner = np.arange(-margin, reads.time[-1] + 2 * KNOT_S, KNOT_S)
+    """Minus 2 log-likelihood (phase, tau, lag) of the best smooth motion (cubic spline) in both registers."""
+    margin = KNOT_SPACING_S + LAG_GRID_S[-1] + PERIOD_NS * 1e-9
+    inner = np.arange(-margin, reads.time[-1] + 2 * KNOT_SPACING_S, KNOT_SPACING_S)
     count = len(inner) + 2
-    fine = np.arange(-margin, reads.time[-1] + 2 * FINE_S, FINE_S)
+    fine = np.arange(-margin, reads.time[-1] + 2 * RESPONSE_STEP_S, RESPONSE_STEP_S)
     speed = cubic_splines(fine, -margin, count)[1]
     from_position = cubic_splines(reads.time, -margin, count)[0] / reads.position_sd[:, None]
     smooth = ROUGHNESS * np.diff(np.eye(count), 3, axis=0)
     normal = from_position.T @ from_position + smooth.T @ smooth
     y_position = reads.position / reads.position_sd
-    result = np.empty((len(PHASES_NS), len(TAU_S), len(LAG_S)))
+    result = np.empty((len(PHASES_NS), len(TAU_GRID_S), len(LAG_GRID_S)))
     ages = [reads.age(phase) for phase in PHASES_NS]
-    for j, tau in enumerate(TAU_S):
-        shown = filtered(speed, float(tau))
+    for j, tau in enumerate(TAU_GRID_S):
+        shown = low_pass(speed, float(tau))
         for i, (age, age_sd) in enumerate(ages):
             sd = reads.velocity_sd(age_sd)
-            at = (reads.time - age - LAG_S[:, None] - fine[0]) / FINE_S
+            at = (reads.time - age - LAG_GRID_S[:, None] - fine[0]) / RESPONSE_STEP_S
             k = at.astype(int)
             part = (at - k)[..., None]
             V = (shown[k] * (1 - part) + shown[k + 1] * part) / sd[:, None]

@@ -44,8 +44,8 @@ from analyze.pipeline.sections import next_face_angle
 from analyze.planning import view
 from analyze.planning.examine import Bench
 from analyze.planning.impact import StrikerModel
-from analyze.planning.plan import Request, finish
-from analyze.planning.prepared import prepare
+from analyze.planning.plan import PlanRequest, plan_strikes
+from analyze.planning.prepared import prepare_object
 from analyze.types import TipAngle, TipMotion
 from schemas.object_spec import object_sha256
 from schemas.strike_plan import PlannedStrike, StrikePlan
@@ -53,20 +53,20 @@ from schemas.watch_lines import StrikeVerdict
 
 FRAME_NS = 8_333_333
 ANGLE_SD = math.radians(0.03)
-"""rad per frame: what an 80 px tag gives"""
+"""standard deviation of the angle per frame [rad], as with a tag of 80 px"""
 SPEED_SD = 0.01
-"""relative, of the tip speed that the striker reports (`make bench-striker`)"""
+"""relative standard deviation of the tip speed that the striker reports (`make bench-striker`)"""
 CONTACT_TIME_SD_NS = 2e5
 RETRACT_RAD = 0.15
 BACK_RAD = math.radians(0.4)
 PAST_RAD = 0.5
 MS = 1_000_000
 STRIKER = StrikerModel(effective_mass_kg=ARM_INERTIA_KG_M2 / ARM_LENGTH_M**2, restitution=0.4)
-"""as the virtual rig's file has it"""
+"""striker of the virtual rig's file"""
 
 
-def mistaken(rng: np.random.Generator) -> StrikerModel:
-    """What somebody might say who knows the striker no better than the rig file's uncertainties."""
+def wrong_striker_prior(rng: np.random.Generator) -> StrikerModel:
+    """Striker drawn from the uncertainties of the rig file: a wrong prior."""
     mass = STRIKER.effective_mass_kg * math.exp(
         rng.normal(0.0, STRIKER.effective_mass_sd_kg / STRIKER.effective_mass_kg)
     )
@@ -79,28 +79,28 @@ def mistaken(rng: np.random.Generator) -> StrikerModel:
 
 @dataclass(frozen=True)
 class Attempt:
-    """One strike: what was wanted and heard, beside the truth."""
+    """One strike: command, measurements and true values."""
 
     axis_id: str
     command_m_s: float
     speed_m_s: float
-    """true, at first touch"""
+    """true tip speed at first contact"""
     energy: float
-    """true: what the object had in its swing over what it needed; 0: not met"""
+    """true energy ratio E; 0 if the object was not met"""
     contacts: int
     impulse_n_s: float
     verdict: StrikeVerdict
     motion: TipMotion
-    """as analysed"""
+    """analysed motion"""
 
 
 thing_of = functools.cache(load_object)
-"""what a seed made of an object; nothing changes it"""
+"""virtual object by name and seed; cached, because it is immutable"""
 
 
 @functools.cache
 def model_of(name: str) -> ObjectModel:
-    """The object's shape, as its file gives it."""
+    """Shape model from the object's files."""
     thing = thing_of(name, 1)
     shape = thing.shape_file or ("", None)
     return load_object_model(thing.spec, shape[1], shape[0])
@@ -113,8 +113,12 @@ def plan_for(
     """Plan of `analyze plan` for the object's files and a rig file with this striker; no truth enters."""
     thing = thing_of(name, 1)
     shape = thing.shape_file or ("", None)
-    prepared = prepare(model_of(name), thing.spec, Bench(striker, view.default_camera(), TABLE_FRICTION[0]))
-    return finish(prepared, object_sha256(thing.spec, shape[1]), Request(strikes, most_axes=most_axes))
+    prepared = prepare_object(
+        model_of(name), thing.spec, Bench(striker, view.default_camera(), TABLE_FRICTION[0])
+    )
+    return plan_strikes(
+        prepared, object_sha256(thing.spec, shape[1]), PlanRequest(strikes, most_axes=most_axes)
+    )
 
 
 class ServoArm:
@@ -134,7 +138,7 @@ class ServoArm:
         self._turn_ns = 0
 
     def swing(self, tip_speed_m_s: float) -> None:
-        """Release."""
+        """Start a swing at this tip speed."""
         velocity = tip_speed_m_s / ARM_LENGTH_M
         self._go(RUN_THROUGH_RAD, velocity, 0.0)
         self._detector, self._turn_ns = ContactDetector(ARM_LENGTH_M, velocity), 0
@@ -147,7 +151,7 @@ class ServoArm:
                 round(position / TICK_RAD) * TICK_RAD,
                 round(self._motor.velocity / VELOCITY_UNIT_RAD_S) * VELOCITY_UNIT_RAD_S,
             )
-            if not self._turn_ns and self._detector.turn_back(Sample(time_ns, time_ns, 0, *shown, 0.0)):
+            if not self._turn_ns and self._detector.must_turn_back(Sample(time_ns, time_ns, 0, *shown, 0.0)):
                 self._turn_ns = time_ns + int(
                     self._rng.uniform(0.5, 2.5) * MS
                 )  # the order's way over the bus
@@ -188,7 +192,7 @@ class SimulatedRig:
         self._yaw = 0.0
 
     def run(self, machine: s.SessionMachine) -> list[Attempt]:
-        """A whole session."""
+        """Run a whole session and return its strikes."""
         event: s.Event = s.Started()
         struck: PlannedStrike | None = None
         while True:
@@ -210,13 +214,13 @@ class SimulatedRig:
                     event = s.Recorded(1, 2, 100, 0)
                 case s.Judge():
                     event = s.Judged(self.attempts[-1].verdict)
-                case s.Finish():
+                case s.CloseRecording():
                     return self.attempts
                 case other:
                     raise AssertionError(f"{other} for {struck}")
 
     def place(self, strike: PlannedStrike) -> None:
-        """With the virtual operator's hand."""
+        """Place the object with the virtual operator's errors."""
         rng = self.rng
         yaw = self._yaw = float(rng.normal(0.0, YAW_SD_RAD))
         turn = Rotation.from_euler("z", yaw).as_matrix()
@@ -228,7 +232,7 @@ class SimulatedRig:
         self._world.place(turn @ R, turn @ p + shift, impact)
 
     def strike(self, strike: PlannedStrike, tip_speed_m_s: float) -> Attempt:
-        """Settle, swing, watch, judge."""
+        """Strike once and judge the motion: settle, swing, observe, analyse."""
         world = self._world
         end = world.time_ns + 3000 * MS
         while not (world.at_rest and abs(world.arm()[0] + 0.6) < 0.01) and world.time_ns < end:
@@ -267,7 +271,7 @@ class SimulatedRig:
 
 
 class _Tip:
-    """The truth of one tip: where c is, what it needs, how far it has turned."""
+    """True values of one tip: position of c, energy needed, angle over time."""
 
     def __init__(self, thing: VirtualObject, strike: PlannedStrike, rest: WorldState, yaw: float) -> None:
         self._thing, self._rest = thing, rest
@@ -283,7 +287,7 @@ class _Tip:
         self._at_rest = weight * float((rest.p_world_object + self._R0 @ thing.body.com_object)[2])
 
     def theta(self, states: list[WorldState]) -> np.ndarray:
-        """(n,) rad about the pivot axis since rest."""
+        """Angle (n,) [rad] about the pivot axis since rest."""
         return Rotation.from_matrix(_rotations(states) @ self._R0.T).as_rotvec() @ self._axis
 
     def energy(self, states: list[WorldState]) -> float:
@@ -340,7 +344,7 @@ class _Tip:
 
 
 def _rotations(states: list[WorldState]) -> np.ndarray:
-    """(n, 3, 3)."""
+    """Rotations of the object (n, 3, 3)."""
     return Rotation.from_quat(
         np.array([state.q_world_object_wxyz for state in states])[:, [1, 2, 3, 0]]
     ).as_matrix()

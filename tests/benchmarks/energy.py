@@ -21,7 +21,7 @@ from rich.table import Table
 
 from acquire.session import machine as s
 from acquire.virtual.objects import load_object
-from tests.acquire.simulated_rig import SimulatedRig, mistaken, plan_for
+from tests.acquire.simulated_rig import SimulatedRig, plan_for, wrong_striker_prior
 
 OBJECTS = ("carton", "spray", "juice", "salt")
 LOW, HIGH, NEVER = 1.02, 1.4, 3.0
@@ -72,7 +72,7 @@ class Session:
 def session(name: str, seed: int, strikes: int) -> Session:
     """Run one whole session."""
     rng = np.random.default_rng((seed, 0xE4E))
-    striker = mistaken(rng)
+    striker = wrong_striker_prior(rng)
     rig = SimulatedRig(load_object(name, seed), rng)
     machine = s.SessionMachine(plan_for(name, strikes, striker))
     attempts = rig.run(machine)

@@ -31,7 +31,7 @@ X, Y, Z = np.eye(3)
 AXES = {"zx": (Z, X), "zX": (Z, -X), "zy": (Z, Y), "xz": (X, Z), "xZ": (X, -Z), "yz": (Y, Z)}
 """up and tip directions in O"""
 REPEATS = 0.02
-"""sd of ln E from strike to strike"""
+"""standard deviation of ln E between strikes"""
 
 
 class Truth:
@@ -47,7 +47,7 @@ class Truth:
         self._rng = rng
 
     def swing(self, strike: PlannedStrike) -> tuple[float, float, float]:
-        """phi, rise of c, moment about the edge."""
+        """Balance angle phi [rad], rise of c [m], moment of inertia about the edge [kg m2]."""
         tip, direction, up = np.array(strike.R_world_object)
         arm = self.com - np.array(strike.pivot.point)
         forward, height = -float(arm @ tip), float(arm @ up)
@@ -56,14 +56,14 @@ class Truth:
         return math.atan2(forward, height), reach - height, moment
 
     def energy(self, strike: PlannedStrike, speed: float) -> float:
-        """E, the same for every strike."""
+        """Energy ratio E without scatter between strikes."""
         _, rise, moment = self.swing(strike)
         h = strike.impact_height_m
         impulse = (1 + self.restitution) * speed / (1 / self.striker_kg + h * h / moment)
         return (impulse * h) ** 2 / (2 * moment * MASS * G * rise)
 
     def strike(self, strike: PlannedStrike, speed: float) -> tuple[float, StrikeVerdict]:
-        """E, and what is said of it."""
+        """Energy ratio E of one strike, and its verdict."""
         energy = self.energy(strike, speed) * math.exp(self._rng.normal(0.0, REPEATS))
         phi = self.swing(strike)[0]
         if energy > 1:
@@ -137,7 +137,7 @@ def plan(names: list[str], known: bool = True, restitution: float = 0.4) -> Stri
     )
 
 
-def struck(learner: EnergyLearner, strike: PlannedStrike, truth: Truth) -> float:
+def strike_and_learn(learner: EnergyLearner, strike: PlannedStrike, truth: Truth) -> float:
     speed = learner.tip_speed(strike)
     energy, said = truth.strike(strike, speed)
     learner.learn(strike, speed, speed, said)
@@ -146,20 +146,20 @@ def struck(learner: EnergyLearner, strike: PlannedStrike, truth: Truth) -> float
 
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("seed", range(5))
-def test_every_axis_tips_within_three_strikes_and_then_stays_just_over_the_top(seed, known):
+def test_every_axis_tips_within_three_strikes_and_then_stays_near_the_goal(seed, known):
     rng = np.random.default_rng(seed)
     truth = Truth(rng, restitution=float(rng.uniform(0.25, 0.55)), mass_kg=float(rng.uniform(0.12, 0.23)))
     strikes = plan(list(AXES), known).strikes
     learner = EnergyLearner(plan(list(AXES), known))
     for strike in strikes:
-        energies = [struck(learner, strike, truth) for _ in range(6)]
+        energies = [strike_and_learn(learner, strike, truth) for _ in range(6)]
         first = next(i for i, energy in enumerate(energies) if energy > 1)
         assert first < 3
         assert max(energies) < 3
         assert all(1.02 < energy < 1.4 for energy in energies[first + 1 :])
 
 
-def test_the_less_is_known_the_lower_it_begins():
+def test_larger_uncertainty_starts_with_a_lower_speed():
     whole = plan(list(AXES))
     assert whole.hypothesis is not None
     vague = whole.hypothesis.model_copy(update={"com_covariance_m2": np.diag((0.2 * HALF) ** 2).tolist()})
@@ -172,7 +172,7 @@ def test_the_less_is_known_the_lower_it_begins():
     assert 0.5 < middles[1] < 0.9 < middles[0] < 1.155
 
 
-def test_what_one_axis_tells_serves_the_next():
+def test_strikes_on_some_axes_inform_the_others():
     """Striker and centre of mass, estimated on three edges, give the right speed on the others at once."""
     whole = plan(list(AXES))
     for seed in range(5):
@@ -180,26 +180,26 @@ def test_what_one_axis_tells_serves_the_next():
         for name in ("zx", "xZ", "yz"):
             strike = next(each for each in whole.strikes if each.axis_id == name)
             for _ in range(3):
-                struck(learner, strike, truth)
+                strike_and_learn(learner, strike, truth)
         for name in ("zX", "xz"):
             strike = next(each for each in whole.strikes if each.axis_id == name)
             assert truth.energy(strike, learner.tip_speed(strike)) == pytest.approx(1.15, rel=0.1)
 
 
-def test_the_strikers_restitution_is_learned():
+def test_restitution_is_estimated():
     truth, whole = Truth(np.random.default_rng(3), restitution=0.6), plan(list(AXES))
     learner = EnergyLearner(whole)
     before = learner.striker
     for strike in whole.strikes:
-        struck(learner, strike, truth)
-        struck(learner, strike, truth)
+        strike_and_learn(learner, strike, truth)
+        strike_and_learn(learner, strike, truth)
     after = learner.striker
     assert after.restitution_sd < 0.6 * before.restitution_sd
     assert abs(after.restitution - 0.6) < 2 * after.restitution_sd
     assert abs(after.effective_mass_kg - 0.17) < 2 * after.effective_mass_sd_kg
 
 
-def test_a_striker_that_swings_slower_than_told_is_told_more():
+def test_slow_striker_is_commanded_a_higher_speed():
     whole = plan(["zx"])
     strike, truth, learner = whole.strikes[0], Truth(np.random.default_rng(1)), EnergyLearner(whole)
     for _ in range(4):
@@ -221,7 +221,7 @@ def test_a_striker_that_swings_slower_than_told_is_told_more():
         (verdict(Verdict.GOOD, 2.4, 0.4), False),
     ],
 )
-def test_a_strike_without_the_right_energy_moves_the_next(said, harder, known):
+def test_verdict_changes_the_next_speed(said, harder, known):
     whole = plan(["zx", "xz"], known)
     learner, strike = EnergyLearner(whole), whole.strikes[0]
     speed = learner.tip_speed(strike)
@@ -232,7 +232,7 @@ def test_a_strike_without_the_right_energy_moves_the_next(said, harder, known):
 
 
 @pytest.mark.parametrize("code", [Verdict.MARKER_LOST, Verdict.WRONG_PLACEMENT, Verdict.UNREADABLE])
-def test_what_nobody_saw_teaches_nothing(code):
+def test_verdict_without_information_changes_nothing(code):
     whole = plan(["zx"])
     learner, strike = EnergyLearner(whole), whole.strikes[0]
     before = learner.tip_speed(strike)
@@ -241,24 +241,24 @@ def test_what_nobody_saw_teaches_nothing(code):
     assert learner.tip_speed(strike) == pytest.approx(before)
 
 
-def test_a_second_touch_does_not_lead_astray():
-    """It gives a third more energy, now and then."""
+def test_second_contacts_do_not_bias_the_speed():
+    """Some strikes give a third more energy, as a second contact does."""
     whole = plan(["zx"])
     learner, strike, truth = EnergyLearner(whole), whole.strikes[0], Truth(np.random.default_rng(2))
     for _ in range(3):
-        struck(learner, strike, truth)
+        strike_and_learn(learner, strike, truth)
     speed = learner.tip_speed(strike)
     energy, said = truth.strike(strike, speed)
     learner.learn(strike, speed, speed, said.model_copy(update={"energy_ratio": 1.33 * energy}))
     assert truth.energy(strike, learner.tip_speed(strike)) > 1.04
 
 
-def test_a_wrong_reading_of_the_speed_or_the_angle_does_not_lead_astray():
+def test_outliers_of_speed_or_angle_do_not_bias_the_speed():
     whole = plan(["zx", "zX"])
     learner, truth = EnergyLearner(whole), Truth(np.random.default_rng(2))
     for strike in whole.strikes:
         for _ in range(2):
-            struck(learner, strike, truth)
+            strike_and_learn(learner, strike, truth)
     strike = whole.strikes[0]
     speed = learner.tip_speed(strike)
     said = truth.strike(strike, speed)[1]
@@ -277,18 +277,18 @@ def test_speeds_stay_within_the_plan():
     assert learner.tip_speed(strike) == strike.tip_speed_m_s.min
 
 
-def test_the_same_strikes_give_the_same_speed():
+def test_result_is_deterministic():
     speeds = []
     for _ in range(2):
         whole = plan(list(AXES))
         learner, truth = EnergyLearner(whole), Truth(np.random.default_rng(4))
         for strike in whole.strikes[:3]:
-            struck(learner, strike, truth)
+            strike_and_learn(learner, strike, truth)
         speeds.append(learner.tip_speed(whole.strikes[3]))
     assert speeds[0] == speeds[1]
 
 
-def test_plans_made_before_there_was_a_hypothesis_are_read():
+def test_plans_without_hypothesis_are_read():
     old = plan(["zx"]).model_dump(mode="json")
     del old["hypothesis"]
     assert parse_strike_plan(json.dumps(old), "old.json").hypothesis is None
@@ -296,14 +296,14 @@ def test_plans_made_before_there_was_a_hypothesis_are_read():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
-def test_a_session_in_the_rigs_physics_keeps_the_energy_just_over_the_top(seed):
-    """Small form of the benchmark: carton, with a wrong prior of the striker."""
+def test_simulated_session_keeps_the_energy_near_the_goal(seed):
+    """Short form of the benchmark: carton, with a wrong prior of the striker."""
     from acquire.session import machine as s
     from acquire.virtual.objects import load_object
-    from tests.acquire.simulated_rig import SimulatedRig, mistaken, plan_for
+    from tests.acquire.simulated_rig import SimulatedRig, plan_for, wrong_striker_prior
 
     rng = np.random.default_rng(seed)
-    striker = mistaken(rng)
+    striker = wrong_striker_prior(rng)
     attempts = SimulatedRig(load_object("carton", seed), rng).run(
         s.SessionMachine(plan_for("carton", 9, striker))
     )

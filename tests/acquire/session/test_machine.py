@@ -1,4 +1,4 @@
-"""The session's state machine, driven by events alone."""
+"""State machine of a session, driven by events alone."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def verdict(code: Verdict, energy: float | None) -> StrikeVerdict:
 
 
 def drive(machine: s.SessionMachine, judge) -> list[s.Action]:
-    """Answer every action as a smooth session would; `judge(machine, speed)` gives the verdicts."""
+    """Run a session without faults and return its actions; `judge(machine, speed)` gives the verdicts."""
     done: list[s.Action] = []
     event: s.Event = s.Started()
     speed = 0.0
@@ -64,7 +64,7 @@ def drive(machine: s.SessionMachine, judge) -> list[s.Action]:
                 event = s.Recorded(1, 2, 100, 0)
             case s.Judge():
                 event = s.Judged(judge(machine, speed))
-            case s.Finish():
+            case s.CloseRecording():
                 return done
     raise AssertionError("the session never ends")
 
@@ -74,33 +74,33 @@ def test_good_strikes_are_made_once_each():
         s.SessionMachine(plan(planned("s1"), planned("s2"), planned("s3"))),
         lambda *_: verdict(Verdict.GOOD, 1.15),
     )
-    assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s2.1", "s3.1"]
+    assert [a.strike_id for a in done if isinstance(a, s.WriteRecord)] == ["s1.1", "s2.1", "s3.1"]
 
 
-def test_a_strike_that_rocks_back_is_repeated_harder_and_kept():
+def test_rocked_back_strike_is_recorded_and_repeated_harder():
     def judge(machine, speed):
         energy = 1.15 * (speed / 0.5) ** 2  # this object needs 0.5 m/s where the plan says 0.4
         return verdict(Verdict.GOOD if energy > 1 else Verdict.ROCKED_BACK, energy)
 
     done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"))), judge)
-    speeds = [a.tip_speed_command_m_s for a in done if isinstance(a, s.Keep)]
-    assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s1.2", "s2.1"]
+    speeds = [a.tip_speed_command_m_s for a in done if isinstance(a, s.WriteRecord)]
+    assert [a.strike_id for a in done if isinstance(a, s.WriteRecord)] == ["s1.1", "s1.2", "s2.1"]
     assert speeds[0] < 0.4
     assert speeds[1:] == pytest.approx([0.5, 0.5], rel=0.05)
 
 
-def test_it_gives_up_on_a_strike_after_four_attempts():
+def test_strike_is_given_up_after_four_attempts():
     done = drive(s.SessionMachine(plan(planned("s1"))), lambda *_: verdict(Verdict.SLID, None))
-    assert len([a for a in done if isinstance(a, s.Keep)]) == 4
-    assert done[-1] == s.Finish()
+    assert len([a for a in done if isinstance(a, s.WriteRecord)]) == 4
+    assert done[-1] == s.CloseRecording()
 
 
-def test_without_a_verdict_the_session_goes_on():
+def test_session_continues_without_a_verdict():
     done = drive(s.SessionMachine(plan(planned("s1"), planned("s2"))), lambda *_: None)
-    assert [a.strike_id for a in done if isinstance(a, s.Keep)] == ["s1.1", "s2.1"]
+    assert [a.strike_id for a in done if isinstance(a, s.WriteRecord)] == ["s1.1", "s2.1"]
 
 
-def test_a_wrong_placement_is_asked_for_again_with_the_hint():
+def test_wrong_placement_is_requested_again_with_the_hint():
     machine = s.SessionMachine(plan(planned("s1")))
     machine.handle(s.Started())
     machine.handle(s.Placed())
@@ -109,14 +109,14 @@ def test_a_wrong_placement_is_asked_for_again_with_the_hint():
     assert actions[-1].hint == "turned by 180 deg"
 
 
-def test_stop_ends_it_from_anywhere():
+def test_stop_ends_the_session_from_any_state():
     machine = s.SessionMachine(plan(planned("s1")))
     machine.handle(s.Started())
     actions = machine.handle(s.StopRequested("enough"))
-    assert actions[-1] == s.Finish(aborted=True, text="enough")
+    assert actions[-1] == s.CloseRecording(aborted=True, text="enough")
 
 
-def test_a_striker_fault_is_cleared_and_the_strike_made_again():
+def test_striker_fault_is_cleared_and_the_strike_repeated():
     machine = s.SessionMachine(plan(planned("s1")))
     for event in (s.Started(), s.Placed(), s.PoseChecked(good=True)):
         machine.handle(event)
@@ -125,23 +125,23 @@ def test_a_striker_fault_is_cleared_and_the_strike_made_again():
     assert isinstance(actions[-1], s.AskToPlace)
 
 
-def test_a_striker_that_keeps_failing_ends_the_session():
+def test_repeated_striker_faults_end_the_session():
     machine = s.SessionMachine(plan(planned("s1")))
     actions = machine.handle(s.Started())
     for _ in range(4):
         machine.handle(s.Placed())
         machine.handle(s.PoseChecked(good=True))
         actions = machine.handle(s.StrikerFailed("overload"))
-    assert actions[-1] == s.Finish(aborted=True, text="overload")
+    assert actions[-1] == s.CloseRecording(aborted=True, text="overload")
 
 
-def test_an_event_out_of_place_is_refused():
+def test_event_in_the_wrong_state_is_refused():
     machine = s.SessionMachine(plan(planned("s1")))
     with pytest.raises(ValueError, match="does not belong"):
         machine.handle(s.Ready())
 
 
-def test_a_striker_that_met_nothing_is_not_blamed_on_the_object():
+def test_missed_strike_does_not_change_the_estimate():
     machine = s.SessionMachine(plan(planned("s1")))
     before = machine.learner.tip_speed(machine.strike)
     for event in (
@@ -157,8 +157,8 @@ def test_a_striker_that_met_nothing_is_not_blamed_on_the_object():
     assert machine.learner.tip_speed(machine.strike) == before
 
 
-def carried_to(machine: s.SessionMachine, state) -> None:
-    """Answer as a smooth session would until `state`."""
+def run_until_state(machine: s.SessionMachine, state) -> None:
+    """Run a session without faults until it reaches `state`."""
     events: list[s.Event] = [
         s.Started(),
         s.Placed(),
@@ -175,9 +175,9 @@ def carried_to(machine: s.SessionMachine, state) -> None:
 
 
 @pytest.mark.parametrize("state", [s.State.ARMING, s.State.STRIKING, s.State.RECORDING, s.State.JUDGING])
-def test_a_strike_whose_file_broke_off_is_made_again(state):
+def test_strike_is_repeated_if_its_file_was_cut_short(state):
     machine = s.SessionMachine(plan(planned("s1"), planned("s2")))
-    carried_to(machine, state)
+    run_until_state(machine, state)
     actions = machine.handle(s.FileCutShort("the window was cut off"))
     assert isinstance(actions[-1], s.AskToPlace)
     assert machine.strike_id == "s1.1"
@@ -185,25 +185,25 @@ def test_a_strike_whose_file_broke_off_is_made_again(state):
 
 
 @pytest.mark.parametrize("strikes", [1, 2])
-def test_a_strike_that_was_judged_and_could_not_be_kept_is_made_again(strikes):
-    """Also the last one: the session had ended already."""
+def test_judged_strike_is_repeated_if_its_record_was_not_written(strikes):
+    """Also after the last strike, when the session is already finished."""
     machine = s.SessionMachine(plan(*(planned(f"s{i + 1}") for i in range(strikes))))
-    carried_to(machine, s.State.JUDGING)
+    run_until_state(machine, s.State.JUDGING)
     actions = machine.handle(s.Judged(verdict(Verdict.GOOD, 1.2)))
-    assert isinstance(actions[0], s.Keep)
+    assert isinstance(actions[0], s.WriteRecord)
     assert machine.state == (s.State.FINISHED if strikes == 1 else s.State.PLACING)
     actions = machine.handle(s.FileCutShort("the capture process ended"))
     assert isinstance(actions[-1], s.AskToPlace)
     assert machine.strike_id == "s1.1"
 
 
-def test_files_that_break_off_again_and_again_end_the_session():
+def test_repeatedly_cut_files_end_the_session():
     machine = s.SessionMachine(plan(planned("s1")), s.SessionSettings(max_faults=2))
-    carried_to(machine, s.State.STRIKING)
+    run_until_state(machine, s.State.STRIKING)
     for _ in range(2):
         assert isinstance(machine.handle(s.FileCutShort("x"))[-1], s.AskToPlace)
         machine.handle(s.Placed())
         machine.handle(s.PoseChecked(good=True))
     actions = machine.handle(s.FileCutShort("x"))
-    assert isinstance(actions[-1], s.Finish)
+    assert isinstance(actions[-1], s.CloseRecording)
     assert actions[-1].aborted

@@ -1,4 +1,4 @@
-"""A plan for another rig is refused before the first strike."""
+"""Plans for another rig are refused before the first strike."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def strike(name: str, **changes: Any):
     return planned(name).model_copy(update={"camera_pose": HERE} | changes)
 
 
-def test_a_plan_within_the_limits_is_fine_to_the_last_digit() -> None:
+def test_plan_exactly_at_the_limits_is_accepted() -> None:
     speeds = limits(arm_length_m=0.1).speeds
     assert speeds is not None
     edge = Range(min=speeds.slowest_m_s, target=0.4, max=speeds.fastest_m_s)
@@ -46,7 +46,7 @@ def test_a_plan_within_the_limits_is_fine_to_the_last_digit() -> None:
 
 
 def test_too_fast_and_too_slow_strikes_are_named() -> None:
-    """0.1 m at 8 rad/s is 0.8 m/s, at 0.5 rad/s 0.05 m/s; the plans' strikes may ask for 0.1 to 0.9 m/s."""
+    """0.1 m at 8 rad/s is 0.8 m/s, at 0.5 rad/s 0.05 m/s; the plans' strikes may need 0.1 to 0.9 m/s."""
     said = striker_limit_problem(
         plan(*(strike(f"s{number}") for number in range(1, 7))), limits(arm_length_m=0.1)
     )
@@ -56,7 +56,7 @@ def test_too_fast_and_too_slow_strikes_are_named() -> None:
     )
 
 
-def test_what_is_out_of_reach_is_named() -> None:
+def test_impact_points_out_of_reach_are_named() -> None:
     low, high, fine = strike("s1", impact_height_m=0.01), strike("s2", impact_height_m=0.5), strike("s3")
     assert (
         striker_limit_problem(plan(fine, low), limits())
@@ -65,7 +65,7 @@ def test_what_is_out_of_reach_is_named() -> None:
     assert "s1, s2: impact point 10 to 500 mm" in striker_limit_problem(plan(low, high, fine), limits())
 
 
-def test_a_hand_has_no_limits() -> None:
+def test_manual_striker_has_no_limits() -> None:
     assert (
         striker_limit_problem(
             plan(strike("s1", impact_height_m=0.5)), limits(kind="manual", arm_length_m=0.05)
@@ -74,7 +74,7 @@ def test_a_hand_has_no_limits() -> None:
     )
 
 
-def test_a_camera_elsewhere() -> None:
+def test_moved_or_turned_camera_is_reported() -> None:
     assert camera_pose_problem(plan(strike("s1")), limits()) == ""
     nearer = [[*row[:3], row[3] + shift] for row, shift in zip(HERE, (0.0, 0.05, 0.0, 0.0), strict=True)]
     assert "the camera stands 50 mm and 0 deg off the plan's position" in camera_pose_problem(
@@ -97,7 +97,7 @@ class Daemon:
         return self.answer.as_dict()
 
 
-def test_a_session_is_refused_before_its_recording_is_opened(tmp_path: Path) -> None:
+def test_unsuitable_plan_is_refused_before_the_recording_is_opened(tmp_path: Path) -> None:
     toml, made = spec_and_plan()
     thing, path = tmp_path / "object.toml", tmp_path / "plan.json"
     thing.write_text(toml)
@@ -112,7 +112,7 @@ def test_a_session_is_refused_before_its_recording_is_opened(tmp_path: Path) -> 
     assert daemon.calls == ["rig"]
 
 
-def test_a_strike_turned_on_the_table_leaves_the_camera_where_it_is() -> None:
+def test_heading_of_a_strike_does_not_count_as_a_moved_camera() -> None:
     turned = [[-1.0, 0.0, 0.0, -0.03], [0.0, 0.0, -1.0, 0.55], [0.0, -1.0, 0.0, 0.08], [0.0, 0.0, 0.0, 1.0]]
     assert camera_pose_problem(plan(strike("s1", camera_pose=turned, heading_rad=math.pi)), limits()) == ""
     assert "180 deg off" in camera_pose_problem(plan(strike("s1", camera_pose=turned)), limits())

@@ -1,4 +1,4 @@
-"""The session's client: waiting for the object to come to rest, and the recording after an interruption."""
+"""Client of a session: the wait until the object rests, and the recording after an interruption."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.system.complaints import spec_and_plan, write
 
 
 class Host:
-    """Time that passes in sleeps only."""
+    """Fake clock whose time passes only in sleeps."""
 
     def __init__(self) -> None:
         self.now = 100.0
@@ -36,7 +36,7 @@ class Host:
 
 
 class Daemon:
-    """Its camera is behind by `lag_s`; the object comes to rest `rest_s` after the strike, at 100 s."""
+    """Fake daemon: images are late by `lag_s`; the object rests `rest_s` after the strike at 100 s."""
 
     def __init__(
         self, host: Host, lag_s: float, rest_s: float, *, alive: bool = True, sees: bool = True
@@ -54,8 +54,8 @@ class Daemon:
         return {"start_ns": 1, "end_ns": 2, "frames": 3, "lost": 0}
 
 
-def waited(monkeypatch: pytest.MonkeyPatch, **daemon: Any) -> tuple[float, float]:
-    """Seconds that passed, and after the strike the moment at which the window may end."""
+def wait_for_rest(monkeypatch: pytest.MonkeyPatch, **daemon: Any) -> tuple[float, float]:
+    """Time that the wait took [s], and end of the window after the strike [s]; 0 if not given."""
     host = Host()
     monkeypatch.setattr(session_runner, "time", host)
     rig = Daemon(host, **daemon)
@@ -66,38 +66,38 @@ def waited(monkeypatch: pytest.MonkeyPatch, **daemon: Any) -> tuple[float, float
     return host.now - 100, rig.end_ns / 1e9 - 100 if rig.end_ns else 0.0
 
 
-def test_images_that_come_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    passed, end = waited(monkeypatch, lag_s=0.1, rest_s=1.3)
+def test_window_with_images_that_arrive_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    passed, end = wait_for_rest(monkeypatch, lag_s=0.1, rest_s=1.3)
     assert passed == pytest.approx(1.4, abs=0.11)
     assert end == pytest.approx(1.3, abs=0.11)
 
 
-def test_late_images_are_waited_for_and_no_more_of_them_than_are_needed(
+def test_window_waits_for_late_images_only_as_long_as_needed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    passed, end = waited(monkeypatch, lag_s=5.0, rest_s=1.3)
+    passed, end = wait_for_rest(monkeypatch, lag_s=5.0, rest_s=1.3)
     assert passed == pytest.approx(6.3, abs=0.11)
     assert end == pytest.approx(1.3, abs=0.11)
 
 
-def test_an_object_that_rolls_on_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    passed, end = waited(monkeypatch, lag_s=0.1, rest_s=100.0)
+def test_window_closes_while_an_object_still_rolls(monkeypatch: pytest.MonkeyPatch) -> None:
+    passed, end = wait_for_rest(monkeypatch, lag_s=0.1, rest_s=100.0)
     assert passed == pytest.approx(REST_TIMEOUT_S + 0.1, abs=0.11)
     assert end == pytest.approx(REST_TIMEOUT_S, abs=0.11)
 
 
-def test_images_that_never_come_are_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    passed, end = waited(monkeypatch, lag_s=1e3, rest_s=1.3)
+def test_window_closes_if_images_never_arrive(monkeypatch: pytest.MonkeyPatch) -> None:
+    passed, end = wait_for_rest(monkeypatch, lag_s=1e3, rest_s=1.3)
     assert passed == pytest.approx(LATE_TIMEOUT_S, abs=0.11)
     assert not end
 
 
 @pytest.mark.parametrize(("alive", "sees"), [(False, True), (False, False), (True, False)])
-def test_a_tip_that_nobody_watches_is_recorded_to_its_end(
+def test_tip_is_recorded_for_a_fixed_time_without_analyze_watch(
     monkeypatch: pytest.MonkeyPatch, alive: bool, sees: bool
 ) -> None:
     """`analyze watch` has ended, for good or for a moment, or has just started: its last event is too old."""
-    passed, end = waited(monkeypatch, lag_s=0.1, rest_s=1.3, alive=alive, sees=sees)
+    passed, end = wait_for_rest(monkeypatch, lag_s=0.1, rest_s=1.3, alive=alive, sees=sees)
     assert passed == pytest.approx(REST_TIMEOUT_S, abs=0.11)
     assert not end
 
@@ -112,9 +112,7 @@ class Interrupted(Daemon):
 
     def call(self, name: str, **params: Any) -> dict[str, Any]:
         if name == "recording.open":
-            assert params["path"] == str(
-                self.file
-            )  # whole: the daemon lives in another folder, and asks this one's disk for space
+            assert params["path"] == str(self.file)  # absolute: the daemon runs in another folder
             self.file.write_bytes(b"images")
             return {"wall_anchor_ns": 0}
         if name == self.at:
@@ -144,7 +142,7 @@ class Interrupted(Daemon):
 def interrupted(
     monkeypatch: pytest.MonkeyPatch, folder: Path, at: str, reason: BaseException
 ) -> tuple[Path, list[str]]:
-    """The recording, and what was said in lines of their own."""
+    """Run an interrupted session; returns the recording's path and the lines about it."""
     daemon, said = Interrupted(folder, at, reason), []
     monkeypatch.setattr(session_runner, "time", daemon.host)
     monkeypatch.chdir(folder)
@@ -166,10 +164,10 @@ REASONS = [KeyboardInterrupt(), DaemonSilent("the daemon hangs")]
 
 @pytest.mark.parametrize("reason", REASONS)
 @pytest.mark.parametrize("at", ["striker.strike", "window.close", "watch.judge", "recording.strike"])
-def test_a_session_that_ends_in_its_first_strike_keeps_it(
+def test_recording_is_kept_if_the_session_ends_in_its_first_strike(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, at: str, reason: BaseException
 ) -> None:
-    """Contact and images happen once: without a verdict too they are somebody's data."""
+    """Contact and images cannot be made again, so they are kept even without a verdict."""
     file, said = interrupted(monkeypatch, tmp_path, at, reason)
     assert file.exists()
     assert said == [f"kept: 0 strikes, and 1 without a verdict in {file}"]
@@ -177,7 +175,7 @@ def test_a_session_that_ends_in_its_first_strike_keeps_it(
 
 @pytest.mark.parametrize("reason", REASONS)
 @pytest.mark.parametrize("at", ["striker.home", "prompt", "striker.arm", "window.open"])
-def test_a_recording_in_which_nothing_was_struck_goes_and_is_named(
+def test_recording_without_a_strike_is_discarded_and_named(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, at: str, reason: BaseException
 ) -> None:
     file, said = interrupted(monkeypatch, tmp_path, at, reason)
@@ -186,7 +184,7 @@ def test_a_recording_in_which_nothing_was_struck_goes_and_is_named(
 
 
 class Stopped:
-    """A daemon whose striker somebody stopped, while its servo was away."""
+    """Fake daemon whose servo is unplugged, and whose striker is stopped at the third attempt to home."""
 
     def __init__(self) -> None:
         self.asked: list[bool] = []
@@ -199,7 +197,7 @@ class Stopped:
         raise StrikerLost("unplugged") if len(self.asked) < 3 else StrikerStopped
 
 
-def test_a_session_that_waits_for_its_servo_hears_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stop_ends_the_wait_for_the_servo(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(session_runner, "time", Host())
     runner, daemon = SessionRunner.__new__(SessionRunner), Stopped()
     runner._client, runner._progress = daemon, lambda *_: None  # type: ignore[assignment]

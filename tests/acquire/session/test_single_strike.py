@@ -114,7 +114,7 @@ def run(tmp_path: Path, *arguments: str, answers: str = "") -> Any:
     )
 
 
-def test_one_strike_is_asked_for_and_armed_once(daemon: Daemon, tmp_path: Path) -> None:
+def test_strike_asks_once_and_arms_once(daemon: Daemon, tmp_path: Path) -> None:
     result = run(tmp_path, "--speed", "0.3", answers="y\n")
     assert result.exit_code == 0
     assert daemon.orders == ["home", "arm", "cock", "strike"]
@@ -124,14 +124,14 @@ def test_one_strike_is_asked_for_and_armed_once(daemon: Daemon, tmp_path: Path) 
     assert "impulse      14.70 ± " in result.stdout
 
 
-def test_no_means_no(daemon: Daemon, tmp_path: Path) -> None:
+def test_answer_no_prevents_the_strike(daemon: Daemon, tmp_path: Path) -> None:
     result = run(tmp_path, "--speed", "0.3", answers="n\n")
     assert result.exit_code == 1
     assert "strike" not in daemon.orders
     assert "arm" not in daemon.orders
 
 
-def test_a_session_is_not_disturbed(daemon: Daemon, tmp_path: Path) -> None:
+def test_strike_is_refused_during_a_session(daemon: Daemon, tmp_path: Path) -> None:
     daemon.recording = "r.mcap"
     result = run(tmp_path, "--speed", "0.3", "--yes")
     assert result.exit_code == 1
@@ -139,7 +139,7 @@ def test_a_session_is_not_disturbed(daemon: Daemon, tmp_path: Path) -> None:
     assert daemon.orders == []
 
 
-def test_an_error_stops_the_arm(daemon: Daemon, tmp_path: Path) -> None:
+def test_error_stops_the_arm(daemon: Daemon, tmp_path: Path) -> None:
     daemon.fails = StrikerRefused
     result = run(tmp_path, "--speed", "0.3", "--yes")
     assert result.exit_code == 1
@@ -147,7 +147,7 @@ def test_an_error_stops_the_arm(daemon: Daemon, tmp_path: Path) -> None:
     assert daemon.orders[-1] == "stop"
 
 
-def test_a_miss_has_its_own_exit_code(daemon: Daemon, tmp_path: Path) -> None:
+def test_missed_strike_exits_with_3(daemon: Daemon, tmp_path: Path) -> None:
     daemon.meets = False
     result = run(tmp_path, "--speed", "0.3", "--yes", "--json")
     assert result.exit_code == 3
@@ -164,14 +164,12 @@ def test_a_miss_has_its_own_exit_code(daemon: Daemon, tmp_path: Path) -> None:
         ["--speed", "0.3", "--energy", "1.1"],
     ],
 )
-def test_orders_that_contradict_themselves_are_refused(
-    daemon: Daemon, tmp_path: Path, arguments: list[str]
-) -> None:
+def test_contradictory_options_are_refused(daemon: Daemon, tmp_path: Path, arguments: list[str]) -> None:
     assert run(tmp_path, *arguments).exit_code == 2
     assert daemon.calls == []
 
 
-def test_calibration_learns_and_writes(daemon: Daemon, tmp_path: Path) -> None:
+def test_calibration_estimates_and_writes_the_parameters(daemon: Daemon, tmp_path: Path) -> None:
     """The arm loses a quarter of its speed to 50 g: (1 + e) / (1 + m / 0.05) = 0.25."""
     rig = tmp_path / "rig.toml"
     result = run(
@@ -204,7 +202,7 @@ def test_calibration_learns_and_writes(daemon: Daemon, tmp_path: Path) -> None:
     assert any(line.startswith("effective_mass_kg = ") and line.endswith("   # guessed") for line in lines)
 
 
-def test_swings_in_the_air_leave_the_file_alone(daemon: Daemon, tmp_path: Path) -> None:
+def test_swings_in_the_air_leave_the_rig_file_unchanged(daemon: Daemon, tmp_path: Path) -> None:
     before = (tmp_path / "rig.toml").read_bytes()
     result = run(tmp_path, "--calibrate", "--speeds", "0.2", "--write", answers="y\n")
     assert result.exit_code == 0, result.stderr
@@ -213,7 +211,7 @@ def test_swings_in_the_air_leave_the_file_alone(daemon: Daemon, tmp_path: Path) 
     assert (tmp_path / "rig.toml").read_bytes() == before
 
 
-def test_calibration_ends_where_the_answer_is_no(daemon: Daemon, tmp_path: Path) -> None:
+def test_answer_no_ends_the_calibration(daemon: Daemon, tmp_path: Path) -> None:
     result = run(
         tmp_path,
         "--calibrate",
@@ -229,7 +227,7 @@ def test_calibration_ends_where_the_answer_is_no(daemon: Daemon, tmp_path: Path)
     assert daemon.orders.count("strike") == 1
 
 
-def test_calibration_refuses_the_file_of_another_rig(daemon: Daemon, tmp_path: Path) -> None:
+def test_calibration_refuses_the_rig_file_of_another_rig(daemon: Daemon, tmp_path: Path) -> None:
     rig = read_rig(tmp_path / "rig.toml").model_copy(update={"name": "other"})
     with (
         DaemonClient(rig.daemon.socket_path()) as client,
@@ -252,7 +250,7 @@ def test_an_incomplete_swing_is_reported(daemon: Daemon, tmp_path: Path) -> None
         )
 
 
-def test_a_swing_that_came_to_nothing_is_made_again(daemon: Daemon, tmp_path: Path) -> None:
+def test_incomplete_swing_is_repeated(daemon: Daemon, tmp_path: Path) -> None:
     rig = read_rig(tmp_path / "rig.toml")
     daemon.misses = 2
     with DaemonClient(rig.daemon.socket_path()) as client:
@@ -263,7 +261,7 @@ def test_a_swing_that_came_to_nothing_is_made_again(daemon: Daemon, tmp_path: Pa
     assert daemon.orders.count("strike") == 4
 
 
-def test_the_default_speeds_are_ones_the_striker_takes(daemon: Daemon, tmp_path: Path) -> None:
+def test_default_speeds_are_within_the_strikers_limits(daemon: Daemon, tmp_path: Path) -> None:
     rig = read_rig(tmp_path / "rig.toml")
     speeds = single_strike.default_tip_speeds(rig)
     assert len(speeds) == 5
@@ -289,7 +287,7 @@ ENTRIES = {
         ),
     ],
 )
-def test_only_the_strikers_lines_change(tmp_path: Path, section: str) -> None:
+def test_only_the_striker_entries_change(tmp_path: Path, section: str) -> None:
     path = tmp_path / "r.toml"
     path.write_text(f'name = "x"\n\n{section}\n', encoding="utf-8")
     before = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -306,7 +304,7 @@ def test_only_the_strikers_lines_change(tmp_path: Path, section: str) -> None:
 @pytest.mark.parametrize(
     "text", ["name = 1\n", "striker = { restitution = 0.3 }\n", "[striker]\nreach_m = [\n  0.1,\n[\n"]
 )
-def test_a_file_it_does_not_understand_is_left_alone(tmp_path: Path, text: str) -> None:
+def test_rig_file_without_plain_striker_section_is_unchanged(tmp_path: Path, text: str) -> None:
     path = tmp_path / "r.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigError, match="enter these values by hand"):

@@ -17,7 +17,7 @@ from tests.acquire.striker.plant import Plant
 
 @dataclass
 class Heard:
-    """What a striker said."""
+    """Samples, events and clock samples that a striker has published."""
 
     samples: list[pb.StrikerSample] = field(default_factory=list)
     events: list[pb.StrikerEvent] = field(default_factory=list)
@@ -33,7 +33,7 @@ class Heard:
 
     @contextlib.contextmanager
     def opened(self, config: StrikerConfig) -> Iterator[DynamixelStriker]:
-        """An open striker, closed in the end."""
+        """Open a striker for the block and close it afterwards."""
         striker = self.striker(config)
         striker.open()
         try:
@@ -42,15 +42,15 @@ class Heard:
             striker.close()
 
 
-def cocked(striker: DynamixelStriker) -> None:
-    """Homed, armed and settled at the cocked angle."""
+def home_arm_and_cock(striker: DynamixelStriker) -> None:
+    """Home, arm and cock a striker."""
     striker.home()
     striker.arm()
     striker.cock()
 
 
 def wait_for(condition: Callable[[], bool], timeout_s: float, pause_s: float = 0.005) -> bool:
-    """Whether it came true in time."""
+    """Wait for a condition; True if it came true in time."""
     end = time.monotonic() + timeout_s
     while not condition() and time.monotonic() < end:
         time.sleep(pause_s)

@@ -1,4 +1,4 @@
-"""How late this host wakes a thread: what a limit in real time has to allow for on a busy machine."""
+"""Measurement of how late this host wakes a thread, which real-time limits allow for on a busy machine."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ PERIOD_S = 0.001
 
 
 class Lateness:
-    """Measures while it is entered."""
+    """Context manager that measures the worst delay of a waking thread while it is open."""
 
     def __init__(self) -> None:
         self.worst_s = 0.0

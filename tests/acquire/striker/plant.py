@@ -28,7 +28,7 @@ BOX_K = 80.0
 BOX_PHI = 0.4
 SUBSTEPS = 10
 TOUCH_S, TOUCH_UNITS = 0.003, 3.81
-"""duration, and in units of the touch's own time"""
+"""duration of the contact, in seconds and in units of the contact's own time scale"""
 DAMPING = 2.08
 """restitution 0.4, with depth and rate in units of the closing speed"""
 EFFECTIVE_MASS = ARM_INERTIA / ARM_LENGTH**2
@@ -36,8 +36,10 @@ EFFECTIVE_MASS = ARM_INERTIA / ARM_LENGTH**2
 
 @dataclass
 class Touch:
+    """One contact of the tip with the box."""
+
     time_ns: int
-    """first touch"""
+    """time of first contact"""
     tip_speed: float
     impulse: float = 0.0
     open: bool = True
@@ -46,9 +48,8 @@ class Touch:
 class Plant:
     """Arm, box and virtual servo, stepped in a thread.
 
-    `gap` is the distance of the object's face beyond the tip at angle 0 [m]; None for no object. A real arm
-    moves whether or not the computer has time for it. This one is late when its thread is, by up to
-    `latest_ns`.
+    `gap` is the distance of the object's face beyond the tip at angle 0 [m]; None for no object. Unlike
+    a real arm, this one is late when its thread is, by up to `latest_ns`.
     """
 
     latest_ns = 0
@@ -73,7 +74,7 @@ class Plant:
         self._end = threading.Event()
         self.frozen = threading.Event()
         self.frames_to_lose = 0
-        """requests that the servo does not hear"""
+        """number of requests still to be lost before the servo receives them"""
         self._wire = threading.Lock()
         self._plugged = True
         self._held = False
@@ -89,14 +90,14 @@ class Plant:
         self.unplug()
 
     def unplug(self) -> None:
-        """The adapter's port vanishes; the servo keeps its power."""
+        """Remove the adapter's port; the servo keeps its power."""
         with self._wire:
             if self._plugged:
                 self._plugged = False
                 self.servo.close()
 
     def plug_in(self) -> None:
-        """A new port with the old name."""
+        """Create a new port with the old name."""
         with self._wire:
             self.servo.plug_in()
             self._plugged = True
@@ -114,7 +115,7 @@ class Plant:
         self.touches.clear()
 
     def hold(self) -> None:
-        """A hand holds the arm where it is, for good."""
+        """Hold the arm where it is from now on, as by hand."""
         self._held = True
 
     def _run(self) -> None:
@@ -152,7 +153,7 @@ class Plant:
             self.servo.service(time.monotonic_ns())
 
     def answers_come_late(self, seconds: float) -> None:
-        """From now on, by the adapter."""
+        """Delay all answers by this time from now on, as an adapter does; 0 ends the delay."""
         self.servo._wire = WireTime(round(seconds * 1e9)) if seconds else None
 
     def _step(self, now_ns: int, dt: float) -> None:

@@ -20,7 +20,7 @@ def bus(plant: Plant) -> Any:
     bus.close()
 
 
-def test_each_missing_thing_is_one_clear_line(plant: Plant) -> None:
+def test_missing_port_servo_or_baud_rate_is_named(plant: Plant) -> None:
     port = str(plant.servo.port_path)
     with pytest.raises(StrikerNotFound, match="no such serial port"):
         ServoBus("/dev/ttyNOPE", 1_000_000, 1, SystemClock()).open()
@@ -32,7 +32,7 @@ def test_each_missing_thing_is_one_clear_line(plant: Plant) -> None:
         ServoBus(port, 12345, 1, SystemClock()).open()
 
 
-def test_a_port_in_use_is_refused_and_free_again_after_close(bus: ServoBus, plant: Plant) -> None:
+def test_port_in_use_is_refused_until_closed(bus: ServoBus, plant: Plant) -> None:
     assert bus.open() == 1030
     other = ServoBus(bus.port, 1_000_000, 1, SystemClock())
     with pytest.raises(StrikerNotFound, match="in use by another program"):
@@ -42,7 +42,7 @@ def test_a_port_in_use_is_refused_and_free_again_after_close(bus: ServoBus, plan
     other.close()
 
 
-def test_registers_come_back_signed_and_refusals_say_why(bus: ServoBus) -> None:
+def test_registers_are_signed_and_refusals_give_the_reason(bus: ServoBus) -> None:
     bus.open()
     table = control_table(1030)
     bus.write(table["Operating Mode"], 5)
@@ -59,7 +59,7 @@ def test_registers_come_back_signed_and_refusals_say_why(bus: ServoBus) -> None:
     bus.write(table["Torque Enable"], 0)
 
 
-def test_an_unplugged_adapter_is_lost_not_busy_for_ever() -> None:
+def test_unplugged_adapter_is_reported_as_lost_not_busy() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     bus = ServoBus(os.ttyname(slave), 1_000_000, 1, SystemClock())

@@ -1,6 +1,6 @@
-"""The contact fit against swings made here: run-up, constant speed, contact, retraction.
+"""Fit of the contact to simulated swings: run-up, constant speed, contact, retraction.
 
-Filter, renewal, rounding and read times are as on a bus.
+Filter, renewal, rounding and read times are like those of a servo on a bus.
 """
 
 from __future__ import annotations
@@ -12,9 +12,15 @@ from scipy.signal import lfilter
 
 from acquire.striker.contact import fit_contact
 from acquire.striker.detector import ContactDetector, count_contacts
-from acquire.striker.motion import DITHER_NS, GOLDEN
+from acquire.striker.motion import DITHER_NS, GOLDEN_RATIO_FRACTION
 from acquire.striker.servo import TICK_RAD, VELOCITY_UNIT_RAD_S, Sample
-from acquire.striker.velocity_register import FINE_S, KNOT_S, cubic_splines, estimate_register, filtered
+from acquire.striker.velocity_register import (
+    KNOT_SPACING_S,
+    RESPONSE_STEP_S,
+    cubic_splines,
+    estimate_register,
+    low_pass,
+)
 
 LENGTH = 0.12
 RESTITUTION = 0.4
@@ -34,7 +40,7 @@ def first_order(signal: np.ndarray, step: float, tau: float) -> np.ndarray:
 def swing(
     seed: int, velocity: float, drop: float, angle: float, after_s: float, filter_s: float = 0.003
 ) -> tuple[list[Sample], int, int]:
-    """Reads at 1 kHz of run-up, contact at `angle` and retraction `after_s` later; both their times."""
+    """Samples at 1 kHz of run-up, contact at `angle`, and retraction `after_s` later; times of both [ns]."""
     rng = np.random.default_rng(seed)
     t_contact, duration, step = 0.2 + rng.uniform(0, 1e-3), rng.normal(0.003, 0.0003), 2e-5
     recovery_per_s = rng.normal(120, 20)
@@ -54,7 +60,7 @@ def swing(
     phase = rng.uniform(0, 1e-3)
     samples = []
     periods = np.arange(0.02, t[-1] - 2e-3, 1.013e-3)
-    spread = (GOLDEN * np.arange(len(periods))) % 1.0 * DITHER_NS * 1e-9
+    spread = (GOLDEN_RATIO_FRACTION * np.arange(len(periods))) % 1.0 * DITHER_NS * 1e-9
     for tk in periods + spread + rng.normal(0, 5e-5, len(periods)):
         width = rng.uniform(1e-4, 4e-4)
         renewed = np.floor((tk - phase) * 1e3) * 1e-3 + phase
@@ -73,7 +79,7 @@ def swing(
 
 
 @pytest.mark.parametrize("filter_s", [0.0015, 0.0025, 0.004])
-def test_the_first_touch_is_found_to_0_3_ms_with_another_shape_of_touch_and_its_sd_is_honest(
+def test_first_contact_within_0_3_ms_and_sd_fits_the_errors(
     filter_s: float,
 ) -> None:
     errors, sds, drops = [], [], []
@@ -93,7 +99,7 @@ def test_the_first_touch_is_found_to_0_3_ms_with_another_shape_of_touch_and_its_
     assert np.sqrt(np.mean(np.square(drops))) < 2.0
 
 
-def test_the_velocity_register_is_learned_from_run_up_and_retraction() -> None:
+def test_register_model_is_estimated_from_run_up_and_retraction() -> None:
     for filter_s in (0.001, 0.0025, 0.004):
         samples, _, turned_ns = swing(3, 2.7, 0.55, 0.0, 0.006, filter_s)
         models = estimate_register(samples, turned_ns)
@@ -101,7 +107,7 @@ def test_the_velocity_register_is_learned_from_run_up_and_retraction() -> None:
         assert delay == pytest.approx(filter_s + LAG_S, abs=0.0003)
 
 
-def test_a_register_that_nothing_tells_of_leaves_a_wide_contact() -> None:
+def test_undetermined_register_model_widens_the_contact_time() -> None:
     samples, truth_ns, turned_ns = swing(1, 2.7, 0.55, 0.0, 0.006)
     known = fit_contact(samples, turned_ns, LENGTH, RESTITUTION)
     even = [s for s in samples if truth_ns - 60_000_000 < s.time_ns <= turned_ns]
@@ -112,7 +118,7 @@ def test_a_register_that_nothing_tells_of_leaves_a_wide_contact() -> None:
     assert abs(unknown.time_ns - truth_ns) < 3 * unknown.time_sd_ns
 
 
-def test_a_drop_too_small_to_see_falls_back_on_the_angle() -> None:
+def test_insignificant_drop_falls_back_on_the_time_at_angle_0() -> None:
     samples, _, turned_ns = swing(1, 2.7, 0.0, 0.0, 0.006)
     contact = fit_contact(samples, turned_ns, LENGTH, RESTITUTION)
     assert contact is not None
@@ -120,24 +126,24 @@ def test_a_drop_too_small_to_see_falls_back_on_the_angle() -> None:
     assert contact.time_sd_ns == pytest.approx(0.001 / LENGTH / 2.7 * 1e9, rel=0.1)
 
 
-def test_an_arm_that_did_not_arrive_has_no_contact() -> None:
+def test_arm_that_did_not_reach_angle_0_has_no_contact() -> None:
     samples, _, _ = swing(1, 2.7, 0.0, 0.0, 0.0)
     early = [s for s in samples if s.position_rad < -0.05][:100]
     assert fit_contact(early, early[-1].time_ns + 1, LENGTH, RESTITUTION) is None
     assert fit_contact([], 0, LENGTH, RESTITUTION) is None
 
 
-def test_an_object_15_mm_too_near_is_struck_early_and_known_to_be() -> None:
+def test_early_contact_with_an_object_15_mm_too_near_is_detected() -> None:
     samples, truth_ns, _ = swing(4, 2.7, 0.6, -0.015 / LENGTH, 0.006)
     detector = ContactDetector(LENGTH, 2.7)
-    turned = next(s for s in samples if detector.turn_back(s))
+    turned = next(s for s in samples if detector.must_turn_back(s))
     contact = fit_contact(samples, turned.time_ns + 1, LENGTH, RESTITUTION)
     assert contact is not None
     assert abs(contact.time_ns - truth_ns) < 3e6
     assert contact.drop is not None
 
 
-def test_a_host_that_stood_still_still_knows_when_the_tip_passed() -> None:
+def test_contact_time_is_interpolated_after_a_host_pause() -> None:
     samples, truth_ns, _ = swing(1, 2.7, 0.5, 0.0, 0.006)
     first = next(k for k, s in enumerate(samples) if s.time_ns > truth_ns - 40_000_000)
     after = next(s for s in samples if s.time_ns > truth_ns + 4_000_000)
@@ -148,15 +154,15 @@ def test_a_host_that_stood_still_still_knows_when_the_tip_passed() -> None:
     assert contact.time_sd_ns > 5e6
 
 
-def test_the_detector_turns_back_within_5_ms_of_a_drop_and_never_before() -> None:
+def test_detector_turns_back_within_7_ms_of_a_drop_and_not_before() -> None:
     for seed in range(20):
         samples, truth_ns, _ = swing(seed, 2.7, 0.6, -0.004, 0.02)
         detector = ContactDetector(LENGTH, 2.7)
-        turned = next(s for s in samples if detector.turn_back(s))
+        turned = next(s for s in samples if detector.must_turn_back(s))
         assert 0 < turned.time_ns - truth_ns < 7e6
 
 
-def test_an_arm_that_lingers_or_comes_back_is_not_one_contact() -> None:
+def test_arm_that_lingers_or_returns_counts_two_contacts() -> None:
     def sample(ms: int, position: float, velocity: float) -> Sample:
         return Sample(ms * 1_000_000, ms * 1_000_000, ms, position, velocity, 0.0)
 
@@ -171,16 +177,16 @@ def test_an_arm_that_lingers_or_comes_back_is_not_one_contact() -> None:
 
 
 @pytest.mark.parametrize("tau", [5e-4, 6e-3])
-def test_the_filter_is_scipys(tau: float) -> None:
+def test_low_pass_equals_scipy(tau: float) -> None:
     signal = np.random.default_rng(1).normal(size=(1234, 3))
-    gain = 1 - np.exp(-FINE_S / tau)
+    gain = 1 - np.exp(-RESPONSE_STEP_S / tau)
     theirs = lfilter([gain], [1, gain - 1], signal, axis=0, zi=(1 - gain) * signal[:1])[0]
-    assert np.allclose(filtered(signal, tau), theirs, rtol=0, atol=1e-12)
+    assert np.allclose(low_pass(signal, tau), theirs, rtol=0, atol=1e-12)
 
 
-def test_the_splines_are_scipys() -> None:
+def test_splines_equal_scipy() -> None:
     time, count = np.linspace(0.0, 0.1, 777), 39
-    spline = BSpline(KNOT_S * np.arange(-5, count - 1), np.eye(count), 3)
-    value, slope = cubic_splines(time, -2 * KNOT_S, count)
+    spline = BSpline(KNOT_SPACING_S * np.arange(-5, count - 1), np.eye(count), 3)
+    value, slope = cubic_splines(time, -2 * KNOT_SPACING_S, count)
     assert np.allclose(value, spline(time), rtol=0, atol=1e-12)
     assert np.allclose(slope, spline.derivative()(time), rtol=0, atol=1e-9)

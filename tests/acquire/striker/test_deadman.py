@@ -1,4 +1,4 @@
-"""The striker's process is killed: nobody is left to say so, and the torque goes off all the same."""
+"""Dead man's switch: the torque goes off after the striker's process was killed."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ sys.stdin.read()
 """
 
 
-def test_a_killed_owner_lets_go_within_200_ms(plant: Plant) -> None:
-    """The whole striker in every state, and the daemon round it: tests/system/test_striker_faults.py."""
+def test_torque_is_off_within_200_ms_after_the_owner_is_killed(plant: Plant) -> None:
+    """The same with striker and daemon, in every state: tests/system/test_striker_faults.py."""
     command = [sys.executable, "-c", OWNER, str(plant.servo.port_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as owner:
         assert owner.stdout is not None
@@ -47,11 +47,13 @@ def test_a_killed_owner_lets_go_within_200_ms(plant: Plant) -> None:
             assert wait_for(lambda: plant.servo.registers["Torque Enable"] == 0, 3.0, pause_s=0.001)
             off_s = time.monotonic() - killed
         assert off_s < 0.2 + 5 * lateness.worst_s
-    assert wait_for(lambda: free(ServoBus(str(plant.servo.port_path), 1_000_000, 1, SystemClock())), 2.0)
+    assert wait_for(
+        lambda: port_is_free(ServoBus(str(plant.servo.port_path), 1_000_000, 1, SystemClock())), 2.0
+    )
 
 
-def free(bus: ServoBus) -> bool:
-    """Whether nobody holds the port: until the dead man has ended, he does."""
+def port_is_free(bus: ServoBus) -> bool:
+    """True if no process holds the port; the dead man's switch holds it until it has ended."""
     try:
         bus.open()
     except StrikerNotFound:
@@ -60,7 +62,7 @@ def free(bus: ServoBus) -> bool:
     return True
 
 
-def test_dismissed_it_does_nothing_and_it_ignores_what_ends_the_owner(plant: Plant) -> None:
+def test_dismissed_switch_does_nothing_and_ignores_signals(plant: Plant) -> None:
     bus = ServoBus(str(plant.servo.port_path), 1_000_000, 1, SystemClock())
     bus.open()
     table = control_table(1030)

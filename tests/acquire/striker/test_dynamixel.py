@@ -16,23 +16,23 @@ import pytest
 from acquire.errors import StrikerError, StrikerFault, StrikerLost, StrikerRefused
 from acquire.striker.base import StrikerState
 from acquire.virtual.dynamixel_servo import HardwareError
-from tests.acquire.striker.conftest import Heard, cocked, wait_for
+from tests.acquire.striker.conftest import Heard, home_arm_and_cock, wait_for
 from tests.acquire.striker.plant import ARM_LENGTH, Plant
 
 CONTACT_SD_MS = 0.3
-"""at 1 kHz"""
+"""standard deviation of the contact time expected at 1 kHz"""
 WELL_READ_MS = 2.2
-"""the longest time between reads of which that is asked; by plan it is 1.4 ms and the read's own time"""
+"""longest time between reads for which that is required; nominally 1.4 ms plus the duration of a read"""
 
 
 def bracket_ms(heard: Heard, time_ns: int) -> float:
-    """The longest time about a contact from the beginning of one read to the end of the next."""
+    """Longest time, near a contact, from the beginning of one read to the end of the next [ms]."""
     near = [s for s in heard.samples if -10_000_000 < s.host_before_ns - time_ns < 10_000_000]
     gaps = [later.host_after_ns - earlier.host_before_ns for earlier, later in pairwise(near)]
     return 1e-6 * max(gaps, default=20_000_000)
 
 
-def test_a_strike_is_one_contact_at_the_commanded_speed_and_a_known_time(plant: Plant, heard: Any) -> None:
+def test_strike_has_one_contact_at_the_commanded_speed_and_true_time(plant: Plant, heard: Any) -> None:
     rng = random.Random(1)
     with heard.opened(plant.config()) as striker:
         striker.home()
@@ -59,8 +59,8 @@ def test_a_strike_is_one_contact_at_the_commanded_speed_and_a_known_time(plant: 
             if outcome.impulse_n_s is not None:
                 assert abs(outcome.impulse_n_s - truth.impulse) < 4 * outcome.impulse_sd_n_s
             allowed_ms.append(max(CONTACT_SD_MS, sd_ms, gap_ms - WELL_READ_MS))
-        # Plant and striker share one interpreter here, which a busy host stretches; `make bench-striker` has
-        # them apart.
+        # Plant and striker share one interpreter here, which a busy host delays; `make bench-striker` runs
+        # them in two processes.
         assert np.sqrt(np.mean(np.square(error_ms))) < 1.5 * np.sqrt(
             np.mean(np.square(allowed_ms))
         )  # 99.7 % of four
@@ -70,10 +70,10 @@ def test_a_strike_is_one_contact_at_the_commanded_speed_and_a_known_time(plant: 
         assert abs(plant.angle - plant.config().cocked_angle_rad) < 0.01  # parked, torque on
 
 
-def test_samples_and_clock_bounds_hold_the_truth(plant: Plant, heard: Any) -> None:
+def test_samples_and_clock_bounds_contain_the_true_values(plant: Plant, heard: Any) -> None:
     plant.restore(gap=0.0)
     with heard.opened(plant.config()) as striker:
-        cocked(striker)
+        home_arm_and_cock(striker)
         outcome = striker.strike("s", 0.3)
         time.sleep(1.1)
     history = np.array(plant.history)
@@ -83,7 +83,7 @@ def test_samples_and_clock_bounds_hold_the_truth(plant: Plant, heard: Any) -> No
     width = np.array([s.host_after_ns - s.host_before_ns for s in heard.samples]) * 1e-9
     speed = np.interp(middle, history[:, 0], np.abs(history[:, 2]))
     within = np.abs(position - true) < 0.003 + speed * (0.5 * width + 0.002)
-    assert within.mean() > 0.9  # the rest: reads in which a busy host let the plant fall behind
+    assert within.mean() > 0.9  # the others: reads during which the plant lagged on a busy host
     # a swing is read at 1 kHz, less on a busy host
     swing = (middle > outcome.released_ns) & (middle < outcome.contact_time_ns)
     assert 200 < swing.sum() / ((outcome.contact_time_ns - outcome.released_ns) * 1e-9) < 1100
@@ -94,13 +94,13 @@ def test_samples_and_clock_bounds_hold_the_truth(plant: Plant, heard: Any) -> No
     assert len(heard.clocks) >= 4
 
 
-def test_without_an_object_it_still_turns_back(plant: Plant, heard: Any) -> None:
+def test_arm_turns_back_without_an_object(plant: Plant, heard: Any) -> None:
     with heard.opened(plant.config()) as striker:
-        cocked(striker)
+        home_arm_and_cock(striker)
         plant.history.clear()
         outcome = striker.strike("s", 0.36)
         reached = max(angle for _, angle, _ in plant.history) * ARM_LENGTH
-        assert reached < 0.012  # 2 mm beyond, and the way to brake
+        assert reached < 0.012  # 2 mm beyond angle 0, plus the braking distance
         assert outcome.contact_time_sd_ns > 1e6
         assert outcome.impulse_n_s is None
 
@@ -127,7 +127,7 @@ def test_interlocks(plant: Plant, heard: Any) -> None:
         assert not any(kind == "RELEASED" for kind in heard.kinds())
 
 
-def test_an_alert_is_a_fault_and_takes_the_torque_off(plant: Plant, heard: Any) -> None:
+def test_alert_is_a_fault_and_switches_the_torque_off(plant: Plant, heard: Any) -> None:
     with heard.opened(plant.config()) as striker:
         striker.home()
         plant.servo.fail(HardwareError.INPUT_VOLTAGE)  # not in Shutdown: the servo itself goes on
@@ -147,9 +147,9 @@ def test_an_alert_is_a_fault_and_takes_the_torque_off(plant: Plant, heard: Any) 
         assert striker.state is StrikerState.FAULT
 
 
-def test_silence_in_the_swing_is_a_fault_and_the_watchdog_stops_the_arm(plant: Plant, heard: Any) -> None:
+def test_silence_during_a_swing_is_a_fault_and_the_watchdog_stops_the_arm(plant: Plant, heard: Any) -> None:
     with heard.opened(plant.config()) as striker:
-        cocked(striker)
+        home_arm_and_cock(striker)
         threading.Timer(0.06, plant.frozen.set).start()  # the cable breaks; the servo itself lives on
         with pytest.raises(StrikerLost, match="stopped answering"):
             striker.strike("s", 0.1)
@@ -163,9 +163,9 @@ def test_silence_in_the_swing_is_a_fault_and_the_watchdog_stops_the_arm(plant: P
         assert striker.state is StrikerState.HOMED
 
 
-def test_a_host_that_stood_still_on_the_way_back_goes_on(plant: Plant, heard: Any) -> None:
+def test_retraction_continues_after_a_host_pause(plant: Plant, heard: Any) -> None:
     with heard.opened(plant.config()) as striker:
-        cocked(striker)
+        home_arm_and_cock(striker)
 
         def stand_still(sample: Any) -> None:
             heard.samples.append(sample)
@@ -180,7 +180,7 @@ def test_a_host_that_stood_still_on_the_way_back_goes_on(plant: Plant, heard: An
         assert striker.state is StrikerState.DISARMED
 
 
-def test_limits_stand_in_the_eeprom_and_survive_a_second_open(plant: Plant, heard: Any) -> None:
+def test_limits_are_written_to_eeprom_and_not_rewritten_by_a_second_open(plant: Plant, heard: Any) -> None:
     striker = heard.striker(plant.config(current_limit_a=0.8, temperature_limit_c=65))
     striker.open()
     registers = plant.servo.registers
@@ -194,19 +194,21 @@ def test_limits_stand_in_the_eeprom_and_survive_a_second_open(plant: Plant, hear
     registers["Torque Enable"] = 1  # a daemon was killed: torque and nothing else left
     again = heard.striker(plant.config(current_limit_a=0.8, temperature_limit_c=65))
     again.open()
-    assert registers["Torque Enable"] == 1  # nothing differs, so the arm is not dropped
+    assert (
+        registers["Torque Enable"] == 1
+    )  # nothing differs, so the torque stays on and the arm does not fall
     again.close()
 
 
-def test_a_blocked_arm_is_a_fault(plant: Plant, heard: Any) -> None:
+def test_blocked_arm_is_a_fault(plant: Plant, heard: Any) -> None:
     with heard.opened(plant.config(current_limit_a=0.005, arming_expires_s=1.0)) as striker:
         with pytest.raises(StrikerError, match="moves freely"):
             striker.home()
         assert striker.state is StrikerState.FAULT
 
 
-def test_the_process_that_stands_by_is_started_again(plant: Plant, heard: Any) -> None:
-    """It takes the torque off when this process dies; nobody else would."""
+def test_dead_man_process_is_restarted_when_killed(plant: Plant, heard: Any) -> None:
+    """No other process would switch the torque off when this one dies."""
     with heard.opened(plant.config()) as striker:
         first = striker._servo._dead_man
         os.kill(first.pid, signal.SIGKILL)

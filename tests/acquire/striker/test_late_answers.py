@@ -1,4 +1,4 @@
-"""A servo whose answers come late: none of them confirms what was asked afterwards."""
+"""Late answers of a servo: none of them is taken for the answer to a later request."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class LateServo:
             )
             if self.late_reads:
                 self.late_reads -= 1
-                time.sleep(self.late_s)  # and with it everything after: a servo answers in order
+                time.sleep(self.late_s)  # all later answers are late too: a servo answers in order
             os.write(self.master, answer)
         elif not self.deaf_to_writes:
             os.write(self.master, encode(1, 0x55, bytes([0])))
@@ -79,7 +79,7 @@ def bus(servo):
     one.close()
 
 
-def test_a_late_read_does_not_confirm_a_write(servo, bus):
+def test_late_read_does_not_confirm_a_write(servo, bus):
     servo.late_reads = 1
     assert bus.read_block(126, 10) is None
     servo.deaf_to_writes = True
@@ -88,7 +88,7 @@ def test_a_late_read_does_not_confirm_a_write(servo, bus):
 
 
 @pytest.mark.parametrize("late_s", [0.02, 0.05, 0.055, 0.06, 0.065, 0.1, 0.15, 0.3])
-def test_a_late_read_is_not_the_next_reads_answer(servo, bus, late_s):
+def test_late_answer_is_not_taken_for_the_next_read(servo, bus, late_s):
     servo.late_reads, servo.late_s = 1, late_s
     blocks = {address: bus.read_block(address, 4) for address in (126, 64, 70, 76, 82, 88, 94, 100, 106)}
     assert blocks[106] is not None
@@ -96,7 +96,7 @@ def test_a_late_read_is_not_the_next_reads_answer(servo, bus, late_s):
         assert block is None or block.data == bytes([address]) * 4
 
 
-def test_the_bus_goes_on_after_a_late_answer(servo, bus):
+def test_bus_works_after_a_late_answer(servo, bus):
     servo.late_reads = 1
     assert bus.read_block(126, 10) is None
     bus.write(TORQUE, 0)

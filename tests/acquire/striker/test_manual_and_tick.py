@@ -14,7 +14,7 @@ from acquire.striker.tick import TickClock
 from schemas.proto import percuss_pb2 as pb
 
 
-def test_a_hand_strikes_in_the_same_order_and_knows_no_contact(
+def test_manual_striker_follows_the_same_states_without_a_contact(
     heard: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(manual, "HAND_S", 0.1)
@@ -44,7 +44,7 @@ def test_a_hand_strikes_in_the_same_order_and_knows_no_contact(
     striker.close()
 
 
-def test_the_tick_is_unwrapped_and_goes_on_after_a_reboot() -> None:
+def test_tick_is_unwrapped_and_continues_after_a_reboot() -> None:
     sent: list[pb.ClockSample] = []
     clock = TickClock(sent.append)
 

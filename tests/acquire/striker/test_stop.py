@@ -1,4 +1,4 @@
-"""A stop ends any motion within 20 ms, whatever the bus does, and holds the arm where it came to rest."""
+"""A stop ends any motion within 20 ms, also on a faulty bus, and holds the arm where it came to rest."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import pytest
 from acquire.errors import StrikerRefused
 from acquire.striker.base import StrikerState
 from acquire.striker.dynamixel import DynamixelStriker
-from tests.acquire.striker.conftest import Heard, cocked, wait_for
+from tests.acquire.striker.conftest import Heard, home_arm_and_cock, wait_for
 from tests.acquire.striker.lateness import Lateness
 from tests.acquire.striker.plant import ARM_LENGTH, Plant
 
 LIMIT_S = 0.02
 STILL_RAD_S = 0.3
-"""36 mm/s at the tip: what is left then is gone within 2 mm"""
+"""36 mm/s at the tip: from there the arm stops within 2 mm"""
 
 
 def frame_lost(plant: Plant) -> None:
@@ -40,7 +40,7 @@ def moving_s(plant: Plant, since_ns: int, rad_s: float = STILL_RAD_S) -> float:
 def stop_when(
     striker: DynamixelStriker, condition: Callable[[], bool], before: Callable[[], None] = lambda: None
 ) -> list[int]:
-    """Stops from another thread; filled with when."""
+    """Stop the striker from another thread once the condition holds; the list receives the time [ns]."""
     when: list[int] = []
 
     def act() -> None:
@@ -56,9 +56,9 @@ def stop_when(
 def stopped_in_the_swing(
     plant: Plant, heard: Heard, speed: float, trouble: Callable[[Plant], None]
 ) -> tuple[float, float]:
-    """How long the arm moved on, and how late this host was meanwhile [s]."""
+    """Stop a swing: time for which the arm still moved [s], and worst delay of this host meanwhile [s]."""
     with heard.opened(plant.config()) as striker:
-        cocked(striker)
+        home_arm_and_cock(striker)
         with Lateness() as lateness:
             when = stop_when(striker, lambda: plant.omega > 0.9 * speed / ARM_LENGTH, lambda: trouble(plant))
             with pytest.raises(StrikerRefused, match="stopped on request"):
@@ -120,7 +120,7 @@ def test_every_motion_ends_within_20_ms(plant: Plant, heard: Any, motion: str) -
         striker.home()
 
 
-def test_a_stop_while_nothing_moves_moves_nothing(plant: Plant, heard: Any) -> None:
+def test_stop_at_rest_causes_no_motion(plant: Plant, heard: Any) -> None:
     with heard.opened(plant.config()) as striker:
         striker.stop()
         assert striker.state is StrikerState.DISARMED
